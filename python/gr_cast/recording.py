@@ -7,7 +7,6 @@ Samples are complex64 with full scale 1.0. SigMF: https://sigmf.org, version 1.0
 import hashlib
 import json
 import math
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import numpy as np
 
 from . import __version__
 from .errors import CastError, Faults
+from .files import write_json, written_aside
 
 # SigMF datatype → (NumPy type of one I or Q, value of zero, full scale).
 DATATYPES = {
@@ -239,19 +239,9 @@ def metadata(
     }
 
 
-def write_text_whole(path: Path, text: str) -> None:
-    """Write a text file aside and rename it, so that a reader never sees half of it."""
-    aside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        aside.write_text(text, encoding="utf-8")
-        os.replace(aside, path)
-    finally:
-        aside.unlink(missing_ok=True)
-
-
 def write_metadata(path: str | Path, document: dict) -> None:
     """Write the .sigmf-meta of a recording, whole or not at all."""
-    write_text_whole(meta_path(path), json.dumps(document, indent=1) + "\n")
+    write_json(meta_path(path), document)
 
 
 def to_raw(samples: np.ndarray, datatype: str) -> np.ndarray:
@@ -274,12 +264,7 @@ def write(path: str | Path, samples: np.ndarray, *, sample_rate_hz: float, datat
     raw = to_raw(samples, datatype).tobytes()
     document = metadata(sample_rate_hz=sample_rate_hz, datatype=datatype, **about)
     document["global"]["core:sha512"] = hashlib.sha512(raw).hexdigest()
-    data = data_path(path)
-    aside = data.with_name(f".{data.name}.{os.getpid()}.part")
-    try:
+    with written_aside(data_path(path)) as aside:
         aside.write_bytes(raw)
-        os.replace(aside, data)
-    finally:
-        aside.unlink(missing_ok=True)
     write_metadata(path, document)
     return stem_of(path)

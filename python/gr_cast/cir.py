@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Channel impulse response: which taps are there at a stated false-alarm rate, and their delays and gains.
+
+Taps are found one by one in the matched filter of what is left, then all are refitted together by least squares, which
+in white noise is the maximum-likelihood estimate (Kay, Estimation Theory, ch. 7; Golub and Pereyra 1973 for the delays).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.stats import f as f_distribution
+
+from .correlate import OVERSAMPLING, Template
+
+DB_PER_NEPER = 20 / np.log(10)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Taps:
+    """Taps in order of delay. Arrays (k,), complex gains (k, blocks); standard deviations are the Cramér-Rao bound's."""
+
+    delay_samples: np.ndarray
+    gain: np.ndarray
+    delay_std_samples: np.ndarray
+    gain_std: np.ndarray  # of |gain|, per block
+    phase_std_rad: np.ndarray
+    noise_variance: float  # per sample of a block, as used
+    threshold: float  # of the detection statistic
+
+    @property
+    def power(self) -> np.ndarray:
+        """Mean power of each tap over the blocks, (k,), noise bias removed where it is a mean of powers."""
+        power = np.mean(np.abs(self.gain) ** 2, axis=1)
+        if self.gain.shape[1] == 1:
+            return power
+        return np.maximum(power - 2 * self.gain_std**2, np.finfo(float).tiny)
+
+    @property
+    def gain_std_db(self) -> np.ndarray:
+        """Standard deviation of the mean gain, dB, (k,)."""
+        blocks = self.gain.shape[1]
+        return DB_PER_NEPER * self.gain_std / np.sqrt(blocks * self.power)
+
+    @property
+    def total_power(self) -> float:
+        return float(self.power.sum())
+
+
+def detection_threshold(
+    false_alarms_per_cir: float, delays: float, rms_bandwidth_rad: float, blocks: int = 1, noise_freedom: float = np.inf
+) -> float:
+    """Level that Σ_blocks |matched filter|²/noise exceeds somewhere at the stated rate when there is noise alone.
+
+    Expected up-crossings of a χ² process over `delays` samples (Rice 1945): delays·β·√(u/π)·p(u), with p the density
+    of the statistic and β its rms bandwidth; `noise_freedom` (complex) is that of the noise estimate.
+    """
+    freedom = min(noise_freedom, 1e9)
+
+    def expected(u):
+        density = f_distribution.pdf(u / blocks, 2 * blocks, 2 * freedom) / blocks
+        return delays * rms_bandwidth_rad * np.sqrt(u / np.pi) * density
+
+    low = blocks + 1.0
+    high = 2.0 * low
+    while expected(high) > false_alarms_per_cir:
+        high *= 2
+    return brentq(lambda u: np.log(expected(u) + 1e-300) - np.log(false_alarms_per_cir), low, high)
+
+
+def _amplitudes(columns, observed):
+    return np.linalg.lstsq(columns, observed, rcond=None)[0]
+
+
+def _normal_matrix(template, delays, gain):
+    """Columns, their slopes clear of the columns, and the normal matrix of the delays for amplitudes `gain`."""
+    columns = template.columns(delays)
+    slopes = template.slopes(delays)
+    clear = slopes - columns @ _amplitudes(columns, slopes)
+    return columns, clear, np.real((clear.conj().T @ clear) * (gain.conj() @ gain.T))
+
+
+def _refit(template, observed, delays, limit=0.5, iterations=25):
+    """Joint least squares of all delays and amplitudes by variable projection; delays move `limit` samples a step."""
+    gain = _amplitudes(template.columns(delays), observed)
+    for _ in range(iterations):
+        columns, clear, normal = _normal_matrix(template, delays, gain)
+        rest = observed - columns @ gain
+        gradient = np.real(np.sum(gain.conj() * (clear.conj().T @ rest), axis=1))
+        step = np.clip(np.linalg.lstsq(normal, gradient, rcond=None)[0], -limit, limit)
+        moved = delays + step
+        moved_gain = _amplitudes(template.columns(moved), observed)
+        before = np.sum(np.abs(rest) ** 2)
+        after = np.sum(np.abs(observed - template.columns(moved) @ moved_gain) ** 2)
+        if after > before:
+            limit /= 4
+            if limit < 1e-7:
+                break
+            continue
+        delays, gain = moved, moved_gain
+        if np.max(np.abs(step)) < 1e-8:
+            break
+    return delays, gain
+
+
+def _strongest(template, rest, taken, separation, delays_searched):
+    """The delay (samples) and Σ|matched filter|²/energy of the strongest peak clear of the `taken` delays."""
+    power = np.sum(np.abs(template.matched_filter(rest, OVERSAMPLING)) ** 2, axis=1) / template.energy
+    axis = np.arange(len(power)) / OVERSAMPLING
+    allowed = axis < delays_searched if not template.circular else np.ones(len(power), bool)
+    for delay in taken:
+        distance = np.abs(axis - delay)
+        if template.circular:
+            distance = np.minimum(distance, template.grid - distance)
+        allowed &= distance >= separation
+    if not allowed.any():
+        return None
+    masked = np.where(allowed, power, -1.0)
+    peak = int(np.argmax(masked))
+    # The parabola through a peak and its neighbours; at the edge of what is allowed there is no peak to refine.
+    left, here, right = power[peak - 1], power[peak], power[(peak + 1) % len(power)]
+    bend = left - 2 * here + right
+    shift = 0.5 * (left - right) / bend if here >= max(left, right) and bend < 0 else 0.0
+    return axis[peak] + shift / OVERSAMPLING, here - 0.25 * (left - right) * shift
+
+
+def _standard_deviations(template, delays, gain, noise_variance):
+    """Cramér-Rao bounds of delay (samples), |gain| and phase, (k,) each, for the amplitudes at hand."""
+    columns, _, normal = _normal_matrix(template, delays, gain)
+    delay_covariance = noise_variance / 2 * np.linalg.pinv(normal)
+    inverse = np.linalg.pinv(columns.conj().T @ columns)
+    # An amplitude moves with the delays by −A⁺·D·x: its share of the delays' errors comes on top of the noise.
+    coupling = -np.linalg.pinv(columns) @ template.slopes(delays)
+    rms_gain = np.sqrt(np.mean(np.abs(gain) ** 2, axis=1))
+    direction = gain[:, 0] / np.maximum(np.abs(gain[:, 0]), np.finfo(float).tiny)
+    moved = coupling * (rms_gain * direction)[None, :] * direction.conj()[:, None]
+    along = np.einsum("ki,ij,kj->k", moved.real, delay_covariance, moved.real)
+    across = np.einsum("ki,ij,kj->k", moved.imag, delay_covariance, moved.imag)
+    noise = noise_variance / 2 * np.real(np.diag(inverse))
+    return (
+        np.sqrt(np.diag(delay_covariance)),
+        np.sqrt(noise + along),
+        np.sqrt(noise + across) / rms_gain,
+    )
+
+
+def estimate_taps(
+    observed: np.ndarray,
+    template: Template,
+    *,
+    noise_variance: float | None = None,
+    noise_freedom: float = np.inf,
+    false_alarm_rate: float = 1e-3,
+    max_taps: int = 64,
+    separation_samples: float = 1.0,
+    delays_searched: float | None = None,
+) -> Taps:
+    """Find and fit the taps of `observed` = Σ_k gain[k]·s(n − delay[k]) + white noise.
+
+    observed: (window,) or (window, blocks) complex, blocks sharing delays but not amplitudes. noise_variance: of a
+    complex sample of a block, known with `noise_freedom` complex degrees of freedom; None takes the residual's.
+    No two taps are closer than `separation_samples`. `delays_searched` bounds the delays of a waveform sent once.
+    """
+    observed = observed.reshape(len(observed), -1).astype(np.complex128)
+    window, blocks = observed.shape
+    span = template.grid if template.circular else min(delays_searched or template.grid, template.grid)
+    delays = np.empty(0)
+    gain = np.empty((0, blocks), complex)
+    rest = observed
+    threshold = np.inf
+    while True:
+        freedom = noise_freedom if noise_variance is not None else blocks * (window - 1.5 * len(delays) - 1)
+        if freedom < 2:
+            break
+        threshold = detection_threshold(false_alarm_rate, span, template.rms_bandwidth_rad, blocks, freedom)
+        found = _strongest(template, rest, delays, separation_samples, span)
+        if found is None or len(delays) >= max_taps:
+            break
+        delay, peak_power = found
+        # Without a known noise level the residual's is taken, the candidate itself left out of it.
+        noise = noise_variance or (np.sum(np.abs(rest) ** 2) - peak_power) / freedom
+        if not peak_power > threshold * noise:
+            break
+        delays, gain = _refit(template, observed, np.append(delays, delay))
+        rest = observed - template.columns(delays) @ gain
+    freedom = blocks * max(window - 1.5 * len(delays), 1)
+    noise = noise_variance or float(np.sum(np.abs(rest) ** 2) / freedom)
+    if template.circular:
+        delays = np.mod(delays + 0.5, template.grid) - 0.5  # a tap at zero stays there when noise makes it early
+    order = np.argsort(delays)
+    delays, gain = delays[order], gain[order]
+    empty = np.empty(0)
+    stds = _standard_deviations(template, delays, gain, noise) if len(delays) else (empty, empty, empty)
+    return Taps(
+        delay_samples=delays,
+        gain=gain,
+        delay_std_samples=stds[0],
+        gain_std=stds[1],
+        phase_std_rad=stds[2],
+        noise_variance=float(noise),
+        threshold=float(threshold),
+    )

@@ -1,0 +1,33 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: GPL-3.0-or-later
+# Installs what is missing, builds, and runs every check: style, C++ tests with sanitizers, pytest.
+set -euo pipefail
+source "$(dirname "${BASH_SOURCE[0]}")/../apps/setup.sh"
+
+test_packages=(
+    python3-pytest python3-hypothesis python3-pytest-timeout python3-pytest-xdist
+    xvfb xauth gir1.2-gtk-3.0 x11-apps imagemagick clang-format python3-venv
+)
+install_missing "${run_packages[@]}" "${test_packages[@]}"
+build "$root/build"
+build "$root/build-sanitize" -DCAST_SANITIZE=ON -DCMAKE_BUILD_TYPE=RelWithDebInfo
+
+# Tools that Debian does not package, apart from GNU Radio's own Python packages.
+tools=$root/build/tools
+if [ ! -x "$tools/bin/ruff" ] || ! "$tools/bin/python" -c 'import sigmf' 2>/dev/null; then
+    say "installing ruff and sigmf in build/tools"
+    /usr/bin/python3 -m venv "$tools"
+    "$tools/bin/pip" install -q ruff sigmf
+fi
+
+cd "$root"
+say "style"
+"$tools/bin/ruff" check -q python apps tests
+git ls-files '*.cc' '*.h' | xargs clang-format --dry-run --Werror
+
+say "C++ tests, plain and with sanitizers"
+ctest --test-dir build --output-on-failure
+ctest --test-dir build-sanitize --output-on-failure
+
+say "pytest"
+exec /usr/bin/python3 -m pytest tests -q -n 2 --dist loadfile "$@"
