@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "link_update_pmt.h"
+#include <cmath>
+#include <set>
+#include <stdexcept>
+#include <tuple>
+
+namespace gr
+{
+namespace cast
+{
+
+namespace
+{
+
+[[noreturn]] void refuse(const std::string& what) { throw std::invalid_argument(what); }
+
+std::optional<std::pair<uint64_t, double>> read_time(const pmt::pmt_t& value)
+{
+    if (!pmt::is_tuple(value) || pmt::length(value) != 2)
+        return std::nullopt;
+    const pmt::pmt_t seconds = pmt::tuple_ref(value, 0), fraction = pmt::tuple_ref(value, 1);
+    if (!(pmt::is_uint64(seconds) || (pmt::is_integer(seconds) && pmt::to_long(seconds) >= 0)) ||
+        !pmt::is_real(fraction) || !std::isfinite(pmt::to_double(fraction)))
+        return std::nullopt;
+    return std::make_pair(pmt::to_uint64(seconds), pmt::to_double(fraction));
+}
+
+pmt::pmt_t find(const pmt::pmt_t& dict, const char* key)
+{
+    return pmt::dict_ref(dict, pmt::intern(key), pmt::PMT_NIL);
+}
+
+bool has(const pmt::pmt_t& dict, const char* key)
+{
+    return pmt::dict_has_key(dict, pmt::intern(key));
+}
+
+int read_node(const pmt::pmt_t& dict, const char* key, std::optional<int> otherwise)
+{
+    if (!has(dict, key) && otherwise)
+        return *otherwise;
+    const pmt::pmt_t value = find(dict, key);
+    if (!pmt::is_integer(value))
+        refuse(std::string(key) + ": got " + pmt::write_string(value) + ", expected an integer");
+    const long node = pmt::to_long(value);
+    return node < 0 || node > 1'000'000 ? -1 : static_cast<int>(node); // check() refuses -1
+}
+
+uint64_t read_count(const pmt::pmt_t& dict, const char* key)
+{
+    const pmt::pmt_t value = find(dict, key);
+    if (!(pmt::is_uint64(value) || (pmt::is_integer(value) && pmt::to_long(value) >= 0)))
+        refuse(std::string(key) + ": got " + pmt::write_string(value) +
+               ", expected a whole number of samples, 0 or more");
+    return pmt::to_uint64(value);
+}
+
+std::vector<kernel::sample> read_complex(const pmt::pmt_t& dict, const char* key)
+{
+    const pmt::pmt_t value = find(dict, key);
+    if (pmt::is_c32vector(value))
+        return pmt::c32vector_elements(value);
+    if (pmt::is_c64vector(value)) {
+        const auto wide = pmt::c64vector_elements(value);
+        return std::vector<kernel::sample>(wide.begin(), wide.end());
+    }
+    refuse(std::string(key) + ": expected a complex vector");
+}
+
+std::vector<int> read_delays(const pmt::pmt_t& value)
+{
+    if (pmt::is_s32vector(value)) {
+        const auto delays = pmt::s32vector_elements(value);
+        return std::vector<int>(delays.begin(), delays.end());
+    }
+    if (!pmt::is_uniform_vector(value) && !pmt::is_vector(value) && !pmt::is_pair(value))
+        refuse("delays: expected a vector of integers");
+    std::vector<int> delays;
+    for (size_t i = 0; i < pmt::length(value); i++) {
+        const pmt::pmt_t delay =
+            pmt::is_pair(value) ? pmt::nth(i, value) : pmt::vector_ref(value, i);
+        const long samples = pmt::is_integer(delay) ? pmt::to_long(delay) : -1;
+        delays.push_back(samples < 0 || samples > 1'000'000'000 ? -1 : static_cast<int>(samples));
+    }
+    return delays;
+}
+
+std::optional<std::vector<kernel::tap>> read_taps(const pmt::pmt_t& dict)
+{
+    if (has(dict, "taps"))
+        return kernel::taps_from_dense(read_complex(dict, "taps"));
+    if (has(dict, "delays") || has(dict, "gains"))
+        return kernel::taps_from_sparse(read_delays(find(dict, "delays")),
+                                        read_complex(dict, "gains"));
+    return std::nullopt;
+}
+
+kernel::link_update read_one(const pmt::pmt_t& dict, const stream_clock& clock,
+                             std::optional<int> default_tx, std::optional<uint64_t> tag_offset)
+{
+    static const std::set<std::string> known = {"tx",      "rx",     "taps", "delays", "gains",
+                                                "enabled", "offset", "time", "ramp"};
+    if (!pmt::is_dict(dict) || pmt::is_null(dict))
+        refuse("expected a dictionary");
+    for (pmt::pmt_t keys = pmt::dict_keys(dict); pmt::is_pair(keys); keys = pmt::cdr(keys))
+        if (!pmt::is_symbol(pmt::car(keys)) || !known.count(pmt::symbol_to_string(pmt::car(keys))))
+            refuse("unknown key " + pmt::write_string(pmt::car(keys)));
+    kernel::link_update update;
+    update.input = read_node(dict, "tx", default_tx);
+    update.output = read_node(dict, "rx", std::nullopt);
+    update.taps = read_taps(dict);
+    if (has(dict, "enabled")) {
+        if (!pmt::is_bool(find(dict, "enabled")))
+            refuse("enabled: expected a boolean");
+        update.enabled = pmt::to_bool(find(dict, "enabled"));
+    }
+    if (!update.taps && !update.enabled)
+        refuse("neither taps nor enabled given");
+    update.at = tag_offset;
+    if (has(dict, "offset"))
+        update.at = read_count(dict, "offset");
+    else if (has(dict, "time"))
+        update.at = clock.sample_at(find(dict, "time"));
+    if (has(dict, "ramp"))
+        update.ramp = read_count(dict, "ramp");
+    return update;
+}
+
+} // namespace
+
+bool stream_clock::set(uint64_t at, const pmt::pmt_t& rx_time)
+{
+    const auto time = read_time(rx_time);
+    if (!time)
+        return false;
+    offset = at;
+    std::tie(seconds, fraction) = *time;
+    return true;
+}
+
+uint64_t stream_clock::sample_at(const pmt::pmt_t& time) const
+{
+    const auto named = read_time(time);
+    if (!named)
+        refuse("time: got " + pmt::write_string(time) + ", expected (whole, fractional) seconds");
+    // Whole seconds apart: a double of both would lose the sample after some hours.
+    const double later_s = double(int64_t(named->first - seconds)) + (named->second - fraction);
+    const double later = std::round(later_s * sample_rate_hz);
+    if (!(later < 4e18))
+        refuse("time: got " + pmt::write_string(time) + ", beyond the last sample");
+    return double(offset) + later < 0 ? 0 : offset + static_cast<int64_t>(later);
+}
+
+std::vector<kernel::link_update> read_link_updates(const pmt::pmt_t& message,
+                                                   const stream_clock& clock,
+                                                   std::optional<int> default_tx,
+                                                   std::optional<uint64_t> tag_offset)
+{
+    std::vector<kernel::link_update> updates;
+    const auto read = [&](const pmt::pmt_t& dict) {
+        updates.push_back(read_one(dict, clock, default_tx, tag_offset));
+    };
+    if (pmt::is_vector(message))
+        for (size_t i = 0; i < pmt::length(message); i++)
+            read(pmt::vector_ref(message, i));
+    else if (pmt::is_pair(message) && !pmt::is_dict(message))
+        for (pmt::pmt_t rest = message; pmt::is_pair(rest); rest = pmt::cdr(rest))
+            read(pmt::car(rest));
+    else
+        read(message);
+    return updates;
+}
+
+} // namespace cast
+} // namespace gr

@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The block against the NumPy reference, in real flowgraphs."""
+
+import numpy as np
+import pmt
+import pytest
+from gnuradio import blocks as stock
+from gnuradio import gr
+from gr_cast import blocks
+from gr_cast.emulate import LinkUpdate, emulate
+
+N_TAPS = 512
+
+
+def noise(rng, *shape):
+    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)).astype(np.complex64)
+
+
+def tag(offset, key, value):
+    made = gr.tag_t()
+    made.offset, made.key, made.value = offset, pmt.intern(key), pmt.to_pmt(value)
+    return made
+
+
+def post(emulator, message):
+    emulator.to_basic_block()._post(pmt.intern("taps"), pmt.to_pmt(message))
+
+
+def play(emulator, inputs, tags=None, chunk=None):
+    """Run the block over `inputs`; outputs (M, samples) and the sinks, for their tags."""
+    if chunk:
+        emulator.set_max_noutput_items(chunk)
+    top = gr.top_block()
+    tags = tags or {}
+    sources = [stock.vector_source_c(x.tolist(), False, 1, tags.get(i, [])) for i, x in enumerate(inputs)]
+    sinks = [stock.vector_sink_c() for _ in range(emulator.output_signature().max_streams())]
+    for i, source in enumerate(sources):
+        top.connect(source, (emulator, i))
+    for j, sink in enumerate(sinks):
+        top.connect((emulator, j), sink)
+    top.run()
+    return np.array([sink.data() for sink in sinks], dtype=np.complex64), sinks
+
+
+def relative_error(got, expected):
+    return np.max(np.abs(got - expected)) / np.max(np.abs(expected))
+
+
+def update_message(update):
+    message = {"tx": update.tx, "rx": update.rx, "offset": update.at_sample, "ramp": update.ramp_samples}
+    return message | {"taps": np.asarray(update.taps, dtype=np.complex64)}
+
+
+def random_network(rng, n_inputs, n_outputs, n_samples, n_updates):
+    updates = []
+    for tx in range(n_inputs):
+        for rx in range(n_outputs):
+            for k in range(n_updates):
+                taps = np.zeros(N_TAPS, complex)
+                taps[rng.choice(N_TAPS, 4, replace=False)] = noise(rng, 4)
+                at = 0 if k == 0 else int(rng.integers(n_samples))
+                updates.append(LinkUpdate(tx=tx, rx=rx, at_sample=at, taps=taps,
+                                          ramp_samples=int(rng.choice([0, 700]))))
+    return updates
+
+
+def test_unit_tap_is_a_copy_to_the_last_bit():
+    rng = np.random.default_rng(1)
+    x = noise(rng, 1, 10_007)
+    x[0, 17] = complex(np.nan, np.inf)
+    x[0, 18] = complex(-0.0, 1e-40)
+    emulator = blocks.channel_emulator(1, 1)
+    emulator.set_taps(0, 0, [1])
+    y, _ = play(emulator, x)
+    assert y.tobytes() == x.tobytes()
+
+
+def test_nothing_passes_without_a_tap():
+    y, _ = play(blocks.channel_emulator(2, 3), noise(np.random.default_rng(1), 2, 5000))
+    assert y.shape == (3, 5000) and not y.any()
+
+
+@pytest.mark.parametrize("chunk", [1, 37, 1000, None])
+@pytest.mark.parametrize("n_threads", [1, 3])
+def test_block_equals_the_reference_for_any_chunking_and_threads(chunk, n_threads):
+    rng = np.random.default_rng(7)
+    x = noise(rng, 3, 20_011 if chunk != 1 else 1500)
+    updates = random_network(rng, 3, 2, x.shape[1], 6)
+    emulator = blocks.channel_emulator(3, 2, n_threads=n_threads)
+    for update in updates:
+        emulator.set_taps(update.tx, update.rx, update.taps, update.at_sample, update.ramp_samples)
+    y, _ = play(emulator, x, chunk=chunk)
+    assert y.shape == (2, x.shape[1])
+    assert relative_error(y, emulate(x, updates, 2)) < 1e-6
+    assert emulator.late_updates() == 0
+
+
+def test_tags_and_messages_change_taps_at_their_sample():
+    rng = np.random.default_rng(3)
+    x = noise(rng, 2, 9000)
+    updates = [
+        LinkUpdate(tx=0, rx=1, taps=[0, 1j]),
+        LinkUpdate(tx=0, rx=1, at_sample=1234, taps=[0.5, 0, 2]),
+        LinkUpdate(tx=1, rx=0, at_sample=4321, taps=[-1j], ramp_samples=555),
+        LinkUpdate(tx=1, rx=1, at_sample=8000, taps=[3]),
+    ]
+    emulator = blocks.channel_emulator(2, 2, sample_rate_hz=1e6)
+    post(emulator, [update_message(updates[0]), update_message(updates[2])])
+    timed = {"tx": 1, "rx": 1, "delays": [0], "gains": np.array([3], np.complex64), "time": (7, 0.007)}
+    at_tag = {"rx": 1, "taps": np.array([0.5, 0, 2], np.complex64)}
+    clock = tag(0, "rx_time", (6, 0.999))
+    post(emulator, {"tx": 0, "rx": 0, "taps": np.zeros(1, np.complex64)})
+    y, _ = play(emulator, x, {0: [clock, tag(1234, "taps", at_tag), tag(100, "taps", timed)]})
+    assert relative_error(y, emulate(x, updates, 2)) < 1e-6
+    assert emulator.late_updates() == 0 and emulator.refused_updates() == 0
+
+
+@pytest.mark.parametrize("chunk", [100, None])
+def test_late_update_in_a_tag_is_counted_and_holds_from_the_tag(chunk):
+    x = np.ones((1, 6000), np.complex64)
+    emulator = blocks.channel_emulator(1, 1)
+    late = {"tx": 0, "rx": 0, "taps": np.array([1], np.complex64), "offset": 10}
+    y, _ = play(emulator, x, {0: [tag(5000, "taps", late)]}, chunk=chunk)
+    assert emulator.late_updates() == 1
+    assert np.array_equal(np.flatnonzero(y), np.arange(5000, 6000))
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        7,
+        {},
+        {"tx": 0, "rx": 0},
+        {"tx": 0, "rx": 9, "taps": np.ones(1, np.complex64)},
+        {"tx": -1, "rx": 0, "taps": np.ones(1, np.complex64)},
+        {"tx": 0, "rx": 0, "taps": np.ones(N_TAPS + 1, np.complex64)},
+        {"tx": 0, "rx": 0, "taps": np.array([np.nan], np.complex64)},
+        {"tx": 0, "rx": 0, "taps": "x"},
+        {"tx": 0, "rx": 0, "delays": [1, 2], "gains": np.ones(1, np.complex64)},
+        {"tx": 0, "rx": 0, "delays": [-1], "gains": np.ones(1, np.complex64)},
+        {"tx": 0, "rx": 0, "delays": [1]},
+        {"tx": 0, "rx": 0, "taps": np.ones(1, np.complex64), "offset": -1},
+        {"tx": 0, "rx": 0, "taps": np.ones(1, np.complex64), "time": 1.5},
+        {"tx": 0, "rx": 0, "taps": np.ones(1, np.complex64), "ofset": 3},
+        {"tx": 0, "rx": 0, "enabled": 1},
+        [{"tx": 0, "rx": 0, "taps": np.zeros(1, np.complex64)}, {"tx": 0}],
+    ],
+)
+def test_malformed_update_is_refused_and_the_flow_goes_on(bad):
+    x = np.ones((1, 6000), np.complex64)
+    emulator = blocks.channel_emulator(1, 1)
+    emulator.set_taps(0, 0, [1])
+    post(emulator, bad)
+    y, _ = play(emulator, x, {0: [tag(10, "taps", bad)]})
+    assert emulator.refused_updates() == 2
+    assert np.array_equal(y, x)
+
+
+def test_link_switches_off_and_on_at_the_sample():
+    x = np.ones((1, 9000), np.complex64)
+    emulator = blocks.channel_emulator(1, 1)
+    emulator.set_taps(0, 0, [2])
+    emulator.enable_link(0, 0, False, 1000)
+    emulator.enable_link(0, 0, True, 7001)
+    y, _ = play(emulator, x)
+    assert np.array_equal(np.flatnonzero(y[0] == 0), np.arange(1000, 7001))
+
+
+def test_stream_tags_reach_every_receiver_once_and_others_follow_their_node():
+    x = np.ones((2, 5000), np.complex64)
+    emulator = blocks.channel_emulator(2, 3)
+    time = tag(4, "rx_time", (1, 0.5))
+    _, sinks = play(emulator, x, {0: [time, tag(9, "burst", 0)], 1: [time, tag(9, "burst", 1)]})
+    seen = [[(t.offset, str(t.key), str(t.value)) for t in sink.tags()] for sink in sinks]
+    stream = (4, "rx_time", "{1 0.5}")
+    assert seen == [[stream, (9, "burst", "0")], [stream, (9, "burst", "1")], [stream]]
+
+
+def test_status_says_scenario_plan_and_samples():
+    emulator = blocks.channel_emulator(1, 1, 512, 1e6, 1, "four taps")
+    emulator.set_sparse_taps(0, 0, [0, 3], [1, 0.5])
+    top = gr.top_block()
+    store = stock.message_debug(False)
+    top.connect(stock.vector_source_c([1] * 1000), emulator, stock.null_sink(8))
+    top.msg_connect(emulator, "status", store, "store")
+    top.run()
+    status = [pmt.to_python(store.get_message(i)) for i in range(store.num_messages())]
+    assert status[0]["scenario"] == "four taps" and status[0]["samples"] == 0
+    assert "sparse" in status[0]["plan"] and status[0]["active_taps"] == 0 + 2
+    assert status[-1]["samples"] == 1000 and status[-1]["late_updates"] == 0
+
+
+def test_flowgraph_that_starts_again_keeps_its_links_and_counts_from_zero():
+    emulator = blocks.channel_emulator(1, 1)
+    emulator.set_taps(0, 0, [0, 1j])
+    source, sink = stock.vector_source_c([1] * 5000), stock.vector_sink_c()
+    top = gr.top_block()
+    top.connect(source, emulator, sink)
+    top.run()
+    source.rewind()
+    sink.reset()
+    emulator.set_taps(0, 0, [2], 3000)
+    top.run()
+    assert np.array_equal(sink.data(), np.r_[0, np.full(2999, 1j), np.full(2000, 2)])
+    assert emulator.late_updates() == 0
+
+
+@pytest.mark.parametrize("arguments", [(0, 1), (1, 0), (1, 1, 0), (1, 1, 512, 0.0), (1, 1, 512, 1.0, -1)])
+def test_parameters_out_of_range_are_refused(arguments):
+    with pytest.raises(ValueError):
+        blocks.channel_emulator(*arguments)
+    with pytest.raises(ValueError):
+        blocks.channel_emulator(1, 1).set_taps(0, 1, [1])
