@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+import cast_scenario
+import numpy as np
+import pytest
+from gr_cast import scenario as sc
+from gr_cast.errors import CastError
+
+
+@pytest.mark.parametrize("name", sc.catalogue_entries())
+def test_every_shipped_scenario_loads_but_the_one_that_is_published_out_of_range(name):
+    if name == "90002":
+        with pytest.raises(CastError, match=r"90002\.yaml.*link 4>5: tap 4.*index 512.*limit 0 to 5\.11 us"):
+            sc.load(name)
+    else:
+        assert sc.load(name).links
+
+
+@pytest.mark.parametrize("name, nodes", [("1009", 10), ("10009", 25), ("90000", 32)])
+def test_in_a_0_db_scenario_every_node_hears_every_other_at_0_db(name, nodes):
+    matrix = sc.path_gain_matrix_db(sc.load(name))
+    np.testing.assert_allclose(matrix[~np.eye(nodes, dtype=bool)], 0.0, atol=1e-12)
+    assert (np.diag(matrix) == -np.inf).all()
+
+
+@pytest.mark.parametrize("name, key", [("four_tap", ("1", "2")), ("90003", ("1", "4")), ("90003", ("4", "1"))])
+def test_the_four_tap_link_is_the_papers(name, key):
+    filters = sc.impulse_response(sc.load(name).links[key])
+    assert np.flatnonzero(filters[0]).tolist() == [0, 128, 200, 400]
+    np.testing.assert_allclose(20 * np.log10(np.abs(filters[0, [0, 128, 200, 400]])), [-3, -20, -15, -8], atol=0.01)
+
+
+def test_the_near_null_of_90001_cancels_at_the_carrier():
+    assert abs(sc.load("90001").links["3", "5"].gain.sum()) < 1e-10
+
+
+@pytest.mark.parametrize("name, ghz", [(str(90004 + index), index + 1) for index in range(6)])
+def test_the_losses_of_90004_to_90009_go_from_0_to_45_db(name, ghz):
+    scenario = sc.load(name)
+    losses = -sc.path_gain_matrix_db(scenario)[np.triu_indices(5, 1)]
+    np.testing.assert_allclose(np.sort(losses), np.arange(0, 50, 5), atol=1e-9)
+    assert scenario.center_frequency_hz == ghz * 1e9
+
+
+def test_an_unknown_name_lists_the_catalogue():
+    with pytest.raises(CastError, match="four_tap"):
+        sc.load("five_tap")
+
+
+def test_an_installed_scenario_is_found_by_its_id(tmp_path, monkeypatch):
+    monkeypatch.setenv("CAST_CATALOGUE", str(tmp_path))
+    sc.save(tmp_path / "mine.yaml", sc.load("four_tap"))
+    mine, shipped = (sc.load(name).links["1", "2"] for name in ("mine", "four_tap"))
+    np.testing.assert_allclose(mine.gain, shipped.gain, rtol=1e-12)
+    np.testing.assert_array_equal(mine.delay_s, shipped.delay_s)
+
+
+def test_show_convert_and_list_tell_what_is_there(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cast_scenario.main(["convert", "four_tap", "a.mat"]) == 0
+    assert cast_scenario.main(["show", "a.mat"]) == 0
+    text = capsys.readouterr().out
+    assert "1>2" in text and "1.280 / -20.00" in text
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    assert cast_scenario.main(["convert", "a.mat", "b.yaml"]) == 0
+    assert sc.load("b.yaml").links.keys() == sc.load("four_tap").links.keys()
+    assert cast_scenario.main(["list"]) == 0
+    assert "refused" in capsys.readouterr().out
+    with pytest.raises(CastError, match="index 512"):
+        cast_scenario.main(["show", "90002"])
+    with pytest.raises(CastError, match="suffix"):
+        cast_scenario.main(["convert", "four_tap", "a.txt"])

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+import math
+
+import numpy as np
+import pytest
+from gr_cast import scenario as sc
+from gr_cast.errors import CastError
+from gr_cast.scenario import yaml_file
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+HEAD = "cast_scenario: 1\nnodes: 2\n"
+
+
+def written(tmp_path, text):
+    path = tmp_path / "a.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_a_doppler_turns_the_phase_by_its_cycles_per_second(tmp_path):
+    text = HEAD + "duration_s: 0.1\nall_links: {taps: [{delay_s: 1e-6, gain_db: -6, phase_rad: 0.3, doppler_hz: 7}]}\n"
+    scenario = yaml_file.read(written(tmp_path, text))
+    t = np.arange(101) / 1e3
+    np.testing.assert_allclose(scenario.time_s, t, atol=1e-15)
+    expected = 10 ** (-6 / 20) * np.exp(1j * (0.3 + 2 * np.pi * 7 * t))
+    np.testing.assert_allclose(scenario.links["1", "2"].gain[:, 0], expected, rtol=1e-12)
+
+
+def test_links_are_reciprocal_unless_the_file_says_not(tmp_path):
+    link = "links: [{tx: 1, rx: 2, base_loss_db: 3, taps: [{delay_s: 0.0, gain_db: 0.0}]}]\n"
+    both = yaml_file.read(written(tmp_path, HEAD + link))
+    assert both.links["1", "2"] == both.links["2", "1"] and sc.base_loss_db(both, ("2", "1")) == 3
+    assert set(yaml_file.read(written(tmp_path, HEAD + "reciprocal: false\n" + link)).links) == {("1", "2")}
+
+
+def test_all_faults_of_a_file_come_at_once_with_their_place(tmp_path):
+    text = """
+cast_scenario: 2
+nodes: [a, b]
+color: red
+base_loss_db: "12 dB"
+interpolation: cubic
+links:
+  - {tx: a, rx: c, taps: [{delay_s: 0.0, gain_db: .nan}]}
+  - {tx: a, rx: b, taps: [{delay: 0.0, gain_db: 0.0}, {delay_s: 0.0, gain_db: 0.0, doppler_hz: 10}]}
+  - {tx: a, rx: b, taps: []}
+"""
+    with pytest.raises(CastError) as error:
+        yaml_file.read(written(tmp_path, text))
+    text = str(error.value)
+    for place in (
+        "cast_scenario: got 2", "unknown key 'color'", "base_loss_db: got '12 dB'", "interpolation", "links[0].rx: got 'c'",
+        "links[0].taps[0].gain_db", "links[1].taps[0]: unknown key 'delay'", "links[1].taps[0]: delay_s is missing",
+        "links[1].taps[1].doppler_hz", "links[2].taps: is empty", "a>b is given twice",
+    ):  # fmt: skip
+        assert place in text, text
+
+
+@pytest.mark.parametrize(
+    "text, says",
+    [
+        ("", "needs a mapping"),
+        ("a: [", "not YAML"),
+        ("nodes: 2\nnodes: 3\n", "given twice"),
+        (HEAD, "neither all_links nor links"),
+        (HEAD + "duration_s: 1e9\nlinks: []", "limit 1000000 steps"),
+        (HEAD + "duration_s: 1\nall_links: {taps: [{delay_s: 0, gain_db: 0, doppler_hz: 501}]}", "limit +-500 Hz"),
+        (HEAD + "all_links: {taps: [{delay_s: 5.12e-6, gain_db: 0}]}", "tap index 512"),
+    ],
+)
+def test_a_file_that_cannot_be_meant_is_refused(tmp_path, text, says):
+    with pytest.raises(CastError) as error:
+        yaml_file.read(written(tmp_path, text))
+    assert says in str(error.value) and "a.yaml" in str(error.value)
+
+
+def test_bytes_that_are_not_text_and_missing_files_are_refused(tmp_path):
+    path = tmp_path / "b.yaml"
+    with pytest.raises(CastError, match="no such file"):
+        yaml_file.read(path)
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(CastError, match="not UTF-8"):
+        yaml_file.read(path)
+
+
+@st.composite
+def scenarios(draw):
+    instants = draw(st.integers(1, 4))
+    nodes = tuple("abc"[: draw(st.integers(1, 3))])
+    number = st.floats(-60, 20, allow_subnormal=False)
+    links = {}
+    for key in draw(st.sets(st.tuples(st.sampled_from(nodes), st.sampled_from(nodes)))):
+        shape = (draw(st.sampled_from([1, instants])), draw(st.integers(1, 5)))
+        values = draw(
+            st.lists(
+                st.tuples(st.integers(0, 511), number, st.floats(-3, 3)),
+                min_size=shape[0] * shape[1],
+                max_size=shape[0] * shape[1],
+            )
+        )
+        grid, gain_db, phase = (np.reshape(column, shape) for column in zip(*values, strict=True))
+        links[key] = sc.LinkTaps(delay_s=grid * 1e-8, gain=10 ** (gain_db / 20) * np.exp(1j * phase))
+    return sc.Scenario(
+        name=draw(st.sampled_from(["x", "four taps", "ü"])), nodes=nodes, links=links, time_s=np.arange(instants) * 0.5,
+        base_loss_db=draw(number), link_base_loss_db={key: 1.5 for key in links if key[0] == "a"},
+        interpolation=draw(st.sampled_from(["hold", "linear"])), center_frequency_hz=draw(st.sampled_from([None, 1e9])),
+    )  # fmt: skip
+
+
+@settings(max_examples=100, deadline=None)
+@given(scenarios())
+def test_what_is_written_reads_back_the_same(tmp_path_factory, scenario):
+    path = tmp_path_factory.mktemp("yaml") / "a.yaml"
+    yaml_file.write(path, scenario)
+    back = yaml_file.read(path)
+    assert (back.name, back.nodes, back.interpolation) == (scenario.name, scenario.nodes, scenario.interpolation)
+    assert back.base_loss_db == scenario.base_loss_db and back.center_frequency_hz == scenario.center_frequency_hz
+    assert back.link_base_loss_db == scenario.link_base_loss_db and set(back.links) == set(scenario.links)
+    clock = np.linspace(0, 2, 9)
+    for key in scenario.links:
+        for got, expected in zip(sc.taps_at(back, key, clock), sc.taps_at(scenario, key, clock), strict=True):
+            np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-20)
+
+
+KEYS = sorted(yaml_file.KEYS | yaml_file.LINK_KEYS | yaml_file.TAP_KEYS)
+VALUES = st.recursive(
+    st.one_of(
+        st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=8),
+        st.sampled_from([1, 2, 0.0, 1e-6, -3.0, "a", "b", "hold", math.nan]),
+    ),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=3), st.dictionaries(st.sampled_from(KEYS), inner, max_size=4)
+    ),
+    max_leaves=12,
+)  # fmt: skip
+
+
+@settings(max_examples=1500, deadline=None)
+@given(st.dictionaries(st.sampled_from(sorted(yaml_file.KEYS)), VALUES, max_size=8))
+def test_any_mapping_is_read_or_refused_but_never_crashes(monkeypatch_module, document):
+    monkeypatch_module.setattr(yaml_file, "parse_text", lambda path: {"cast_scenario": 1} | document)
+    try:
+        yaml_file.read("fuzz.yaml")
+    except CastError as error:
+        assert all("fuzz.yaml" in fault for fault in error.faults)
+
+
+@pytest.fixture(scope="module")
+def monkeypatch_module():
+    with pytest.MonkeyPatch.context() as patch:
+        yield patch
+
+
+@settings(max_examples=3000, deadline=None)
+@given(st.data())
+def test_any_text_is_read_or_refused_but_never_crashes(tmp_path_factory, data):
+    path = tmp_path_factory.getbasetemp() / "fuzz.yaml"
+    good = (
+        b"cast_scenario: 1\nnodes: 3\nlinks:\n - {tx: 1, rx: 2, taps: [{delay_s: 1e-6, gain_db: -3, phase_rad: 1}]}\n"
+    )
+    start = data.draw(st.integers(0, len(good)))
+    stop = data.draw(st.integers(start, min(len(good), start + 6)))
+    middle = data.draw(
+        st.one_of(st.binary(max_size=6), st.text("{}[]&*!|>%@:,-?#'\"\n\t 0e.", max_size=6).map(str.encode))
+    )
+    path.write_bytes(good[:start] + middle + good[stop:])
+    try:
+        yaml_file.read(path)
+    except CastError as error:
+        assert error.faults and all("fuzz.yaml" in fault for fault in error.faults)
