@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Scenarios: list the catalogue, show one, convert between YAML and Colosseum's .mat."""
+"""Scenarios: list the catalogue, show one, convert between YAML, Colosseum's .mat and Zarr."""
 
 import argparse
 from pathlib import Path
@@ -78,7 +78,7 @@ def main(argv=None) -> int:
     command = commands.add_parser("list", help="the scenarios of the catalogue")
     command.set_defaults(call=list_catalogue)
     command = commands.add_parser("show", help="links, taps, and power over time")
-    command.add_argument("scenario", help="catalogue id or file (.yaml, .mat)")
+    command.add_argument("scenario", help="catalogue id or file (.yaml, .mat, .zarr)")
     command.add_argument("--all", action="store_true", help="every link of the table")
     command.add_argument(
         "--plot",
@@ -87,8 +87,8 @@ def main(argv=None) -> int:
     )
     command.set_defaults(call=show)
     command = commands.add_parser("convert", help="write a scenario in another format")
-    command.add_argument("source", help="catalogue id or file (.yaml, .mat)")
-    command.add_argument("target", help="file (.yaml, .mat)")
+    command.add_argument("source", help="catalogue id or file (.yaml, .mat, .zarr)")
+    command.add_argument("target", help="file (.yaml, .mat, .zarr)")
     command.add_argument("--static", action="store_true", help=".mat as N x N path gains in dB")
     command.set_defaults(call=convert)
     args = parser.parse_args(argv)

@@ -5,11 +5,11 @@ import os
 from pathlib import Path
 
 from ..errors import CastError
-from . import colosseum, yaml_file
+from . import colosseum, yaml_file, zarr_file
 from .model import Scenario
 
-_READERS = {".yaml": yaml_file.read, ".yml": yaml_file.read, ".mat": colosseum.read}
-_WRITERS = {".yaml": yaml_file.write, ".yml": yaml_file.write, ".mat": colosseum.write}
+_READERS = {".yaml": yaml_file.read, ".yml": yaml_file.read, ".mat": colosseum.read, ".zarr": zarr_file.read}
+_WRITERS = {".yaml": yaml_file.write, ".yml": yaml_file.write, ".mat": colosseum.write, ".zarr": zarr_file.write}
 
 
 def shipped_folder() -> Path:
@@ -56,5 +56,5 @@ def load(name_or_path: str | Path) -> Scenario:
     if Path(name_or_path).suffix.lower() in _READERS:
         return read(name_or_path)
     raise CastError(
-        f"{name_or_path}: no such scenario: not a file (.yaml, .mat) and not in the catalogue: {', '.join(entries)}"
+        f"{name_or_path}: no such scenario: not a file (.yaml, .mat, .zarr) and not in the catalogue: {', '.join(entries)}"
     )

@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Scenarios as Zarr folders: large ones, sparse and labelled, that xarray opens as well.
+
+Zarr version 2 (https://zarr-specs.readthedocs.io), one group of arrays with `_ARRAY_DIMENSIONS`, zlib chunks, one chunk per
+link. A link that does not change is stored once; so are two directions that are the same. Gains are complex64.
+"""
+
+import json
+import math
+import os
+import shutil
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import CastError
+from ..files import write_json
+from .model import LinkTaps, Scenario
+
+VERSION = 1
+_FIELDS = ("name", "description", "center_frequency_hz", "base_loss_db", "interpolation")
+
+
+def write_array(folder: Path, name: str, values: np.ndarray, dimensions: tuple[str, ...], chunk_rows: int = 0) -> None:
+    """One array of a group; `chunk_rows` rows of the first axis per chunk, 0 for all in one."""
+    path = folder / name
+    path.mkdir()
+    values = np.ascontiguousarray(values)
+    rows = chunk_rows or max(1, len(values))
+    chunks = [rows, *(max(1, side) for side in values.shape[1:])]
+    write_json(
+        path / ".zarray",
+        {
+            "zarr_format": 2, "shape": list(values.shape), "chunks": chunks, "dtype": values.dtype.str, "order": "C",
+            "fill_value": None, "filters": None, "compressor": {"id": "zlib", "level": 1},
+        },
+    )  # fmt: skip
+    write_json(path / ".zattrs", {"_ARRAY_DIMENSIONS": list(dimensions)})
+    if values.size:
+        for start in range(0, len(values), rows):
+            chunk = np.zeros(chunks, values.dtype)  # Zarr stores the last chunk whole
+            part = values[start : start + rows]
+            chunk[: len(part)] = part
+            key = ".".join([str(start // rows)] + ["0"] * (values.ndim - 1))
+            (path / key).write_bytes(zlib.compress(chunk.tobytes(), 1))
+
+
+def read_array(folder: Path, name: str) -> np.ndarray:
+    """An array written by `write_array`. Raises CastError for a missing or damaged one."""
+    path = folder / name
+    try:
+        about = json.loads((path / ".zarray").read_text(encoding="utf-8"))
+        shape, chunks, kind = tuple(about["shape"]), tuple(about["chunks"]), np.dtype(about["dtype"])
+        size = math.prod(chunks) * kind.itemsize
+        if (
+            about["compressor"]["id"] != "zlib"
+            or kind.hasobject
+            or shape[1:] != tuple(min(c, s) for c, s in zip(chunks[1:], shape[1:], strict=True))
+        ):
+            raise ValueError("not one chunk per row block, zlib")
+        values = np.empty(shape, kind)
+        for start in range(0, len(values) if values.size else 0, chunks[0]):
+            key = ".".join([str(start // chunks[0])] + ["0"] * (len(shape) - 1))
+            data = zlib.decompressobj().decompress((path / key).read_bytes(), size)
+            block = np.frombuffer(data, kind).reshape(chunks)
+            values[start : start + chunks[0]] = block[: len(values) - start]
+        return values
+    except FileNotFoundError as error:
+        raise CastError(f"{path}: missing: {Path(error.filename).name}") from None
+    except (
+        ValueError,
+        KeyError,
+        TypeError,
+        IndexError,
+        AttributeError,
+        OverflowError,
+        MemoryError,
+        zlib.error,
+    ) as error:
+        raise CastError(f"{path}: damaged: {error}") from None
+
+
+def write(path: str | Path, scenario: Scenario, **attributes) -> None:
+    """Write a scenario as a Zarr folder, whole or not at all; `attributes` go beside its own."""
+    path = Path(path)
+    aside = path.with_name(f".{os.getpid()}.{path.name}")
+    try:
+        aside.mkdir(parents=True)
+        _write_group(aside, scenario, attributes)
+        if path.is_dir():
+            shutil.rmtree(path)
+        os.replace(aside, path)
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def _write_group(folder: Path, scenario: Scenario, attributes: dict) -> None:
+    keys, both_ways = _once(scenario.links)
+    number = {node: index for index, node in enumerate(scenario.nodes)}
+    own = {name: getattr(scenario, name) for name in _FIELDS} | {"nodes": list(scenario.nodes)}
+    own["link_base_loss_db"] = [[tx, rx, loss] for (tx, rx), loss in scenario.link_base_loss_db.items()]
+    write_json(folder / ".zgroup", {"zarr_format": 2})
+    write_json(folder / ".zattrs", {"cast_scenario": VERSION, **own, **attributes})
+    write_array(folder, "time_s", scenario.time_s, ("time",))
+    for kind in ("static", "moving"):
+        chosen = [key for key in keys if scenario.links[key].is_static == (kind == "static")]
+        taps = [scenario.links[key] for key in chosen]
+        width = max((link.gain.shape[1] for link in taps), default=1)
+        ends = np.array([(number[tx], number[rx], (tx, rx) in both_ways) for tx, rx in chosen], np.int16).reshape(-1, 3)
+        axes = (f"{kind}_link",) if kind == "static" else (f"{kind}_link", "time")
+        length = 1 if kind == "static" else scenario.time_s.size
+        shape = (len(taps), width) if kind == "static" else (len(taps), length, width)
+        delay_s, gain = np.zeros(shape), np.zeros(shape, np.complex64)
+        for index, link in enumerate(taps):
+            columns = slice(0, link.gain.shape[1])
+            delay_s[index, ..., columns] = link.delay_s[0] if kind == "static" else link.delay_s
+            gain[index, ..., columns] = link.gain[0] if kind == "static" else link.gain
+        rows = 0 if kind == "static" else 1
+        write_array(folder, f"{kind}_ends", ends, (f"{kind}_link", "tx_rx_both_ways"))
+        write_array(folder, f"{kind}_delay_s", delay_s, (*axes, "tap"), rows)
+        write_array(folder, f"{kind}_gain", gain, (*axes, "tap"), rows)
+    for node, position_m in scenario.position_m.items():
+        write_array(folder, f"position_m_{number[node]}", np.asarray(position_m), (f"instant_{len(position_m)}", "xyz"))
+
+
+def _once(links: dict) -> tuple[list, set]:
+    """The links to store, and those among them that stand for both directions."""
+    both_ways = set()
+    keys = []
+    for key, taps in links.items():
+        back = (key[1], key[0])
+        if back in both_ways and back != key:
+            continue
+        if back != key and back in links and links[back] == taps:
+            both_ways.add(key)
+        keys.append(key)
+    return keys, both_ways
+
+
+def attributes(path: str | Path) -> dict:
+    """The attributes of a Zarr scenario. Raises CastError where there are none."""
+    path = Path(path)
+    try:
+        about = json.loads((path / ".zattrs").read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise CastError(f"{path}: not a Zarr scenario: it has no .zattrs") from None
+    except (ValueError, RecursionError) as error:
+        raise CastError(f"{path}: .zattrs: not JSON: {error}") from None
+    if not isinstance(about, dict) or about.get("cast_scenario") != VERSION:
+        raise CastError(f"{path}: .zattrs: cast_scenario: needs {VERSION}: the version of this format")
+    return about
+
+
+def read(path: str | Path) -> Scenario:
+    """Read a Zarr scenario. Raises CastError for damage or values that the model refuses."""
+    path = Path(path)
+    about = attributes(path)
+    try:
+        nodes = tuple(str(node) for node in about["nodes"])
+        losses = {(tx, rx): float(loss) for tx, rx, loss in about["link_base_loss_db"]}
+        fields = {name: about[name] for name in _FIELDS}
+    except (KeyError, TypeError, ValueError) as error:
+        raise CastError(f"{path}: .zattrs: damaged: {error}") from None
+    links = {}
+    for kind in ("static", "moving"):
+        ends, delay_s, gain = (read_array(path, f"{kind}_{name}") for name in ("ends", "delay_s", "gain"))
+        if ends.ndim != 2 or ends.shape[1] != 3 or delay_s.shape != gain.shape or len(ends) != len(gain):
+            raise CastError(f"{path}: {kind}_ends: its shape does not fit {kind}_gain")
+        if ends.size and (ends[:, :2].min() < 0 or ends[:, :2].max() >= len(nodes)):
+            raise CastError(f"{path}: {kind}_ends: names a node that is not in nodes")
+        for (tx, rx, both_ways), delays, gains in zip(ends, delay_s, gain, strict=True):
+            used = (gains != 0).reshape(-1, gains.shape[-1]).any(axis=0)
+            used[0] = True
+            taps = LinkTaps(delay_s=delays[..., used], gain=gains[..., used])
+            links[nodes[tx], nodes[rx]] = taps
+            if both_ways:
+                links[nodes[rx], nodes[tx]] = taps
+    position_m = {
+        node: f"position_m_{index}" for index, node in enumerate(nodes) if (path / f"position_m_{index}").is_dir()
+    }
+    try:
+        return Scenario(
+            nodes=nodes,
+            links=links,
+            time_s=read_array(path, "time_s"),
+            link_base_loss_db=losses,
+            position_m={node: read_array(path, name) for node, name in position_m.items()},
+            **fields,
+        )
+    except CastError as error:
+        raise CastError(*(f"{path}: {fault}" for fault in error.faults)) from None
