@@ -103,10 +103,10 @@ def _write_group(folder: Path, scenario: Scenario, attributes: dict) -> None:
     write_json(folder / ".zgroup", {"zarr_format": 2})
     write_json(folder / ".zattrs", {"cast_scenario": VERSION, **own, **attributes})
     write_array(folder, "time_s", scenario.time_s, ("time",))
+    width = max((link.gain.shape[1] for link in scenario.links.values()), default=1)
     for kind in ("static", "moving"):
         chosen = [key for key in keys if scenario.links[key].is_static == (kind == "static")]
         taps = [scenario.links[key] for key in chosen]
-        width = max((link.gain.shape[1] for link in taps), default=1)
         ends = np.array([(number[tx], number[rx], (tx, rx) in both_ways) for tx, rx in chosen], np.int16).reshape(-1, 3)
         axes = (f"{kind}_link",) if kind == "static" else (f"{kind}_link", "time")
         length = 1 if kind == "static" else scenario.time_s.size
