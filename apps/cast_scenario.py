@@ -7,7 +7,6 @@ from pathlib import Path
 
 import _program
 import numpy as np
-from gr_cast import plot
 from gr_cast import scenario as sc
 from gr_cast.errors import CastError
 from gr_cast.units import db_from_amplitude
@@ -56,9 +55,6 @@ def show(args) -> None:
         )
     if not args.all and len(keys) > MAX_ROWS:
         print(f"… and {len(keys) - MAX_ROWS} more links: --all shows them")
-    picture = args.plot or f"{Path(args.scenario).stem}.png"
-    plot.save(plot.scenario(scenario), picture)
-    print(f"picture: {picture}")
 
 
 def convert(args) -> None:
@@ -80,11 +76,6 @@ def main(argv=None) -> int:
     command = commands.add_parser("show", help="links, taps, and power over time")
     command.add_argument("scenario", help="catalogue id or file (.yaml, .mat, .zarr)")
     command.add_argument("--all", action="store_true", help="every link of the table")
-    command.add_argument(
-        "--plot",
-        metavar="PNG",
-        help="the picture: path gains, taps, power over time (default: SCENARIO.png in this folder)",
-    )
     command.set_defaults(call=show)
     command = commands.add_parser("convert", help="write a scenario in another format")
     command.add_argument("source", help="catalogue id or file (.yaml, .mat, .zarr)")
