@@ -10,10 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import f as f_distribution
+from scipy.stats import gamma
 
 from .correlate import OVERSAMPLING, Template
 
 DB_PER_NEPER = 20 / np.log(10)
+_MEDIAN_EFFICIENCY = np.log(2) ** 2  # of a median against a mean, as an estimate of an exponential variable's scale
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,6 +146,12 @@ def _standard_deviations(template, delays, gain, noise_variance):
     )
 
 
+def _median_noise(template: Template, rest: np.ndarray, span: int) -> float:
+    """Noise variance per sample from the median of the matched filter over all delays: a few taps in it do not count."""
+    power = np.sum(np.abs(template.matched_filter(rest)[:span]) ** 2, axis=1) / template.energy
+    return float(np.median(power) / gamma.median(rest.shape[1]))
+
+
 def estimate_taps(
     observed: np.ndarray,
     template: Template,
@@ -158,33 +166,26 @@ def estimate_taps(
     """Find and fit the taps of `observed` = Σ_k gain[k]·s(n − delay[k]) + white noise.
 
     observed: (window,) or (window, blocks) complex, blocks sharing delays but not amplitudes. noise_variance: of a
-    complex sample of a block, known with `noise_freedom` complex degrees of freedom; None takes the residual's.
+    complex sample of a block, known with `noise_freedom` complex degrees of freedom; None reads it off the delays without taps.
     No two taps are closer than `separation_samples`. `delays_searched` bounds the delays of a waveform sent once.
     """
     observed = observed.reshape(len(observed), -1).astype(np.complex128)
-    window, blocks = observed.shape
+    blocks = observed.shape[1]
     span = template.grid if template.circular else min(delays_searched or template.grid, template.grid)
+    known_noise = noise_variance is not None
+    if not known_noise:
+        noise_freedom = _MEDIAN_EFFICIENCY * span * blocks
+    threshold = detection_threshold(false_alarm_rate, span, template.rms_bandwidth_rad, blocks, noise_freedom)
     delays = np.empty(0)
     gain = np.empty((0, blocks), complex)
     rest = observed
-    threshold = np.inf
     while True:
-        freedom = noise_freedom if noise_variance is not None else blocks * (window - 1.5 * len(delays) - 1)
-        if freedom < 2:
-            break
-        threshold = detection_threshold(false_alarm_rate, span, template.rms_bandwidth_rad, blocks, freedom)
+        noise = noise_variance if known_noise else _median_noise(template, rest, span)
         found = _strongest(template, rest, delays, separation_samples, span)
-        if found is None or len(delays) >= max_taps:
+        if found is None or len(delays) >= max_taps or not found[1] > threshold * noise:
             break
-        delay, peak_power = found
-        # Without a known noise level the residual's is taken, the candidate itself left out of it.
-        noise = noise_variance or (np.sum(np.abs(rest) ** 2) - peak_power) / freedom
-        if not peak_power > threshold * noise:
-            break
-        delays, gain = _refit(template, observed, np.append(delays, delay))
+        delays, gain = _refit(template, observed, np.append(delays, found[0]))
         rest = observed - template.columns(delays) @ gain
-    freedom = blocks * max(window - 1.5 * len(delays), 1)
-    noise = noise_variance or float(np.sum(np.abs(rest) ** 2) / freedom)
     if template.circular:
         delays = np.mod(delays + 0.5, template.grid) - 0.5  # a tap at zero stays there when noise makes it early
     order = np.argsort(delays)

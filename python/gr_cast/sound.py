@@ -77,12 +77,14 @@ class Sounding:
     frame_noise_power: float  # of each frame_gain
     frame_detected: np.ndarray
     response: np.ndarray  # complex CIR on whole samples from `response_start`, for the picture
+    residual_response: np.ndarray  # the same after the taps are taken out
     response_noise_power: float
     response_start: int
     path_gain_db: float | None
     path_gain_std_db: float | None
     path_loss_db: float | None
     smallest_path_gain_db: float  # a weaker single tap would be missed
+    residual_db: float  # power that the taps leave unexplained, over the power received; noise counts
     warnings: tuple[str, ...]
 
     @property
@@ -120,10 +122,14 @@ def _max_offset(recording: Recording, options: SoundingOptions) -> float:
 
 
 def _noise_of_differences(samples: np.ndarray) -> float | None:
-    """Noise power from consecutive periods: what a channel does slowly cancels. None for fewer than four periods."""
+    """Noise power from consecutive periods: what a channel does slowly cancels. None for fewer than four periods.
+
+    The median over the pairs, so that a switch-on or a burst does not count; for n samples it is 1 − 1/(3n) of the mean.
+    """
     if len(samples) < 4:
         return None
-    return float(np.mean(np.abs(np.diff(samples, axis=0)) ** 2) / 2)
+    pairs = np.mean(np.abs(np.diff(samples, axis=0)) ** 2, axis=1) / 2
+    return float(np.median(pairs) / (1 - 1 / (3 * samples.shape[1])))
 
 
 def _coherent_blocks(track: np.ndarray, noise: float) -> int:
@@ -173,7 +179,6 @@ def _sound_periodic(recording: Recording, waveform: Waveform, options: SoundingO
 
     frames = count // average
     frame_samples = _block_means(samples[: frames * average], frames)
-    response = template.matched_filter(observed) / template.energy
     warnings = _carrier_warnings(offset, recording, options)
     if length / recording.sample_rate_hz < options.max_spread_s * (1 - 1e-9):
         warnings.append(
@@ -197,7 +202,7 @@ def _sound_periodic(recording: Recording, waveform: Waveform, options: SoundingO
         periods_per_frame=average,
         frame_time_s=periods.start_sample[: frames * average : average] / recording.sample_rate_hz,
         frame_samples=frame_samples,
-        response=response[:, 0] if blocks == 1 else np.sqrt(np.mean(np.abs(response) ** 2, axis=1)),
+        observed=observed,
         warnings=warnings,
     )
 
@@ -251,15 +256,16 @@ def _sound_once(recording: Recording, waveform: Waveform, options: SoundingOptio
         periods_per_frame=1,
         frame_time_s=np.array([low / recording.sample_rate_hz]),
         frame_samples=window[:, None],
-        response=template.matched_filter(window)[:searched] / template.energy,
+        observed=window[:, None],
+        searched=searched,
         response_start=start - early - first,
         warnings=_carrier_warnings(offset, recording, options),
     )
 
 
 def _result(
-    recording, options, *, template, taps, offset, noise_power, periods_per_frame, frame_time_s, frame_samples, response,
-    warnings, response_start=0,
+    recording, options, *, template, taps, offset, noise_power, periods_per_frame, frame_time_s, frame_samples, observed,
+    warnings, searched=None, response_start=0,
 ) -> Sounding:  # fmt: skip
     """What periodic and sent-once sounding share: frames at the found delays, path gain and loss, warnings."""
     columns = template.columns(taps.delay_samples)
@@ -273,6 +279,8 @@ def _result(
         detected = energy > frame_noise * gamma.isf(options.false_alarm_rate, found)
     gain_db = float(db_from_power(taps.total_power)) if found else None
     spread = np.sqrt(np.sum(4 * taps.power * taps.gain_std**2 / taps.gain.shape[1])) if found else 0.0
+    rest = frame_samples - columns @ frame_gain.T
+    residual = np.sum(np.abs(rest) ** 2) / np.sum(np.abs(frame_samples) ** 2)
     return Sounding(
         sample_rate_hz=recording.sample_rate_hz,
         taps=replace(taps, delay_samples=taps.delay_samples + response_start),
@@ -284,15 +292,23 @@ def _result(
         frame_gain=frame_gain,
         frame_noise_power=frame_noise / template.energy,
         frame_detected=detected,
-        response=response,
+        response=_response(template, observed)[:searched],
+        residual_response=_response(template, observed - columns @ taps.gain)[:searched],
         response_noise_power=taps.noise_variance / template.energy,
         response_start=response_start,
         path_gain_db=gain_db,
         path_gain_std_db=float(DB_PER_NEPER / 2 * spread / taps.total_power) if found else None,
         path_loss_db=None if gain_db is None else float(options.budget.path_loss_db(gain_db)),
         smallest_path_gain_db=float(db_from_power(taps.threshold * taps.noise_variance / template.energy)),
+        residual_db=float(db_from_power(max(residual, 1e-30))),
         warnings=tuple(_recording_warnings(recording) + warnings + _tap_warnings(taps, options, detected)),
     )
+
+
+def _response(template: Template, observed: np.ndarray) -> np.ndarray:
+    """CIR on whole samples; of several blocks the rms, which has no phase."""
+    response = template.matched_filter(observed) / template.energy
+    return response[:, 0] if observed.shape[1] == 1 else np.sqrt(np.mean(np.abs(response) ** 2, axis=1))
 
 
 def _carrier_warnings(offset: CarrierOffset, recording: Recording, options: SoundingOptions) -> list[str]:

@@ -1,0 +1,409 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sound a radio channel: over the embedded emulator, with X310s, or from a recording."""
+
+import argparse
+import signal
+import sys
+import time
+from pathlib import Path
+
+import _program
+import numpy as np
+from gr_cast import calibration, code_comparison, path_loss, plot, recording, result, transmit
+from gr_cast.errors import CastError
+from gr_cast.files import write_json, write_text
+from gr_cast.sound import LinkBudget, SoundingOptions, sound
+
+
+def _arguments() -> argparse.ArgumentParser:
+    formatter = argparse.ArgumentDefaultsHelpFormatter
+    output = argparse.ArgumentParser(add_help=False)
+    output.add_argument("--output", default="sounding", metavar="DIR", help="folder for the result")
+
+    code = argparse.ArgumentParser(add_help=False)
+    code.add_argument("--code", help="glfsr:8, gold:127, gold_paper, ga128, gb128, ls, zadoff_chu:255:1 or file:STEM")
+    code.add_argument("--samples-per-chip", type=int, default=1, metavar="N")
+    code.add_argument("--once", action="store_true", help="the waveform of file:STEM is sent once, not repeated")
+
+    estimate = argparse.ArgumentParser(add_help=False)
+    estimate.add_argument("--average", type=int, default=0, metavar="K", help="code periods per frame; 0 chooses")
+    estimate.add_argument("--false-alarm-rate", type=float, default=1e-3, metavar="P", help="false alarms per CIR")
+    estimate.add_argument("--max-taps", type=int, default=32, metavar="N")
+    estimate.add_argument("--max-offset", type=float, metavar="HZ", help="carrier offset searched; default 10 ppm, 25 kHz at least")
+    estimate.add_argument("--no-offset-correction", action="store_true")
+    estimate.add_argument("--max-spread", type=float, default=5.12e-6, metavar="S", help="longest excess delay expected")
+    estimate.add_argument("--tx-power", type=float, metavar="DBM", help="transmitted at full scale and 0 dB of gain")
+    estimate.add_argument("--tx-gain", type=float, metavar="DB", help="default: the recording's own, else 0")
+    estimate.add_argument("--rx-gain", type=float, metavar="DB", help="default: the recording's own, else 0")
+    estimate.add_argument("--rx-full-scale", type=float, metavar="DBM", help="full scale at 0 dB of receive gain")
+    estimate.add_argument("--base-loss", default="0", metavar="DB|NAME[@V]", help="taken off: dB, or a calibration")
+
+    radio = argparse.ArgumentParser(add_help=False)
+    radio.add_argument("--args", default="", help="UHD device arguments, such as addr=192.168.40.2")
+    radio.add_argument("--rate", type=float, default=1e6, metavar="HZ")
+    radio.add_argument("--frequency", type=float, default=1e9, metavar="HZ")
+    radio.add_argument("--gain", type=float, default=0.0, metavar="DB")
+    radio.add_argument("--antenna", default="", help="TX/RX, RX2; empty: the device's default")
+    radio.add_argument("--subdevice", default="", help="A:0, B:0; empty: the device's default")
+    radio.add_argument("--clock-source", default="internal", help="internal, external or gpsdo")
+    radio.add_argument("--time-source", default="internal", help="internal, external or gpsdo")
+    radio.add_argument("--start-delay", type=float, metavar="S", help="timed start, so long after the next PPS")
+    radio.add_argument("--duration", type=float, metavar="S", help="default: until Ctrl-C")
+    radio.add_argument("--node", default="", help="name of this node, kept in the recording")
+
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=formatter)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    def command(name, help, *parents):
+        return commands.add_parser(name, help=help, description=help, parents=list(parents), formatter_class=formatter)
+
+    run = command("run", "sound a scenario over the embedded emulator: no radio (the default command)", code, estimate, output)
+    run.add_argument("--scenario", default="four_tap", help="catalogue id or file")
+    run.add_argument("--link", metavar="TX>RX", help="default: the scenario's first link")
+    run.add_argument("--all-links", action="store_true", help="every link of the scenario, and their heat map")
+    run.add_argument("--rate", type=float, default=50e6, metavar="HZ")
+    run.add_argument("--frames", type=int, default=1500, metavar="N", help="frames to record, of --average periods each")
+    run.add_argument("--noise", type=float, default=-100.0, metavar="DB", help="receiver noise per sample, re full scale")
+    run.add_argument("--offset", type=float, default=0.0, metavar="HZ", help="carrier offset to emulate")
+    run.add_argument("--seed", type=int, default=1)
+
+    tx = command("tx", "send a code with an X310", code, radio)
+    tx.add_argument("--amplitude", type=float, default=0.5, help="of full scale")
+
+    rx = command("rx", "record with an X310, then sound the recording", code, radio, estimate, output)
+    rx.add_argument("--transmitter", default="", help="name of the node that sends, kept in the recording")
+    rx.add_argument("--format", default="cf32", choices=["cf32", "ci16"], help="samples on disk")
+    rx.add_argument("--record-only", action="store_true")
+
+    process = command("process", "sound a recording: SigMF, or raw samples with their rate", code, estimate, output)
+    process.add_argument("recording")
+    process.add_argument("--rate", type=float, metavar="HZ", help="of raw samples; SigMF brings its own")
+    process.add_argument("--format", choices=list(recording.RAW_FORMATS), help="of raw samples")
+
+    heatmap = command("heatmap", "path loss of many recordings as a matrix", code, estimate, output)
+    heatmap.add_argument("recordings", nargs="+")
+
+    calibrate = command("calibrate", "base loss per link from recordings of a 0 dB scenario", code, estimate, output)
+    calibrate.add_argument("recordings", nargs="+")
+    calibrate.add_argument("--name", required=True, help="what --base-loss will call it")
+
+    command("codes", "compare code sequences as the paper does, table and picture", output)
+    devices = command("devices", "list the radios that UHD finds")
+    devices.add_argument("--args", default="")
+    return parser
+
+
+def _spec_and_waveform(args, metadata: dict):
+    """The waveform of --code, or the one that the recording names."""
+    if args.code is None and isinstance(metadata.get("cast:waveform"), dict):
+        spec = metadata["cast:waveform"]
+        if "file" in spec:
+            return spec, transmit.waveform_from_file(spec["file"], repeat=bool(spec.get("repeat", True)))
+        return spec, transmit.waveform_from_spec(spec)
+    if args.code is None:
+        raise CastError("--code: missing, and the recording does not name its waveform (cast:waveform)")
+    if args.code.startswith("file:"):
+        spec = {"file": str(Path(args.code.removeprefix("file:")).resolve()), "repeat": not args.once}
+    elif args.once:
+        raise CastError("--once: goes with --code file:STEM; built-in codes repeat")
+    else:
+        spec = transmit.spec_from_text(args.code, args.samples_per_chip)
+    return spec, transmit.waveform_from_text(args.code, samples_per_chip=args.samples_per_chip, repeat=not args.once)
+
+
+def _options(args, metadata: dict, base_loss_db: float) -> SoundingOptions:
+    def known(argument, field):
+        value = argument if argument is not None else metadata.get(f"cast:{field}", 0.0)
+        if not isinstance(value, (int, float)) or not np.isfinite(value):
+            raise CastError(f"{field}: got {value!r}, needs a finite number")
+        return float(value)
+
+    return SoundingOptions(
+        average=args.average,
+        false_alarm_rate=args.false_alarm_rate,
+        max_taps=args.max_taps,
+        max_offset_hz=args.max_offset,
+        correct_offset=not args.no_offset_correction,
+        max_spread_s=args.max_spread,
+        budget=LinkBudget(
+            tx_power_dbm=known(args.tx_power, "tx_power_dbm"),
+            tx_gain_db=known(args.tx_gain, "tx_gain_db"),
+            rx_gain_db=known(args.rx_gain, "rx_gain_db"),
+            rx_full_scale_dbm=known(args.rx_full_scale, "rx_full_scale_dbm"),
+            base_loss_db=base_loss_db,
+        ),
+    )
+
+
+def _base_loss_db(args, file: recording.Recording, path) -> float:
+    chosen = calibration.load(args.base_loss)
+    return chosen.default_db if chosen.default_db is not None else chosen.of(path_loss.link_of(file, Path(path).name))
+
+
+def _read(path, raw_format=None, rate=None) -> recording.Recording:
+    if raw_format is None and rate is None:
+        return recording.read(path)
+    if recording.meta_path(path).is_file():
+        file = recording.read(path)
+        if raw_format is not None:
+            raise CastError(f"{path}: --format: is for raw samples, this recording is SigMF")
+        if rate is not None and file.sample_rate_hz is not None and abs(rate / file.sample_rate_hz - 1) > 1e-9:
+            raise CastError(f"{path}: --rate: got {rate:g} Hz, the recording says {file.sample_rate_hz:g} Hz")
+        return file
+    if raw_format is None or rate is None:
+        raise CastError(f"{path}: raw samples need both --format and --rate")
+    return recording.read_raw(path, raw_format=raw_format, sample_rate_hz=rate)
+
+
+def _sound_file(args, file: recording.Recording, path, modelled_taps=()) -> dict:
+    """Sound one recording and leave result.json, frames.csv and cir.png in --output; returns the document."""
+    spec, waveform = _spec_and_waveform(args, file.metadata)
+    sounding = sound(file, waveform, _options(args, file.metadata, _base_loss_db(args, file, path)))
+    document = result.as_document(sounding, {"recording": str(path), "waveform": spec, "base_loss": args.base_loss})
+    folder = result.output_folder(args.output)
+    rate_mhz = f"{file.sample_rate_hz / 1e6:g} MS/s"
+    title = f"{recording.stem_of(path).name}: {waveform.name} at {rate_mhz}, {sounding.frames} frames"
+    plot.save(plot.sounding_figure(sounding, title, modelled_taps), folder / "cir.png")
+    result.write_sounding(folder, sounding, document)
+    print(result.as_table(document))
+    print(f"\nwritten: {folder}/result.json, frames.csv, cir.png")
+    return document
+
+
+def _run(args) -> None:
+    from gr_cast import scenario as scenarios
+    from gr_cast.blocks.flowgraphs import EmulatedSounding, waveform_source
+
+    args.code = args.code or "glfsr:8"
+    spec, waveform = _spec_and_waveform(args, {})
+    if not waveform.repeat:
+        raise CastError("run: sounds repeated waveforms; drop --once")
+    if args.frames < 1:
+        raise CastError(f"--frames: got {args.frames}, needs 1 or more")
+    if not (0 < args.rate < np.inf and np.isfinite(args.noise) and np.isfinite(args.offset)):
+        raise CastError(f"--rate, --noise, --offset: got {args.rate} Hz, {args.noise} dB, {args.offset} Hz: not all finite")
+    scenario = scenarios.load(args.scenario)
+    links = _links(args, scenario)
+    folder = result.output_folder(args.output)
+    records = folder / "recordings"
+    records.mkdir(exist_ok=True)
+    args.average = args.average or 1
+    period = len(waveform.samples)
+    n_samples = args.frames * args.average * period
+    settle_samples = period * int(np.ceil(args.max_spread * args.rate / period))
+    stems = {link: records / f"tx{link[0]}_rx{link[1]}" for link in links}
+    for stem in stems.values():  # an emulated recording can be made again: the newest run replaces the last
+        recording.data_path(stem).unlink(missing_ok=True)
+        recording.meta_path(stem).unlink(missing_ok=True)
+    fields = {"cast:waveform": spec, "cast:scenario": args.scenario, "cast:noise_power_db": args.noise, "cast:seed": args.seed,
+              "core:hw": "embedded emulator"}  # fmt: skip
+    began = time.monotonic()
+    for transmitter in sorted({tx for tx, _ in links}, key=path_loss.natural_order):
+        heard = {rx: stems[(tx, rx)] for tx, rx in links if tx == transmitter}
+        top = EmulatedSounding(
+            scenario, transmitter, heard, waveform_source(waveform, spec), sample_rate_hz=args.rate, n_samples=n_samples,
+            settle_samples=settle_samples, noise_power_db=args.noise, offset_hz=args.offset, seed=args.seed, fields=fields,
+        )  # fmt: skip
+        _until_done(top, f"node {transmitter} sends, {len(heard)} listen")
+        top.finish()
+    emulated_s = len({tx for tx, _ in links}) * (settle_samples + n_samples) / args.rate
+    took_s = time.monotonic() - began
+    print(f"emulated {emulated_s * 1e3:.4g} ms of radio time in {took_s:.2f} s ({emulated_s / took_s:.3g} × real time)")
+    if args.all_links:
+        _heatmap(args, list(stems.values()))
+        return
+    gain = scenarios.played_gain(scenario, links[0])[0]
+    delays = scenario.links[links[0]].delay_s[0]
+    modelled = [(d, 20 * np.log10(abs(g))) for d, g in zip(delays, gain, strict=True) if g != 0]
+    _sound_file(args, recording.read(stems[links[0]]), stems[links[0]], modelled)
+
+
+def _links(args, scenario) -> list[tuple[str, str]]:
+    if args.all_links:
+        return list(scenario.links)
+    if args.link is None:
+        return [next(iter(scenario.links))]
+    link = tuple(args.link.split(">"))
+    if link not in scenario.links:
+        shown = ", ".join(f"{tx}>{rx}" for tx, rx in list(scenario.links)[:8])
+        raise CastError(f"--link: got {args.link!r}, {scenario.name} has {shown}{', …' if len(scenario.links) > 8 else ''}")
+    return [link]
+
+
+def _until_done(top, what: str) -> None:
+    """Run a flowgraph to its end; Ctrl-C or SIGTERM ends it early and keeps what was recorded."""
+    stopped = []
+
+    def stop(*_):
+        stopped.append(True)
+        top.stop()
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    print(what, flush=True)
+    try:
+        top.start()
+        top.wait()
+    finally:
+        top.stop()
+        top.wait()
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if stopped:
+        top.finish()
+        print("stopped early: the recording holds what came until now", file=sys.stderr)
+        raise KeyboardInterrupt
+
+
+def _radio_settings(args):
+    from gr_cast.blocks.usrp import RadioSettings
+
+    return RadioSettings(
+        sample_rate_hz=args.rate, center_frequency_hz=args.frequency, gain_db=args.gain, antenna=args.antenna,
+        subdevice=args.subdevice, device_args=args.args, clock_source=args.clock_source, time_source=args.time_source,
+        start_delay_s=args.start_delay,
+    )  # fmt: skip
+
+
+def _sample_count(args) -> int | None:
+    if args.duration is None:
+        return None
+    if not 0 < args.duration < np.inf:
+        raise CastError(f"--duration: got {args.duration} s, needs a finite number above 0")
+    return max(1, round(args.duration * args.rate))
+
+
+def _tx(args) -> None:
+    from gr_cast.blocks.flowgraphs import UsrpTransmitter, waveform_source
+
+    args.code = args.code or "glfsr:8"
+    spec, waveform = _spec_and_waveform(args, {})
+    if not 0 < args.amplitude <= 1:
+        raise CastError(f"--amplitude: got {args.amplitude}, needs more than 0 and at most 1 (full scale)")
+    if not np.isfinite(waveform.samples).all():
+        raise CastError(f"{waveform.name}: holds NaN; only waveforms known throughout can be sent")
+    settings, n_samples = _radio_settings(args), _sample_count(args)
+    top = UsrpTransmitter(settings, waveform_source(waveform, spec), amplitude=args.amplitude, n_samples=n_samples)
+    _until_done(top, f"sending {waveform.name} at {args.frequency / 1e6:g} MHz, {args.rate / 1e6:g} MS/s; Ctrl-C ends")
+
+
+def _rx(args) -> None:
+    from gr_cast.blocks.flowgraphs import UsrpReceiver
+
+    args.code = args.code or "glfsr:8"
+    spec, _ = _spec_and_waveform(args, {})
+    settings, n_samples = _radio_settings(args), _sample_count(args)
+    fields = {"cast:waveform": spec, "cast:transmitter": args.transmitter, "cast:receiver": args.node, "cast:rx_gain_db": args.gain,
+              "cast:clock_source": args.clock_source, "cast:time_source": args.time_source, "cast:antenna": args.antenna,
+              "core:hw": f"USRP by UHD, arguments {args.args!r}"}  # fmt: skip
+    fields |= {"cast:tx_gain_db": args.tx_gain} if args.tx_gain is not None else {}
+    stem = result.output_folder(args.output) / "recording"
+    datatype = recording.RAW_FORMATS[args.format]
+    top = UsrpReceiver(settings, stem, n_samples=n_samples, datatype=datatype, fields=fields)
+    try:
+        _until_done(top, f"recording at {args.frequency / 1e6:g} MHz, {args.rate / 1e6:g} MS/s; Ctrl-C ends")
+        top.finish()
+    except KeyboardInterrupt:
+        if args.duration is not None:
+            raise
+    if not args.record_only:
+        _sound_file(args, recording.read(stem), stem)
+
+
+def _process(args) -> None:
+    _sound_file(args, _read(args.recording, args.format, args.rate), args.recording)
+
+
+def _losses(args, paths) -> dict[tuple[str, str], list[float | None]]:
+    losses: dict[tuple[str, str], list[float | None]] = {}
+    for count, path in enumerate(paths, 1):
+        file = recording.read(path)
+        _, waveform = _spec_and_waveform(args, file.metadata)
+        sounding = sound(file, waveform, _options(args, file.metadata, _base_loss_db(args, file, path)))
+        losses.setdefault(path_loss.link_of(file, Path(path).name), []).append(sounding.path_loss_db)
+        if sys.stdout.isatty():
+            print(f"\r{count} of {len(paths)} recordings", end="" if count < len(paths) else "\n", flush=True)
+    return losses
+
+
+def _heatmap(args, paths) -> None:
+    nodes, matrix = path_loss.loss_matrix(_losses(args, paths))
+    folder = result.output_folder(args.output)
+    title = f"Path loss of {int(np.isfinite(matrix).sum())} links, {len(paths)} recordings"
+    plot.save(plot.heatmap_figure(matrix, nodes, title), folder / "heatmap.png")
+    write_text(folder / "heatmap.csv", path_loss.matrix_csv(nodes, matrix))
+    rows = [[float(value) if np.isfinite(value) else None for value in row] for row in matrix]
+    heard = matrix[np.isfinite(matrix)]
+    mean = float(np.mean(heard)) if len(heard) else None
+    std = float(np.std(heard)) if len(heard) else None
+    write_json(folder / "heatmap.json", {"nodes": nodes, "path_loss_db": rows, "mean_db": mean, "std_db": std})
+    print(path_loss.matrix_text(nodes, matrix))
+    print(f"mean {mean:.2f} dB, SD {std:.2f} dB over {len(heard)} links" if len(heard) else "no link was heard")
+    print(f"written: {folder}/heatmap.json, heatmap.csv, heatmap.png")
+
+
+def _calibrate(args) -> None:
+    losses = _losses(args, args.recordings)
+    nodes, matrix = path_loss.loss_matrix(losses)
+    unheard = [f"{tx}>{rx}" for tx, rx in losses if not np.isfinite(matrix[nodes.index(tx), nodes.index(rx)])]
+    if unheard:
+        raise CastError(f"calibrate: no signal on {', '.join(unheard)}: base loss unknown, nothing stored")
+    measured = {(tx, rx): float(matrix[nodes.index(tx), nodes.index(rx)]) for tx, rx in losses}
+    path = calibration.save(
+        calibration.Calibration(name=args.name, base_loss_db=measured), {"recordings": [str(path) for path in args.recordings]}
+    )
+    values = np.array(list(measured.values()))
+    print(f"base loss {values.mean():.2f} dB, SD {values.std():.2f} dB over {len(values)} links; stored as {path}")
+    print(f"use it with --base-loss {args.name} (newest) or {args.name}@{path.stem[1:]}")
+
+
+def _codes(args) -> None:
+    rows = code_comparison.compare()
+    print(f"{'code':<18}{'':<12}{'chips':>6}{'peaks every':>14}{'sidelobe, closed form':>24}{'alone':>10}{'30 dB link':>12}")
+    for row in rows:
+        origin = "published" if row["published"] else "fair"
+        print(
+            f"{row['name']:<18}{origin:<12}{row['length']:>6}{row['peak_spacing_s'] * 1e6:>11.0f} µs"
+            f"{row['periodic_sidelobe_db']:>21.1f} dB{row['alone_sidelobe_db']:>7.1f} dB{row['link_sidelobe_db']:>9.1f} dB"
+        )
+    print('gold_paper, the paper\'s "Gold 255", is the Gold code of 63 chips cut at 255: it nearly repeats every 63 chips.')
+    folder = result.output_folder(args.output)
+    plot.save(plot.codes_figure(rows), folder / "codes.png")
+    curves = ("time_us", "alone_db", "link_db")
+    write_json(folder / "codes.json", [{key: value for key, value in row.items() if key not in curves} for row in rows])
+    print(f"written: {folder}/codes.json, codes.png")
+
+
+def _devices(args) -> None:
+    import uhd  # cannot share a process with gnuradio.uhd
+
+    found = uhd.find(args.args)
+    if not found:
+        raise CastError(f"devices: no USRP answers to arguments {args.args!r}")
+    for device in found:
+        print(device.to_string() if hasattr(device, "to_string") else device)
+
+
+COMMANDS = {
+    "run": _run,
+    "tx": _tx,
+    "rx": _rx,
+    "process": _process,
+    "heatmap": lambda args: _heatmap(args, args.recordings),
+    "calibrate": _calibrate,
+    "codes": _codes,
+    "devices": _devices,
+}
+
+
+def main(argv=None) -> int:
+    argv = sys.argv[1:] if argv is None else argv
+    if not argv or (argv[0].startswith("-") and argv[0] not in ("-h", "--help")):
+        argv = ["run", *argv]
+    args = _arguments().parse_args(argv)
+    COMMANDS[args.command](args)
+    return 0
+
+
+if __name__ == "__main__":
+    _program.run(main)

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The sounder's flowgraphs: over the embedded emulator, and with a radio at either end."""
+
+import numpy as np
+from gnuradio import analog, blocks, gr
+
+from ..scenario import Scenario
+from ..transmit import Waveform
+from ..units import amplitude_from_db
+from .cast_python import glfsr_source
+from .network import emulated_network
+from .recorder import SigmfRecorder
+from .usrp import RadioSettings, usrp_sink, usrp_source
+
+
+def waveform_source(waveform: Waveform, spec: dict | None = None):
+    """A block that sends the waveform: the GLFSR itself where the code is one, otherwise its samples."""
+    if spec and spec.get("code") == "glfsr":
+        return glfsr_source(spec["degree"], spec.get("mask", 0), spec.get("seed", 1), spec.get("samples_per_chip", 1))
+    return blocks.vector_source_c(waveform.samples.tolist(), waveform.repeat)
+
+
+class EmulatedSounding(gr.top_block):
+    """One transmitter through the embedded emulator to recordings at some receivers, `n_samples` each.
+
+    The recordings start after `settle_samples`, whole periods of the code, when every echo is there. Per receiver its own white noise of `noise_power_db` (per complex sample, re full scale) from `seed`, and a carrier
+    offset of `offset_hz` where one is asked for. `stems` maps a receiver to its recording.
+    """
+
+    def __init__(
+        self, scenario: Scenario, transmitter: str, stems: dict, source, *, sample_rate_hz: float, n_samples: int,
+        settle_samples: int, noise_power_db: float, offset_hz: float = 0.0, seed: int = 1, fields: dict | None = None,
+    ):  # fmt: skip
+        super().__init__("EmulatedSounding", catch_exceptions=False)
+        receivers = list(stems)
+        emulator = emulated_network(scenario, [transmitter], receivers, sample_rate_hz)
+        self.connect(source, emulator)
+        seeds = np.random.SeedSequence(seed).generate_state(len(receivers))
+        self.recorders = []
+        for port, receiver in enumerate(receivers):
+            # Variance ampl² per complex sample in GNU Radio's Gaussian source.
+            noise = analog.noise_source_c(analog.GR_GAUSSIAN, float(amplitude_from_db(noise_power_db)), int(seeds[port]) >> 1)
+            heard = blocks.add_cc()
+            self.connect((emulator, port), (heard, 0))
+            self.connect(noise, (heard, 1))
+            if offset_hz:
+                turned = blocks.rotator_cc(2 * np.pi * offset_hz / sample_rate_hz)
+                self.connect(heard, turned)
+                heard = turned
+            # The stream ends here, not at its source: blocks that work in multiples of a few samples strand a tail.
+            settled, cut = blocks.skiphead(gr.sizeof_gr_complex, settle_samples), blocks.head(gr.sizeof_gr_complex, n_samples)
+            self.connect(heard, settled, cut)
+            self.recorders.append(
+                SigmfRecorder(
+                    self, cut, stems[receiver], sample_rate_hz=sample_rate_hz, center_frequency_hz=scenario.center_frequency_hz,
+                    fields=(fields or {}) | {"cast:transmitter": transmitter, "cast:receiver": receiver},
+                )  # fmt: skip
+            )
+
+    def finish(self) -> None:
+        for recorder in self.recorders:
+            recorder.finish()
+
+
+class UsrpTransmitter(gr.top_block):
+    """A waveform on an X310's transmit channel; `n_samples` None sends until stopped."""
+
+    def __init__(self, settings: RadioSettings, source, *, amplitude: float = 0.5, n_samples: int | None = None):
+        super().__init__("UsrpTransmitter", catch_exceptions=False)
+        chain = [source, blocks.multiply_const_cc(amplitude)]
+        if n_samples is not None:
+            chain.append(blocks.head(gr.sizeof_gr_complex, n_samples))
+        self.radio = usrp_sink(settings)
+        self.connect(*chain, self.radio)
+
+
+class UsrpReceiver(gr.top_block):
+    """A recording of an X310's receive channel; `n_samples` None records until stopped."""
+
+    def __init__(
+        self, settings: RadioSettings, stem, *, n_samples: int | None = None, datatype: str = "cf32_le", fields: dict | None = None
+    ):
+        super().__init__("UsrpReceiver", catch_exceptions=False)
+        self.radio = usrp_source(settings, "fc32" if datatype == "cf32_le" else "sc16")
+        last = self.radio
+        if n_samples is not None:
+            last = blocks.head(8 if datatype == "cf32_le" else 4, n_samples)
+            self.connect(self.radio, last)
+        self.recorder = SigmfRecorder(
+            self, last, stem, sample_rate_hz=settings.sample_rate_hz, center_frequency_hz=settings.center_frequency_hz,
+            datatype=datatype, fields=fields,
+        )  # fmt: skip
+
+    def finish(self) -> None:
+        self.recorder.finish()

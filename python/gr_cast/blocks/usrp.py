@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""USRP X310s by gr-uhd: one place that sets a radio up, for transmitting and receiving alike."""
+
+from dataclasses import dataclass
+
+from ..errors import CastError
+
+CLOCK_SOURCES = ("internal", "external", "gpsdo")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadioSettings:
+    """How one channel of a radio is set. Rates and frequencies in Hz, gain in dB; empty strings leave UHD's default."""
+
+    sample_rate_hz: float
+    center_frequency_hz: float
+    gain_db: float = 0.0
+    antenna: str = ""
+    subdevice: str = ""
+    device_args: str = ""
+    clock_source: str = "internal"
+    time_source: str = "internal"
+    start_delay_s: float | None = None  # timed start, so long after the next PPS
+
+    def __post_init__(self):
+        faults = []
+        if not 0 < self.sample_rate_hz <= 200e6:
+            faults.append(f"rate: got {self.sample_rate_hz} Hz, needs more than 0 and at most 200e6 Hz")
+        if not 10e6 <= self.center_frequency_hz <= 6e9:
+            faults.append(f"frequency: got {self.center_frequency_hz} Hz, needs 10e6 to 6e9 Hz (X310 with UBX)")
+        if not 0 <= self.gain_db <= 90:
+            faults.append(f"gain: got {self.gain_db} dB, needs 0 to 90 dB")
+        if self.clock_source not in CLOCK_SOURCES:
+            faults.append(f"clock source: got {self.clock_source!r}, needs one of {', '.join(CLOCK_SOURCES)}")
+        if self.time_source not in CLOCK_SOURCES:
+            faults.append(f"time source: got {self.time_source!r}, needs one of {', '.join(CLOCK_SOURCES)}")
+        if self.start_delay_s is not None and not 0.1 <= self.start_delay_s <= 3600:
+            faults.append(f"start delay: got {self.start_delay_s} s, needs 0.1 to 3600 s")
+        if faults:
+            raise CastError(*faults)
+
+
+def usrp_sink(settings: RadioSettings):
+    """A configured `uhd.usrp_sink` that takes complex floats."""
+    from gnuradio import uhd
+
+    return _configured(uhd.usrp_sink, settings, "fc32", uhd)
+
+
+def usrp_source(settings: RadioSettings, cpu_format: str = "fc32"):
+    """A configured `uhd.usrp_source`; `cpu_format` is fc32 or sc16."""
+    from gnuradio import uhd
+
+    return _configured(uhd.usrp_source, settings, cpu_format, uhd)
+
+
+def _configured(block, settings: RadioSettings, cpu_format: str, uhd):
+    stream = uhd.stream_args(cpu_format=cpu_format, otw_format="sc16", channels=[0])
+    try:
+        radio = block(settings.device_args, stream)
+    except (LookupError, RuntimeError) as error:
+        reason = str(error).strip().splitlines()[-1] if str(error).strip() else type(error).__name__
+        raise CastError(f"device: got arguments {settings.device_args!r}: {reason}") from None
+    radio.set_clock_source(settings.clock_source, 0)
+    radio.set_time_source(settings.time_source, 0)
+    if settings.subdevice:
+        radio.set_subdev_spec(settings.subdevice, 0)
+    radio.set_samp_rate(settings.sample_rate_hz)
+    actual = radio.get_samp_rate()
+    if abs(actual / settings.sample_rate_hz - 1) > 1e-9:
+        raise CastError(
+            f"rate: got {settings.sample_rate_hz:g} Hz, the device can do {actual:g} Hz: whole fractions of its master clock"
+        )
+    radio.set_center_freq(settings.center_frequency_hz, 0)
+    radio.set_gain(settings.gain_db, 0)
+    if settings.antenna:
+        radio.set_antenna(settings.antenna, 0)
+    if settings.start_delay_s is None:
+        radio.set_time_now(uhd.time_spec(0.0))
+    else:
+        radio.set_time_unknown_pps(uhd.time_spec(0.0))
+        radio.set_start_time(uhd.time_spec(settings.start_delay_s))
+    return radio

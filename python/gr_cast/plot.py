@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pictures of soundings, codes and path losses. Each function returns a matplotlib figure; `save` writes it whole."""
+
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")  # programs and tests draw without a screen
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from .files import written_aside
+from .sound import Sounding
+from .units import db_from_amplitude, db_from_power
+
+MEASURED, MODELLED, FLOOR = "#1f5fa8", "#d1701f", "#8a8a8a"
+
+
+def save(figure: Figure, path: str | Path) -> None:
+    """Write a figure as PNG, whole or not at all."""
+    with written_aside(path) as aside:
+        figure.savefig(aside, dpi=110)
+
+
+def new_figure(width: float, height: float) -> Figure:
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def sounding_figure(sounding: Sounding, title: str, modelled_taps=()) -> Figure:
+    """CIR with the taps found (and the modelled ones, pairs of delay_s and gain_db), and path gain over the frames."""
+    figure = new_figure(9, 6.5)
+    top, bottom = figure.subplots(2, 1, height_ratios=[3, 2])
+    _draw_cir(top, sounding, modelled_taps)
+    top.set_title(title, loc="left", fontsize=11)
+    _draw_frames(bottom, sounding)
+    return figure
+
+
+def _draw_cir(axes, sounding: Sounding, modelled_taps) -> None:
+    delay_us = (sounding.response_start + np.arange(len(sounding.response))) / sounding.sample_rate_hz * 1e6
+    response_db = db_from_amplitude(np.maximum(np.abs(sounding.response), 1e-12))
+    floor_db = float(db_from_power(sounding.response_noise_power))
+    bottom_db = min(floor_db, np.percentile(response_db, 5)) - 6
+    axes.plot(delay_us, response_db, color=MEASURED, lw=0.8, alpha=0.75, label="correlation |h|")
+    residual_db = db_from_amplitude(np.maximum(np.abs(sounding.residual_response), 1e-12))
+    axes.plot(delay_us, residual_db, color=FLOOR, lw=0.6, alpha=0.8, label="left by the taps")
+    taps = sounding.taps
+    tap_us = taps.delay_samples / sounding.sample_rate_hz * 1e6
+    tap_db = db_from_power(taps.power)
+    axes.vlines(tap_us, bottom_db, tap_db, color=MEASURED, lw=1.6)
+    axes.plot(tap_us, tap_db, "o", color=MEASURED, ms=6, label="taps found")
+    if len(modelled_taps):
+        x, y = np.transpose(modelled_taps)
+        axes.plot(x * 1e6, y, "s", ms=12, mfc="none", mec=MODELLED, mew=1.8, label="taps modelled")
+    axes.axhline(floor_db, color=FLOOR, lw=1, ls=":", label="noise in the CIR")
+    if np.isfinite(sounding.smallest_path_gain_db):
+        axes.axhline(sounding.smallest_path_gain_db, color=FLOOR, lw=1, ls="--", label="detection threshold")
+    top_db = max(np.max(response_db), floor_db, *tap_db, *(gain for _, gain in modelled_taps))
+    axes.set_ylim(bottom_db, top_db + 0.08 * (top_db - bottom_db) + 1)
+    for x, y in list(zip(tap_us, tap_db, strict=True))[:12]:
+        axes.annotate(f" {x:.3f} µs, {y:.2f} dB", (x, y), fontsize=8, va="bottom")
+    axes.set(xlabel="delay (µs)", ylabel="gain (dB)")
+    axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=6, frameon=False)
+    axes.grid(alpha=0.25)
+
+
+def _draw_frames(axes, sounding: Sounding) -> None:
+    time_ms = sounding.frame_time_s * 1e3
+    order = np.argsort(-sounding.taps.power)[:6]
+    style = "." if sounding.frames > 1 else "o"
+    for tap in order:
+        gain_db = db_from_amplitude(np.where(sounding.frame_detected, np.abs(sounding.frame_gain[:, tap]), np.nan))
+        delay_us = sounding.taps.delay_samples[tap] / sounding.sample_rate_hz * 1e6
+        axes.plot(time_ms, gain_db, style, ms=2.5 if sounding.frames > 1 else 6, label=f"tap at {delay_us:.3f} µs")
+    missing = time_ms[~sounding.frame_detected]
+    if len(missing) and len(order):
+        axes.plot(missing, np.full(len(missing), axes.get_ylim()[0]), "x", color="#b02020", ms=4, label="missing")
+    if len(order) == 0:
+        axes.text(0.5, 0.5, "no signal above the noise", ha="center", transform=axes.transAxes)
+    else:
+        axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=6, frameon=False)
+    axes.set(xlabel="time (ms)", ylabel="tap gain (dB)")
+    axes.grid(alpha=0.25)
+
+
+def heatmap_figure(loss_db: np.ndarray, nodes: list[str], title: str) -> Figure:
+    """N×N path loss, dB; rows transmit, columns receive; NaN was not measured or not heard."""
+    size = max(5.0, 0.55 * len(nodes) + 2)
+    figure = new_figure(size + 1, size)
+    axes = figure.subplots()
+    image = axes.imshow(loss_db, cmap="viridis_r")
+    axes.set_xticks(range(len(nodes)), nodes)
+    axes.set_yticks(range(len(nodes)), nodes)
+    axes.set(xlabel="receiver", ylabel="transmitter")
+    axes.set_title(title, loc="left", fontsize=11)
+    middle = np.nanmean(loss_db) if np.isfinite(loss_db).any() else 0.0
+    if len(nodes) <= 16:
+        for (row, column), value in np.ndenumerate(loss_db):
+            text = f"{value:.1f}" if np.isfinite(value) else "–"
+            axes.text(column, row, text, ha="center", va="center", fontsize=8, color="w" if value > middle else "k")
+    figure.colorbar(image, label="path loss (dB)", shrink=0.85)
+    return figure
+
+
+def codes_figure(rows: list[dict]) -> Figure:
+    """One line per code: correlation over time, alone (left) and through the laboratory link (right).
+
+    A row has `name`, `time_us`, `alone_db`, `link_db` and the sidelobes that `code_comparison.compare` reads off them.
+    """
+    figure = new_figure(12, 1.2 * len(rows) + 1)
+    grid = figure.subplots(len(rows), 2, sharex=True, sharey=True)
+    for (left, right), row in zip(grid, rows, strict=True):
+        left.plot(row["time_us"], row["alone_db"], color=MEASURED, lw=0.7)
+        right.plot(row["time_us"], row["link_db"], color=MODELLED, lw=0.7)
+        for axes, sidelobe_db in ((left, row["alone_sidelobe_db"]), (right, row["link_sidelobe_db"])):
+            axes.set_ylim(-85, 18)
+            axes.grid(alpha=0.25)
+            text = f"{row['name']}: sidelobe {sidelobe_db:.1f} dB"
+            axes.text(0.01, 0.96, text, transform=axes.transAxes, fontsize=8.5, va="top", fontweight="bold")
+        left.set_ylabel("dB", fontsize=8)
+    grid[0, 0].set_title("alone", fontsize=10)
+    grid[0, 1].set_title("through the emulated 30 dB laboratory link", fontsize=10)
+    for axes in grid[-1]:
+        axes.set_xlabel("time (µs)")
+    return figure
