@@ -31,6 +31,7 @@ bpsk_correlator::sptr bpsk_correlator::make(const std::vector<float>& chips,
                                             unsigned samples_per_chip, unsigned average,
                                             double sample_rate_hz)
 {
+    kernel::code_correlator::validate(chips, samples_per_chip);
     if (average < 1)
         throw std::invalid_argument("bpsk_correlator: average: got 0, needs 1 period or more");
     if (!(sample_rate_hz > 0 && std::isfinite(sample_rate_hz)))
@@ -119,14 +120,13 @@ void bpsk_correlator_impl::tag_run(int made, uint64_t first_item)
     d_run_starts = false;
 }
 
-// Samples without a gap between them, of which the first is input item `first_item`. Returns the
-// vectors made.
+// Takes samples without a gap between them, of which the first is input item `first_item`, and
+// adds the vectors they complete to the `made` ones, up to `room`. Returns the samples used.
 int bpsk_correlator_impl::process(const gr_complex* in, int n_in, uint64_t first_item,
-                                  gr_complex* out, int room, int& used)
+                                  gr_complex* out, int room, int& made)
 {
     const size_t length = period();
-    int made = 0;
-    used = 0;
+    int used = 0;
     while (used < n_in && made < room) {
         const size_t left = n_in - used;
         if (d_skip > 0) {
@@ -168,7 +168,7 @@ int bpsk_correlator_impl::process(const gr_complex* in, int n_in, uint64_t first
                                    2 * length);
         made++;
     }
-    return made;
+    return used;
 }
 
 int bpsk_correlator_impl::general_work(int noutput_items, gr_vector_int& ninput_items,
@@ -190,10 +190,8 @@ int bpsk_correlator_impl::general_work(int noutput_items, gr_vector_int& ninput_
             if (const auto time = parse_time(tag->value))
                 restart_at(item, *time);
         const uint64_t stop = tag == tags.end() ? end : tag->offset;
-        int used = 0;
-        made += process(in + (item - begin), static_cast<int>(stop - item), item,
-                        out + made * period(), noutput_items - made, used);
-        item += used;
+        item += process(in + (item - begin), static_cast<int>(stop - item), item, out,
+                        noutput_items, made);
     }
     consume_each(static_cast<int>(item - begin));
 

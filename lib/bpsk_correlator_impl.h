@@ -54,7 +54,7 @@ private:
     void restart_at(uint64_t offset, device_time time);
     void tag_run(int made, uint64_t first_item);
     int process(const gr_complex* in, int n_in, uint64_t first_item, gr_complex* out, int room,
-                int& used);
+                int& made);
 };
 
 } // namespace cast

@@ -73,11 +73,9 @@ struct code_correlator::fft_pair {
     explicit fft_pair(int size) : forward(size), inverse(size) {}
 };
 
-code_correlator::code_correlator(const std::vector<float>& chips, unsigned samples_per_chip)
-    : d_period(chips.size() * samples_per_chip), d_samples_per_chip(samples_per_chip),
-      d_scale(d_period ? 1.0f / static_cast<float>(d_period) : 0.0f)
+void code_correlator::validate(const std::vector<float>& chips, unsigned samples_per_chip)
 {
-    if (d_period == 0)
+    if (chips.empty() || samples_per_chip == 0)
         throw std::invalid_argument("code: needs one chip and one sample per chip at least, got " +
                                     std::to_string(chips.size()) + " chips of " +
                                     std::to_string(samples_per_chip) + " samples");
@@ -85,6 +83,12 @@ code_correlator::code_correlator(const std::vector<float>& chips, unsigned sampl
         if (chips[m] != 1.0f && chips[m] != -1.0f)
             throw std::invalid_argument("code: chip " + std::to_string(m) + ": got " +
                                         std::to_string(chips[m]) + ", needs +1 or -1");
+}
+
+code_correlator::code_correlator(const std::vector<float>& chips, unsigned samples_per_chip)
+    : d_period(chips.size() * samples_per_chip), d_samples_per_chip(samples_per_chip),
+      d_scale(1.0f / static_cast<float>(d_period))
+{
     if (!plan_walsh_hadamard(chips))
         plan_fft(chips);
 }

@@ -26,6 +26,9 @@ public:
     using complex = std::complex<float>;
 
     // Throws std::invalid_argument where a chip is not ±1 or there is none.
+    static void validate(const std::vector<float>& chips, unsigned samples_per_chip);
+
+    // Parameters as `validate` lets them pass.
     code_correlator(const std::vector<float>& chips, unsigned samples_per_chip);
     ~code_correlator();
 

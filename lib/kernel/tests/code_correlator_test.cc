@@ -55,7 +55,7 @@ static void agrees_with_the_definition(const std::vector<float>& chips, unsigned
 static bool refused(const std::vector<float>& chips, unsigned spc)
 {
     try {
-        code_correlator correlator(chips, spc);
+        code_correlator::validate(chips, spc);
     } catch (const std::invalid_argument&) {
         return true;
     }
