@@ -15,6 +15,7 @@ from scipy.stats import gamma
 from .correlate import OVERSAMPLING, Template
 
 DB_PER_NEPER = 20 / np.log(10)
+FLOAT32_ROUNDING = 2.0**-48  # least noise of float32 samples over their power: no measurement is without noise
 _MEDIAN_EFFICIENCY = np.log(2) ** 2  # of a median against a mean, as an estimate of an exponential variable's scale
 
 
@@ -176,11 +177,12 @@ def estimate_taps(
     if not known_noise:
         noise_freedom = _MEDIAN_EFFICIENCY * span * blocks
     threshold = detection_threshold(false_alarm_rate, span, template.rms_bandwidth_rad, blocks, noise_freedom)
+    least_noise = FLOAT32_ROUNDING * float(np.mean(np.abs(observed) ** 2))
     delays = np.empty(0)
     gain = np.empty((0, blocks), complex)
     rest = observed
     while True:
-        noise = noise_variance if known_noise else _median_noise(template, rest, span)
+        noise = noise_variance if known_noise else max(_median_noise(template, rest, span), least_noise)
         found = _strongest(template, rest, delays, separation_samples, span)
         if found is None or len(delays) >= max_taps or not found[1] > threshold * noise:
             break

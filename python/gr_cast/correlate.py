@@ -37,10 +37,10 @@ class Template:
 
     def slopes(self, delays) -> np.ndarray:
         """d/d(delay) of `columns`, per sample."""
-        derivative = -2j * np.pi * self.frequency * self.spectrum
+        turns = -2j * np.pi * self.frequency[:, None] * self._turns(delays)
         if self.grid % 2 == 0:
-            derivative[self.grid // 2] = 0
-        return ifft(derivative[:, None] * self._turns(delays), axis=0)[: self.window]
+            turns[self.grid // 2] = -np.pi * np.sin(np.pi * np.asarray(delays))
+        return ifft(self.spectrum[:, None] * turns, axis=0)[: self.window]
 
     def matched_filter(self, samples: np.ndarray, oversampling: int = 1) -> np.ndarray:
         """Σ_n r[n]·s*(n − τ) for τ = 0, 1/oversampling, … < grid; input (window, …), output (grid·oversampling, …)."""

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.stats import gamma
 
 from .carrier import NO_OFFSET, CarrierOffset, find_offset, find_offset_once
-from .cir import DB_PER_NEPER, Taps, estimate_taps
+from .cir import DB_PER_NEPER, FLOAT32_ROUNDING, Taps, estimate_taps
 from .correlate import Template
 from .errors import CastError
 from .receive import clipped_fraction, remove_offset, whole_periods
@@ -129,18 +129,19 @@ def _noise_of_differences(samples: np.ndarray) -> float | None:
     if len(samples) < 4:
         return None
     pairs = np.mean(np.abs(np.diff(samples, axis=0)) ** 2, axis=1) / 2
-    return float(np.median(pairs) / (1 - 1 / (3 * samples.shape[1])))
+    rounding = FLOAT32_ROUNDING * float(np.mean(np.abs(samples) ** 2))
+    return max(float(np.median(pairs) / (1 - 1 / (3 * samples.shape[1]))), rounding)
 
 
 def _coherent_blocks(track: np.ndarray, noise: float) -> int:
-    """The fewest blocks whose coherent means keep 95 % of the power of `track` (periods,), noise power `noise`."""
+    """The fewest blocks whose coherent means keep 99 % of the power of `track` (periods,), noise power `noise`."""
     power = np.mean(np.abs(track) ** 2) - noise
     count = 1
     while power > 0 and count < len(track):
         blocks = [np.mean(part) for part in np.array_split(track, count)]
         kept = np.mean(np.abs(blocks) ** 2) - noise * count / len(track)
         uncertainty = 3 * noise / np.sqrt(len(track))
-        if kept > 0.95 * power - uncertainty:
+        if kept > 0.99 * power - uncertainty:
             break
         count *= 2
     return min(count, len(track))

@@ -59,7 +59,7 @@ def _configured(block, settings: RadioSettings, cpu_format: str, uhd):
     try:
         radio = block(settings.device_args, stream)
     except (LookupError, RuntimeError) as error:
-        reason = str(error).strip().splitlines()[-1] if str(error).strip() else type(error).__name__
+        reason = " ".join(str(error).split()) or type(error).__name__
         raise CastError(f"device: got arguments {settings.device_args!r}: {reason}") from None
     radio.set_clock_source(settings.clock_source, 0)
     radio.set_time_source(settings.time_source, 0)
