@@ -1,0 +1,82 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Diagnose cases: where a twin and its recordings differ, what physics was left out, whose it is, and a corrected twin."""
+
+import argparse
+import concurrent.futures
+import os
+import signal
+import sys
+import traceback
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per case is faster than threads in small products
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import _program
+
+from gr_cast import report
+from gr_cast.diagnose import diagnose, read_case, write
+from gr_cast.errors import CastError
+
+
+def _one(folder: Path, output: Path, budget_s: float) -> tuple[str, list[str]]:
+    """(line for the screen, faults) of one case."""
+    try:
+        case = read_case(folder)
+    except CastError as error:
+        return "", list(error.faults)
+    try:
+        diagnosis = diagnose(case, budget_s=budget_s)
+    except Exception:  # one case must not stop the others
+        return "", [f"{folder}: internal error\n{traceback.format_exc()}"]
+    write(diagnosis, output / Path(folder).resolve().name, report.render(diagnosis))
+    d = diagnosis.document
+    named = ", ".join(f"{e['family']} ({e['owner']['name']})" for e in d["effects"])
+    return f"{case.name}: {d['verdict']}{': ' + named if named else ''}  [{d['seconds']:.1f} s]", []
+
+
+def _ignore_interrupt() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def main(argv=None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("cases", nargs="+", type=Path, metavar="CASE", help="folder with a twin.yaml")
+    parser.add_argument("--output", required=True, type=Path, metavar="DIR", help="one folder per case goes here")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="cases at the same time (default 1)")
+    parser.add_argument("--budget", type=float, default=240.0, metavar="SECONDS", help="time limit per case (default 240)")
+    args = parser.parse_args(argv)
+    names = [case.resolve().name for case in args.cases]
+    faults = [f"{name}: two cases have this name" for name in sorted({n for n in names if names.count(n) > 1})]
+    if args.jobs < 1:
+        faults.append(f"--jobs: got {args.jobs}, needs 1 or more")
+    if not args.budget > 0:
+        faults.append(f"--budget: got {args.budget}, needs more than 0 seconds")
+    if args.output.exists() and not args.output.is_dir():
+        faults.append(f"{args.output}: not a folder")
+    if faults:
+        raise CastError(*faults)
+    refused, done = False, 0
+    with concurrent.futures.ProcessPoolExecutor(args.jobs, initializer=_ignore_interrupt) as pool:
+        futures = [pool.submit(_one, case, args.output, args.budget) for case in args.cases]
+        try:
+            for future in concurrent.futures.as_completed(futures):
+                line, faults = future.result()
+                done += 1
+                for fault in faults:
+                    refused = True
+                    print(f"error: {fault}", file=sys.stderr, flush=True)
+                if line:
+                    print(f"[{done}/{len(futures)}] {line}", flush=True)
+        except KeyboardInterrupt:
+            for future in futures:
+                future.cancel()
+            for process in list(pool._processes.values()):
+                process.terminate()
+            raise
+    return 2 if refused else 0
+
+
+if __name__ == "__main__":
+    _program.run(main)

@@ -1,0 +1,8 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Diagnose a twin: where it differs from recordings, what physics it leaves out, and a twin with that physics in it."""
+
+from .case import Case, read_case
+from .run import Diagnosis, diagnose
+from .write import write
+
+__all__ = ["Case", "Diagnosis", "diagnose", "read_case", "write"]

@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bring twin and recording together: whole-sample delay, gain and orientation, whatever the carrier offset; build the scene."""
+
+import numpy as np
+from scipy import fft as sp_fft
+
+from ..effects import FAMILIES
+from ..effects.chain import PAD, Path, Scene, Source, reach
+from .fit import Data
+from .model import Model, predict
+
+EDGE = 24  # samples at either end that a filter's memory makes uncertain
+BUILT_IN_CODES = ()
+
+
+def _source(name: str, samples: np.ndarray, amplitude: float, repeat: bool) -> Source:
+    known = np.isfinite(samples)
+    clean = np.where(known, samples, 0).astype(complex) * amplitude
+    return Source(name=name, samples=clean, repeat=repeat, known=known, power=float(np.mean(np.abs(clean[known]) ** 2)))
+
+
+def _window(source: Source, delay: int, count: int) -> Source:
+    """A waveform sent once as the recording sees it at `delay` whole samples: `count` samples with PAD on either side."""
+    size = sp_fft.next_fast_len(count + 2 * PAD)
+    samples, known = np.zeros(size, complex), np.ones(size, bool)
+    first = max(0, -delay - PAD)
+    last = min(len(source.samples), count + PAD - delay)
+    if last > first:
+        at = slice(first + delay + PAD, last + delay + PAD)
+        samples[at], known[at] = source.samples[first:last], source.known[first:last]
+    return Source(name=source.name, samples=samples, repeat=False, known=known, power=source.power)
+
+
+def _response(taps, length: int, rate: float) -> np.ndarray:
+    f = sp_fft.fftfreq(length) * rate
+    return sum(t.amplitude * np.exp(-2j * np.pi * f * t.delay_s) for t in taps)
+
+
+def _segment_correlations(y, templates, repeat, segment, lags=None):
+    """c[m, d] = Σ over segment m of y[n]·conj(template[n − d]); lags of a repeated template are all of one period."""
+    count = -(-len(y) // segment)
+    out = []
+    for m in range(count):
+        piece = y[m * segment : (m + 1) * segment]
+        row = 0.0
+        for template, spectrum in templates:
+            p = len(spectrum)
+            if repeat:
+                index = (np.arange(len(piece)) + m * segment) % p
+                folded = np.bincount(index, piece.real, p) + 1j * np.bincount(index, piece.imag, p)
+                row = row + np.abs(sp_fft.ifft(sp_fft.fft(folded) * np.conj(spectrum))) ** 2
+            else:
+                buffer = np.zeros(p, complex)
+                buffer[m * segment : m * segment + len(piece)] = piece
+                row = row + np.abs(sp_fft.ifft(sp_fft.fft(buffer) * np.conj(spectrum))) ** 2
+        out.append(row)
+    return out
+
+
+def find_delay(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: float) -> tuple[int, float]:
+    """Whole-sample delay of the twin's prediction in `y`, and the share of the recording's energy that it holds.
+
+    Segments are added without phase, so that a carrier offset does no harm; of several segment lengths the one that
+    explains most is taken.
+    """
+    n = len(y)
+    repeat = all(s.repeat for s in sources)
+    templates = []
+    for source, link in zip(sources, taps, strict=True):
+        p = len(source.samples)
+        size = p if repeat else sp_fft.next_fast_len(n + p + 64)
+        spectrum = sp_fft.fft(source.samples, size) * _response(link, size, rate)
+        templates.append((source, spectrum))
+    energy = float(np.vdot(y, y).real)
+    best = (-np.inf, 0)
+    for segment in sorted({max(8, n // 32), *([1024, 128] if n <= 150_000 else []), *([16] if n < 4000 else [])}, reverse=True):
+        if segment > n or (n // segment) * (1 if repeat else n) > 4e7:
+            continue
+        rows = _segment_correlations(y, templates, repeat, segment)
+        length = max(len(templates[0][0].samples), 1)
+        power = sum(s.power * np.sum(np.abs([t.amplitude for t in link]) ** 2) for s, link in zip(sources, taps, strict=True))
+        share = sum(rows) / (min(segment, n) * power * energy)
+        if not repeat and length < n:
+            share = share * n / length * (segment / max(segment, 1))
+        score = share - len(rows) * len(templates) / n * 3
+        d = int(np.argmax(score))
+        if score[d] > best[0]:
+            best = (float(score[d]), d)
+    size = len(templates[0][1])
+    delay = best[1]
+    if not repeat and delay > n:
+        delay -= size
+    return delay, best[0]
+
+
+def build(case, observation, *, inverted: bool | None = None):
+    """Scene, data and first model of one recording; `inverted` is decided here unless given."""
+    rate, n = case.sample_rate_hz, len(observation.samples)
+    y = observation.samples.astype(complex)
+    names = list(observation.on_air)
+    sources = [
+        _source(w, case.waveforms[w].samples, amplitude, case.waveforms[w].repeat) for w, amplitude in observation.on_air.values()
+    ]  # fmt: skip
+    links = [case.links[(tx, observation.receiver)] for tx in names]
+    if len({s.repeat for s in sources}) > 1:  # one kind of search for all: repeat what repeats until the recording ends
+        sources = [s if not s.repeat else _unrolled(s, n) for s in sources]
+    twin = _twin_effects(case, observation, n)
+    turn = np.exp(-2j * np.pi * _twin_offset_hz(case, observation, links) * np.arange(n) / rate)
+    taps = [link.taps for link in links]
+    told = any(e["family"] == "spectral_inversion" for e in twin)
+    if told:
+        y_search = np.conj(y)
+    else:
+        y_search = y
+    delay, share = find_delay(y_search * turn, sources, taps, rate)
+    flip = False
+    if inverted is None and not told:
+        other, other_share = find_delay(np.conj(y) * turn, sources, taps, rate)
+        flip = other_share > 1.2 * share + 0.01
+        if flip:
+            delay = other
+    repeat = sources[0].repeat
+    if repeat:
+        delay %= len(sources[0].samples)
+    seen = sources if repeat else [_window(s, delay, n) for s in sources]
+    paths = [
+        Path(source=i, delay=t.delay_s * rate, gain=complex(t.amplitude), doppler=t.doppler_hz * n / rate)
+        for i, link in enumerate(links) for t in link.taps
+    ]  # fmt: skip
+    scene = Scene(
+        name=observation.name, sample_rate_hz=rate, count=n, sources=seen, taps=paths, transmitters=names,
+        receiver=observation.receiver, anchor=0 if repeat else delay, carrier_hz=observation.center_frequency_hz,
+        free_ports=tuple(i for i, link in enumerate(links) if i and {"gain", "phase"} & set(link.unknown)),
+    )  # fmt: skip
+    scene.taps = [_moving(scene, p) for p in paths]
+    on_air = {w for w, _ in observation.on_air.values()}
+    scene.extra = {
+        w.name: _seen(_source(w.name, w.samples, 1.0, w.repeat), scene, n)
+        for w in case.waveforms.values() if w.name not in on_air and not _is_on_air(case, w.name)
+    }  # fmt: skip
+    data = _data(case, observation, scene, y)
+    base = np.array([float(delay) if repeat else 0.0, 1.0, 0.0, *(1.0, 0.0) * len(scene.free_ports)])
+    model = Model(base=base)
+    for entry in twin:
+        model = model.adding(_parse(scene, entry))
+    if flip:
+        from ..effects.base import start
+
+        model = model.adding(start(FAMILIES["spectral_inversion"], []))
+    chain = predict(scene, model)
+    w = data.root
+    overlap = np.vdot(chain.y * w, y * w) / max(np.vdot(chain.y * w, chain.y * w).real, 1e-30)
+    if flip or told:
+        overlap = np.conj(overlap)
+    if abs(overlap) < 1e-9:
+        overlap = np.sqrt(np.mean(np.abs(y) ** 2) / max(np.mean(np.abs(chain.y) ** 2), 1e-30)) * 1e-3
+    model = Model(base=np.concatenate([[base[0], overlap.real, overlap.imag], base[3:]]), effects=model.effects)
+    scene.rms = float(np.sqrt(np.mean(np.abs(y) ** 2)))
+    return scene, data, model
+
+
+def _unrolled(source: Source, n: int) -> Source:
+    samples = np.resize(source.samples, n)
+    return Source(name=source.name, samples=samples, repeat=False, known=np.resize(source.known, n), power=source.power)
+
+
+def _seen(source: Source, scene: Scene, n: int) -> Source:
+    return source if source.repeat else _window(source, scene.anchor, n)
+
+
+def _is_on_air(case, name: str) -> bool:
+    return any(name == w for o in case.observations for w, _ in o.on_air.values())
+
+
+def _moving(scene: Scene, path: Path) -> Path:
+    from dataclasses import replace
+
+    return replace(path, drift=scene.drift_of(path.doppler)) if path.doppler else path
+
+
+def _twin_effects(case, observation, n):
+    names = {observation.receiver, *observation.on_air, "environment", *(f"{tx}>{observation.receiver}" for tx in observation.on_air)}
+    return [e for e in case.effects if e["owner"]["name"] in names]
+
+
+def _plain(parameter, recording_name):
+    if isinstance(parameter, dict) and "per_recording" in parameter:
+        parameter = parameter["per_recording"].get(recording_name, {})
+    return parameter.get("value") if isinstance(parameter, dict) else parameter
+
+
+def _twin_offset_hz(case, observation, links) -> float:
+    """Carrier offset that the twin already knows, with the Doppler of the strongest tap."""
+    total = 0.0
+    for entry in _twin_effects(case, observation, 0):
+        if entry["family"] == "carrier_frequency_offset":
+            total += _plain(entry["parameters"].get("offset_hz", 0.0), observation.name) or 0.0
+    strongest = max((t for link in links for t in link.taps), key=lambda t: t.gain_db)
+    return total + strongest.doppler_hz
+
+
+def _parse(scene, entry):
+    from dataclasses import replace
+
+    family = FAMILIES[entry["family"]]
+    values = {k: _plain(v, scene.name) for k, v in entry["parameters"].items()}
+    values = {k: v for k, v in values.items() if v is not None}
+    effect = family.parse(scene, values, entry.get("model") or {})
+    stds = [v.get("std", 0.0) for v in entry["parameters"].values() if isinstance(v, dict) and "value" in v]
+    free = effect.free & (any(s > 0 for s in stds))
+    return replace(effect, fixed=True, free=free)
+
+
+def split(n: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """(select, vault) masks: the vault is scattered short runs, one sample in eight; select is every eighth of 64 blocks
+    and the end."""
+    run = 16 if n > 4000 else 4
+    runs = -(-n // run)
+    vault = np.repeat(np.random.default_rng(seed).random(runs) < 1 / 8, run)[:n]
+    block = np.minimum(np.arange(n) * 64 // n, 63)
+    select = ((block % 8 == 5) | (block == 63)) & ~vault
+    return select, vault
+
+
+def _data(case, observation, scene, y) -> Data:
+    n = len(y)
+    spread = max(p.delay for p in scene.taps)
+    valid = reach(scene, -8, int(np.ceil(spread)) + 8)
+    edge = min(EDGE, n // 40)
+    valid[:edge] = valid[n - edge :] = False
+    select, vault = split(n)
+    noise = case.noise_db.get(observation.receiver)
+    if observation.vault:
+        select, vault = np.zeros(n, bool), np.ones(n, bool)
+    return Data(
+        scene=scene, y=y, use=(valid & ~vault).astype(float), select=select & valid, vault=vault & valid,
+        noise_power=None if noise is None else 10 ** (noise / 10),
+    )  # fmt: skip

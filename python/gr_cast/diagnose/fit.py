@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Least squares of a model on a recording (Gauss-Newton with halved steps), and the evidence for it.
+
+Noise is circular with power σ²·v[n] per sample; ln L = −Σ |r|²/(σ²v) − Σ ln(π σ² v) (Kay, Estimation Theory, ch. 15).
+Evidence takes off ½·ln N for every free number (Schwarz 1978), the Occam factor of priors, and ln of the places tried.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import fft as sp_fft
+from scipy import linalg
+
+from ..effects import FAMILIES
+from .model import Model, jacobian, predict
+
+
+@dataclass(frozen=True, kw_only=True)
+class Data:
+    """A recording with its scene. `use` (n,) 0 or 1: samples to fit; `variance` (n,) and `spectrum` (n,): shape of the noise."""
+
+    scene: object
+    y: np.ndarray
+    use: np.ndarray
+    select: np.ndarray
+    vault: np.ndarray
+    noise_power: float | None = None  # the twin's
+    variance: np.ndarray | None = None
+    spectrum: np.ndarray | None = None
+
+    def whitened(self, signal: np.ndarray) -> np.ndarray:
+        """Signals (…, n) divided by the noise's shape, zero where a sample is not used."""
+        if self.spectrum is not None:
+            signal = sp_fft.ifft(sp_fft.fft(signal * (self.use > 0), axis=-1) / np.sqrt(self.spectrum), axis=-1)
+        return signal * self.root
+
+    @property
+    def root(self) -> np.ndarray:
+        return np.sqrt(self.use) if self.variance is None else np.sqrt(self.use / self.variance)
+
+    @property
+    def count(self) -> float:
+        return float(self.use.sum())
+
+    def log_shape(self) -> float:
+        """Σ ln of the noise's shape: what the likelihood pays for it."""
+        total = 0.0 if self.variance is None else float(np.log(self.variance[self.use > 0]).sum())
+        return total + (0.0 if self.spectrum is None else float(np.log(self.spectrum).mean() * self.count))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """A model at its optimum. `covariance` is that of the model's vector; nats are natural logarithms."""
+
+    model: Model
+    data: Data
+    chain: object
+    residual: np.ndarray
+    sigma2: float
+    rows: np.ndarray  # whitened derivatives, (parameters, 2n) float
+    hessian: np.ndarray
+    likelihood: float
+    evidence: float
+
+    @property
+    def covariance(self) -> np.ndarray:
+        return invert(self.hessian + np.diag(self.model.prior_precision()))
+
+
+def real_rows(rows: np.ndarray) -> np.ndarray:
+    """Complex (k, n) as float (k, 2n)."""
+    return np.ascontiguousarray(rows).view(float)
+
+
+def invert(matrix: np.ndarray, blind: float = 0.0) -> np.ndarray:
+    """Inverse of a symmetric matrix, scaled to unit diagonal first; directions with less than `blind` of information are
+    left out, others without information get a large variance."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-30))
+    values, vectors = linalg.eigh(matrix * np.outer(scale, scale))
+    inverse = np.where(values > blind, 1 / np.maximum(values, 1e-12), 0.0)
+    return (vectors * inverse) @ vectors.T * np.outer(scale, scale)
+
+
+def misfit(data: Data, y: np.ndarray) -> float:
+    r = data.whitened(data.y - y)
+    return float(np.vdot(r, r).real)
+
+
+def solve(data: Data, model: Model, *, iterations: int = 8, tolerance: float = 0.05) -> Fit:
+    """The model at the nearest optimum of the likelihood, from where it stands."""
+    prior = model.prior_precision()
+    chain, rows = jacobian(data.scene, model)
+    cost = misfit(data, chain.y)
+    n = data.count
+    for _ in range(iterations if len(prior) < 40 else min(iterations, 3)):
+        white = real_rows(data.whitened(rows))
+        sigma2 = cost / n
+        hessian = 2 / sigma2 * (white @ white.T)
+        slope = 2 / sigma2 * (white @ real_rows(data.whitened(data.y - chain.y)[None])[0]) - prior * model.vector()
+        step = invert(hessian + np.diag(prior)) @ slope
+        gain = 0.5 * slope @ step
+        if gain < tolerance:
+            break
+        objective = n * np.log(cost) + 0.5 * np.sum(prior * model.vector() ** 2)
+        for _ in range(6):
+            trial = model.at(_limited(model, step))
+            y = predict(data.scene, trial).y
+            trial_cost = misfit(data, y)
+            if np.isfinite(trial_cost) and n * np.log(trial_cost) + 0.5 * np.sum(prior * trial.vector() ** 2) < objective:
+                break
+            step = step / 2
+        else:
+            break
+        model, cost = trial, trial_cost
+        chain, rows = jacobian(data.scene, model)
+    return _finish(data, model, chain, rows)
+
+
+def _limited(model: Model, step: np.ndarray) -> np.ndarray:
+    """The vector after a step; delays and frequencies move by less than their neighbourhood of linearity."""
+    limit = np.full(len(step), np.inf)
+    limit[0] = 0.7
+    for i, effect in enumerate(model.effects):
+        if effect.prior is None:
+            limit[model.span(i)] = FAMILIES[effect.family].limits(effect)[effect.free]
+    return model.vector() + np.clip(step, -limit, limit)
+
+
+def _finish(data: Data, model: Model, chain, rows) -> Fit:
+    white = real_rows(data.whitened(rows))
+    residual = data.y - chain.y
+    r = data.whitened(residual)
+    n = data.count
+    sigma2 = max(float(np.vdot(r, r).real) / n, 1e-30)
+    hessian = 2 / sigma2 * (white @ white.T)
+    likelihood = -n * (np.log(sigma2) + 1) - data.log_shape()
+    return Fit(
+        model=model, data=data, chain=chain, residual=residual, sigma2=sigma2, rows=white, hessian=hessian,
+        likelihood=likelihood, evidence=likelihood - price(model, hessian, n),
+    )  # fmt: skip
+
+
+def price(model: Model, hessian: np.ndarray, count: float) -> float:
+    """Nats that the found effects cost: their free numbers, priors and places tried."""
+    total = 0.0
+    for i, effect in enumerate(model.effects):
+        if effect.fixed:
+            continue
+        span = model.span(i)
+        total += np.log(effect.trials)
+        if effect.prior is None:
+            total += 0.5 * np.log(count) * (span.stop - span.start + FAMILIES[effect.family].hidden(effect))
+        else:
+            p, variance = effect.p[effect.free], effect.prior[effect.free]
+            block = hessian[span, span] * np.sqrt(np.outer(variance, variance))
+            total += 0.5 * np.sum(p**2 / variance) + 0.5 * np.linalg.slogdet(np.eye(len(p)) + block)[1] + 0.5 * np.log(count)
+    return total
+
+
+def with_noise(fit: Fit, model: Model) -> Data:
+    """The data with the noise's shape that the noise effects of `model` give around the prediction of `fit`."""
+    variance = spectrum = None
+    for effect in model.effects:
+        family = FAMILIES[effect.family]
+        if family.noise_like:
+            v, s = family.variance(fit.data.scene, effect, fit.chain.wanted), family.spectrum(fit.data.scene, effect)
+            variance = v if variance is None else variance if v is None else variance + v - 1
+            spectrum = s if spectrum is None else spectrum if s is None else spectrum + s - 1
+    return replace(fit.data, variance=variance, spectrum=spectrum)

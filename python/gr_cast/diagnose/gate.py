@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Discrete effects, looked for before everything else: the converter's lattice and its rails."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..effects import FAMILIES, Effect
+from ..effects.base import start
+from ..recording import DATATYPES
+
+
+def native_step(datatype: str) -> float:
+    """Lattice that the file format itself has; 0 for floats."""
+    _, _, full_scale = DATATYPES[datatype]
+    return 0.0 if datatype == "cf32_le" else 1.0 / full_scale
+
+
+def lattice(y: np.ndarray, datatype: str) -> tuple[float, float, float] | None:
+    """(step, its standard deviation, level of a lattice point in steps) where I and Q lie on a lattice coarser than the file's."""
+    values = np.concatenate([y.real, y.imag])
+    base = native_step(datatype)
+    unit = base if base else max(np.abs(values).max(), 1e-30) * 2**-22
+    levels = np.unique(np.round(values / unit).astype(np.int64))
+    if not 2 <= len(levels) <= max(64, len(values) // 16):
+        return None
+    gaps = np.diff(levels)
+    gap = np.median(gaps[gaps <= 1.5 * gaps[gaps > 1].min()]) if (gaps > 1).any() else 1
+    if gap < 1.6 or gaps.min() < 0.6 * gap:
+        return None
+    k = np.cumsum(np.concatenate([[0], np.round(gaps / gap)]))
+    slope, origin = np.polyfit(k, levels, 1)
+    miss = levels - (slope * k + origin)
+    if np.abs(miss).max() > 0.6 + 0.02 * slope:
+        return None
+    std = max(np.sqrt(1 / 12) if base else np.std(miss), 1e-4) / np.sqrt(np.sum((k - k.mean()) ** 2) + 1e-30)
+    step = slope * unit
+    return step, std * unit, (origin / slope) % 1.0
+
+
+def rails(y: np.ndarray, datatype: str, step: float) -> tuple[float, float, int] | None:
+    """(level, its standard deviation, samples on it) where I and Q pile up at ±level."""
+    unit = max(native_step(datatype), 1e-7)
+    grain = max(step, unit)
+    heaps, levels = [], []
+    for part in (y.real, -y.real, y.imag, -y.imag):
+        top = part.max()
+        on = int((part >= top - 0.6 * unit).sum())
+        # What a smooth distribution would hold in a cell of this width, judged from the cells just below.
+        below = int(((part < top - 0.6 * unit) & (part >= top - 0.6 * unit - 3 * grain)).sum())
+        expected = max(below / 3 if step else below / 3, 0.3)
+        heaps.append(on > 4 * expected + 5 if step else on >= 4 and on > 3 * expected + 2)
+        levels.append((top, on))
+    tops = np.array([t for t, _ in levels])
+    agree = np.abs(tops - np.median(tops)) <= 1.6 * grain if step else np.abs(tops - np.median(tops)) <= 2.1 * unit
+    good = [a and h for a, h in zip(agree, heaps, strict=True)]
+    if sum(good) < 2 or not agree.all():
+        return None
+    samples = int(sum(on for (_, on), g in zip(levels, good, strict=True) if g))
+    return float(np.mean(tops)), max(unit * 0.5, 1e-6 * float(np.mean(tops))), samples
+
+
+def discrete(y: np.ndarray, datatype: str) -> list[tuple[Effect, dict]]:
+    """Effects of the converter with the standard deviations of their parameters."""
+    found = []
+    grid = lattice(y, datatype)
+    step = grid[0] if grid else 0.0
+    top = rails(y, datatype, step)
+    if top:
+        found.append((start(FAMILIES["adc_clipping"], [top[0]], free=[False]), {"level": top[1], "samples": top[2]}))
+    if grid:
+        effect = start(FAMILIES["quantization"], [step, grid[2], 1.0], free=[False] * 3)
+        found.append((replace(effect, aux={}), {"step": grid[1]}))
+    return found

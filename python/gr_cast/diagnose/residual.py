@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is left after a fit: maps of the residual over time × frequency, delay × time, amplitude and place in the code, and
+whether any cell of them holds more than noise. Cells are normalised to unit mean under noise alone.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft as sp_fft
+from scipy import stats
+
+from .view import View
+
+
+@dataclass(frozen=True, kw_only=True)
+class Leftover:
+    """`p_value` of the worst cell after the number of cells, `nats` it holds, `where` it is (axis → interval)."""
+
+    test: str
+    p_value: float
+    nats: float
+    where: dict
+
+
+def _gamma_cells(energy: np.ndarray, count: np.ndarray):
+    """ln of the probability that noise alone gives a cell of `count` samples this much or more, and its nats of excess."""
+    count = np.maximum(count, 1e-9)
+    mean = energy / count
+    log_p = stats.gamma.logsf(energy, count)
+    nats = np.where(mean > 1, count * (mean - 1 - np.log(np.maximum(mean, 1e-12))), 0.0)
+    return log_p, nats
+
+
+def time_frequency(fit, rows: int = 48, bins: int = 32):
+    """(rows, bins) energy over expectation of the normalised residual, and samples behind each cell."""
+    data, scene = fit.data, fit.data.scene
+    r = fit.residual * data.root / np.sqrt(fit.sigma2)
+    if data.spectrum is not None:
+        r = sp_fft.ifft(sp_fft.fft(r) / np.sqrt(data.spectrum))
+    length = max(bins, scene.count // rows // bins * bins)
+    rows = scene.count // length
+    blocks = r[: rows * length].reshape(rows, -1, bins)
+    used = (data.use[: rows * length] > 0).reshape(rows, -1, bins)
+    power = np.abs(sp_fft.fft(blocks, axis=2)) ** 2 / bins
+    return power.sum(1), np.repeat(used.mean(2).sum(1)[:, None], bins, 1)
+
+
+def leftovers(fit) -> list[Leftover]:
+    """The worst cell of every map, worst first."""
+    scene, data = fit.data.scene, fit.data
+    out = []
+    energy, count = time_frequency(fit)
+    rows, bins = energy.shape
+    t = np.linspace(0, rows, rows + 1) * (scene.count // rows) / scene.sample_rate_hz
+    for name, e, c in (
+        ("time × frequency", energy, count), ("time", energy.sum(1, keepdims=True), count.sum(1, keepdims=True)),
+        ("frequency", energy.sum(0, keepdims=True), count.sum(0, keepdims=True)),
+    ):  # fmt: skip
+        log_p, nats = _gamma_cells(e, c)
+        i, j = np.unravel_index(int(np.argmin(log_p)), log_p.shape)
+        where = {}
+        if e.shape[0] > 1:
+            where["time_s"] = [float(t[i]), float(t[i + 1])]
+        if e.shape[1] > 1:
+            f = np.fft.fftfreq(bins)[j] * scene.sample_rate_hz
+            where["frequency_hz"] = [float(f - scene.sample_rate_hz / bins / 2), float(f + scene.sample_rate_hz / bins / 2)]
+        out.append(Leftover(test=name, p_value=_bonferroni(log_p[i, j], e.size), nats=float(nats.sum() if e.size < 100 else nats[i, j]), where=where))
+    out.append(_place_in_code(fit))
+    out.append(_amplitude(fit))
+    return sorted((o for o in out if o is not None), key=lambda o: o.p_value)
+
+
+def _bonferroni(log_p: float, cells: int) -> float:
+    return float(min(1.0, np.exp(min(0.0, log_p + np.log(cells)))))
+
+
+def _normal(fit) -> np.ndarray:
+    return fit.residual * fit.data.root / np.sqrt(fit.sigma2)
+
+
+def _place_in_code(fit) -> Leftover | None:
+    """A residual that repeats with the code: energy of its mean over periods."""
+    source = fit.data.scene.sources[0]
+    period = len(source.samples)
+    if not source.repeat or fit.data.scene.count < 4 * period:
+        return None
+    lo = View(fit).carrier
+    turned = _normal(fit) * np.conj(lo) / np.abs(lo)
+    index = fit.data.scene.wrap(period)
+    total = np.bincount(index, turned.real, period) + 1j * np.bincount(index, turned.imag, period)
+    hits = np.bincount(index, fit.data.use > 0, period)
+    energy = np.abs(total) ** 2 / np.maximum(hits, 1)
+    size = max(1, period // 64)
+    cells = np.add.reduceat(energy, np.arange(0, period, size))
+    count = np.add.reduceat((hits > 0).astype(float), np.arange(0, period, size))
+    both = [(energy.sum(), float((hits > 0).sum()), 1), (cells, count, len(cells))]
+    log_p = [float(np.min(_gamma_cells(np.atleast_1d(e), np.atleast_1d(c))[0])) + np.log(m) for e, c, m in both]
+    excess = max(0.0, float(energy.sum() - (hits > 0).sum()))
+    return Leftover(test="place in the code", p_value=_bonferroni(min(log_p), 1), nats=excess, where={})
+
+
+def _amplitude(fit) -> Leftover | None:
+    """Mean residual along and across the prediction, and power, in bins of predicted amplitude."""
+    use = fit.data.use > 0
+    z, w = _normal(fit)[use], fit.chain.wanted[use]
+    level = np.abs(w)
+    if np.std(level) < 1e-6 * np.mean(level) + 1e-30:
+        return None
+    edges = np.quantile(level, np.linspace(0, 1, 17))
+    k = np.clip(np.searchsorted(edges, level) - 1, 0, 15)
+    along = z * np.conj(w) / np.maximum(level, 1e-30)
+    hits = np.maximum(np.bincount(k, minlength=16), 1)
+    mean = (np.bincount(k, along.real, 16) + 1j * np.bincount(k, along.imag, 16)) / np.sqrt(hits)
+    energy = np.abs(mean) ** 2
+    log_p = float(stats.gamma.logsf(energy.sum(), 16))
+    power = np.bincount(k, np.abs(z) ** 2, 16)
+    log_q = float(np.min(stats.gamma.logsf(power, hits)) + np.log(16))
+    return Leftover(
+        test="amplitude", p_value=_bonferroni(min(log_p, log_q) + np.log(2), 1), nats=float(max(0, energy.sum() - 16)),
+        where={"amplitude": [float(edges[-2]), float(edges[-1])]},
+    )  # fmt: skip

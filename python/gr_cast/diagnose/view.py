@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the residual of a fit shows, in the coordinates in which families are found: lines, echoes, courses, jumps."""
+
+from functools import cached_property
+
+import numpy as np
+from scipy import fft as sp_fft
+
+from ..effects import FAMILIES, stage_of
+from ..effects.base import RX_GAIN, RX_LO
+from ..effects.chain import PAD
+
+
+class View:
+    def __init__(self, fit):
+        self.fit, self.data, self.scene = fit, fit.data, fit.data.scene
+        self.sigma2 = fit.sigma2
+
+    @cached_property
+    def weight(self) -> np.ndarray:
+        return self.data.root**2
+
+    @cached_property
+    def residual(self) -> np.ndarray:
+        """The residual before the receiver's inversion, zero where samples are not used."""
+        r = self.fit.residual * self.weight
+        return np.conj(r) if self.inverted else r
+
+    @property
+    def inverted(self) -> bool:
+        return any(e.family == "spectral_inversion" for e in self.fit.model.effects)
+
+    @cached_property
+    def wanted(self) -> np.ndarray:
+        w = self.fit.chain.wanted
+        return np.conj(w) if self.inverted else w
+
+    @cached_property
+    def carrier(self) -> np.ndarray:
+        """The complex factor that oscillator and gain put on every path."""
+        chain = type(self.fit.chain)(scene=self.scene, delay=0.0, ports={}, u=self.fit.chain.u)
+        chain.y = np.full(self.scene.count, complex(*self.fit.model.base[1:3]))
+        for effect in self.fit.model.effects:
+            if stage_of(effect) in (RX_LO, RX_GAIN):
+                chain.wanted = chain.y
+                FAMILIES[effect.family].apply(chain, effect)
+        return chain.y
+
+    def amplitude_moments(self) -> tuple[np.ndarray, np.ndarray]:
+        """(slope, curvature) of ln L by a real gain in nepers, per sample."""
+        slope = 2 / self.sigma2 * (self.residual * np.conj(self.wanted)).real
+        return slope, 2 / self.sigma2 * np.abs(self.wanted) ** 2 * self.weight
+
+    def modulation_peak(self) -> float | None:
+        """Cycles over the recording by which the wanted part turns against the prediction, where that is far from 0."""
+        y = self.data.y if not self.inverted else np.conj(self.data.y)
+        product = y * np.conj(self.wanted) * self.weight
+        size = sp_fft.next_fast_len(2 * len(product))
+        spectrum = np.abs(sp_fft.fft(product, size))
+        k = int(np.argmax(spectrum))
+        cycles = (k if k < size // 2 else k - size) * len(product) / size
+        return cycles if abs(cycles) > 0.4 and spectrum[k] > 1.5 * spectrum[0] else None
+
+    def amplitude_lines(self, count: int) -> list[float]:
+        """Cycles of the strongest lines in the gain over time."""
+        slope, curve = self.amplitude_moments()
+        block = 4
+        n = len(slope) // block * block
+        a = slope[:n].reshape(-1, block).sum(1)
+        e = curve[:n].reshape(-1, block).sum(1)
+        a = a - e * a.sum() / max(e.sum(), 1e-300)
+        spectrum = np.abs(sp_fft.rfft(a, 4 * len(a)))
+        k = np.arange(len(spectrum)) / 4 * self.scene.count / n
+        spectrum[(k < 0.8) | (k > self.hum_bins)] = 0.0
+        return [float(k[i]) for i in _peaks(spectrum, count, 6)]
+
+    @property
+    def hum_bins(self) -> float:
+        """Cycles up to which a hum is looked for: 20 kHz, or a sixteenth of the rate."""
+        return min(20e3 * self.scene.duration_s, self.scene.count / 16)
+
+    def lines(self, count: int) -> list[float]:
+        spectrum = np.abs(sp_fft.fft(self.residual, 2 * self.scene.count))
+        found = []
+        for i in _peaks(spectrum, count, 4):
+            k = i if i < self.scene.count else i - 2 * self.scene.count
+            found.append(k / 2)
+        return found
+
+    def _correlations(self, code, signal, segments: int):
+        """c[m, d] of `signal` with a waveform at lags d, by segments in time; and the lags."""
+        source = self.scene.sources[code] if isinstance(code, int) else self.scene.extra[code]
+        n, size = self.scene.count, len(source.samples)
+        length = -(-n // segments)
+        if source.repeat:
+            spectrum = np.conj(sp_fft.fft(source.samples))
+            folded = np.zeros((segments, size), complex)
+            index = self.scene.wrap(size) + (np.arange(n) // length) * size
+            folded = np.bincount(index, signal.real, segments * size) + 1j * np.bincount(index, signal.imag, segments * size)
+            c = sp_fft.ifft(sp_fft.fft(folded.reshape(segments, size), axis=1) * spectrum, axis=1)
+            return c, np.arange(size)
+        spread = max(256, int(3 * max(p.delay for p in self.scene.taps)) + 64)
+        spread = min(spread, PAD - 8)
+        low = -min(64, spread)
+        block = sp_fft.next_fast_len(length + spread - low)
+        c = np.zeros((segments, spread - low), complex)
+        for m in range(segments):
+            piece = signal[m * length : (m + 1) * length]
+            first = PAD + m * length - spread + 1
+            template = source.samples[max(first, 0) : PAD + m * length + len(piece) - low]
+            if first < 0:
+                template = np.concatenate([np.zeros(-first, complex), template])
+            # lag d pairs piece[i] with template[i + spread − 1 − d]
+            both = sp_fft.ifft(sp_fft.fft(template, block) * np.conj(sp_fft.fft(piece, block)))
+            c[m] = np.conj(both[: spread - low][::-1])
+        return c, np.arange(low, spread)
+
+    def echoes(self, code, count: int) -> list[tuple[float, float, float]]:
+        """The strongest (delay in samples on the taps' scale, Doppler in cycles, places tried) in which the residual holds
+        the waveform once more."""
+        segments = 32 if self.scene.count > 2048 else 4
+        c, lags = self._correlations(code, self.residual * np.conj(self.carrier), segments)
+        source = self.scene.sources[code] if isinstance(code, int) else self.scene.extra[code]
+        spectrum = np.abs(sp_fft.fft(c, 2 * segments, axis=0))
+        window = np.sinc(sp_fft.fftfreq(2 * segments) * 1.0)  # loss within a segment
+        power = spectrum**2 / np.maximum(window[:, None], 0.6) ** 2
+        found, trials = [], float(power.size)
+        for _ in range(count):
+            k, d = np.unravel_index(int(np.argmax(power)), power.shape)
+            cycles = (k if k < segments else k - 2 * segments) / 2
+            delay = float(lags[d] - self.fit.model.base[0])
+            if source.repeat:
+                size = len(source.samples)
+                delay = (delay + size / 8) % size - size / 8
+            found.append((delay, cycles, trials))
+            power[:, np.abs(lags - lags[d]) <= 2] = 0.0
+        return found
+
+    # ------------------------------------------------------------ taps
+    def tap_order(self) -> list[int]:
+        """The twin's taps that can differ from the rest: all, where a source has more than one or there are more sources."""
+        taps = self.scene.taps
+        return list(range(len(taps))) if len(taps) > 1 else []
+
+    @cached_property
+    def tap_signals(self) -> np.ndarray:
+        """(taps, n) what each tap of the twin adds to the prediction."""
+        chain = type(self.fit.chain)(
+            scene=self.scene, delay=self.fit.model.base[0], ports=self.fit.chain.ports, u=self.fit.chain.u, shift=self.fit.chain.shift,
+        )  # fmt: skip
+        chain.waves = self.fit.chain.waves
+        out = []
+        for k in range(len(self.scene.taps)):
+            one = chain.copy()
+            one.paths, one.clock = [self.fit.chain.paths[k]], self.fit.chain.clock
+            one.run_channel()
+            out.append(one.y * self.carrier)
+        return np.array(out)
+
+    def tap_shift(self, k: int, reach: int = 24) -> list[float]:
+        t = self.tap_signals[k]
+        total = (self.residual + t * self.weight) * np.conj(self.carrier) / np.abs(self.carrier) ** 2
+        clean = t / self.carrier
+        size = sp_fft.next_fast_len(len(t) + 64)
+        c = np.abs(sp_fft.ifft(sp_fft.fft(total, size) * np.conj(sp_fft.fft(clean, size))))
+        near = np.concatenate([c[-reach:], c[: reach + 1]])
+        lag = int(np.argmax(near)) - reach
+        return [float(lag)] if lag else []
+
+    def tap_lines(self, k: int) -> list[float]:
+        t = self.tap_signals[k]
+        product = (self.residual + t * self.weight) * np.conj(t)
+        size = 2 * len(product)
+        spectrum = np.abs(sp_fft.fft(product, size))
+        i = int(np.argmax(spectrum))
+        cycles = (i if i < size // 2 else i - size) / 2
+        return [cycles] if 0.4 < abs(cycles) < self.scene.count / 64 else []
+
+    # ------------------------------------------------------------ time
+    @property
+    def course_sizes(self) -> tuple[int, ...]:
+        return tuple(s for s in (6, 24, 80) if s < self.scene.count / 100)
+
+    def _wanted_correlations(self, segments: int, reach: int):
+        """c[m, d], d from −reach to reach, of the recording with the prediction, carrier taken out of both."""
+        y = (np.conj(self.data.y) if self.inverted else self.data.y) * self.weight * np.conj(self.carrier)
+        clean = self.wanted / np.where(self.carrier == 0, 1, self.carrier)
+        n = self.scene.count
+        edges = np.linspace(0, n, segments + 1).astype(int)
+        padded = np.concatenate([np.zeros(reach), clean, np.zeros(reach)])
+        c = np.zeros((segments, 2 * reach + 1), complex)
+        for d in range(-reach, reach + 1):
+            product = y * np.conj(padded[reach - d : reach - d + n])
+            c[:, d + reach] = np.add.reduceat(product, edges[:-1])
+        return c
+
+    def timing_drift(self) -> float:
+        """Samples that the received waveform gains over the recording, from the lag of its correlation over time."""
+        reach, segments = 8, 12
+        if self.scene.count < 2000:
+            return 0.0
+        c = np.abs(self._wanted_correlations(segments, reach)) ** 2
+        k = np.argmax(c, axis=1)
+        weight = c.max(axis=1)
+        lags = []
+        for row, i in zip(c, k, strict=True):
+            if 0 < i < 2 * reach:
+                a, b, d = row[i - 1 : i + 2]
+                lags.append(i - reach + 0.5 * (a - d) / min(a - 2 * b + d, -1e-30))
+            else:
+                lags.append(float(i - reach))
+        u = (np.arange(segments) + 0.5) / segments
+        u0 = np.average(u, weights=weight)
+        slope = np.sum(weight * (u - u0) * lags) / max(np.sum(weight * (u - u0) ** 2), 1e-300)
+        return float(-np.clip(slope, -16, 16))
+
+    def jumps(self) -> list[tuple[float, float, bool]]:
+        """The likeliest (first sample after the joint, samples lost, whether the delay is that of the later part)."""
+        segments = 48
+        n = self.scene.count
+        source = self.scene.sources[0]
+        if n < 2000:
+            return []
+        y = (np.conj(self.data.y) if self.inverted else self.data.y) * self.weight * np.conj(self.carrier)
+        saved = self.fit.model.base[0]
+        c, lags = self._correlations(0, y, segments)
+        # the whole link, not one path: filter along the lags with the twin's taps
+        taps = [p for p in self.scene.taps if p.source == 0]
+        if source.repeat:
+            f = sp_fft.fftfreq(len(lags))
+            response = sum(np.conj(p.gain) * np.exp(2j * np.pi * f * p.delay) for p in taps)
+            c = sp_fft.ifft(sp_fft.fft(c, axis=1) * response, axis=1)
+        now = int(np.argmin(np.abs((lags - round(saved) + len(lags) / 2) % len(lags) - len(lags) / 2))) if source.repeat else int(np.argmin(np.abs(lags - round(saved))))
+        gain = c.real - c.real[:, now : now + 1]
+        found = []
+        for later in (False, True):
+            total = np.cumsum(gain, axis=0) if later else np.cumsum(gain[::-1], axis=0)[::-1]
+            total[-1 if later else 0] = -np.inf
+            m, d = np.unravel_index(int(np.argmax(total)), total.shape)
+            if d == now or total[m, d] <= 0:
+                continue
+            delay = lags[d] - lags[now]
+            if source.repeat:
+                delay = (delay + len(lags) // 2) % len(lags) - len(lags) // 2
+            lost = int(delay) if later else -int(delay)
+            joint = self._joint(int((m + 1 if later else m) * n // segments), lost, later, n // segments)
+            found.append((float(joint), float(lost), later))
+        return found
+
+    def _joint(self, guess: int, lost: int, later: bool, width: int) -> int:
+        """The first sample after a joint, to the sample where the noise allows."""
+        low, high = max(0, guess - 2 * width), min(self.scene.count, guess + 2 * width)
+        w, y = self.wanted, (np.conj(self.data.y) if self.inverted else self.data.y)
+        moved = np.roll(w / self.carrier, lost if later else -lost) * self.carrier
+        before, after = (moved, w) if later else (w, moved)
+        cost = (np.abs(y - before) ** 2 - np.abs(y - after) ** 2)[low:high] * self.weight[low:high]
+        return low + int(np.argmin(np.concatenate([[0.0], np.cumsum(cost)])))
+
+
+def _peaks(spectrum: np.ndarray, count: int, apart: int) -> list[int]:
+    spectrum, found = spectrum.copy(), []
+    for _ in range(count):
+        i = int(np.argmax(spectrum))
+        if spectrum[i] <= 0:
+            break
+        found.append(i)
+        spectrum[max(0, i - apart) : i + apart + 1] = 0.0
+    return found

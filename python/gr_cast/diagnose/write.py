@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Write a diagnosis folder: whole, or not at all."""
+
+import copy
+import json
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from .residual import time_frequency
+
+
+def _clean(value):
+    """Plain Python of a document that may hold NumPy numbers."""
+    if isinstance(value, dict):
+        return {str(k): _clean(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_clean(v) for v in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    return value
+
+
+def corrected_twin(diagnosis) -> dict:
+    """The twin's document with the found physics in `effects`; what a user's file names stay as they are."""
+    document = copy.deepcopy(diagnosis.case.document)
+    found = [
+        {k: e[k] for k in ("family", "owner", "parameters", "model") if e.get(k)} | {"parameters": e["parameters"]}
+        for e in diagnosis.document["effects"]
+    ]  # fmt: skip
+    document["effects"] = list(document.get("effects") or []) + found
+    return _clean(document)
+
+
+def maps(diagnosis) -> dict[str, np.ndarray]:
+    out = {}
+    for finding in diagnosis.findings:
+        name = finding.observation.name
+        for label, fit in (("before", finding.twin), ("after", finding.fit)):
+            energy, count = time_frequency(fit)
+            out[f"{name}_time_frequency_{label}"] = (energy / np.maximum(count, 1e-9) * fit.sigma2).astype(np.float32)
+    return out
+
+
+def write(diagnosis, folder: Path, html: str) -> None:
+    """Write diagnosis.json, report.html, twin_corrected.yaml and residual.npz into `folder`, replacing it as a whole."""
+    folder = Path(folder)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    aside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    try:
+        (aside / "diagnosis.json").write_text(json.dumps(_clean(diagnosis.document), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        text = yaml.safe_dump(corrected_twin(diagnosis), sort_keys=False, allow_unicode=True)
+        (aside / "twin_corrected.yaml").write_text(text, encoding="utf-8")
+        (aside / "report.html").write_text(html, encoding="utf-8")
+        np.savez_compressed(aside / "residual.npz", **maps(diagnosis))
+        aside.chmod(0o755)
+        if folder.exists():
+            old = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+            os.replace(folder, old / "old")
+            os.replace(aside, folder)
+            shutil.rmtree(old)
+        else:
+            os.replace(aside, folder)
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The families of physics that a twin may leave out, in true signal order, one file each."""
+
+from .adc_clipping import AdcClipping
+from .base import CHANNEL_AFTER, Effect, Family
+from .carrier_frequency_offset import CarrierFrequencyOffset
+from .dc_offset import DcOffset
+from .diffuse_tail import DiffuseTail
+from .extra_path import ExtraPath
+from .front_end_filter import FrontEndFilter
+from .gain_drift import GainDrift
+from .gain_step import GainStep
+from .iq_imbalance import IqImbalance
+from .lo_leakage import LoLeakage
+from .missing_path import MissingPath
+from .noise_families import ImpulsiveNoise, NarrowbandInterference, NoiseFloor, PulsedInterference, SignalDependentNoise
+from .pa_nonlinearity import PaNonlinearity
+from .phase_noise import PhaseNoise
+from .power_supply_hum import PowerSupplyHum
+from .quantization import Quantization
+from .sample_clock_offset import SampleClockOffset
+from .sample_loss import SampleLoss
+from .second_transmitter import SecondTransmitter
+from .spectral_inversion import SpectralInversion
+from .tap_delay_error import TapDelayError
+from .tap_doppler import TapDoppler
+from .tap_fading import TapFading
+from .tap_gain_error import TapGainError
+from .tone_interference import ToneInterference
+
+FAMILIES: dict[str, Family] = {
+    family.name: family
+    for family in (
+        IqImbalance(), LoLeakage(), PaNonlinearity(),
+        SampleLoss(), MissingPath(), TapGainError(), TapDelayError(), TapDoppler(), TapFading(), ExtraPath(), DiffuseTail(), SampleClockOffset(),
+        SecondTransmitter(),
+        CarrierFrequencyOffset(), PhaseNoise(), FrontEndFilter(), GainStep(), GainDrift(), PowerSupplyHum(), DcOffset(), ToneInterference(),
+        SpectralInversion(), AdcClipping(), Quantization(),
+        PulsedInterference(), NarrowbandInterference(), ImpulsiveNoise(), SignalDependentNoise(), NoiseFloor(),
+    )
+}  # fmt: skip
+
+
+def stage_of(effect: Effect) -> int:
+    """Where in the signal order an effect stands."""
+    family = FAMILIES[effect.family]
+    return family.at(effect) if hasattr(family, "at") else family.stage
+
+
+__all__ = ["CHANNEL_AFTER", "FAMILIES", "Effect", "Family", "stage_of"]

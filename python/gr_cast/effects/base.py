@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What every family of physics has in common, and the effect: one family with its numbers.
+
+Inside, parameters are scaled so that one step size serves all (samples, cycles over the recording, relative amplitudes);
+`values` turns them into the contract's names and units, and `parse` back.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+# The true order of the signal; the channel is run between LINK and ENVIRONMENT.
+TX_IQ, TX_LEAK, TX_PA, LINK, CLOCK, ENVIRONMENT, RX_LO, RX_FILTER, RX_GAIN, RX_IQ, RX_DC, AIR, SAMPLER, INVERSION, RAILS, LATTICE, NOISE = range(17)
+CHANNEL_AFTER = CLOCK
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effect:
+    """A family with its parameters `p` (internal scaling), `free` ones fitted, and what is not a number in `aux`."""
+
+    family: str
+    p: np.ndarray
+    free: np.ndarray
+    aux: dict = field(default_factory=dict)
+    prior: np.ndarray | None = None  # variance of each parameter; None: nothing known before
+    trials: float = 1.0  # places that were looked at to find it
+    fixed: bool = False  # physics that the twin already has
+
+    def moved(self, p: np.ndarray) -> "Effect":
+        return replace(self, p=p)
+
+
+def start(family: "Family", p, *, free=None, aux=None, prior=None, trials=1.0) -> Effect:
+    p = np.asarray(p, float)
+    free = np.ones(len(p), bool) if free is None else np.asarray(free, bool)
+    return Effect(family=family.name, p=p, free=free, aux=aux or {}, prior=prior, trials=trials)
+
+
+class Family:
+    """One family: its place in the signal order, forward model, first guesses, numbers, sentence."""
+
+    name = ""
+    level = "rx"  # tx, rx, link or environment: the likelier owner of one link alone
+    stage = RX_GAIN
+    noise_like = False  # changes the noise, not the prediction
+    reach = 0.5
+    flexible = False  # fits much: tried after the simple ones
+
+    def apply(self, chain, effect: Effect) -> None:
+        """Put the effect on the chain (replace its attributes)."""
+        raise NotImplementedError
+
+    def starts(self, view) -> list[Effect]:
+        """Effects at zero strength at the places worth trying; the search turns them into fits."""
+        return []
+
+    def values(self, scene, effect: Effect, p: np.ndarray) -> dict[str, float]:
+        """The contract's parameters of internal `p`."""
+        raise NotImplementedError
+
+    def constants(self, scene, effect: Effect) -> dict:
+        """Parameters that are not fitted numbers (names, true or false)."""
+        return {}
+
+    def parse(self, scene, parameters: dict, model: dict) -> Effect:
+        """The effect of a twin's entry, parameters as {name: value}."""
+        raise NotImplementedError
+
+    def nest(self, scene, effect: Effect):
+        """(key, largest effect of this kind, indices of this effect's parameters in it), where starts are parts of one."""
+        return None
+
+    def units(self, scene, effect: Effect, chain, before, rest):
+        """Where derivatives are slow courses on a few signals: (those signals (k, n), courses (orders)); else None."""
+        return None
+
+    def limits(self, effect: Effect) -> np.ndarray:
+        """Largest step of each parameter in one iteration of a fit."""
+        return np.full(len(effect.p), self.reach)
+
+    def hidden(self, effect: Effect) -> int:
+        """Numbers that were chosen by search and not fitted."""
+        return 0
+
+    def model(self, effect: Effect) -> dict:
+        """What the forward model needs beside the contract's parameters."""
+        return {}
+
+    def where(self, scene, effect: Effect, values: dict) -> dict:
+        return {}
+
+    def describe(self, number) -> str:
+        """One sentence; `number(name)` gives a parameter with its interval and unit as text."""
+        raise NotImplementedError
+
+
+def db(ratio: float) -> float:
+    return 20 * np.log10(max(abs(ratio), 1e-12))
+
+
+def complex_pair(p) -> complex:
+    return complex(p[0], p[1])
+
+
+def shifted(signal: np.ndarray, lag: int) -> np.ndarray:
+    """The signal `lag` samples later (earlier if negative), zeros where nothing is known."""
+    out = np.zeros_like(signal)
+    if lag >= 0:
+        out[lag:] = signal[: len(signal) - lag]
+    else:
+        out[:lag] = signal[-lag:]
+    return out

@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The forward model of one recording: transmitter → channel → environment → receiver, as a chain of steps.
+
+A `Scene` holds what is fixed (waveforms, twin's taps, sample count); a `Chain` is the signal on its way through the steps.
+Effects only ever replace attributes of a chain (never write into its arrays), so that a copy of the chain before any step
+can be kept and the rest of the chain run again: this is how derivatives are taken.
+"""
+
+import copy
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import fft as sp_fft
+
+from .basis import cosines
+
+TAU = 2 * np.pi
+PAD = 1024  # samples of silence or of wrap-around kept around a waveform that is sent once
+OVERSAMPLING = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Path:
+    """One path of a source. Delay in samples, on the scale of the twin's taps; Doppler in cycles over the recording."""
+
+    source: int
+    delay: float
+    gain: complex
+    doppler: float = 0.0
+    drift: float = 0.0  # samples that the delay grows over the recording
+    track: np.ndarray | None = None  # (n,) complex factor over time
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """A waveform as the channel sees it: one period, or a window of the recording's length with silence around it."""
+
+    name: str
+    samples: np.ndarray  # (p,) complex128, unknown samples are 0
+    repeat: bool
+    known: np.ndarray  # (p,) bool
+    power: float  # mean power over the known samples
+
+    @property
+    def offset(self) -> int:
+        """Index in `samples` of the recording's first sample at delay 0."""
+        return 0 if self.repeat else PAD
+
+
+@dataclass(kw_only=True)
+class Scene:
+    """One recording as the forward model needs it. `taps[i]` are the twin's paths of source i."""
+
+    name: str
+    sample_rate_hz: float
+    count: int  # samples of the recording
+    sources: list[Source]
+    taps: list[Path]
+    transmitters: list[str]
+    receiver: str
+    anchor: int  # whole samples of delay already taken out of the sources
+    carrier_hz: float | None = None
+    free_ports: tuple[int, ...] = ()  # sources with a gain and phase of their own
+    extra: dict[str, Source] = field(default_factory=dict)  # waveforms not on the air in the twin
+    rms: float = 1.0  # of the wanted signal at the receiver
+
+    def __post_init__(self):
+        self.index = np.arange(self.count, dtype=float)
+        self.u = self.index / self.count
+        self._wraps, self._spectra, self._courses = {}, {}, None
+        response = sum(np.abs(sp_fft.fft(resampled_spectrum(s.samples))) for s in self.sources)
+        self.occupied = response > 0.1 * response.max()
+
+    def spectrum_of(self, code: str) -> np.ndarray:
+        """Spectrum of a waveform that is not on the air in the twin."""
+        if code not in self._spectra:
+            self._spectra[code] = sp_fft.fft(self.extra[code].samples)
+        return self._spectra[code]
+
+    def cosines(self, orders: int) -> np.ndarray:
+        """(orders, n) the basis of smooth courses, kept for the largest number asked for."""
+        if self._courses is None or len(self._courses) < orders:
+            self._courses = cosines(self.u, orders)
+        return self._courses[:orders]
+
+    def drift_of(self, doppler: float) -> float:
+        """Samples that a real path's delay grows over the recording when its Doppler is `doppler` cycles."""
+        return -doppler * self.sample_rate_hz / self.carrier_hz if self.carrier_hz else 0.0
+
+    @property
+    def duration_s(self) -> float:
+        return self.count / self.sample_rate_hz
+
+    def wrap(self, period: int) -> np.ndarray:
+        if period not in self._wraps:
+            self._wraps[period] = np.arange(self.count) % period
+        return self._wraps[period]
+
+
+def resampled_spectrum(samples: np.ndarray, size: int = 512) -> np.ndarray:
+    """`size` values whose FFT magnitude is the amplitude spectrum of `samples` (Welch's method)."""
+    if len(samples) < size:
+        samples = np.resize(samples, size)
+    count = len(samples) // size
+    blocks = samples[: count * size].reshape(count, size)
+    return sp_fft.ifft(np.sqrt(np.mean(np.abs(sp_fft.fft(blocks * np.hanning(size), axis=1)) ** 2, axis=0)))
+
+
+def frequencies(length: int) -> np.ndarray:
+    """Cycles per sample of each bin of an FFT of `length`; the bin at half the rate counts as 0 (it has no sign)."""
+    f = sp_fft.fftfreq(length)
+    if length % 2 == 0:
+        f[length // 2] = 0.0
+    return f
+
+
+def cubic(table: np.ndarray, position: np.ndarray, periodic: bool) -> np.ndarray:
+    """Four-point Lagrange interpolation of `table` at `position` (in table samples)."""
+    base = np.floor(position)
+    x = position - base
+    i = base.astype(np.int64)
+    size = len(table)
+    at = (lambda k: table[(i + k) % size]) if periodic else (lambda k: table[np.clip(i + k, 0, size - 1)])
+    return (
+        at(-1) * (-x * (x - 1) * (x - 2) / 6) + at(0) * ((x + 1) * (x - 1) * (x - 2) / 2)
+        + at(1) * (-(x + 1) * x * (x - 2) / 2) + at(2) * ((x + 1) * x * (x - 1) / 6)
+    )  # fmt: skip
+
+
+def oversampled(spectrum: np.ndarray, factor: int) -> np.ndarray:
+    """The band-limited signal of `spectrum` on a grid `factor` times finer."""
+    p = len(spectrum)
+    half = (p + 1) // 2
+    wide = np.zeros(p * factor, complex)
+    wide[:half] = spectrum[:half]
+    wide[-(p - half) :] = spectrum[half:]
+    return sp_fft.ifft(wide) * factor
+
+
+@dataclass(kw_only=True)
+class Chain:
+    """The signal on its way. Before the channel `waves` and `paths` are filled, after it `y` (count,) complex128."""
+
+    scene: Scene
+    delay: float
+    ports: dict[int, complex]
+    waves: list[np.ndarray] = field(default_factory=list)
+    leaks: dict[int, complex] = field(default_factory=dict)
+    paths: list[Path] = field(default_factory=list)
+    clock: float = 0.0  # samples that the received waveform gains over the recording
+    shift: np.ndarray | None = None  # (n,) whole samples that the recording is ahead
+    u: np.ndarray | None = None  # (n,) time as a share of the recording, with its jumps
+    y: np.ndarray | None = None
+    wanted: np.ndarray | None = None  # what of y comes from the wanted transmitters
+
+    def copy(self) -> "Chain":
+        other = copy.copy(self)
+        other.waves, other.paths, other.leaks = list(self.waves), list(self.paths), dict(self.leaks)
+        return other
+
+    def run_channel(self) -> None:
+        """y = Σ paths; paths that share source, Doppler and track are added in the frequency domain."""
+        scene = self.scene
+        groups: dict[tuple, list[Path]] = {}
+        for path in self.paths:
+            groups.setdefault((path.source, path.doppler, path.drift, id(path.track)), []).append(path)
+        y = np.zeros(scene.count, complex)
+        spectra = {}
+        for (i, doppler, drift, _), paths in groups.items():
+            if i not in spectra:
+                spectra[i] = sp_fft.fft(self.waves[i])
+            f = frequencies(len(self.waves[i]))
+            response = sum(p.gain * np.exp((-1j * TAU) * f * (p.delay + self.delay)) for p in paths)
+            signal = self.sample(scene.sources[i], spectra[i] * response, self.clock - drift)
+            if doppler:
+                signal = signal * np.exp(1j * TAU * doppler * self.u)
+            if paths[0].track is not None:
+                signal = signal * paths[0].track
+            y += self.ports.get(i, 1.0) * signal
+        for i, leak in self.leaks.items():
+            for path in self.paths:
+                if path.source == i:
+                    tone = np.exp(1j * TAU * path.doppler * self.u) if path.doppler else 1.0
+                    y += self.ports.get(i, 1.0) * leak * path.gain * tone
+        self.y = y
+        self.wanted = self.y
+
+    def sample(self, source: Source, spectrum: np.ndarray, stretch: float) -> np.ndarray:
+        """The signal of `spectrum` at the recording's samples; `stretch` samples are gained over the recording."""
+        size = len(spectrum)
+        if abs(stretch) < 1e-7:
+            return self._gather(source, sp_fft.ifft(spectrum))
+        if abs(stretch) < 0.05:  # a Taylor series is exact enough, and smooth for derivatives
+            f = TAU * 1j * frequencies(size)
+            shift = stretch * self.u
+            out, factor, bins = 0.0, 1.0, spectrum
+            for order in range(4):
+                out = out + factor * self._gather(source, sp_fft.ifft(bins))
+                bins, factor = bins * f, factor * shift / (order + 1)
+            return out
+        index = self.scene.index if self.shift is None else self.scene.index + self.shift
+        position = (index + source.offset + stretch * self.u) * OVERSAMPLING
+        return cubic(oversampled(spectrum, OVERSAMPLING), position, source.repeat)
+
+    def _gather(self, source: Source, table: np.ndarray) -> np.ndarray:
+        """The samples of a table that fall on the recording's samples, with its jumps."""
+        scene = self.scene
+        if self.shift is None:
+            return table[scene.wrap(len(table))] if source.repeat else table[PAD : PAD + scene.count]
+        index = np.arange(scene.count) + self.shift
+        return table[index % len(table)] if source.repeat else table[np.clip(index + PAD, 0, len(table) - 1)]
+
+
+def reach(scene: Scene, low: int, high: int) -> np.ndarray:
+    """(count,) bool: recorded samples for which every waveform sample from `low` to `high` samples back is known."""
+    valid = np.ones(scene.count, bool)
+    for source in scene.sources:
+        bad = ~source.known
+        if not bad.any():
+            continue
+        if source.repeat:
+            line = np.tile(bad, 3)[len(bad) - high : 2 * len(bad) - low]
+        else:
+            line = np.concatenate([np.zeros(max(high, 0)), bad, np.zeros(max(-low, 0))])
+            line = line[: len(bad) + high - low]
+        count = np.concatenate([[0], np.cumsum(line)])
+        hit = count[high - low + 1 :] - count[: -(high - low + 1)] > 0
+        if source.repeat:
+            valid &= ~hit[scene.wrap(len(bad))]
+        else:
+            valid &= ~hit[PAD : PAD + scene.count]
+    return valid

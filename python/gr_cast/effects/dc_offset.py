@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""DC after the receiver's mixer, constant or decaying: y + c·exp(−t/τ). Internal: Re c, Im c over the wanted rms, ln(τ/T)."""
+
+import numpy as np
+
+from .base import RX_DC, Family, complex_pair, db, start
+
+
+class DcOffset(Family):
+    name = "dc_offset"
+    stage = RX_DC
+
+    def apply(self, chain, effect):
+        level = complex_pair(effect.p) * chain.scene.rms
+        shape = np.exp(-chain.scene.u / np.exp(effect.p[2])) if effect.aux.get("decays") else 1.0
+        chain.y = chain.y + level * shape
+
+    def starts(self, view):
+        yield start(self, [0.0, 0.0, 0.0], free=[True, True, False])
+        for tau in (0.03, 0.1, 0.3):
+            yield start(self, [0.0, 0.0, np.log(tau)], aux={"decays": True}, trials=3)
+
+    def values(self, scene, effect, p):
+        found = {"level_dbc": db(complex_pair(p))}
+        if effect.aux.get("decays"):
+            found["decay_s"] = float(np.exp(p[2])) * scene.duration_s
+        return found
+
+    def parse(self, scene, parameters, model):
+        level = 10 ** (parameters.get("level_dbc", -200.0) / 20) * np.exp(1j * model.get("phase_rad", 0.0))
+        decays = "decay_s" in parameters
+        tail = np.log(parameters["decay_s"] / scene.duration_s) if decays else 0.0
+        return start(self, [level.real, level.imag, tail], free=[True, True, decays], aux={"decays": decays})
+
+    def model(self, effect):
+        return {"phase_rad": float(np.angle(complex_pair(effect.p)))}
+
+    def describe(self, number):
+        return f"The receiver adds DC, {number('level_dbc')} relative to the wanted signal."

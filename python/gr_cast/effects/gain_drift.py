@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A slow change of gain: linear in dB, or a relaxation a·(1 − exp(−t/τ)) (warming up). Internal: total (nepers), ln(τ/T)."""
+
+import numpy as np
+
+from .base import RX_GAIN, Family, start
+
+
+class GainDrift(Family):
+    name = "gain_drift"
+    stage = RX_GAIN
+
+    def _shape(self, u, effect, p):
+        if not effect.aux.get("relaxes"):
+            return u
+        tau = np.exp(p[1])
+        return (1 - np.exp(-u / tau)) / (1 - np.exp(-1 / tau))
+
+    def apply(self, chain, effect):
+        factor = np.exp(effect.p[0] * self._shape(chain.scene.u, effect, effect.p))
+        chain.y = chain.y * factor
+        chain.wanted = chain.wanted * factor
+
+    def starts(self, view):
+        yield start(self, [0.0, 0.0], free=[True, False])
+        for tau in (0.03, 0.1, 0.3):
+            yield start(self, [0.0, np.log(tau)], aux={"relaxes": True}, trials=3)
+
+    def values(self, scene, effect, p):
+        found = {"total_db": 20 / np.log(10) * p[0]}
+        if effect.aux.get("relaxes"):
+            found["time_constant_s"] = float(np.exp(np.clip(p[1], -12, 8))) * scene.duration_s
+        return found
+
+    def parse(self, scene, parameters, model):
+        relaxes = "time_constant_s" in parameters
+        tau = np.log(parameters["time_constant_s"] / scene.duration_s) if relaxes else 0.0
+        return start(self, [parameters["total_db"] * np.log(10) / 20, tau], free=[True, relaxes], aux={"relaxes": relaxes})
+
+    def describe(self, number):
+        return f"The gain drifts by {number('total_db')} over the recording."

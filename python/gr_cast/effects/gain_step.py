@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A step of gain at one moment: y·exp(s) from t0 on. Internal: s (nepers), t0 as a share of the recording (found by search)."""
+
+import numpy as np
+
+from .base import RX_GAIN, Family, start
+
+
+class GainStep(Family):
+    name = "gain_step"
+    stage = RX_GAIN
+
+    def apply(self, chain, effect):
+        step, u0 = effect.p
+        factor = np.where(chain.scene.u >= u0, np.exp(step), 1.0)
+        chain.y = chain.y * factor
+        chain.wanted = chain.wanted * factor
+
+    def starts(self, view):
+        score, norm = view.amplitude_moments()
+        a, e = np.cumsum(score), np.cumsum(norm)
+        low, high = np.searchsorted(e, [0.01 * e[-1], 0.99 * e[-1]])
+        if high - low < 8:
+            return
+        share = e / e[-1]
+        gain = (a - share * a[-1]) ** 2 / np.maximum(e[-1] * share * (1 - share), 1e-300)
+        at = low + int(np.argmax(gain[low:high]))
+        yield start(self, [0.0, (at + 1) / view.scene.count], free=[True, False], trials=200)
+
+    def values(self, scene, effect, p):
+        return {"time_s": p[1] * scene.duration_s, "step_db": 20 / np.log(10) * p[0]}
+
+    def parse(self, scene, parameters, model):
+        return start(self, [parameters["step_db"] * np.log(10) / 20, parameters["time_s"] / scene.duration_s], free=[True, False])
+
+    def where(self, scene, effect, values):
+        t = values["time_s"]
+        return {"time_s": [t - 0.005 * scene.duration_s, t + 0.005 * scene.duration_s]}
+
+    def describe(self, number):
+        return f"The gain steps by {number('step_db')} at {number('time_s')}."

@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""LO leakage at the transmitter's carrier: a constant sent along with the waveform. Internal: Re c, Im c over the rms of x."""
+
+import numpy as np
+
+from .base import TX_LEAK, Family, complex_pair, db, start
+
+
+class LoLeakage(Family):
+    name = "lo_leakage"
+    level = "tx"
+    stage = TX_LEAK
+
+    def apply(self, chain, effect):
+        i = effect.aux["source"]
+        level = complex_pair(effect.p) * np.sqrt(chain.scene.sources[i].power)
+        chain.leaks[i] = chain.leaks.get(i, 0.0) + level
+
+    def starts(self, view):
+        for i in range(len(view.scene.sources)):
+            yield start(self, [0.0, 0.0], aux={"source": i})
+
+    def values(self, scene, effect, p):
+        return {"level_dbc": db(complex_pair(p))}
+
+    def parse(self, scene, parameters, model):
+        level = 10 ** (parameters.get("level_dbc", -200.0) / 20) * np.exp(1j * model.get("phase_rad", 0.0))
+        return start(self, [level.real, level.imag], aux={"source": model.get("source", 0)})
+
+    def model(self, effect):
+        return {"phase_rad": float(np.angle(complex_pair(effect.p)))}
+
+    def describe(self, number):
+        return f"The transmitter's oscillator leaks, {number('level_dbc')} relative to its signal."

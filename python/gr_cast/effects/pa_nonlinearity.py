@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Power amplifier: a memory polynomial x·(1 + Σ a_k·|x|^2k) + Σ_m x(n−m)·Σ b_mk·|x(n−m)|^2k, |x| relative to its largest.
+
+Morgan et al., "A generalized memory polynomial model", IEEE TSP 2006, eq. 4. Internal: real and imaginary parts.
+"""
+
+import numpy as np
+
+from .base import TX_PA, Effect, Family, db, shifted, start
+
+PROBE = 1e-5  # size of the wave that is added to measure a derivative
+ORDERS = ((1,), (1, 2), (1, 2, 3), (1, 2, 3, 4))
+
+
+class PaNonlinearity(Family):
+    name = "pa_nonlinearity"
+    level = "tx"
+    stage = TX_PA
+    linear = True
+
+    def apply(self, chain, effect):
+        i, orders, lags = effect.aux["source"], effect.aux["orders"], effect.aux.get("lags", ())
+        x = chain.waves[i]
+        peak = np.abs(chain.scene.sources[i].samples).max()
+        power = np.abs(x / peak) ** 2
+        c = effect.p[::2] + 1j * effect.p[1::2]
+        out, k = x, 0
+        for order in orders:
+            out = out + c[k] * x * power**order
+            k += 1
+        for lag in lags:
+            delayed, level = np.roll(x, lag), np.roll(power, lag)
+            for order in (0, *orders):
+                out = out + c[k] * delayed * level**order
+                k += 1
+        chain.waves[i] = out
+
+    def nest(self, scene, effect):
+        orders, lags = (1, 2, 3, 4), (-3, -2, -1, 1, 2, 3)
+        size = self._shape(orders, lags)
+        whole = Effect(
+            family=self.name, p=np.zeros(size), free=np.ones(size, bool), aux={"source": effect.aux["source"], "orders": orders, "lags": lags},
+        )  # fmt: skip
+        every = [(0, o) for o in orders] + [(lag, o) for lag in lags for o in (0, *orders)]
+        mine = [(0, o) for o in effect.aux["orders"]] + [(lag, o) for lag in effect.aux.get("lags", ()) for o in (0, *effect.aux["orders"])]
+        at = np.array([every.index(m) for m in mine])
+        return effect.aux["source"], whole, np.stack([2 * at, 2 * at + 1], 1).ravel()
+
+    def columns(self, scene, effect, chain, before, rest):
+        i, orders, lags = effect.aux["source"], effect.aux["orders"], effect.aux.get("lags", ())
+        x = before.waves[i]
+        power = np.abs(x / np.abs(scene.sources[i].samples).max()) ** 2
+        unit = {}
+        for order in {0, *orders} if lags else orders:
+            c = rest(before.copy(), effect, extra=(i, PROBE * x * power**order))
+            unit[order] = (c.y - chain.y) / PROBE
+        c = [unit[order] for order in orders]
+        c += [shifted(unit[order], lag) for lag in lags for order in (0, *orders)]
+        c = np.array(c)
+        return np.stack([c, 1j * c], 1).reshape(len(effect.p), -1)
+
+    @staticmethod
+    def _shape(orders, lags):
+        return 2 * (len(orders) + len(lags) * (1 + len(orders)))
+
+    def starts(self, view):
+        for i, source in enumerate(view.scene.sources):
+            for orders in ORDERS:
+                aux = {"source": i, "orders": orders}
+                yield start(self, np.zeros(self._shape(orders, ())), aux=aux)
+            for orders, lags in (((1,), (1,)), ((1, 2), (1,)), ((1, 2), (1, 2)), ((1, 2, 3), (-1, 1, 2)), ((1, 2, 3, 4), (-3, -2, -1, 1, 2, 3))):
+                aux = {"source": i, "orders": orders, "lags": lags}
+                yield start(self, np.zeros(self._shape(orders, lags)), aux=aux)
+
+    def curve(self, effect, p):
+        """Static gain at the largest amplitude over the small-signal gain (complex)."""
+        orders, lags = effect.aux["orders"], effect.aux.get("lags", ())
+        c = p[::2] + 1j * p[1::2]
+        small, large = 1.0, 1.0 + c[: len(orders)].sum()
+        for block in c[len(orders) :].reshape(len(lags), 1 + len(orders)):
+            small, large = small + block[0], large + block.sum()
+        return large / small
+
+    def values(self, scene, effect, p):
+        return {"compression_db": -db(self.curve(effect, p))}
+
+    def constants(self, scene, effect):
+        return {"memory": bool(effect.aux.get("lags"))}
+
+    def parse(self, scene, parameters, model):
+        aux = {"source": model.get("source", 0), "orders": tuple(model.get("orders", (1,))), "lags": tuple(model.get("lags", ()))}
+        if "coefficients" in model:
+            return start(self, model["coefficients"], aux=aux)
+        bend = 10 ** (-parameters.get("compression_db", 0.0) / 20) - 1
+        return start(self, [bend, 0.0], aux=aux)
+
+    def model(self, effect):
+        return {"orders": list(effect.aux["orders"]), "lags": list(effect.aux.get("lags", ())), "coefficients": [float(v) for v in effect.p]}
+
+    def describe(self, number):
+        memory = " and it remembers earlier samples" if number.constants.get("memory") else ""
+        return f"The power amplifier is not linear: its gain at the largest amplitude is {number('compression_db')} below small signal{memory}."

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Phase noise: y·exp(jφ(t)), φ on a cosine basis (offset and mean frequency left to others). Internal: coefficients in rad."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from .base import RX_LO, Family, start
+from .basis import cosines, course_orders
+
+
+class PhaseNoise(Family):
+    name = "phase_noise"
+    stage = RX_LO
+    flexible = True
+    linear = True
+
+    def at(self, effect):
+        return RX_LO
+
+    def course(self, scene, effect, p):
+        return p @ scene.cosines(len(p))
+
+    def apply(self, chain, effect):
+        chain.y = chain.y * np.exp(1j * self.course(chain.scene, effect, effect.p))
+        chain.wanted = chain.y
+
+    def units(self, scene, effect, chain, before, rest):
+        return 1j * chain.wanted[None], len(effect.p)
+
+    def nest(self, scene, effect):
+        size = course_orders(scene)[-1]
+        return "course", replace(effect, p=np.zeros(size), free=np.ones(size, bool), prior=None), np.arange(len(effect.p))
+
+    def columns(self, scene, effect, chain, before, rest):
+        return 1j * chain.wanted * scene.cosines(len(effect.p))
+
+    def starts(self, view):
+        for size in course_orders(view.scene):
+            k = np.arange(1, size + 1)
+            for prior in (1.0 / k**2, np.ones(size)):
+                yield start(self, np.zeros(size), prior=prior, trials=4, aux={"law": "free" if prior[-1] < 1 else "flat"})
+
+    def values(self, scene, effect, p):
+        return {"rms_rad": float(np.sqrt(np.mean(self.detrended(scene, p) ** 2)))}
+
+    @staticmethod
+    def detrended(scene, p):
+        u = scene.u[:: max(1, scene.count // 4096)]
+        course = p @ cosines(u, len(p))
+        return course - np.polyval(np.polyfit(u, course, 1), u)
+
+    def parse(self, scene, parameters, model):
+        return start(self, np.zeros(1), free=[False])
+
+    def describe(self, number):
+        return f"The oscillator's phase wanders: {number('rms_rad')} rms after offset and mean are taken out."

@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sample clock offset: the received waveform runs fast by offset_ppm, x(t(1 + ε)). Internal: samples gained."""
+
+from .base import CLOCK, Family, start
+
+
+class SampleClockOffset(Family):
+    name = "sample_clock_offset"
+    stage = CLOCK
+
+    def apply(self, chain, effect):
+        chain.clock = chain.clock + effect.p[0]
+
+    def starts(self, view):
+        yield start(self, [0.0])
+        drift = view.timing_drift()
+        if abs(drift) > 0.2:
+            yield start(self, [drift], trials=20)
+
+    def values(self, scene, effect, p):
+        return {"offset_ppm": p[0] / scene.count * 1e6}
+
+    def parse(self, scene, parameters, model):
+        return start(self, [parameters.get("offset_ppm", 0.0) * 1e-6 * scene.count])
+
+    def describe(self, number):
+        return f"The sample clocks differ: the received waveform runs fast by {number('offset_ppm')}."

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Lost (or inserted) samples: from one moment on the recording is ahead by a whole number of samples. Internal: index of the
+first sample after the joint, samples lost."""
+
+import numpy as np
+
+from .base import LINK, Family, start
+
+
+class SampleLoss(Family):
+    name = "sample_loss"
+    stage = LINK
+
+    def apply(self, chain, effect):
+        joint, lost = effect.p
+        if effect.aux.get("later"):
+            shift = np.where(chain.scene.index < joint, -int(round(lost)), 0)
+        else:
+            shift = np.where(chain.scene.index >= joint, int(round(lost)), 0)
+        chain.shift = shift if chain.shift is None else chain.shift + shift
+        chain.u = (chain.scene.index + chain.shift) / chain.scene.count
+
+    def starts(self, view):
+        for joint, lost, later in view.jumps():
+            yield start(self, [joint, lost], free=[False, False], aux={"later": later}, trials=view.scene.count)
+
+    def values(self, scene, effect, p):
+        return {"time_s": p[0] / scene.sample_rate_hz, "samples": float(round(p[1]))}
+
+    def parse(self, scene, parameters, model):
+        return start(self, [parameters["time_s"] * scene.sample_rate_hz, parameters["samples"]], free=[False, False])
+
+    def hidden(self, effect):
+        return 1
+
+    def where(self, scene, effect, values):
+        t = values["time_s"]
+        return {"time_s": [t - 0.002 * scene.duration_s, t + 0.002 * scene.duration_s]}
+
+    def describe(self, number):
+        return f"Samples are missing from {number('time_s')} on: {number('samples')} (negative: inserted)."

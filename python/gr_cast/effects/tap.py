@@ -1,0 +1,22 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the families of a twin's tap share: one start per tap, and where it is."""
+
+from .base import LINK, Family
+from .extra_path import around
+
+
+class TapFamily(Family):
+    level = "link"
+    stage = LINK
+
+    def find(self, scene, parameters, model) -> int:
+        """Index of the twin's tap nearest to delay_s on the link of source model['source']."""
+        delay = parameters.get("delay_s", 0.0) * scene.sample_rate_hz
+        source = model.get("source", 0)
+        return min((k for k, t in enumerate(scene.taps) if t.source == source), key=lambda k: abs(scene.taps[k].delay - delay))
+
+    def delay_of(self, scene, effect) -> float:
+        return scene.taps[effect.aux["tap"]].delay / scene.sample_rate_hz
+
+    def where(self, scene, effect, values):
+        return around(scene, self.delay_of(scene, effect))

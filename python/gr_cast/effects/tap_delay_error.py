@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A tap of the twin at another delay. Internal: samples."""
+
+from dataclasses import replace
+
+from .base import start
+from .tap import TapFamily
+
+
+class TapDelayError(TapFamily):
+    name = "tap_delay_error"
+
+    def apply(self, chain, effect):
+        k = effect.aux["tap"]
+        chain.paths[k] = replace(chain.paths[k], delay=chain.paths[k].delay + effect.p[0])
+
+    def starts(self, view):
+        for k in view.tap_order():
+            yield start(self, [0.0], aux={"tap": k}, trials=len(view.scene.taps))
+            for jump in view.tap_shift(k):
+                yield start(self, [jump], aux={"tap": k}, trials=len(view.scene.taps) * 50)
+
+    def values(self, scene, effect, p):
+        return {"delay_s": self.delay_of(scene, effect), "error_s": p[0] / scene.sample_rate_hz}
+
+    def parse(self, scene, parameters, model):
+        return start(self, [parameters.get("error_s", 0.0) * scene.sample_rate_hz], aux={"tap": self.find(scene, parameters, model)})
+
+    def describe(self, number):
+        return f"The twin's path at {number('delay_s')} comes {number('error_s')} later than it says."

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A tap of the twin that fades: its gain times 1 + c(t), c complex on a cosine basis. Internal: Re and Im of coefficients."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from .base import start
+from .basis import course_orders
+from .tap import TapFamily
+
+PROBE = 1e-5  # size of the path that is added to measure a derivative
+
+
+class TapFading(TapFamily):
+    name = "tap_fading"
+    flexible = True
+    linear = True
+
+    def course(self, scene, effect, p):
+        return 1 + (p[::2] + 1j * p[1::2]) @ scene.cosines(len(p) // 2)
+
+    def apply(self, chain, effect):
+        k = effect.aux["tap"]
+        path = chain.paths[k]
+        track = self.course(chain.scene, effect, effect.p)
+        chain.paths[k] = replace(path, track=track if path.track is None else path.track * track)
+
+    def nest(self, scene, effect):
+        size = 2 * course_orders(scene)[-1]
+        return effect.aux["tap"], replace(effect, p=np.zeros(size), free=np.ones(size, bool), prior=None), np.arange(len(effect.p))
+
+    def units(self, scene, effect, chain, before, rest):
+        path = before.paths[effect.aux["tap"]]
+        steady = before.copy()
+        steady.paths.append(replace(path, gain=PROBE * path.gain))
+        signal = (rest(steady, effect).y - chain.y) / PROBE
+        return np.stack([signal, 1j * signal]), len(effect.p) // 2
+
+    def columns(self, scene, effect, chain, before, rest):
+        units, orders = self.units(scene, effect, chain, before, rest)
+        return (units * scene.cosines(orders)[:, None, :]).reshape(len(effect.p), -1)
+
+    def starts(self, view):
+        for k in view.tap_order():
+            for size in course_orders(view.scene):
+                yield start(self, np.zeros(2 * size), prior=np.ones(2 * size), aux={"tap": k}, trials=2 * len(view.scene.taps))
+
+    def values(self, scene, effect, p):
+        c = p[::2] + 1j * p[1::2]
+        scattered = np.sum(np.abs(c) ** 2) + 1e-30
+        k = np.arange(1, 1 + len(c))
+        spread = np.sqrt(2 * np.sum(k**2 * np.abs(c) ** 2) / scattered) / 2 / scene.duration_s
+        return {"delay_s": self.delay_of(scene, effect), "k_factor_db": -10 * np.log10(scattered), "doppler_spread_hz": float(spread)}
+
+    def parse(self, scene, parameters, model):
+        return start(self, np.zeros(2), free=[False] * 2, aux={"tap": self.find(scene, parameters, model)})
+
+    def describe(self, number):
+        return (
+            f"The twin's path at {number('delay_s')} fades: steady over scattered power {number('k_factor_db')}, "
+            f"Doppler up to {number('doppler_spread_hz')}."
+        )

@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A tap of the twin with another strength and phase. Internal: ln of the ratio of amplitudes, phase."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from .base import start
+from .tap import TapFamily
+
+
+class TapGainError(TapFamily):
+    name = "tap_gain_error"
+
+    def apply(self, chain, effect):
+        k = effect.aux["tap"]
+        chain.paths[k] = replace(chain.paths[k], gain=chain.paths[k].gain * np.exp(complex(*effect.p)))
+
+    def starts(self, view):
+        for k in view.tap_order():
+            yield start(self, [0.0, 0.0], aux={"tap": k}, trials=len(view.scene.taps))
+
+    def values(self, scene, effect, p):
+        return {
+            "delay_s": self.delay_of(scene, effect), "error_db": 20 / np.log(10) * p[0],
+            "error_rad": float((p[1] + np.pi) % (2 * np.pi) - np.pi),
+        }  # fmt: skip
+
+    def parse(self, scene, parameters, model):
+        p = [parameters.get("error_db", 0.0) * np.log(10) / 20, parameters.get("error_rad", 0.0)]
+        return start(self, p, aux={"tap": self.find(scene, parameters, model)})
+
+    def describe(self, number):
+        return f"The twin's path at {number('delay_s')} is off by {number('error_db')} and {number('error_rad')}."
