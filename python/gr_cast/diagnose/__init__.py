@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Diagnose a twin: where it differs from recordings, what physics it leaves out, and a twin with that physics in it."""
+"""Diagnose a twin: where it differs from recordings, what physics it leaves out, and a twin with that
+physics in it."""
 
 from .case import Case, read_case
 from .run import Diagnosis, diagnose

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bring twin and recording together: whole-sample delay, gain and orientation, whatever the carrier offset; build the scene."""
+"""Bring twin and recording together: whole-sample delay, gain and orientation, whatever the carrier offset;
+build the scene."""
 
 import numpy as np
 from scipy import fft as sp_fft
@@ -16,11 +17,14 @@ BUILT_IN_CODES = ()
 def _source(name: str, samples: np.ndarray, amplitude: float, repeat: bool) -> Source:
     known = np.isfinite(samples)
     clean = np.where(known, samples, 0).astype(complex) * amplitude
-    return Source(name=name, samples=clean, repeat=repeat, known=known, power=float(np.mean(np.abs(clean[known]) ** 2)))
+    return Source(
+        name=name, samples=clean, repeat=repeat, known=known, power=float(np.mean(np.abs(clean[known]) ** 2))
+    )
 
 
 def _window(source: Source, delay: int, count: int) -> Source:
-    """A waveform sent once as the recording sees it at `delay` whole samples: `count` samples with PAD on either side."""
+    """A waveform sent once as the recording sees it at `delay` whole samples: `count` samples with PAD on
+    either side."""
     size = sp_fft.next_fast_len(count + 2 * PAD)
     samples, known = np.zeros(size, complex), np.ones(size, bool)
     first = max(0, -delay - PAD)
@@ -37,13 +41,14 @@ def _response(taps, length: int, rate: float) -> np.ndarray:
 
 
 def _segment_correlations(y, templates, repeat, segment, lags=None):
-    """c[m, d] = Σ over segment m of y[n]·conj(template[n − d]); lags of a repeated template are all of one period."""
+    """c[m, d] = Σ over segment m of y[n]·conj(template[n − d]); lags of a repeated template are all of one
+    period."""
     count = -(-len(y) // segment)
     out = []
     for m in range(count):
         piece = y[m * segment : (m + 1) * segment]
         row = 0.0
-        for template, spectrum in templates:
+        for _, spectrum in templates:
             p = len(spectrum)
             if repeat:
                 index = (np.arange(len(piece)) + m * segment) % p
@@ -58,9 +63,11 @@ def _segment_correlations(y, templates, repeat, segment, lags=None):
 
 
 def find_delay(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: float) -> tuple[int, float]:
-    """Whole-sample delay of the twin's prediction in `y`, and the share of the recording's energy that it holds.
+    """Whole-sample delay of the twin's prediction in `y`, and the share of the recording's energy that it
+    holds.
 
-    Segments are added without phase, so that a carrier offset does no harm; of several segment lengths the one that
+    Segments are added without phase, so that a carrier offset does no harm; of several segment lengths the
+    one that
     explains most is taken.
     """
     n = len(y)
@@ -73,12 +80,17 @@ def find_delay(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: fl
         templates.append((source, spectrum))
     energy = float(np.vdot(y, y).real)
     best = (-np.inf, 0)
-    for segment in sorted({max(8, n // 32), *([1024, 128] if n <= 150_000 else []), *([16] if n < 4000 else [])}, reverse=True):
+    for segment in sorted(
+        {max(8, n // 32), *([1024, 128] if n <= 150_000 else []), *([16] if n < 4000 else [])}, reverse=True
+    ):
         if segment > n or (n // segment) * (1 if repeat else n) > 4e7:
             continue
         rows = _segment_correlations(y, templates, repeat, segment)
         length = max(len(templates[0][0].samples), 1)
-        power = sum(s.power * np.sum(np.abs([t.amplitude for t in link]) ** 2) for s, link in zip(sources, taps, strict=True))
+        power = sum(
+            s.power * np.sum(np.abs([t.amplitude for t in link]) ** 2)
+            for s, link in zip(sources, taps, strict=True)
+        )
         share = sum(rows) / (min(segment, n) * power * energy)
         if not repeat and length < n:
             share = share * n / length * (segment / max(segment, 1))
@@ -99,10 +111,13 @@ def build(case, observation, *, inverted: bool | None = None):
     y = observation.samples.astype(complex)
     names = list(observation.on_air)
     sources = [
-        _source(w, case.waveforms[w].samples, amplitude, case.waveforms[w].repeat) for w, amplitude in observation.on_air.values()
-    ]  # fmt: skip
+        _source(w, case.waveforms[w].samples, amplitude, case.waveforms[w].repeat)
+        for w, amplitude in observation.on_air.values()
+    ]
     links = [case.links[(tx, observation.receiver)] for tx in names]
-    if len({s.repeat for s in sources}) > 1:  # one kind of search for all: repeat what repeats until the recording ends
+    if (
+        len({s.repeat for s in sources}) > 1
+    ):  # one kind of search for all: repeat what repeats until the recording ends
         sources = [s if not s.repeat else _unrolled(s, n) for s in sources]
     twin = _twin_effects(case, observation, n)
     turn = np.exp(-2j * np.pi * _twin_offset_hz(case, observation, links) * np.arange(n) / rate)
@@ -125,19 +140,27 @@ def build(case, observation, *, inverted: bool | None = None):
     seen = sources if repeat else [_window(s, delay, n) for s in sources]
     paths = [
         Path(source=i, delay=t.delay_s * rate, gain=complex(t.amplitude), doppler=t.doppler_hz * n / rate)
-        for i, link in enumerate(links) for t in link.taps
-    ]  # fmt: skip
+        for i, link in enumerate(links)
+        for t in link.taps
+    ]
     scene = Scene(
-        name=observation.name, sample_rate_hz=rate, count=n, sources=seen, taps=paths, transmitters=names,
-        receiver=observation.receiver, anchor=0 if repeat else delay, carrier_hz=observation.center_frequency_hz,
+        name=observation.name,
+        sample_rate_hz=rate,
+        count=n,
+        sources=seen,
+        taps=paths,
+        transmitters=names,
+        receiver=observation.receiver,
+        anchor=0 if repeat else delay,
+        carrier_hz=observation.center_frequency_hz,
         free_ports=tuple(i for i, link in enumerate(links) if i and {"gain", "phase"} & set(link.unknown)),
-    )  # fmt: skip
-    scene.taps = [_moving(scene, p) for p in paths]
+    )
     on_air = {w for w, _ in observation.on_air.values()}
     scene.extra = {
         w.name: _seen(_source(w.name, w.samples, 1.0, w.repeat), scene, n)
-        for w in case.waveforms.values() if w.name not in on_air and not _is_on_air(case, w.name)
-    }  # fmt: skip
+        for w in case.waveforms.values()
+        if w.name not in on_air and not _is_on_air(case, w.name)
+    }
     data = _data(case, observation, scene, y)
     base = np.array([float(delay) if repeat else 0.0, 1.0, 0.0, *(1.0, 0.0) * len(scene.free_ports)])
     model = Model(base=base)
@@ -154,14 +177,18 @@ def build(case, observation, *, inverted: bool | None = None):
         overlap = np.conj(overlap)
     if abs(overlap) < 1e-9:
         overlap = np.sqrt(np.mean(np.abs(y) ** 2) / max(np.mean(np.abs(chain.y) ** 2), 1e-30)) * 1e-3
-    model = Model(base=np.concatenate([[base[0], overlap.real, overlap.imag], base[3:]]), effects=model.effects)
+    model = Model(
+        base=np.concatenate([[base[0], overlap.real, overlap.imag], base[3:]]), effects=model.effects
+    )
     scene.rms = float(np.sqrt(np.mean(np.abs(y) ** 2)))
     return scene, data, model
 
 
 def _unrolled(source: Source, n: int) -> Source:
     samples = np.resize(source.samples, n)
-    return Source(name=source.name, samples=samples, repeat=False, known=np.resize(source.known, n), power=source.power)
+    return Source(
+        name=source.name, samples=samples, repeat=False, known=np.resize(source.known, n), power=source.power
+    )
 
 
 def _seen(source: Source, scene: Scene, n: int) -> Source:
@@ -172,14 +199,13 @@ def _is_on_air(case, name: str) -> bool:
     return any(name == w for o in case.observations for w, _ in o.on_air.values())
 
 
-def _moving(scene: Scene, path: Path) -> Path:
-    from dataclasses import replace
-
-    return replace(path, drift=scene.drift_of(path.doppler)) if path.doppler else path
-
-
 def _twin_effects(case, observation, n):
-    names = {observation.receiver, *observation.on_air, "environment", *(f"{tx}>{observation.receiver}" for tx in observation.on_air)}
+    names = {
+        observation.receiver,
+        *observation.on_air,
+        "environment",
+        *(f"{tx}>{observation.receiver}" for tx in observation.on_air),
+    }
     return [e for e in case.effects if e["owner"]["name"] in names]
 
 
@@ -212,7 +238,8 @@ def _parse(scene, entry):
 
 
 def split(n: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """(select, vault) masks: the vault is scattered short runs, one sample in eight; select is every eighth of 64 blocks
+    """(select, vault) masks: the vault is scattered short runs, one sample in eight; select is every eighth
+    of 64 blocks
     and the end."""
     run = 16 if n > 4000 else 4
     runs = -(-n // run)
@@ -233,6 +260,10 @@ def _data(case, observation, scene, y) -> Data:
     if observation.vault:
         select, vault = np.zeros(n, bool), np.ones(n, bool)
     return Data(
-        scene=scene, y=y, use=(valid & ~vault).astype(float), select=select & valid, vault=vault & valid,
+        scene=scene,
+        y=y,
+        use=(valid & ~vault).astype(float),
+        select=select & valid,
+        vault=vault & valid,
         noise_power=None if noise is None else 10 ** (noise / 10),
-    )  # fmt: skip
+    )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Read a case folder: twin.yaml, its waveforms and its recordings, with every fault of it reported at once."""
+"""Read a case folder: twin.yaml, its waveforms and its recordings, with every fault of it reported at
+once."""
 
 import math
 from dataclasses import dataclass
@@ -16,8 +17,17 @@ VERSION = 1
 TWIN_FILE = "twin.yaml"
 UNKNOWNS = ("delay", "phase", "gain")
 _TOP = {
-    "cast_twin", "sample_rate_hz", "center_frequency_hz", "waveforms", "nodes", "links", "recordings", "noise", "unknown", "effects",
-}  # fmt: skip
+    "cast_twin",
+    "sample_rate_hz",
+    "center_frequency_hz",
+    "waveforms",
+    "nodes",
+    "links",
+    "recordings",
+    "noise",
+    "unknown",
+    "effects",
+}
 _EFFECT_KEYS = {"family", "owner", "where", "parameters", "evidence", "confidence", "sentence", "model"}
 
 
@@ -88,7 +98,8 @@ def _number(value) -> bool:
 
 
 class _Reader:
-    """Walks the document and collects faults; every getter returns something usable so that the walk goes on."""
+    """Walks the document and collects faults; every getter returns something usable so that the walk goes
+    on."""
 
     def __init__(self, where: str):
         self.faults = Faults(where)
@@ -109,14 +120,19 @@ class _Reader:
         value = entry.get(key, default)
         if not _number(value) or value < low:
             limit = "" if low == -math.inf else f" of {low} or more"
-            self.faults.add(f"{place}.{key}" if place else key, f"got {value!r}, needs a finite number{limit} {unit}".rstrip())
+            self.faults.add(
+                f"{place}.{key}" if place else key,
+                f"got {value!r}, needs a finite number{limit} {unit}".rstrip(),
+            )
             return float(default or 0.0)
         return float(value)
 
     def entries(self, document: dict, key: str, kind: type):
         value = document.get(key, kind())
         if not isinstance(value, kind):
-            self.faults.add(key, f"got {type(value).__name__}, needs a {'list' if kind is list else 'mapping'}")
+            self.faults.add(
+                key, f"got {type(value).__name__}, needs a {'list' if kind is list else 'mapping'}"
+            )
             return kind()
         return value
 
@@ -162,9 +178,16 @@ def read_case(folder: str | Path) -> Case:
     effects = _effects(r, document.get("effects") or [], nodes, links)
     r.faults.raise_if_any()
     return Case(
-        name=folder.resolve().name, folder=folder, document=document, sample_rate_hz=rate, waveforms=waveforms,
-        links=links, observations=tuple(observations), noise_db=noise, effects=effects,
-    )  # fmt: skip
+        name=folder.resolve().name,
+        folder=folder,
+        document=document,
+        sample_rate_hz=rate,
+        waveforms=waveforms,
+        links=links,
+        observations=tuple(observations),
+        noise_db=noise,
+        effects=effects,
+    )
 
 
 def _read_sigmf(r: _Reader, place: str, stem: Path, rate: float, allow_nan: bool):
@@ -175,7 +198,9 @@ def _read_sigmf(r: _Reader, place: str, stem: Path, rate: float, allow_nan: bool
             r.faults.add(place, fault)
         return None
     if taken.sample_rate_hz is not None and not math.isclose(taken.sample_rate_hz, rate, rel_tol=1e-9):
-        r.faults.add(place, f"{stem.name}: core:sample_rate is {taken.sample_rate_hz} Hz, the twin says {rate} Hz")
+        r.faults.add(
+            place, f"{stem.name}: core:sample_rate is {taken.sample_rate_hz} Hz, the twin says {rate} Hz"
+        )
     return taken
 
 
@@ -242,10 +267,14 @@ def _links(r: _Reader, entries: list, nodes: dict) -> dict[tuple[str, str], Link
         for k, tap in enumerate(entry.get("taps", [])):
             where = f"{place}.taps[{k}]"
             if r.keys(where, tap, {"delay_s", "gain_db", "phase_rad", "doppler_hz"}, ("delay_s",)):
-                taps.append(Tap(
-                    delay_s=r.number(where, tap, "delay_s", 0.0, 0.0, "s"), gain_db=r.number(where, tap, "gain_db", unit="dB"),
-                    phase_rad=r.number(where, tap, "phase_rad", unit="rad"), doppler_hz=r.number(where, tap, "doppler_hz", unit="Hz"),
-                ))  # fmt: skip
+                taps.append(
+                    Tap(
+                        delay_s=r.number(where, tap, "delay_s", 0.0, 0.0, "s"),
+                        gain_db=r.number(where, tap, "gain_db", unit="dB"),
+                        phase_rad=r.number(where, tap, "phase_rad", unit="rad"),
+                        doppler_hz=r.number(where, tap, "doppler_hz", unit="Hz"),
+                    )
+                )
         key = (entry.get("tx"), entry.get("rx"))
         if key in links:
             r.faults.add(place, f"the link {key[0]}>{key[1]} stands twice")
@@ -286,10 +315,16 @@ def _observations(r: _Reader, folder: Path, document: dict, nodes, links, rate, 
                 continue
             if (tx, receiver) not in links:
                 r.faults.add(f"{place}", f"no link {tx}>{receiver} in links")
-            waveform = own["transmit"].get(tx, node.get("transmit")) if isinstance(own["transmit"], dict) else None
+            waveform = (
+                own["transmit"].get(tx, node.get("transmit")) if isinstance(own["transmit"], dict) else None
+            )
             if waveform not in waveforms:
                 r.faults.add(f"{place}.transmit.{tx}", f"got {waveform!r}, not in waveforms")
-            amplitude = own["amplitude"].get(tx, node.get("amplitude", 1.0)) if isinstance(own["amplitude"], dict) else 1.0
+            amplitude = (
+                own["amplitude"].get(tx, node.get("amplitude", 1.0))
+                if isinstance(own["amplitude"], dict)
+                else 1.0
+            )
             on_air[tx] = (waveform, r.number(f"{place}.amplitude", {tx: amplitude}, tx, 1.0, 0.0))
         use = entry.get("use", "fit")
         if use not in ("fit", "vault"):
@@ -301,10 +336,17 @@ def _observations(r: _Reader, folder: Path, document: dict, nodes, links, rate, 
         if taken is not None:
             if not np.any(taken.samples):
                 r.faults.add(place, f"{file}: every sample is zero")
-            found.append(Observation(
-                name=file, receiver=receiver, on_air=on_air, samples=taken.samples, datatype=taken.datatype,
-                center_frequency_hz=frequency, vault=use == "vault",
-            ))  # fmt: skip
+            found.append(
+                Observation(
+                    name=file,
+                    receiver=receiver,
+                    on_air=on_air,
+                    samples=taken.samples,
+                    datatype=taken.datatype,
+                    center_frequency_hz=frequency,
+                    vault=use == "vault",
+                )
+            )
     if found and all(o.vault for o in found):
         r.faults.add("recordings", "every recording is for the vault, none is left to fit")
     return found
@@ -331,10 +373,15 @@ def _effects(r: _Reader, entries, nodes, links) -> tuple[dict, ...]:
         if not r.keys(place, entry, _EFFECT_KEYS, ("family", "owner", "parameters")):
             continue
         if entry.get("family") not in FAMILIES:
-            r.faults.add(f"{place}.family", f"got {entry.get('family')!r}, needs one of {', '.join(FAMILIES)}")
+            r.faults.add(
+                f"{place}.family", f"got {entry.get('family')!r}, needs one of {', '.join(FAMILIES)}"
+            )
         owner = entry.get("owner")
         if not isinstance(owner, dict) or owner.get("name") not in owners:
-            r.faults.add(f"{place}.owner", f"got {owner!r}, needs level and the name of a node, a link tx>rx or environment")
+            r.faults.add(
+                f"{place}.owner",
+                f"got {owner!r}, needs level and the name of a node, a link tx>rx or environment",
+            )
         if not isinstance(entry.get("parameters"), dict):
             r.faults.add(f"{place}.parameters", "needs a mapping")
     return tuple(entry for entry in entries if isinstance(entry, dict))

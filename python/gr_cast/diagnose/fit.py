@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Least squares of a model on a recording (Gauss-Newton with halved steps), and the evidence for it.
 
-Noise is circular with power σ²·v[n] per sample; ln L = −Σ |r|²/(σ²v) − Σ ln(π σ² v) (Kay, Estimation Theory, ch. 15).
-Evidence takes off ½·ln N for every free number (Schwarz 1978), the Occam factor of priors, and ln of the places tried.
+Noise is circular with power σ²·v[n] per sample; ln L = −Σ |r|²/(σ²v) − Σ ln(π σ² v) (Kay, Estimation
+Theory, ch. 15).
+Evidence takes off ½·ln N for every free number (Schwarz 1978), the Occam factor of priors, and ln of the
+places tried.
 """
 
 from dataclasses import dataclass, replace
@@ -11,13 +13,15 @@ import numpy as np
 from scipy import fft as sp_fft
 from scipy import linalg
 
-from ..effects import FAMILIES
+from ..effects import FAMILIES, stage_of
+from ..effects.base import RX_GAIN
 from .model import Model, jacobian, predict
 
 
 @dataclass(frozen=True, kw_only=True)
 class Data:
-    """A recording with its scene. `use` (n,) 0 or 1: samples to fit; `variance` (n,) and `spectrum` (n,): shape of the noise."""
+    """A recording with its scene. `use` (n,) 0 or 1: samples to fit; `variance` (n,) and `spectrum` (n,):
+    shape of the noise."""
 
     scene: object
     y: np.ndarray
@@ -31,7 +35,9 @@ class Data:
     def whitened(self, signal: np.ndarray) -> np.ndarray:
         """Signals (…, n) divided by the noise's shape, zero where a sample is not used."""
         if self.spectrum is not None:
-            signal = sp_fft.ifft(sp_fft.fft(signal * (self.use > 0), axis=-1) / np.sqrt(self.spectrum), axis=-1)
+            signal = sp_fft.ifft(
+                sp_fft.fft(signal * (self.use > 0), axis=-1) / np.sqrt(self.spectrum), axis=-1
+            )
         return signal * self.root
 
     @property
@@ -73,7 +79,8 @@ def real_rows(rows: np.ndarray) -> np.ndarray:
 
 
 def invert(matrix: np.ndarray, blind: float = 0.0) -> np.ndarray:
-    """Inverse of a symmetric matrix, scaled to unit diagonal first; directions with less than `blind` of information are
+    """Inverse of a symmetric matrix, scaled to unit diagonal first; directions with less than `blind` of
+    information are
     left out, others without information get a large variance."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-30))
     values, vectors = linalg.eigh(matrix * np.outer(scale, scale))
@@ -96,7 +103,10 @@ def solve(data: Data, model: Model, *, iterations: int = 8, tolerance: float = 0
         white = real_rows(data.whitened(rows))
         sigma2 = cost / n
         hessian = 2 / sigma2 * (white @ white.T)
-        slope = 2 / sigma2 * (white @ real_rows(data.whitened(data.y - chain.y)[None])[0]) - prior * model.vector()
+        slope = (
+            2 / sigma2 * (white @ real_rows(data.whitened(data.y - chain.y)[None])[0])
+            - prior * model.vector()
+        )
         step = invert(hessian + np.diag(prior)) @ slope
         gain = 0.5 * slope @ step
         if gain < tolerance:
@@ -106,7 +116,10 @@ def solve(data: Data, model: Model, *, iterations: int = 8, tolerance: float = 0
             trial = model.at(_limited(model, step))
             y = predict(data.scene, trial).y
             trial_cost = misfit(data, y)
-            if np.isfinite(trial_cost) and n * np.log(trial_cost) + 0.5 * np.sum(prior * trial.vector() ** 2) < objective:
+            if (
+                np.isfinite(trial_cost)
+                and n * np.log(trial_cost) + 0.5 * np.sum(prior * trial.vector() ** 2) < objective
+            ):
                 break
             step = step / 2
         else:
@@ -135,9 +148,16 @@ def _finish(data: Data, model: Model, chain, rows) -> Fit:
     hessian = 2 / sigma2 * (white @ white.T)
     likelihood = -n * (np.log(sigma2) + 1) - data.log_shape()
     return Fit(
-        model=model, data=data, chain=chain, residual=residual, sigma2=sigma2, rows=white, hessian=hessian,
-        likelihood=likelihood, evidence=likelihood - price(model, hessian, n),
-    )  # fmt: skip
+        model=model,
+        data=data,
+        chain=chain,
+        residual=residual,
+        sigma2=sigma2,
+        rows=white,
+        hessian=hessian,
+        likelihood=likelihood,
+        evidence=likelihood - price(model, hessian, n),
+    )
 
 
 def price(model: Model, hessian: np.ndarray, count: float) -> float:
@@ -153,17 +173,39 @@ def price(model: Model, hessian: np.ndarray, count: float) -> float:
         else:
             p, variance = effect.p[effect.free], effect.prior[effect.free]
             block = hessian[span, span] * np.sqrt(np.outer(variance, variance))
-            total += 0.5 * np.sum(p**2 / variance) + 0.5 * np.linalg.slogdet(np.eye(len(p)) + block)[1] + 0.5 * np.log(count)
+            total += (
+                0.5 * np.sum(p**2 / variance)
+                + 0.5 * np.linalg.slogdet(np.eye(len(p)) + block)[1]
+                + 0.5 * np.log(count)
+            )
     return total
 
 
 def with_noise(fit: Fit, model: Model) -> Data:
-    """The data with the noise's shape that the noise effects of `model` give around the prediction of `fit`."""
-    variance = spectrum = None
+    """The data with the noise's shape that the noise effects of `model` give around the prediction of
+    `fit`."""
+    spectrum = None
+    variance = gain_of_receiver(fit, model)
     for effect in model.effects:
         family = FAMILIES[effect.family]
         if family.noise_like:
-            v, s = family.variance(fit.data.scene, effect, fit.chain.wanted), family.spectrum(fit.data.scene, effect)
-            variance = v if variance is None else variance if v is None else variance + v - 1
+            v, s = (
+                family.variance(fit.data.scene, effect, fit.chain.wanted),
+                family.spectrum(fit.data.scene, effect),
+            )
+            variance = v if variance is None else variance if v is None else variance * v
             spectrum = s if spectrum is None else spectrum if s is None else spectrum + s - 1
     return replace(fit.data, variance=variance, spectrum=spectrum)
+
+
+def gain_of_receiver(fit: Fit, model: Model):
+    """Noise enters before the receiver's gain, so that a change of gain scales it too; None where there is
+    none."""
+    chain = type(fit.chain)(scene=fit.data.scene, delay=0.0, ports={}, u=fit.chain.u)
+    chain.y = chain.wanted = np.ones(fit.data.scene.count)
+    changed = False
+    for effect in model.effects:
+        if stage_of(effect) == RX_GAIN:
+            FAMILIES[effect.family].apply(chain, effect)
+            changed = True
+    return np.maximum(chain.y**2, 1e-6) if changed else None

@@ -17,7 +17,8 @@ def native_step(datatype: str) -> float:
 
 
 def lattice(y: np.ndarray, datatype: str) -> tuple[float, float, float] | None:
-    """(step, its standard deviation, level of a lattice point in steps) where I and Q lie on a lattice coarser than the file's."""
+    """(step, its standard deviation, level of a lattice point in steps) where I and Q lie on a lattice
+    coarser than the file's."""
     values = np.concatenate([y.real, y.imag])
     base = native_step(datatype)
     unit = base if base else max(np.abs(values).max(), 1e-30) * 2**-22
@@ -52,12 +53,16 @@ def rails(y: np.ndarray, datatype: str, step: float) -> tuple[float, float, int]
         heaps.append(on > 4 * expected + 5 if step else on >= 4 and on > 3 * expected + 2)
         levels.append((top, on))
     tops = np.array([t for t, _ in levels])
-    agree = np.abs(tops - np.median(tops)) <= 1.6 * grain if step else np.abs(tops - np.median(tops)) <= 2.1 * unit
-    good = [a and h for a, h in zip(agree, heaps, strict=True)]
-    if sum(good) < 2 or not agree.all():
+    if sum(heaps) < 2:
+        return None
+    level = float(np.median(tops[heaps]))
+    close = np.abs(tops - level) <= (1.6 * grain if step else 2.1 * unit)
+    good = [bool(h and c) for h, c in zip(heaps, close, strict=True)]
+    if sum(good) < 2 or (tops > level + 1.6 * grain).any():
         return None
     samples = int(sum(on for (_, on), g in zip(levels, good, strict=True) if g))
-    return float(np.mean(tops)), max(unit * 0.5, 1e-6 * float(np.mean(tops))), samples
+    level = float(np.mean(tops[good]))
+    return level, max(unit * 0.5, 1e-6 * level), samples
 
 
 def discrete(y: np.ndarray, datatype: str) -> list[tuple[Effect, dict]]:
@@ -67,7 +72,9 @@ def discrete(y: np.ndarray, datatype: str) -> list[tuple[Effect, dict]]:
     step = grid[0] if grid else 0.0
     top = rails(y, datatype, step)
     if top:
-        found.append((start(FAMILIES["adc_clipping"], [top[0]], free=[False]), {"level": top[1], "samples": top[2]}))
+        found.append(
+            (start(FAMILIES["adc_clipping"], [top[0]], free=[False]), {"level": top[1], "samples": top[2]})
+        )
     if grid:
         effect = start(FAMILIES["quantization"], [step, grid[2], 1.0], free=[False] * 3)
         found.append((replace(effect, aux={}), {"step": grid[1]}))

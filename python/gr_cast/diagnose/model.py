@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A model of one recording: delay, gain and phase that are always fitted, and effects; its prediction and derivatives."""
+"""A model of one recording: delay, gain and phase that are always fitted, and effects; its prediction and
+derivatives."""
 
 from dataclasses import dataclass, replace
 
@@ -57,19 +58,27 @@ class Model:
     def prior_precision(self) -> np.ndarray:
         parts = [np.zeros(len(self.base))]
         for e in self.effects:
-            parts.append(np.zeros(int(e.free.sum())) if e.prior is None else 1.0 / np.maximum(e.prior[e.free], 1e-30))
+            parts.append(
+                np.zeros(int(e.free.sum())) if e.prior is None else 1.0 / np.maximum(e.prior[e.free], 1e-30)
+            )
         return np.concatenate(parts)
 
 
 def _start_chain(scene, base) -> Chain:
     ports = {i: complex(base[3 + 2 * k], base[4 + 2 * k]) for k, i in enumerate(scene.free_ports)}
     return Chain(
-        scene=scene, delay=base[0], ports=ports, u=scene.u, waves=[s.samples for s in scene.sources], paths=list(scene.taps),
-    )  # fmt: skip
+        scene=scene,
+        delay=base[0],
+        ports=ports,
+        u=scene.u,
+        waves=[s.samples for s in scene.sources],
+        paths=list(scene.taps),
+    )
 
 
 def _run(scene, base, effects, chain: Chain, first: int, snapshots=None) -> Chain:
-    """The steps from number `first` on: effects up to the channel, the channel, its surroundings, the gain, the receiver."""
+    """The steps from number `first` on: effects up to the channel, the channel, its surroundings, the gain,
+    the receiver."""
     steps = _steps(effects)
     for k in range(first, len(steps)):
         if snapshots is not None:
@@ -88,12 +97,15 @@ def _run(scene, base, effects, chain: Chain, first: int, snapshots=None) -> Chai
 def _steps(effects) -> list:
     before = [i for i, e in enumerate(effects) if stage_of(e) <= CHANNEL_AFTER]
     around = [i for i, e in enumerate(effects) if CHANNEL_AFTER < stage_of(e) <= ENVIRONMENT]
-    after = [i for i, e in enumerate(effects) if stage_of(e) > ENVIRONMENT and not FAMILIES[e.family].noise_like]
+    after = [
+        i for i, e in enumerate(effects) if stage_of(e) > ENVIRONMENT and not FAMILIES[e.family].noise_like
+    ]
     return [*before, "channel", *around, "gain", *after]
 
 
 def predict(scene, model: Model) -> Chain:
-    """The chain at its end: `y` (count,) is the predicted recording, `wanted` its part from the wanted transmitters."""
+    """The chain at its end: `y` (count,) is the predicted recording, `wanted` its part from the wanted
+    transmitters."""
     return _run(scene, model.base, model.effects, _start_chain(scene, model.base), 0)
 
 
@@ -123,11 +135,16 @@ def _difference(scene, model, y, first, snapshots=None, base_index=0) -> np.ndar
 
 
 def effect_columns(scene, model: Model, index: int, chain: Chain, before: Chain) -> list[np.ndarray]:
-    """Derivatives of the prediction by the free parameters of one effect; `before` is the chain in front of its step."""
+    """Derivatives of the prediction by the free parameters of one effect; `before` is the chain in front of
+    its step."""
     effect = model.effects[index]
     family = FAMILIES[effect.family]
     if hasattr(family, "columns"):
-        return list(family.columns(scene, effect, chain, before, lambda c, e, extra=None: _rest(scene, model, index, c, e, extra)))
+        return list(
+            family.columns(
+                scene, effect, chain, before, lambda c, e, extra=None: _rest(scene, model, index, c, e, extra)
+            )
+        )
     rows = []
     for k in np.flatnonzero(effect.free):
         p = effect.p.copy()
@@ -144,7 +161,8 @@ def derivative_units(scene, model: Model, index: int, chain: Chain, before: Chai
 
 
 def _rest(scene, model, index, chain, effect, extra=None) -> Chain:
-    """Run the chain from the step of effect `index` on, with `effect` in its place; `extra` (source, wave) is then sent too."""
+    """Run the chain from the step of effect `index` on, with `effect` in its place; `extra` (source, wave)
+    is then sent too."""
     effects = list(model.effects)
     effects[index] = effect
     first = _steps(effects).index(index)

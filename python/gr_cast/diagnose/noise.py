@@ -11,6 +11,7 @@ from scipy.stats import gamma
 
 from ..effects import FAMILIES
 from ..effects.base import start
+from .fit import gain_of_receiver
 from .view import _peaks
 
 
@@ -28,14 +29,25 @@ def _two_levels(n_on, e_on, n, e):
     return np.where(ok & (e_on * n_off > e_off * n_on), gain, 0.0)
 
 
+def _energy(fit) -> np.ndarray:
+    """(n,) energy of the residual over the receiver's gain."""
+    gain = gain_of_receiver(fit, fit.model)
+    return np.abs(fit.residual) ** 2 / (1.0 if gain is None else gain)
+
+
 def signal_dependent(fit):
     """(gain in nats, effect) of noise that follows the wanted power."""
     use = fit.data.use > 0
-    energy = np.abs(fit.residual[use]) ** 2
+    energy = _energy(fit)[use]
     w = np.abs(fit.chain.wanted[use]) ** 2
     w = w / max(w.mean(), 1e-300)
     flat = _profile(energy, np.ones_like(energy))
-    best = minimize_scalar(lambda k: -_profile(energy, 1 + np.exp(k) * w), bounds=(-7, 7), method="bounded", options={"xatol": 1e-3})
+    best = minimize_scalar(
+        lambda k: -_profile(energy, 1 + np.exp(k) * w),
+        bounds=(-7, 7),
+        method="bounded",
+        options={"xatol": 1e-3},
+    )
     family = FAMILIES["signal_dependent_noise"]
     return -best.fun - flat, start(family, [best.x], free=[False])
 
@@ -43,7 +55,7 @@ def signal_dependent(fit):
 def impulsive(fit):
     """(gain, effect) of a mixture: a share p of samples with 1 + k times the power."""
     use = fit.data.use > 0
-    e = np.abs(fit.residual[use]) ** 2
+    e = _energy(fit)[use]
     core = np.median(e) / np.log(2)
     e = e / core
     p, k = 0.01, 30.0
@@ -63,15 +75,23 @@ def impulsive(fit):
     return gain, start(FAMILIES["impulsive_noise"], [np.log(k), np.log(p)], free=[False] * 2)
 
 
-def pulsed(fit):
-    """(gain, effect) of two levels of noise that alternate periodically."""
+def pulsed(fit, near: float | None = None):
+    """(gain, effect) of two levels of noise that alternate periodically; `near`: a period in samples that
+    is known."""
     scene, use = fit.data.scene, fit.data.use > 0
     n = scene.count
-    e = np.where(use, np.abs(fit.residual) ** 2, 0.0)
+    e = np.where(use, _energy(fit), 0.0)
     total, count = e.sum(), use.sum()
     mean = total / count
     if n < 2000:
         return 0.0, None
+    if near is not None:
+        gain, p = _fold(e, use, near, n, total, count, scales=(0.5, 0.1))
+        return (
+            (0.0, None)
+            if p is None
+            else (gain, start(FAMILIES["pulsed_interference"], p, free=[False] * 4, trials=2e4))
+        )
     q = np.where(use, np.minimum(e / mean, 8.0), 0.0)
     q = np.where(use, q - q.sum() / count, 0.0)
     pad = 4
@@ -85,11 +105,15 @@ def pulsed(fit):
         comb[ok] += spectrum[at[ok]]
         if h in (1, 2, 4, 8, 16):
             surprise = -gamma.logsf(comb, h)  # of so much power in h harmonics of white noise
-            periods += [(surprise[i], pad * n / f[i]) for i in _peaks(surprise, 2, 3) if surprise[i] > np.log(len(f)) + 4]
+            periods += [
+                (surprise[i], pad * n / f[i])
+                for i in _peaks(surprise, 2, 3)
+                if surprise[i] > np.log(len(f)) + 4
+            ]
     periods = [p for _, p in sorted(periods, reverse=True)[:4]]
     top = (0.0, None)
     for period in periods:
-        for divisor in (1, 2):
+        for divisor in (1, 2, 3, 4, 5, 6):
             found = _fold(e, use, period / divisor, n, total, count)
             if found[0] > top[0] * 1.001:
                 top = found
@@ -99,22 +123,30 @@ def pulsed(fit):
     return gain, start(FAMILIES["pulsed_interference"], p, free=[False] * 4, trials=2e4)
 
 
-def _fold(e, use, period, n, total, count):
-    """Best two-level window of the energy folded at periods near `period`: (gain, [ln ratio, period, first, duty])."""
+def _fold(e, use, period, n, total, count, scales=(1.0, 0.15)):
+    """Best two-level window of the energy folded at periods near `period`: (gain, [ln ratio, period, first,
+    duty])."""
     best = (0.0, None)
     width = 64
     step = period * period / n / width
-    for scale in (1.0, 0.15):
+    for scale in scales:
         centre = period if best[1] is None else best[1][1]
         for k in range(-8, 9):
             p = centre + k * step * scale
             if p < 4:
                 continue
-            bins = int(min(width if scale == 1.0 else 512, max(8, p)))
+            bins = int(min(width if scale == 1.0 else 256, max(8, p)))
             at = ((np.arange(n) / p) % 1.0 * bins).astype(int)
             folded, hits = np.bincount(at, e, bins), np.bincount(at, use, bins)
-            e2, h2 = np.cumsum(np.concatenate([[0], folded, folded])), np.cumsum(np.concatenate([[0], hits, hits]))
-            lengths = np.unique(np.geomspace(1, bins // 2, 24).astype(int)) if bins > 64 else np.arange(1, bins // 2 + 1)
+            e2, h2 = (
+                np.cumsum(np.concatenate([[0], folded, folded])),
+                np.cumsum(np.concatenate([[0], hits, hits])),
+            )
+            lengths = (
+                np.unique(np.geomspace(1, bins // 2, 24).astype(int))
+                if bins > 64
+                else np.arange(1, bins // 2 + 1)
+            )
             for length in lengths:
                 e_on, n_on = e2[length : length + bins] - e2[:bins], h2[length : length + bins] - h2[:bins]
                 gain = _two_levels(n_on, e_on, count, total)
@@ -128,7 +160,7 @@ def _fold(e, use, period, n, total, count):
 
 def narrowband(fit):
     """(gain, effect) of noise that is stronger in one band."""
-    scene, data = fit.data.scene, fit.data
+    data = fit.data
     r = fit.residual * data.root**2
     power = np.abs(sp_fft.fft(r)) ** 2
     n = len(power)
@@ -139,7 +171,12 @@ def narrowband(fit):
     e2, n2 = np.cumsum(np.concatenate([[0], energy, energy])), np.cumsum(np.concatenate([[0], size, size]))
     best = (0.0, 0, 1)
     for length in range(1, cells // 2):
-        gain = _two_levels(n2[length : length + cells] - n2[:cells], e2[length : length + cells] - e2[:cells], n, energy.sum())
+        gain = _two_levels(
+            n2[length : length + cells] - n2[:cells],
+            e2[length : length + cells] - e2[:cells],
+            n,
+            energy.sum(),
+        )
         i = int(np.argmax(gain))
         if gain[i] > best[0]:
             best = (float(gain[i]), i, length)
@@ -152,7 +189,12 @@ def narrowband(fit):
     low = edges[i % cells] / n
     width = on_n / n
     centre = (low + width / 2 + 0.5) % 1.0 - 0.5
-    effect = start(FAMILIES["narrowband_interference"], [np.log(max(ratio, 1e-3)), centre, width], free=[False] * 3, trials=cells**2 / 2)
+    effect = start(
+        FAMILIES["narrowband_interference"],
+        [np.log(max(ratio, 1e-3)), centre, width],
+        free=[False] * 3,
+        trials=cells**2 / 2,
+    )
     return gain * share, effect
 
 
@@ -162,7 +204,12 @@ FINDERS = {
     "pulsed_interference": pulsed,
     "narrowband_interference": narrowband,
 }
-HIDDEN = {"signal_dependent_noise": 1, "impulsive_noise": 2, "pulsed_interference": 4, "narrowband_interference": 3}
+HIDDEN = {
+    "signal_dependent_noise": 1,
+    "impulsive_noise": 2,
+    "pulsed_interference": 4,
+    "narrowband_interference": 3,
+}
 
 
 def starts(fit):

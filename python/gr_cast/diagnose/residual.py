@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is left after a fit: maps of the residual over time × frequency, delay × time, amplitude and place in the code, and
+"""What is left after a fit: maps of the residual over time × frequency, delay × time, amplitude and place
+in the code, and
 whether any cell of them holds more than noise. Cells are normalised to unit mean under noise alone.
 """
 
@@ -14,7 +15,8 @@ from .view import View
 
 @dataclass(frozen=True, kw_only=True)
 class Leftover:
-    """`p_value` of the worst cell after the number of cells, `nats` it holds, `where` it is (axis → interval)."""
+    """`p_value` of the worst cell after the number of cells, `nats` it holds, `where` it is (axis →
+    interval)."""
 
     test: str
     p_value: float
@@ -23,7 +25,8 @@ class Leftover:
 
 
 def _gamma_cells(energy: np.ndarray, count: np.ndarray):
-    """ln of the probability that noise alone gives a cell of `count` samples this much or more, and its nats of excess."""
+    """ln of the probability that noise alone gives a cell of `count` samples this much or more, and its
+    nats of excess."""
     count = np.maximum(count, 1e-9)
     mean = energy / count
     log_p = stats.gamma.logsf(energy, count)
@@ -45,17 +48,18 @@ def time_frequency(fit, rows: int = 48, bins: int = 32):
     return power.sum(1), np.repeat(used.mean(2).sum(1)[:, None], bins, 1)
 
 
-def leftovers(fit) -> list[Leftover]:
+def leftovers(fit, inside) -> list[Leftover]:
     """The worst cell of every map, worst first."""
-    scene, data = fit.data.scene, fit.data
+    scene = fit.data.scene
     out = []
     energy, count = time_frequency(fit)
     rows, bins = energy.shape
     t = np.linspace(0, rows, rows + 1) * (scene.count // rows) / scene.sample_rate_hz
     for name, e, c in (
-        ("time × frequency", energy, count), ("time", energy.sum(1, keepdims=True), count.sum(1, keepdims=True)),
+        ("time × frequency", energy, count),
+        ("time", energy.sum(1, keepdims=True), count.sum(1, keepdims=True)),
         ("frequency", energy.sum(0, keepdims=True), count.sum(0, keepdims=True)),
-    ):  # fmt: skip
+    ):
         log_p, nats = _gamma_cells(e, c)
         i, j = np.unravel_index(int(np.argmin(log_p)), log_p.shape)
         where = {}
@@ -63,10 +67,20 @@ def leftovers(fit) -> list[Leftover]:
             where["time_s"] = [float(t[i]), float(t[i + 1])]
         if e.shape[1] > 1:
             f = np.fft.fftfreq(bins)[j] * scene.sample_rate_hz
-            where["frequency_hz"] = [float(f - scene.sample_rate_hz / bins / 2), float(f + scene.sample_rate_hz / bins / 2)]
-        out.append(Leftover(test=name, p_value=_bonferroni(log_p[i, j], e.size), nats=float(nats.sum() if e.size < 100 else nats[i, j]), where=where))
+            where["frequency_hz"] = [
+                float(f - scene.sample_rate_hz / bins / 2),
+                float(f + scene.sample_rate_hz / bins / 2),
+            ]
+        out.append(
+            Leftover(
+                test=name,
+                p_value=_bonferroni(log_p[i, j], e.size),
+                nats=float(nats.sum() if e.size < 100 else nats[i, j]),
+                where=where,
+            )
+        )
     out.append(_place_in_code(fit))
-    out.append(_amplitude(fit))
+    out.append(_amplitude(fit, inside))
     return sorted((o for o in out if o is not None), key=lambda o: o.p_value)
 
 
@@ -94,14 +108,16 @@ def _place_in_code(fit) -> Leftover | None:
     cells = np.add.reduceat(energy, np.arange(0, period, size))
     count = np.add.reduceat((hits > 0).astype(float), np.arange(0, period, size))
     both = [(energy.sum(), float((hits > 0).sum()), 1), (cells, count, len(cells))]
-    log_p = [float(np.min(_gamma_cells(np.atleast_1d(e), np.atleast_1d(c))[0])) + np.log(m) for e, c, m in both]
+    log_p = [
+        float(np.min(_gamma_cells(np.atleast_1d(e), np.atleast_1d(c))[0])) + np.log(m) for e, c, m in both
+    ]
     excess = max(0.0, float(energy.sum() - (hits > 0).sum()))
     return Leftover(test="place in the code", p_value=_bonferroni(min(log_p), 1), nats=excess, where={})
 
 
-def _amplitude(fit) -> Leftover | None:
+def _amplitude(fit, inside) -> Leftover | None:
     """Mean residual along and across the prediction, and power, in bins of predicted amplitude."""
-    use = fit.data.use > 0
+    use = inside
     z, w = _normal(fit)[use], fit.chain.wanted[use]
     level = np.abs(w)
     if np.std(level) < 1e-6 * np.mean(level) + 1e-30:
@@ -116,6 +132,8 @@ def _amplitude(fit) -> Leftover | None:
     power = np.bincount(k, np.abs(z) ** 2, 16)
     log_q = float(np.min(stats.gamma.logsf(power, hits)) + np.log(16))
     return Leftover(
-        test="amplitude", p_value=_bonferroni(min(log_p, log_q) + np.log(2), 1), nats=float(max(0, energy.sum() - 16)),
+        test="amplitude",
+        p_value=_bonferroni(min(log_p, log_q) + np.log(2), 1),
+        nats=float(max(0, energy.sum() - 16)),
         where={"amplitude": [float(edges[-2]), float(edges[-1])]},
-    )  # fmt: skip
+    )

@@ -6,12 +6,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..effects import FAMILIES, Effect
+from ..effects import FAMILIES
 from ..effects.base import start
 from . import align, gate, residual
-from .fit import Fit
-from .model import predict
-from .search import candidates, refit, search
+from .fit import Fit, gain_of_receiver
+from .search import refit, search
 
 BUDGET_S = 240.0
 UNEXPLAINED_P = 1e-5
@@ -21,7 +20,8 @@ UNEXPLAINED_SHARE = 0.01
 
 @dataclass(kw_only=True)
 class Finding:
-    """What one recording says: its best fit, the twin's fit, the standard deviations of discrete parameters, what is left."""
+    """What one recording says: its best fit, the twin's fit, the standard deviations of discrete
+    parameters, what is left."""
 
     observation: object
     scene: object
@@ -39,7 +39,10 @@ class Finding:
 
 def nmse(data, y: np.ndarray, inside: np.ndarray) -> float:
     """Residual power on the samples `inside` over recorded power."""
-    return float(np.mean(np.abs(data.y[inside] - y[inside]) ** 2) / np.mean(np.abs(data.y[data.use + data.vault > 0]) ** 2))
+    return float(
+        np.mean(np.abs(data.y[inside] - y[inside]) ** 2)
+        / np.mean(np.abs(data.y[data.use + data.vault > 0]) ** 2)
+    )
 
 
 def examine(case, observation, *, deadline: float) -> Finding:
@@ -63,33 +66,54 @@ def examine(case, observation, *, deadline: float) -> Finding:
 def _settle(fit: Fit) -> Fit:
     """Effects by search carry the floor that noise families are told against."""
     effects = tuple(
-        replace(e, aux={**e.aux, "_floor": fit.sigma2}) if FAMILIES[e.family].noise_like else e for e in fit.model.effects
-    )  # fmt: skip
+        replace(e, aux={**e.aux, "_floor": fit.sigma2}) if FAMILIES[e.family].noise_like else e
+        for e in fit.model.effects
+    )
     return replace(fit, model=replace(fit.model, effects=effects))
 
 
 def _floor(finding: Finding) -> None:
-    """Compare the floor with the twin's."""
+    """Compare the floor with the twin's, on samples that the rails do not touch."""
     fit, told = finding.fit, finding.data.noise_power
     if told is None:
         return
-    floor = fit.sigma2
+    inside = off_the_rails(fit)
+    shape = np.ones(fit.data.scene.count) if fit.data.variance is None else fit.data.variance
+    n = float(inside.sum())
+    floor = float(np.mean(np.abs(fit.residual[inside]) ** 2 / shape[inside]))
     for e in fit.model.effects:
         if e.family == "quantization":
             floor = max(floor - e.p[0] ** 2 / 6, floor * 1e-3)
-    n = fit.data.count
     ratio = floor / told
     nats = n * (ratio - 1 - np.log(ratio))
-    if nats > 0.5 * np.log(n) + 8 and abs(10 * np.log10(ratio)) > 0.08:
-        effect = start(FAMILIES["noise_floor"], [10 * np.log10(ratio)], free=[False], aux={"_floor": floor, "nats": float(nats)})
+    # A gain that changes has no level of its own: how far it moves is how well the floor is known.
+    moved = gain_of_receiver(fit, fit.model)
+    doubt_db = 0.05 if moved is None else 0.05 + 10 * np.log10(moved.max() / moved.min())
+    if nats > 0.5 * np.log(n) + 8 and abs(10 * np.log10(ratio)) > doubt_db:
+        effect = start(
+            FAMILIES["noise_floor"],
+            [10 * np.log10(ratio)],
+            free=[False],
+            aux={"_floor": floor, "nats": float(nats)},
+        )
         finding.fits[0] = replace(fit, model=fit.model.adding(effect))
         finding.stds["noise_floor"] = {"change_db": 10 / np.log(10) / np.sqrt(n)}
+
+
+def off_the_rails(fit: Fit) -> np.ndarray:
+    """(n,) bool: used samples whose prediction stays three noise deviations inside the rails."""
+    inside = fit.data.use > 0
+    for e in fit.model.effects:
+        if e.family == "adc_clipping":
+            level = e.p[0] - 3 * np.sqrt(fit.sigma2 / 2)
+            inside = inside & (np.abs(fit.chain.y.real) < level) & (np.abs(fit.chain.y.imag) < level)
+    return inside if inside.sum() > 100 else fit.data.use > 0
 
 
 def _look_for_rest(finding: Finding) -> None:
     fit = finding.fit
     explained = max(0.0, finding.twin.sigma2 / fit.sigma2 - 1) * fit.data.count
-    for rest in residual.leftovers(fit):
+    for rest in residual.leftovers(fit, off_the_rails(fit)):
         if rest.p_value < UNEXPLAINED_P and rest.nats > max(UNEXPLAINED_NATS, UNEXPLAINED_SHARE * explained):
             finding.left.append(rest)
 

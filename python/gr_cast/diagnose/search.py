@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which effects: score tests of every family on the residual, joint refits of the best, a small beam, backward elimination."""
+"""Which effects: score tests of every family on the residual, joint refits of the best, a small beam,
+backward elimination."""
 
 import time
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..effects import FAMILIES, Effect
+from ..effects import FAMILIES, Effect, stage_of
+from ..effects.base import RX_GAIN
 from ..effects.basis import cosines
 from . import noise
 from .fit import Data, Fit, invert, misfit, real_rows, solve, with_noise
@@ -29,7 +31,8 @@ class Score:
 
 @dataclass(frozen=True, kw_only=True)
 class Gram:
-    """Inner products of an effect's derivatives: among themselves, with those of the fit, with the residual (in nats)."""
+    """Inner products of an effect's derivatives: among themselves, with those of the fit, with the residual
+    (in nats)."""
 
     h_cc: np.ndarray
     h_cj: np.ndarray
@@ -42,9 +45,10 @@ class Gram:
 def _gram(data: Data, rows, residual, sigma2, columns) -> Gram:
     c = real_rows(data.whitened(np.array(columns))).astype(np.float32)
     return Gram(
-        h_cc=(2 / sigma2 * (c @ c.T)).astype(float), h_cj=2 / sigma2 * (c @ rows.T.astype(np.float32)).astype(float),
+        h_cc=(2 / sigma2 * (c @ c.T)).astype(float),
+        h_cj=2 / sigma2 * (c @ rows.T.astype(np.float32)).astype(float),
         slope=2 / sigma2 * (c @ residual.astype(np.float32)).astype(float),
-    )  # fmt: skip
+    )
 
 
 def _gram_of_courses(data: Data, rows, residual, sigma2, units, orders) -> Gram:
@@ -66,18 +70,26 @@ def _gram_of_courses(data: Data, rows, residual, sigma2, units, orders) -> Gram:
             h_cc[:, i, :, j] = (basis * e) @ basis.T
             h_cc[:, j, :, i] = h_cc[:, i, :, j].T
     others = np.vstack([rows, residual[None]]).view(complex)
-    cross = np.array([[basis @ blocks(white[i], other) for other in others] for i in range(k)])  # (k, others, orders)
+    cross = np.array(
+        [[basis @ blocks(white[i], other) for other in others] for i in range(k)]
+    )  # (k, others, orders)
     cross = 2 / sigma2 * cross.transpose(2, 0, 1).reshape(orders * k, -1)
-    return Gram(h_cc=2 / sigma2 * h_cc.reshape(orders * k, orders * k), h_cj=cross[:, :-1], slope=cross[:, -1])
+    return Gram(
+        h_cc=2 / sigma2 * h_cc.reshape(orders * k, orders * k), h_cj=cross[:, :-1], slope=cross[:, -1]
+    )
 
 
 def score(fit: Fit, effect: Effect, grams: dict | None = None) -> Score:
-    """Predicted gain in evidence of adding an effect, by one Gauss-Newton step from its start (Rao's score test)."""
+    """Predicted gain in evidence of adding an effect, by one Gauss-Newton step from its start (Rao's score
+    test)."""
     data, scene, family = fit.data, fit.data.scene, FAMILIES[effect.family]
     n, sigma2, grams = data.count, fit.sigma2, {} if grams is None else grams
     nest = family.nest(scene, effect)
     saved, gram = 0.0, None
-    rows, inverse = fit.rows, grams.setdefault("inverse", invert(fit.hessian + np.diag(fit.model.prior_precision())))
+    rows, inverse = (
+        fit.rows,
+        grams.setdefault("inverse", invert(fit.hessian + np.diag(fit.model.prior_precision()))),
+    )
     residual = grams.setdefault("residual", real_rows(data.whitened(fit.residual[None]))[0])
     key = (effect.family, nest[0]) if nest else None
     if key not in grams or nest is None:
@@ -156,16 +168,19 @@ def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2) ->
     """Signal and noise law at their joint optimum. `near`: a fit whose signal part is already close."""
     white = replace(data, variance=None, spectrum=None)
     noisy = any(FAMILIES[e.family].noise_like and not e.fixed for e in model.effects)
+    shaped = noisy or any(stage_of(e) == RX_GAIN for e in model.effects)
     if not noisy or near is None:
         fit = solve(white, model)
-    if not noisy:
+    if not shaped:
         return fit
-    if near is not None:
-        fit = replace(near, model=model, data=white)
-    for _ in range(rounds):
-        model = replace(model, effects=tuple(_again(fit, e) for e in model.effects))
-        shaped = with_noise(replace(fit, data=white), model)
-        fit = solve(shaped, model)
+    if near is not None and noisy:
+        fit = replace(near, model=model)
+    for _ in range(rounds if noisy else 1):
+        model = replace(
+            model if noisy else fit.model,
+            effects=tuple(_again(fit, e) for e in (model if noisy else fit.model).effects),
+        )
+        fit = solve(with_noise(replace(fit, data=white), model), model)
         model = fit.model
     return fit
 
@@ -174,7 +189,10 @@ def _again(fit: Fit, effect: Effect) -> Effect:
     """A noise effect with its strength fitted to the residual; others as they are."""
     if effect.fixed or effect.family not in noise.FINDERS:
         return effect
-    _, found = noise.FINDERS[effect.family](fit)
+    if effect.family == "pulsed_interference":
+        _, found = noise.pulsed(fit, near=effect.p[1])
+    else:
+        _, found = noise.FINDERS[effect.family](fit)
     return effect if found is None else replace(found, trials=effect.trials)
 
 
@@ -187,7 +205,10 @@ def candidates(fit: Fit) -> list[Score]:
         if family.noise_like:
             continue
         for effect in family.starts(view):
-            if (effect.family, str(sorted((k, str(v)) for k, v in effect.aux.items()))) in have and effect.family not in REPEATABLE:
+            if (
+                effect.family,
+                str(sorted((k, str(v)) for k, v in effect.aux.items())),
+            ) in have and effect.family not in REPEATABLE:
                 continue
             if effect.family in ONCE and any(e.family == effect.family for e in fit.model.effects):
                 continue
@@ -203,13 +224,26 @@ def candidates(fit: Fit) -> list[Score]:
 
 
 REPEATABLE = {"extra_path", "tone_interference", "sample_loss", "second_transmitter", "gain_step"}
-ONCE = {"carrier_frequency_offset", "front_end_filter", "pa_nonlinearity", "phase_noise", "diffuse_tail", "gain_drift", "sample_clock_offset", "dc_offset"}
+ONCE = {
+    "carrier_frequency_offset",
+    "front_end_filter",
+    "pa_nonlinearity",
+    "phase_noise",
+    "diffuse_tail",
+    "gain_drift",
+    "sample_clock_offset",
+    "dc_offset",
+}
 
 
 def _worth_trying(scores: list[Score]) -> list[Score]:
     """The simple families that promise most, flexible ones where they promise more, and the laws of noise."""
     options = [s for s in scores if s.net > 0]
-    simple = [s for s in options if not FAMILIES[s.effect.family].flexible and not FAMILIES[s.effect.family].noise_like]
+    simple = [
+        s
+        for s in options
+        if not FAMILIES[s.effect.family].flexible and not FAMILIES[s.effect.family].noise_like
+    ]
     best = simple[0].net if simple else 0.0
     flexible = [s for s in options if FAMILIES[s.effect.family].flexible and s.net > best + FEW_NATS]
     noises = [s for s in options if FAMILIES[s.effect.family].noise_like and s.net > best]
@@ -228,8 +262,12 @@ def search(data: Data, model: Model, *, deadline: float = np.inf) -> list[Fit]:
             for s in _worth_trying(candidates(fit)):
                 if time.monotonic() > deadline:
                     break
-                trial = refit(data, fit.model.adding(s.effect), near=fit if FAMILIES[s.effect.family].noise_like else None)
-                if trial.evidence > fit.evidence + MARGIN:
+                trial = refit(
+                    data,
+                    fit.model.adding(s.effect),
+                    near=fit if FAMILIES[s.effect.family].noise_like else None,
+                )
+                if trial.evidence > fit.evidence + MARGIN and plausible(trial.model):
                     grown.append(trial)
         for trial in grown:
             key = trial.model.families
@@ -245,6 +283,10 @@ def search(data: Data, model: Model, *, deadline: float = np.inf) -> list[Fit]:
             break
     ranked = sorted(done.values(), key=lambda f: -f.evidence)
     return [eliminate(data, ranked[0]), *ranked[1:]]
+
+
+def plausible(model: Model) -> bool:
+    return all(FAMILIES[e.family].plausible(e) for e in model.effects)
 
 
 def eliminate(data: Data, fit: Fit) -> Fit:

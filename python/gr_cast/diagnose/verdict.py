@@ -14,10 +14,20 @@ def _key(finding: Finding, effect):
     family = FAMILIES[effect.family]
     if family.level == "link":
         tap = effect.aux.get("tap")
-        delay = finding.scene.taps[tap].delay if tap is not None else round(effect.p[2]) if effect.family == "extra_path" else 0
+        delay = (
+            finding.scene.taps[tap].delay
+            if tap is not None
+            else round(effect.p[2])
+            if effect.family == "extra_path"
+            else 0
+        )
         return (effect.family, finding.observation.name, round(float(delay), 1), tap)
     if effect.family in ("sample_loss", "gain_step"):
-        return (effect.family, round(float(effect.p[0 if effect.family == "sample_loss" else 1]), 2), finding.observation.name)
+        return (
+            effect.family,
+            round(float(effect.p[0 if effect.family == "sample_loss" else 1]), 2),
+            finding.observation.name,
+        )
     if effect.family == "tone_interference":
         return (effect.family, round(float(effect.p[2] / 3)))
     return (effect.family,)
@@ -45,13 +55,17 @@ def conclude(case, findings: list[Finding]) -> dict:
         verdict = "unexplained"
     fit = _fit_numbers(findings)
     return {
-        "cast_diagnosis": 1, "verdict": verdict, "effects": effects, "ambiguous": ambiguous, "fit": fit,
+        "cast_diagnosis": 1,
+        "verdict": verdict,
+        "effects": effects,
+        "ambiguous": ambiguous,
+        "fit": fit,
         "residual": {
             "unexplained_db": round(float(_excess_db(findings)), 3),
             "p_value": float(min([rest.p_value for f in findings for rest in f.left], default=0.5)),
             "where": [{**rest.where, "test": rest.test, "recording": f.observation.name} for f, rest in left],
         },
-    }  # fmt: skip
+    }
 
 
 def _excess_db(findings) -> float:
@@ -68,7 +82,10 @@ def _fit_numbers(findings) -> dict:
         told = f.data.noise_power
         floor.append((told if told else f.fit.sigma2) / float(np.mean(np.abs(f.data.y) ** 2)))
     names = ("twin_nmse_db", "corrected_nmse_db", "noise_floor_db")
-    return {name: round(float(10 * np.log10(np.mean(v))), 4) for name, v in zip(names, (twin, corrected, floor), strict=True)} | {"split": "vault"}
+    return {
+        name: round(float(10 * np.log10(np.mean(v))), 4)
+        for name, v in zip(names, (twin, corrected, floor), strict=True)
+    } | {"split": "vault"}
 
 
 def owner_of(case, findings, members) -> dict:
@@ -79,7 +96,9 @@ def owner_of(case, findings, members) -> dict:
     if family.level == "environment":
         return {"level": "environment", "name": "environment"}
     seen = {f.observation.name for f, _ in members}
-    source = finding.scene.taps[effect.aux["tap"]].source if "tap" in effect.aux else effect.aux.get("source", 0)
+    source = (
+        finding.scene.taps[effect.aux["tap"]].source if "tap" in effect.aux else effect.aux.get("source", 0)
+    )
     tx, rx = finding.scene.transmitters[source], finding.observation.receiver
     if family.level == "link":
         return {"level": "link", "name": f"{tx}>{rx}"}
@@ -89,12 +108,18 @@ def owner_of(case, findings, members) -> dict:
         "rx": {o.observation.name for o in findings if o.observation.receiver == rx},
     }
     if len(findings) > 1 and by["tx"] != by["rx"]:
-        score = {side: len(seen & names) - len(names - seen) - len(seen - names) for side, names in by.items()}
+        score = {
+            side: len(seen & names) - len(names - seen) - len(seen - names) for side, names in by.items()
+        }
         level = max(score, key=lambda side: (score[side], side == level))
         return {"level": level, "name": tx if level == "tx" else rx}
     other = {"level": "rx" if level == "tx" else "tx", "name": rx if level == "tx" else tx}
     owner = {"level": level, "name": tx if level == "tx" else rx}
-    return owner if level == family.level and family.level == "tx" and effect.family != "iq_imbalance" else owner | {"alternatives": [other]}
+    return (
+        owner
+        if level == family.level and family.level == "tx" and effect.family != "iq_imbalance"
+        else owner | {"alternatives": [other]}
+    )
 
 
 def _entry(case, findings, members) -> dict | None:
@@ -105,20 +130,31 @@ def _entry(case, findings, members) -> dict | None:
     if len(members) > 1:
         for name in values:
             if not name.startswith(("time_s",)):
-                values[name] = _pooled([numbers(f, i)[0][name] for f, i in members if name in numbers(f, i)[0]])
+                values[name] = _pooled(
+                    [numbers(f, i)[0][name] for f, i in members if name in numbers(f, i)[0]]
+                )
     plain = {k: v["value"] for k, v in values.items()}
     where = {
-        "delay_s": None, "time_s": [0.0, scene.duration_s], "frequency_hz": [-scene.sample_rate_hz / 2, scene.sample_rate_hz / 2],
-        "amplitude": None, **{k: [float(a) for a in v] for k, v in family.where(scene, effect, plain).items()},
-        "recording": finding.observation.name if len(members) == 1 else [f.observation.name for f, _ in members],
-    }  # fmt: skip
+        "delay_s": None,
+        "time_s": [0.0, scene.duration_s],
+        "frequency_hz": [-scene.sample_rate_hz / 2, scene.sample_rate_hz / 2],
+        "amplitude": None,
+        **{k: [float(a) for a in v] for k, v in family.where(scene, effect, plain).items()},
+        "recording": finding.observation.name
+        if len(members) == 1
+        else [f.observation.name for f, _ in members],
+    }
     margin = _gain(finding, index)
     return {
-        "family": effect.family, "owner": owner_of(case, findings, members), "where": where,
+        "family": effect.family,
+        "owner": owner_of(case, findings, members),
+        "where": where,
         "parameters": {**values, **constants},
         "evidence": {"heldout_gain_nats": round(margin, 2), "runner_up": None, "runner_up_margin_nats": None},
-        "confidence": confidence(margin), "sentence": family.describe(_Words(values, constants)), "model": family.model(effect),
-    }  # fmt: skip
+        "confidence": confidence(margin),
+        "sentence": family.describe(_Words(values, constants)),
+        "model": family.model(effect),
+    }
 
 
 def confidence(nats: float) -> float:
@@ -152,7 +188,15 @@ def _ambiguities(case, findings) -> list[dict]:
     return []
 
 
-UNITS = {"_s": "s", "_hz": "Hz", "_db": "dB", "_dbc": "dBc", "_rad": "rad", "_ppm": "ppm", "_hz_per_s": "Hz/s"}
+UNITS = {
+    "_s": "s",
+    "_hz": "Hz",
+    "_db": "dB",
+    "_dbc": "dBc",
+    "_rad": "rad",
+    "_ppm": "ppm",
+    "_hz_per_s": "Hz/s",
+}
 
 
 class _Words:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the residual of a fit shows, in the coordinates in which families are found: lines, echoes, courses, jumps."""
+"""What the residual of a fit shows, in the coordinates in which families are found: lines, echoes, courses,
+jumps."""
 
 from functools import cached_property
 
@@ -52,7 +53,8 @@ class View:
         return slope, 2 / self.sigma2 * np.abs(self.wanted) ** 2 * self.weight
 
     def modulation_peak(self) -> float | None:
-        """Cycles over the recording by which the wanted part turns against the prediction, where that is far from 0."""
+        """Cycles over the recording by which the wanted part turns against the prediction, where that is
+        far from 0."""
         y = self.data.y if not self.inverted else np.conj(self.data.y)
         product = y * np.conj(self.wanted) * self.weight
         size = sp_fft.next_fast_len(2 * len(product))
@@ -96,7 +98,9 @@ class View:
             spectrum = np.conj(sp_fft.fft(source.samples))
             folded = np.zeros((segments, size), complex)
             index = self.scene.wrap(size) + (np.arange(n) // length) * size
-            folded = np.bincount(index, signal.real, segments * size) + 1j * np.bincount(index, signal.imag, segments * size)
+            folded = np.bincount(index, signal.real, segments * size) + 1j * np.bincount(
+                index, signal.imag, segments * size
+            )
             c = sp_fft.ifft(sp_fft.fft(folded.reshape(segments, size), axis=1) * spectrum, axis=1)
             return c, np.arange(size)
         spread = max(256, int(3 * max(p.delay for p in self.scene.taps)) + 64)
@@ -116,7 +120,8 @@ class View:
         return c, np.arange(low, spread)
 
     def echoes(self, code, count: int) -> list[tuple[float, float, float]]:
-        """The strongest (delay in samples on the taps' scale, Doppler in cycles, places tried) in which the residual holds
+        """The strongest (delay in samples on the taps' scale, Doppler in cycles, places tried) in which the
+        residual holds
         the waveform once more."""
         segments = 32 if self.scene.count > 2048 else 4
         c, lags = self._correlations(code, self.residual * np.conj(self.carrier), segments)
@@ -138,7 +143,8 @@ class View:
 
     # ------------------------------------------------------------ taps
     def tap_order(self) -> list[int]:
-        """The twin's taps that can differ from the rest: all, where a source has more than one or there are more sources."""
+        """The twin's taps that can differ from the rest: all, where a source has more than one or there are
+        more sources."""
         taps = self.scene.taps
         return list(range(len(taps))) if len(taps) > 1 else []
 
@@ -146,8 +152,12 @@ class View:
     def tap_signals(self) -> np.ndarray:
         """(taps, n) what each tap of the twin adds to the prediction."""
         chain = type(self.fit.chain)(
-            scene=self.scene, delay=self.fit.model.base[0], ports=self.fit.chain.ports, u=self.fit.chain.u, shift=self.fit.chain.shift,
-        )  # fmt: skip
+            scene=self.scene,
+            delay=self.fit.model.base[0],
+            ports=self.fit.chain.ports,
+            u=self.fit.chain.u,
+            shift=self.fit.chain.shift,
+        )
         chain.waves = self.fit.chain.waves
         out = []
         for k in range(len(self.scene.taps)):
@@ -182,7 +192,8 @@ class View:
         return tuple(s for s in (6, 24, 80) if s < self.scene.count / 100)
 
     def _wanted_correlations(self, segments: int, reach: int):
-        """c[m, d], d from −reach to reach, of the recording with the prediction, carrier taken out of both."""
+        """c[m, d], d from −reach to reach, of the recording with the prediction, carrier taken out of
+        both."""
         y = (np.conj(self.data.y) if self.inverted else self.data.y) * self.weight * np.conj(self.carrier)
         clean = self.wanted / np.where(self.carrier == 0, 1, self.carrier)
         n = self.scene.count
@@ -195,7 +206,8 @@ class View:
         return c
 
     def timing_drift(self) -> float:
-        """Samples that the received waveform gains over the recording, from the lag of its correlation over time."""
+        """Samples that the received waveform gains over the recording, from the lag of its correlation over
+        time."""
         reach, segments = 8, 12
         if self.scene.count < 2000:
             return 0.0
@@ -215,7 +227,8 @@ class View:
         return float(-np.clip(slope, -16, 16))
 
     def jumps(self) -> list[tuple[float, float, bool]]:
-        """The likeliest (first sample after the joint, samples lost, whether the delay is that of the later part)."""
+        """The likeliest (first sample after the joint, samples lost, whether the delay is that of the later
+        part)."""
         segments = 48
         n = self.scene.count
         source = self.scene.sources[0]
@@ -230,7 +243,11 @@ class View:
             f = sp_fft.fftfreq(len(lags))
             response = sum(np.conj(p.gain) * np.exp(2j * np.pi * f * p.delay) for p in taps)
             c = sp_fft.ifft(sp_fft.fft(c, axis=1) * response, axis=1)
-        now = int(np.argmin(np.abs((lags - round(saved) + len(lags) / 2) % len(lags) - len(lags) / 2))) if source.repeat else int(np.argmin(np.abs(lags - round(saved))))
+        now = (
+            int(np.argmin(np.abs((lags - round(saved) + len(lags) / 2) % len(lags) - len(lags) / 2)))
+            if source.repeat
+            else int(np.argmin(np.abs(lags - round(saved))))
+        )
         gain = c.real - c.real[:, now : now + 1]
         found = []
         for later in (False, True):

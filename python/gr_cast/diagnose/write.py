@@ -33,9 +33,10 @@ def corrected_twin(diagnosis) -> dict:
     """The twin's document with the found physics in `effects`; what a user's file names stay as they are."""
     document = copy.deepcopy(diagnosis.case.document)
     found = [
-        {k: e[k] for k in ("family", "owner", "parameters", "model") if e.get(k)} | {"parameters": e["parameters"]}
+        {k: e[k] for k in ("family", "owner", "parameters", "model") if e.get(k)}
+        | {"parameters": e["parameters"]}
         for e in diagnosis.document["effects"]
-    ]  # fmt: skip
+    ]
     document["effects"] = list(document.get("effects") or []) + found
     return _clean(document)
 
@@ -46,17 +47,22 @@ def maps(diagnosis) -> dict[str, np.ndarray]:
         name = finding.observation.name
         for label, fit in (("before", finding.twin), ("after", finding.fit)):
             energy, count = time_frequency(fit)
-            out[f"{name}_time_frequency_{label}"] = (energy / np.maximum(count, 1e-9) * fit.sigma2).astype(np.float32)
+            out[f"{name}_time_frequency_{label}"] = (energy / np.maximum(count, 1e-9) * fit.sigma2).astype(
+                np.float32
+            )
     return out
 
 
 def write(diagnosis, folder: Path, html: str) -> None:
-    """Write diagnosis.json, report.html, twin_corrected.yaml and residual.npz into `folder`, replacing it as a whole."""
+    """Write diagnosis.json, report.html, twin_corrected.yaml and residual.npz into `folder`, replacing it
+    as a whole."""
     folder = Path(folder)
     folder.parent.mkdir(parents=True, exist_ok=True)
     aside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:
-        (aside / "diagnosis.json").write_text(json.dumps(_clean(diagnosis.document), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        (aside / "diagnosis.json").write_text(
+            json.dumps(_clean(diagnosis.document), indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
+        )
         text = yaml.safe_dump(corrected_twin(diagnosis), sort_keys=False, allow_unicode=True)
         (aside / "twin_corrected.yaml").write_text(text, encoding="utf-8")
         (aside / "report.html").write_text(html, encoding="utf-8")

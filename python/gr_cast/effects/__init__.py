@@ -13,7 +13,13 @@ from .gain_step import GainStep
 from .iq_imbalance import IqImbalance
 from .lo_leakage import LoLeakage
 from .missing_path import MissingPath
-from .noise_families import ImpulsiveNoise, NarrowbandInterference, NoiseFloor, PulsedInterference, SignalDependentNoise
+from .noise_families import (
+    ImpulsiveNoise,
+    NarrowbandInterference,
+    NoiseFloor,
+    PulsedInterference,
+    SignalDependentNoise,
+)
 from .pa_nonlinearity import PaNonlinearity
 from .phase_noise import PhaseNoise
 from .power_supply_hum import PowerSupplyHum
@@ -31,14 +37,37 @@ from .tone_interference import ToneInterference
 FAMILIES: dict[str, Family] = {
     family.name: family
     for family in (
-        IqImbalance(), LoLeakage(), PaNonlinearity(),
-        SampleLoss(), MissingPath(), TapGainError(), TapDelayError(), TapDoppler(), TapFading(), ExtraPath(), DiffuseTail(), SampleClockOffset(),
+        IqImbalance(),
+        LoLeakage(),
+        PaNonlinearity(),
+        SampleLoss(),
+        MissingPath(),
+        TapGainError(),
+        TapDelayError(),
+        TapDoppler(),
+        TapFading(),
+        ExtraPath(),
+        DiffuseTail(),
+        SampleClockOffset(),
         SecondTransmitter(),
-        CarrierFrequencyOffset(), PhaseNoise(), FrontEndFilter(), GainStep(), GainDrift(), PowerSupplyHum(), DcOffset(), ToneInterference(),
-        SpectralInversion(), AdcClipping(), Quantization(),
-        PulsedInterference(), NarrowbandInterference(), ImpulsiveNoise(), SignalDependentNoise(), NoiseFloor(),
+        CarrierFrequencyOffset(),
+        PhaseNoise(),
+        FrontEndFilter(),
+        GainStep(),
+        GainDrift(),
+        PowerSupplyHum(),
+        DcOffset(),
+        ToneInterference(),
+        SpectralInversion(),
+        AdcClipping(),
+        Quantization(),
+        PulsedInterference(),
+        NarrowbandInterference(),
+        ImpulsiveNoise(),
+        SignalDependentNoise(),
+        NoiseFloor(),
     )
-}  # fmt: skip
+}
 
 
 def stage_of(effect: Effect) -> int:

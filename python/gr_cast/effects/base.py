@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What every family of physics has in common, and the effect: one family with its numbers.
 
-Inside, parameters are scaled so that one step size serves all (samples, cycles over the recording, relative amplitudes);
+Inside, parameters are scaled so that one step size serves all (samples, cycles over the recording, relative
+amplitudes);
 `values` turns them into the contract's names and units, and `parse` back.
 """
 
@@ -10,13 +11,32 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 # The true order of the signal; the channel is run between LINK and ENVIRONMENT.
-TX_IQ, TX_LEAK, TX_PA, LINK, CLOCK, ENVIRONMENT, RX_LO, RX_FILTER, RX_GAIN, RX_IQ, RX_DC, AIR, SAMPLER, INVERSION, RAILS, LATTICE, NOISE = range(17)
+(
+    TX_IQ,
+    TX_LEAK,
+    TX_PA,
+    LINK,
+    CLOCK,
+    ENVIRONMENT,
+    RX_LO,
+    RX_FILTER,
+    RX_GAIN,
+    RX_IQ,
+    RX_DC,
+    AIR,
+    SAMPLER,
+    INVERSION,
+    RAILS,
+    LATTICE,
+    NOISE,
+) = range(17)
 CHANNEL_AFTER = CLOCK
 
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
-    """A family with its parameters `p` (internal scaling), `free` ones fitted, and what is not a number in `aux`."""
+    """A family with its parameters `p` (internal scaling), `free` ones fitted, and what is not a number in
+    `aux`."""
 
     family: str
     p: np.ndarray
@@ -67,16 +87,22 @@ class Family:
         raise NotImplementedError
 
     def nest(self, scene, effect: Effect):
-        """(key, largest effect of this kind, indices of this effect's parameters in it), where starts are parts of one."""
+        """(key, largest effect of this kind, indices of this effect's parameters in it), where starts are
+        parts of one."""
         return None
 
     def units(self, scene, effect: Effect, chain, before, rest):
-        """Where derivatives are slow courses on a few signals: (those signals (k, n), courses (orders)); else None."""
+        """Where derivatives are slow courses on a few signals: (those signals (k, n), courses (orders));
+        else None."""
         return None
 
     def limits(self, effect: Effect) -> np.ndarray:
         """Largest step of each parameter in one iteration of a fit."""
         return np.full(len(effect.p), self.reach)
+
+    def plausible(self, effect: Effect) -> bool:
+        """Whether the numbers can be those of real equipment."""
+        return True
 
     def hidden(self, effect: Effect) -> int:
         """Numbers that were chosen by search and not fitted."""

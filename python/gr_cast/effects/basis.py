@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Smooth random courses in time: a cosine basis on the recording, with the variance of each cosine as prior."""
+"""Smooth random courses in time: a cosine basis on the recording, with the variance of each cosine as
+prior."""
 
 import numpy as np
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Carrier frequency offset and drift: y·exp(j2π(f·t + ½·d·t²)). Internal: cycles at mid-recording, cycles of drift."""
+"""Carrier frequency offset and drift: y·exp(j2π(f·t + ½·d·t²)). Internal: cycles at mid-recording, cycles
+of drift."""
 
 import numpy as np
 
@@ -31,4 +32,7 @@ class CarrierFrequencyOffset(Family):
         return start(self, [parameters.get("offset_hz", 0.0) * scene.duration_s + 0.5 * drift, drift])
 
     def describe(self, number):
-        return f"The carrier lies {number('offset_hz')} off at the start and drifts by {number('drift_hz_per_s')}."
+        return (
+            f"The carrier lies {number('offset_hz')} off at the start and drifts by "
+            f"{number('drift_hz_per_s')}."
+        )

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The forward model of one recording: transmitter → channel → environment → receiver, as a chain of steps.
 
-A `Scene` holds what is fixed (waveforms, twin's taps, sample count); a `Chain` is the signal on its way through the steps.
-Effects only ever replace attributes of a chain (never write into its arrays), so that a copy of the chain before any step
+A `Scene` holds what is fixed (waveforms, twin's taps, sample count); a `Chain` is the signal on its way
+through the steps.
+Effects only ever replace attributes of a chain (never write into its arrays), so that a copy of the chain
+before any step
 can be kept and the rest of the chain run again: this is how derivatives are taken.
 """
 
@@ -21,7 +23,8 @@ OVERSAMPLING = 8
 
 @dataclass(frozen=True, kw_only=True)
 class Path:
-    """One path of a source. Delay in samples, on the scale of the twin's taps; Doppler in cycles over the recording."""
+    """One path of a source. Delay in samples, on the scale of the twin's taps; Doppler in cycles over the
+    recording."""
 
     source: int
     delay: float
@@ -33,7 +36,8 @@ class Path:
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """A waveform as the channel sees it: one period, or a window of the recording's length with silence around it."""
+    """A waveform as the channel sees it: one period, or a window of the recording's length with silence
+    around it."""
 
     name: str
     samples: np.ndarray  # (p,) complex128, unknown samples are 0
@@ -107,7 +111,8 @@ def resampled_spectrum(samples: np.ndarray, size: int = 512) -> np.ndarray:
 
 
 def frequencies(length: int) -> np.ndarray:
-    """Cycles per sample of each bin of an FFT of `length`; the bin at half the rate counts as 0 (it has no sign)."""
+    """Cycles per sample of each bin of an FFT of `length`; the bin at half the rate counts as 0 (it has no
+    sign)."""
     f = sp_fft.fftfreq(length)
     if length % 2 == 0:
         f[length // 2] = 0.0
@@ -122,9 +127,11 @@ def cubic(table: np.ndarray, position: np.ndarray, periodic: bool) -> np.ndarray
     size = len(table)
     at = (lambda k: table[(i + k) % size]) if periodic else (lambda k: table[np.clip(i + k, 0, size - 1)])
     return (
-        at(-1) * (-x * (x - 1) * (x - 2) / 6) + at(0) * ((x + 1) * (x - 1) * (x - 2) / 2)
-        + at(1) * (-(x + 1) * x * (x - 2) / 2) + at(2) * ((x + 1) * x * (x - 1) / 6)
-    )  # fmt: skip
+        at(-1) * (-x * (x - 1) * (x - 2) / 6)
+        + at(0) * ((x + 1) * (x - 1) * (x - 2) / 2)
+        + at(1) * (-(x + 1) * x * (x - 2) / 2)
+        + at(2) * ((x + 1) * x * (x - 1) / 6)
+    )
 
 
 def oversampled(spectrum: np.ndarray, factor: int) -> np.ndarray:
@@ -139,7 +146,8 @@ def oversampled(spectrum: np.ndarray, factor: int) -> np.ndarray:
 
 @dataclass(kw_only=True)
 class Chain:
-    """The signal on its way. Before the channel `waves` and `paths` are filled, after it `y` (count,) complex128."""
+    """The signal on its way. Before the channel `waves` and `paths` are filled, after it `y` (count,)
+    complex128."""
 
     scene: Scene
     delay: float
@@ -186,7 +194,8 @@ class Chain:
         self.wanted = self.y
 
     def sample(self, source: Source, spectrum: np.ndarray, stretch: float) -> np.ndarray:
-        """The signal of `spectrum` at the recording's samples; `stretch` samples are gained over the recording."""
+        """The signal of `spectrum` at the recording's samples; `stretch` samples are gained over the
+        recording."""
         size = len(spectrum)
         if abs(stretch) < 1e-7:
             return self._gather(source, sp_fft.ifft(spectrum))
@@ -212,7 +221,8 @@ class Chain:
 
 
 def reach(scene: Scene, low: int, high: int) -> np.ndarray:
-    """(count,) bool: recorded samples for which every waveform sample from `low` to `high` samples back is known."""
+    """(count,) bool: recorded samples for which every waveform sample from `low` to `high` samples back is
+    known."""
     valid = np.ones(scene.count, bool)
     for source in scene.sources:
         bad = ~source.known

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""DC after the receiver's mixer, constant or decaying: y + c·exp(−t/τ). Internal: Re c, Im c over the wanted rms, ln(τ/T)."""
+"""DC after the receiver's mixer, constant or decaying: y + c·exp(−t/τ). Internal: Re c, Im c over the
+wanted rms, ln(τ/T)."""
 
 import numpy as np
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A diffuse tail behind the first tap: many weak taps whose power falls by e in decay_s. Internal: Re and Im of the taps."""
+"""A diffuse tail behind the first tap: many weak taps whose power falls by e in decay_s. Internal: Re and
+Im of the taps."""
 
 from dataclasses import replace
 
@@ -27,7 +28,11 @@ class DiffuseTail(Family):
 
     def nest(self, scene, effect):
         size = 2 * max(s for s in SIZES if s <= max(scene.count // 12, SIZES[0]))
-        return effect.aux["source"], replace(effect, p=np.zeros(size), free=np.ones(size, bool), prior=None), np.arange(len(effect.p))
+        return (
+            effect.aux["source"],
+            replace(effect, p=np.zeros(size), free=np.ones(size, bool), prior=None),
+            np.arange(len(effect.p)),
+        )
 
     def columns(self, scene, effect, chain, before, rest):
         one = before.copy()
@@ -43,7 +48,13 @@ class DiffuseTail(Family):
                 if size > view.scene.count // 12:
                     continue
                 k = np.repeat(np.arange(size), 2)
-                yield start(self, np.zeros(2 * size), prior=np.exp(-3.0 * k / size), aux={"source": i, "first": first}, trials=len(SIZES))
+                yield start(
+                    self,
+                    np.zeros(2 * size),
+                    prior=np.exp(-3.0 * k / size),
+                    aux={"source": i, "first": first},
+                    trials=len(SIZES),
+                )
 
     def values(self, scene, effect, p):
         power = p[::2] ** 2 + p[1::2] ** 2
@@ -52,7 +63,15 @@ class DiffuseTail(Family):
 
     def parse(self, scene, parameters, model):
         taps = model.get("taps", [0.0, 0.0])
-        return start(self, taps, aux={"source": model.get("source", 0), "first": model.get("first", 1.0), "decay": parameters["decay_s"] * scene.sample_rate_hz})
+        return start(
+            self,
+            taps,
+            aux={
+                "source": model.get("source", 0),
+                "first": model.get("first", 1.0),
+                "decay": parameters["decay_s"] * scene.sample_rate_hz,
+            },
+        )
 
     def model(self, effect):
         return {"first": float(effect.aux["first"]), "taps": [float(v) for v in effect.p]}
@@ -62,4 +81,7 @@ class DiffuseTail(Family):
         return {"delay_s": [first, first + 3 * values["decay_s"]]}
 
     def describe(self, number):
-        return f"A diffuse tail that the twin leaves out: {number('power_db')} in all, falling by e in {number('decay_s')}."
+        return (
+            f"A diffuse tail that the twin leaves out: {number('power_db')} in all, falling by e in "
+            f"{number('decay_s')}."
+        )

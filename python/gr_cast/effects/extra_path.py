@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An echo that the twin leaves out. Internal: Re a, Im a (mid-recording), delay in samples, Doppler in cycles."""
+"""An echo that the twin leaves out. Internal: Re a, Im a (mid-recording), delay in samples, Doppler in
+cycles."""
 
 import numpy as np
 
@@ -15,29 +16,45 @@ class ExtraPath(Family):
     def apply(self, chain, effect):
         re, im, delay, doppler = effect.p
         gain = complex(re, im) * np.exp(-1j * np.pi * doppler)
-        chain.paths.append(Path(
-            source=effect.aux["source"], delay=delay, gain=gain, doppler=doppler, drift=chain.scene.drift_of(doppler),
-        ))  # fmt: skip
+        chain.paths.append(
+            Path(
+                source=effect.aux["source"],
+                delay=delay,
+                gain=gain,
+                doppler=doppler,
+                drift=chain.scene.drift_of(doppler),
+            )
+        )
 
     def starts(self, view):
         for i in range(len(view.scene.sources)):
             for delay, doppler, trials in view.echoes(i, count=2):
                 still = abs(doppler) < 0.3
                 yield start(self, [0, 0, delay, 0.0], free=[1, 1, 1, 0], aux={"source": i}, trials=trials)
-                yield start(self, [0, 0, delay, 0.0 if still else doppler], aux={"source": i}, trials=trials * 4)
+                yield start(
+                    self, [0, 0, delay, 0.0 if still else doppler], aux={"source": i}, trials=trials * 4
+                )
 
     def values(self, scene, effect, p):
         rate = scene.sample_rate_hz
         phase = np.angle(complex_pair(p)) - np.pi * p[3]
         return {
-            "delay_s": p[2] / rate, "gain_db": db(complex_pair(p)), "phase_rad": float((phase + np.pi) % (2 * np.pi) - np.pi),
+            "delay_s": p[2] / rate,
+            "gain_db": db(complex_pair(p)),
+            "phase_rad": float((phase + np.pi) % (2 * np.pi) - np.pi),
             "doppler_hz": p[3] / scene.duration_s,
-        }  # fmt: skip
+        }
 
     def parse(self, scene, parameters, model):
         doppler = parameters.get("doppler_hz", 0.0) * scene.duration_s
-        a = 10 ** (parameters["gain_db"] / 20) * np.exp(1j * (parameters.get("phase_rad", 0.0) + np.pi * doppler))
-        return start(self, [a.real, a.imag, parameters["delay_s"] * scene.sample_rate_hz, doppler], aux={"source": model.get("source", 0)})
+        a = 10 ** (parameters["gain_db"] / 20) * np.exp(
+            1j * (parameters.get("phase_rad", 0.0) + np.pi * doppler)
+        )
+        return start(
+            self,
+            [a.real, a.imag, parameters["delay_s"] * scene.sample_rate_hz, doppler],
+            aux={"source": model.get("source", 0)},
+        )
 
     def where(self, scene, effect, values):
         return around(scene, values["delay_s"])

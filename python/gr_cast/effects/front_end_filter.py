@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Roll-off, ripple and group delay of a front end: a short complex FIR on the received signal, its main tap 1.
+"""Roll-off, ripple and group delay of a front end: a short complex FIR on the received signal, its main tap
+1.
 
 Internal: real and imaginary parts of the taps from aux low to aux high, the main tap left out.
 """
@@ -8,7 +9,20 @@ import numpy as np
 
 from .base import RX_FILTER, Effect, Family, shifted, start
 
-SIZES = ((0, 1), (-1, 0), (-1, 1), (0, 2), (-2, 2), (0, 4), (-4, 4), (0, 8), (-8, 8), (-4, 16), (-16, 16), (-10, 25))
+SIZES = (
+    (0, 1),
+    (-1, 0),
+    (-1, 1),
+    (0, 2),
+    (-2, 2),
+    (0, 4),
+    (-4, 4),
+    (0, 8),
+    (-8, 8),
+    (-4, 16),
+    (-16, 16),
+    (-10, 25),
+)
 
 
 class FrontEndFilter(Family):
@@ -34,8 +48,12 @@ class FrontEndFilter(Family):
         low, high = -16, min(25, scene.count // 12 - 17)
         lags = np.delete(np.arange(low, high + 1), -low)
         size = 2 * len(lags)
-        whole = Effect(family=self.name, p=np.zeros(size), free=np.ones(size, bool), aux={"low": low, "high": high})
-        mine = np.isin(lags, np.delete(np.arange(effect.aux["low"], effect.aux["high"] + 1), -effect.aux["low"]))
+        whole = Effect(
+            family=self.name, p=np.zeros(size), free=np.ones(size, bool), aux={"low": low, "high": high}
+        )
+        mine = np.isin(
+            lags, np.delete(np.arange(effect.aux["low"], effect.aux["high"] + 1), -effect.aux["low"])
+        )
         return "taps", whole, np.flatnonzero(np.repeat(mine, 2))
 
     def columns(self, scene, effect, chain, before, rest):
@@ -50,7 +68,9 @@ class FrontEndFilter(Family):
             lags = np.delete(np.arange(low, high + 1), -low)
             # Far taps are expected to be smaller; the strength is chosen by evidence.
             prior = np.repeat(1.0 / (1.0 + np.abs(lags)) ** 1.5, 2) if high - low > 4 else None
-            yield start(self, np.zeros(2 * len(lags)), aux={"low": low, "high": high}, prior=prior, trials=len(SIZES))
+            yield start(
+                self, np.zeros(2 * len(lags)), aux={"low": low, "high": high}, prior=prior, trials=len(SIZES)
+            )
 
     def values(self, scene, effect, p):
         response = np.abs(np.fft.fft(self.impulse_response(effect, p), 512))
@@ -66,4 +86,7 @@ class FrontEndFilter(Family):
         return {"low": effect.aux["low"], "taps": [float(v) for v in effect.p]}
 
     def describe(self, number):
-        return f"The front end filters the signal: {number('ripple_db')} between the strongest and the weakest of the occupied band."
+        return (
+            f"The front end filters the signal: {number('ripple_db')} between the strongest and the "
+            "weakest of the occupied band."
+        )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A slow change of gain: linear in dB, or a relaxation a·(1 − exp(−t/τ)) (warming up). Internal: total (nepers), ln(τ/T)."""
+"""A slow change of gain: linear in dB, or a relaxation a·(1 − exp(−t/τ)) (warming up). Internal: total
+(nepers), ln(τ/T)."""
 
 import numpy as np
 
@@ -35,7 +36,12 @@ class GainDrift(Family):
     def parse(self, scene, parameters, model):
         relaxes = "time_constant_s" in parameters
         tau = np.log(parameters["time_constant_s"] / scene.duration_s) if relaxes else 0.0
-        return start(self, [parameters["total_db"] * np.log(10) / 20, tau], free=[True, relaxes], aux={"relaxes": relaxes})
+        return start(
+            self,
+            [parameters["total_db"] * np.log(10) / 20, tau],
+            free=[True, relaxes],
+            aux={"relaxes": relaxes},
+        )
 
     def describe(self, number):
         return f"The gain drifts by {number('total_db')} over the recording."

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A step of gain at one moment: y·exp(s) from t0 on. Internal: s (nepers), t0 as a share of the recording (found by search)."""
+"""A step of gain at one moment: y·exp(s) from t0 on. Internal: s (nepers), t0 as a share of the recording
+(found by search)."""
 
 import numpy as np
 
@@ -27,11 +28,18 @@ class GainStep(Family):
         at = low + int(np.argmax(gain[low:high]))
         yield start(self, [0.0, (at + 1) / view.scene.count], free=[True, False], trials=200)
 
+    def plausible(self, effect):
+        return abs(effect.p[0]) < 4
+
     def values(self, scene, effect, p):
         return {"time_s": p[1] * scene.duration_s, "step_db": 20 / np.log(10) * p[0]}
 
     def parse(self, scene, parameters, model):
-        return start(self, [parameters["step_db"] * np.log(10) / 20, parameters["time_s"] / scene.duration_s], free=[True, False])
+        return start(
+            self,
+            [parameters["step_db"] * np.log(10) / 20, parameters["time_s"] / scene.duration_s],
+            free=[True, False],
+        )
 
     def where(self, scene, effect, values):
         t = values["time_s"]

@@ -28,17 +28,28 @@ class IqImbalance(Family):
         for i in range(len(view.scene.sources)):
             yield start(self, [0.0, 0.0], aux={"side": "tx", "source": i})
 
+    def plausible(self, effect):
+        return abs(complex_pair(effect.p)) < 0.5
+
     def values(self, scene, effect, p):
         beta = complex_pair(p)
         ratio = (1 - beta) / (1 + beta)
         return {
-            "image_rejection_db": -db(beta), "gain_imbalance_db": db(ratio), "phase_imbalance_rad": float(np.angle(ratio)),
-        }  # fmt: skip
+            "image_rejection_db": -db(beta),
+            "gain_imbalance_db": db(ratio),
+            "phase_imbalance_rad": float(np.angle(ratio)),
+        }
 
     def parse(self, scene, parameters, model):
-        ratio = 10 ** (parameters.get("gain_imbalance_db", 0.0) / 20) * np.exp(1j * parameters.get("phase_imbalance_rad", 0.0))
+        ratio = 10 ** (parameters.get("gain_imbalance_db", 0.0) / 20) * np.exp(
+            1j * parameters.get("phase_imbalance_rad", 0.0)
+        )
         beta = (1 - ratio) / (1 + ratio)
-        return start(self, [beta.real, beta.imag], aux={"side": model.get("side", "rx"), "source": model.get("source", 0)})
+        return start(
+            self,
+            [beta.real, beta.imag],
+            aux={"side": model.get("side", "rx"), "source": model.get("source", 0)},
+        )
 
     def describe(self, number):
         return (

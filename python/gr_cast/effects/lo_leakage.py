@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""LO leakage at the transmitter's carrier: a constant sent along with the waveform. Internal: Re c, Im c over the rms of x."""
+"""LO leakage at the transmitter's carrier: a constant sent along with the waveform. Internal: Re c, Im c
+over the rms of x."""
 
 import numpy as np
 

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Families of the noise: they change its variance over time or frequency, never the prediction.
 
-`variance(scene, effect, wanted)` is the noise power of each sample relative to the floor (n,), `spectrum(…)` that of each
+`variance(scene, effect, wanted)` is the noise power of each sample relative to the floor (n,),
+`spectrum(…)` that of each
 FFT bin. Strengths are in aux-free parameters, fitted by maximum likelihood in `diagnose.noise`.
 """
 
@@ -24,10 +25,15 @@ class NoiseFamily(Family):
         return None
 
     def parse(self, scene, parameters, model):
-        return start(self, model.get("p", []), free=[False] * len(model.get("p", [])), aux=model.get("aux", {}))
+        return start(
+            self, model.get("p", []), free=[False] * len(model.get("p", [])), aux=model.get("aux", {})
+        )
 
     def model(self, effect):
-        return {"p": [float(v) for v in effect.p], "aux": {k: v for k, v in effect.aux.items() if not k.startswith("_")}}
+        return {
+            "p": [float(v) for v in effect.p],
+            "aux": {k: v for k, v in effect.aux.items() if not k.startswith("_")},
+        }
 
 
 class NoiseFloor(NoiseFamily):
@@ -54,11 +60,15 @@ class SignalDependentNoise(NoiseFamily):
         return {"slope_db": 10 / np.log(10) * p[0]}
 
     def describe(self, number):
-        return f"Noise grows with the signal: at mean wanted power it is {number('slope_db')} relative to the floor."
+        return (
+            f"Noise grows with the signal: at mean wanted power it is {number('slope_db')} relative to "
+            "the floor."
+        )
 
 
 class PulsedInterference(NoiseFamily):
-    """Pulses: on for a share of each period. p: ln of power while on over the floor; period and start in samples, duty."""
+    """Pulses: on for a share of each period. p: ln of power while on over the floor; period and start in
+    samples, duty."""
 
     name = "pulsed_interference"
     level = "environment"
@@ -74,12 +84,16 @@ class PulsedInterference(NoiseFamily):
     def values(self, scene, effect, p):
         floor = effect.aux["_floor"]
         return {
-            "period_s": p[1] / scene.sample_rate_hz, "duty_cycle": p[3],
+            "period_s": p[1] / scene.sample_rate_hz,
+            "duty_cycle": p[3],
             "power_dbc": 10 * np.log10(np.exp(p[0]) * floor / scene.rms**2),
-        }  # fmt: skip
+        }
 
     def describe(self, number):
-        return f"Pulses every {number('period_s')}, on for {number('duty_cycle')} of it, {number('power_dbc')} while on."
+        return (
+            f"Pulses every {number('period_s')}, on for {number('duty_cycle')} of it, "
+            f"{number('power_dbc')} while on."
+        )
 
 
 class ImpulsiveNoise(NoiseFamily):
@@ -91,14 +105,18 @@ class ImpulsiveNoise(NoiseFamily):
 
     def values(self, scene, effect, p):
         floor = effect.aux["_floor"]
-        return {"rate_hz": float(np.exp(p[1])) * scene.sample_rate_hz, "power_db": 10 * np.log10(np.exp(p[0]) * floor)}
+        return {
+            "rate_hz": float(np.exp(p[1])) * scene.sample_rate_hz,
+            "power_db": 10 * np.log10(np.exp(p[0]) * floor),
+        }
 
     def describe(self, number):
         return f"Impulses: {number('rate_hz')} of them, each {number('power_db')} re full scale."
 
 
 class NarrowbandInterference(NoiseFamily):
-    """Noise in a part of the band. p: ln of its density over the floor, centre and width in cycles per sample."""
+    """Noise in a part of the band. p: ln of its density over the floor, centre and width in cycles per
+    sample."""
 
     name = "narrowband_interference"
     level = "environment"
@@ -111,13 +129,17 @@ class NarrowbandInterference(NoiseFamily):
     def values(self, scene, effect, p):
         floor = effect.aux["_floor"]
         return {
-            "frequency_hz": p[1] * scene.sample_rate_hz, "bandwidth_hz": p[2] * scene.sample_rate_hz,
+            "frequency_hz": p[1] * scene.sample_rate_hz,
+            "bandwidth_hz": p[2] * scene.sample_rate_hz,
             "power_dbc": 10 * np.log10(np.exp(p[0]) * floor * p[2] / scene.rms**2),
-        }  # fmt: skip
+        }
 
     def where(self, scene, effect, values):
         f, b = values["frequency_hz"], values["bandwidth_hz"]
         return {"frequency_hz": [f - b / 2, f + b / 2]}
 
     def describe(self, number):
-        return f"Interference {number('bandwidth_hz')} wide at {number('frequency_hz')} from the carrier, {number('power_dbc')}."
+        return (
+            f"Interference {number('bandwidth_hz')} wide at {number('frequency_hz')} from the carrier, "
+            f"{number('power_dbc')}."
+        )

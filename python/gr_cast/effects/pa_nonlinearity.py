@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Power amplifier: a memory polynomial x·(1 + Σ a_k·|x|^2k) + Σ_m x(n−m)·Σ b_mk·|x(n−m)|^2k, |x| relative to its largest.
+"""Power amplifier: a memory polynomial x·(1 + Σ a_k·|x|^2k) + Σ_m x(n−m)·Σ b_mk·|x(n−m)|^2k, |x| relative
+to its largest.
 
-Morgan et al., "A generalized memory polynomial model", IEEE TSP 2006, eq. 4. Internal: real and imaginary parts.
+Morgan et al., "A generalized memory polynomial model", IEEE TSP 2006, eq. 4. Internal: real and imaginary
+parts.
 """
 
 import numpy as np
@@ -39,10 +41,15 @@ class PaNonlinearity(Family):
         orders, lags = (1, 2, 3, 4), (-3, -2, -1, 1, 2, 3)
         size = self._shape(orders, lags)
         whole = Effect(
-            family=self.name, p=np.zeros(size), free=np.ones(size, bool), aux={"source": effect.aux["source"], "orders": orders, "lags": lags},
-        )  # fmt: skip
+            family=self.name,
+            p=np.zeros(size),
+            free=np.ones(size, bool),
+            aux={"source": effect.aux["source"], "orders": orders, "lags": lags},
+        )
         every = [(0, o) for o in orders] + [(lag, o) for lag in lags for o in (0, *orders)]
-        mine = [(0, o) for o in effect.aux["orders"]] + [(lag, o) for lag in effect.aux.get("lags", ()) for o in (0, *effect.aux["orders"])]
+        mine = [(0, o) for o in effect.aux["orders"]] + [
+            (lag, o) for lag in effect.aux.get("lags", ()) for o in (0, *effect.aux["orders"])
+        ]
         at = np.array([every.index(m) for m in mine])
         return effect.aux["source"], whole, np.stack([2 * at, 2 * at + 1], 1).ravel()
 
@@ -64,11 +71,17 @@ class PaNonlinearity(Family):
         return 2 * (len(orders) + len(lags) * (1 + len(orders)))
 
     def starts(self, view):
-        for i, source in enumerate(view.scene.sources):
+        for i in range(len(view.scene.sources)):
             for orders in ORDERS:
                 aux = {"source": i, "orders": orders}
                 yield start(self, np.zeros(self._shape(orders, ())), aux=aux)
-            for orders, lags in (((1,), (1,)), ((1, 2), (1,)), ((1, 2), (1, 2)), ((1, 2, 3), (-1, 1, 2)), ((1, 2, 3, 4), (-3, -2, -1, 1, 2, 3))):
+            for orders, lags in (
+                ((1,), (1,)),
+                ((1, 2), (1,)),
+                ((1, 2), (1, 2)),
+                ((1, 2, 3), (-1, 1, 2)),
+                ((1, 2, 3, 4), (-3, -2, -1, 1, 2, 3)),
+            ):
                 aux = {"source": i, "orders": orders, "lags": lags}
                 yield start(self, np.zeros(self._shape(orders, lags)), aux=aux)
 
@@ -88,15 +101,26 @@ class PaNonlinearity(Family):
         return {"memory": bool(effect.aux.get("lags"))}
 
     def parse(self, scene, parameters, model):
-        aux = {"source": model.get("source", 0), "orders": tuple(model.get("orders", (1,))), "lags": tuple(model.get("lags", ()))}
+        aux = {
+            "source": model.get("source", 0),
+            "orders": tuple(model.get("orders", (1,))),
+            "lags": tuple(model.get("lags", ())),
+        }
         if "coefficients" in model:
             return start(self, model["coefficients"], aux=aux)
         bend = 10 ** (-parameters.get("compression_db", 0.0) / 20) - 1
         return start(self, [bend, 0.0], aux=aux)
 
     def model(self, effect):
-        return {"orders": list(effect.aux["orders"]), "lags": list(effect.aux.get("lags", ())), "coefficients": [float(v) for v in effect.p]}
+        return {
+            "orders": list(effect.aux["orders"]),
+            "lags": list(effect.aux.get("lags", ())),
+            "coefficients": [float(v) for v in effect.p],
+        }
 
     def describe(self, number):
         memory = " and it remembers earlier samples" if number.constants.get("memory") else ""
-        return f"The power amplifier is not linear: its gain at the largest amplitude is {number('compression_db')} below small signal{memory}."
+        return (
+            "The power amplifier is not linear: its gain at the largest amplitude is "
+            f"{number('compression_db')} below small signal{memory}."
+        )

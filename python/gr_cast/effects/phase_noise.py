@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Phase noise: y·exp(jφ(t)), φ on a cosine basis (offset and mean frequency left to others). Internal: coefficients in rad."""
+"""Phase noise: y·exp(jφ(t)), φ on a cosine basis (offset and mean frequency left to others). Internal:
+coefficients in rad."""
 
 from dataclasses import replace
 
@@ -30,7 +31,11 @@ class PhaseNoise(Family):
 
     def nest(self, scene, effect):
         size = course_orders(scene)[-1]
-        return "course", replace(effect, p=np.zeros(size), free=np.ones(size, bool), prior=None), np.arange(len(effect.p))
+        return (
+            "course",
+            replace(effect, p=np.zeros(size), free=np.ones(size, bool), prior=None),
+            np.arange(len(effect.p)),
+        )
 
     def columns(self, scene, effect, chain, before, rest):
         return 1j * chain.wanted * scene.cosines(len(effect.p))
@@ -39,7 +44,13 @@ class PhaseNoise(Family):
         for size in course_orders(view.scene):
             k = np.arange(1, size + 1)
             for prior in (1.0 / k**2, np.ones(size)):
-                yield start(self, np.zeros(size), prior=prior, trials=4, aux={"law": "free" if prior[-1] < 1 else "flat"})
+                yield start(
+                    self,
+                    np.zeros(size),
+                    prior=prior,
+                    trials=4,
+                    aux={"law": "free" if prior[-1] < 1 else "flat"},
+                )
 
     def values(self, scene, effect, p):
         return {"rms_rad": float(np.sqrt(np.mean(self.detrended(scene, p) ** 2)))}

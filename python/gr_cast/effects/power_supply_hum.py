@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Hum of the power supply on the gain: y·(1 + m·cos(2πft + φ)). Internal: m·cos φ, −m·sin φ, cycles over the recording."""
+"""Hum of the power supply on the gain: y·(1 + m·cos(2πft + φ)). Internal: m·cos φ, −m·sin φ, cycles over
+the recording."""
 
 import numpy as np
 
@@ -27,7 +28,9 @@ class PowerSupplyHum(Family):
     def parse(self, scene, parameters, model):
         phase = model.get("phase_rad", 0.0)
         m = parameters["depth"]
-        return start(self, [m * np.cos(phase), m * np.sin(phase), parameters["frequency_hz"] * scene.duration_s])
+        return start(
+            self, [m * np.cos(phase), m * np.sin(phase), parameters["frequency_hz"] * scene.duration_s]
+        )
 
     def model(self, effect):
         return {"phase_rad": float(np.arctan2(effect.p[1], effect.p[0]))}

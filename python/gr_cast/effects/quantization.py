@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A converter with few bits: I and Q lie on a lattice of `step`. The prediction is the mean output of the quantiser under
-noise of rms σ: s + Δ/π·Σ (−1)^k/k·exp(−2π²k²σ²/Δ²)·sin(2πk(s − s0)/Δ) (Widrow and Kollár, Quantization Noise, ch. 4).
+"""A converter with few bits: I and Q lie on a lattice of `step`. The prediction is the mean output of the
+quantiser under
+noise of rms σ: s + Δ/π·Σ (−1)^k/k·exp(−2π²k²σ²/Δ²)·sin(2πk(s − s0)/Δ) (Widrow and Kollár, Quantization
+Noise, ch. 4).
 Internal: step, level of one lattice point in steps, σ in steps (all fixed once found).
 """
 
@@ -10,7 +12,8 @@ from .base import LATTICE, Family, start
 
 
 def mean_of_quantizer(value, step, origin, sigma):
-    """Mean output for a real input `value` under Gaussian noise of `sigma` steps; lattice points at (k + origin)·step."""
+    """Mean output for a real input `value` under Gaussian noise of `sigma` steps; lattice points at (k +
+    origin)·step."""
     x = value / step - origin
     out = x.copy()
     for k in range(1, 9):
@@ -28,13 +31,17 @@ class Quantization(Family):
     def apply(self, chain, effect):
         step, origin, sigma = effect.p
         if sigma < 0.7:
-            chain.y = mean_of_quantizer(chain.y.real, step, origin, sigma) + 1j * mean_of_quantizer(chain.y.imag, step, origin, sigma)
+            chain.y = mean_of_quantizer(chain.y.real, step, origin, sigma) + 1j * mean_of_quantizer(
+                chain.y.imag, step, origin, sigma
+            )
 
     def values(self, scene, effect, p):
         return {"step": p[0]}
 
     def parse(self, scene, parameters, model):
-        return start(self, [parameters["step"], model.get("origin", 0.0), model.get("sigma", 1.0)], free=[False] * 3)
+        return start(
+            self, [parameters["step"], model.get("origin", 0.0), model.get("sigma", 1.0)], free=[False] * 3
+        )
 
     def model(self, effect):
         return {"origin": float(effect.p[1]), "sigma": float(effect.p[2])}

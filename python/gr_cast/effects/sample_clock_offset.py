@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sample clock offset: the received waveform runs fast by offset_ppm, x(t(1 + ε)). Internal: samples gained."""
+"""Sample clock offset: the received waveform runs fast by offset_ppm, x(t(1 + ε)). Internal: samples
+gained."""
 
 from .base import CLOCK, Family, start
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lost (or inserted) samples: from one moment on the recording is ahead by a whole number of samples. Internal: index of the
+"""Lost (or inserted) samples: from one moment on the recording is ahead by a whole number of samples.
+Internal: index of the
 first sample after the joint, samples lost."""
 
 import numpy as np
@@ -22,13 +23,17 @@ class SampleLoss(Family):
 
     def starts(self, view):
         for joint, lost, later in view.jumps():
-            yield start(self, [joint, lost], free=[False, False], aux={"later": later}, trials=view.scene.count)
+            yield start(
+                self, [joint, lost], free=[False, False], aux={"later": later}, trials=view.scene.count
+            )
 
     def values(self, scene, effect, p):
         return {"time_s": p[0] / scene.sample_rate_hz, "samples": float(round(p[1]))}
 
     def parse(self, scene, parameters, model):
-        return start(self, [parameters["time_s"] * scene.sample_rate_hz, parameters["samples"]], free=[False, False])
+        return start(
+            self, [parameters["time_s"] * scene.sample_rate_hz, parameters["samples"]], free=[False, False]
+        )
 
     def hidden(self, effect):
         return 1

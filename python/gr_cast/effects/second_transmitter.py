@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Another transmitter with a known code. Internal: Re a, Im a over the taps' scale, delay in samples, carrier in cycles."""
+"""Another transmitter with a known code. Internal: Re a, Im a over the taps' scale, delay in samples,
+carrier in cycles."""
 
 import numpy as np
 
@@ -37,10 +38,17 @@ class SecondTransmitter(Family):
 
     def parse(self, scene, parameters, model):
         a = 10 ** (parameters["gain_db"] / 20) * np.exp(1j * model.get("phase_rad", 0.0))
-        return start(self, [a.real, a.imag, parameters["delay_s"] * scene.sample_rate_hz, model.get("doppler", 0.0)], aux={"code": parameters["code"]})
+        return start(
+            self,
+            [a.real, a.imag, parameters["delay_s"] * scene.sample_rate_hz, model.get("doppler", 0.0)],
+            aux={"code": parameters["code"]},
+        )
 
     def model(self, effect):
         return {"phase_rad": float(np.angle(complex_pair(effect.p))), "doppler": float(effect.p[3])}
 
     def describe(self, number):
-        return f"Another transmitter is on the air with the waveform {number.constants['code']}, {number('gain_db')} on the taps' scale."
+        return (
+            f"Another transmitter is on the air with the waveform {number.constants['code']}, "
+            f"{number('gain_db')} on the taps' scale."
+        )

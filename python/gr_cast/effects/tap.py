@@ -13,7 +13,10 @@ class TapFamily(Family):
         """Index of the twin's tap nearest to delay_s on the link of source model['source']."""
         delay = parameters.get("delay_s", 0.0) * scene.sample_rate_hz
         source = model.get("source", 0)
-        return min((k for k, t in enumerate(scene.taps) if t.source == source), key=lambda k: abs(scene.taps[k].delay - delay))
+        return min(
+            (k for k, t in enumerate(scene.taps) if t.source == source),
+            key=lambda k: abs(scene.taps[k].delay - delay),
+        )
 
     def delay_of(self, scene, effect) -> float:
         return scene.taps[effect.aux["tap"]].delay / scene.sample_rate_hz

@@ -20,11 +20,18 @@ class TapDelayError(TapFamily):
             for jump in view.tap_shift(k):
                 yield start(self, [jump], aux={"tap": k}, trials=len(view.scene.taps) * 50)
 
+    def plausible(self, effect):
+        return abs(effect.p[0]) < 30
+
     def values(self, scene, effect, p):
         return {"delay_s": self.delay_of(scene, effect), "error_s": p[0] / scene.sample_rate_hz}
 
     def parse(self, scene, parameters, model):
-        return start(self, [parameters.get("error_s", 0.0) * scene.sample_rate_hz], aux={"tap": self.find(scene, parameters, model)})
+        return start(
+            self,
+            [parameters.get("error_s", 0.0) * scene.sample_rate_hz],
+            aux={"tap": self.find(scene, parameters, model)},
+        )
 
     def describe(self, number):
         return f"The twin's path at {number('delay_s')} comes {number('error_s')} later than it says."

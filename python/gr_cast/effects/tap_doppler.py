@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A tap of the twin with another Doppler. Internal: cycles over the recording, phase kept at mid-recording."""
+"""A tap of the twin with another Doppler. Internal: cycles over the recording, phase kept at mid-
+recording."""
 
 from dataclasses import replace
 
@@ -16,7 +17,9 @@ class TapDoppler(TapFamily):
         k, extra = effect.aux["tap"], effect.p[0]
         path = chain.paths[k]
         gain = path.gain * np.exp(1j * (effect.p[1] - np.pi * extra))
-        chain.paths[k] = replace(path, gain=gain, doppler=path.doppler + extra, drift=chain.scene.drift_of(path.doppler + extra))
+        chain.paths[k] = replace(
+            path, gain=gain, doppler=path.doppler + extra, drift=path.drift + chain.scene.drift_of(extra)
+        )
 
     def starts(self, view):
         for k in view.tap_order():
@@ -25,7 +28,10 @@ class TapDoppler(TapFamily):
                 yield start(self, [cycles, 0.0], aux={"tap": k}, trials=len(view.scene.taps) * 50)
 
     def values(self, scene, effect, p):
-        return {"delay_s": self.delay_of(scene, effect), "doppler_hz": (scene.taps[effect.aux["tap"]].doppler + p[0]) / scene.duration_s}
+        return {
+            "delay_s": self.delay_of(scene, effect),
+            "doppler_hz": (scene.taps[effect.aux["tap"]].doppler + p[0]) / scene.duration_s,
+        }
 
     def parse(self, scene, parameters, model):
         k = self.find(scene, parameters, model)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A tap of the twin that fades: its gain times 1 + c(t), c complex on a cosine basis. Internal: Re and Im of coefficients."""
+"""A tap of the twin that fades: its gain times 1 + c(t), c complex on a cosine basis. Internal: Re and Im
+of coefficients."""
 
 from dataclasses import replace
 
@@ -28,7 +29,11 @@ class TapFading(TapFamily):
 
     def nest(self, scene, effect):
         size = 2 * course_orders(scene)[-1]
-        return effect.aux["tap"], replace(effect, p=np.zeros(size), free=np.ones(size, bool), prior=None), np.arange(len(effect.p))
+        return (
+            effect.aux["tap"],
+            replace(effect, p=np.zeros(size), free=np.ones(size, bool), prior=None),
+            np.arange(len(effect.p)),
+        )
 
     def units(self, scene, effect, chain, before, rest):
         path = before.paths[effect.aux["tap"]]
@@ -44,14 +49,24 @@ class TapFading(TapFamily):
     def starts(self, view):
         for k in view.tap_order():
             for size in course_orders(view.scene):
-                yield start(self, np.zeros(2 * size), prior=np.ones(2 * size), aux={"tap": k}, trials=2 * len(view.scene.taps))
+                yield start(
+                    self,
+                    np.zeros(2 * size),
+                    prior=np.ones(2 * size),
+                    aux={"tap": k},
+                    trials=2 * len(view.scene.taps),
+                )
 
     def values(self, scene, effect, p):
         c = p[::2] + 1j * p[1::2]
         scattered = np.sum(np.abs(c) ** 2) + 1e-30
         k = np.arange(1, 1 + len(c))
         spread = np.sqrt(2 * np.sum(k**2 * np.abs(c) ** 2) / scattered) / 2 / scene.duration_s
-        return {"delay_s": self.delay_of(scene, effect), "k_factor_db": -10 * np.log10(scattered), "doppler_spread_hz": float(spread)}
+        return {
+            "delay_s": self.delay_of(scene, effect),
+            "k_factor_db": -10 * np.log10(scattered),
+            "doppler_spread_hz": float(spread),
+        }
 
     def parse(self, scene, parameters, model):
         return start(self, np.zeros(2), free=[False] * 2, aux={"tap": self.find(scene, parameters, model)})

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The program: files of the contract, refusals, the same answer for any number of jobs."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+PROGRAM = Path(__file__).resolve().parents[2] / "apps" / "cast_diagnose.py"
+FILES = ["diagnosis.json", "report.html", "residual.npz", "twin_corrected.yaml"]
+
+
+def call(*arguments):
+    return subprocess.run([PROGRAM, *map(str, arguments)], capture_output=True, text=True, timeout=300)
+
+
+@pytest.fixture
+def case(world, tmp_path):
+    echo = 0.3 * 0.1 * world.path(30)
+    return world.write(tmp_path / "cases" / "echo", world.noisy(world.clean() + echo))
+
+
+def test_a_diagnosis_is_a_whole_folder_and_its_twin_carries_the_effects(case, tmp_path):
+    done = call(case, "--output", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    folder = tmp_path / "out" / "echo"
+    assert sorted(p.name for p in folder.iterdir()) == FILES
+    document = json.loads((folder / "diagnosis.json").read_text())
+    twin = yaml.safe_load((folder / "twin_corrected.yaml").read_text())
+    assert document["cast_diagnosis"] == 1 and document["verdict"] == "identified"
+    assert [e["family"] for e in twin["effects"]] == [e["family"] for e in document["effects"]]
+    assert twin["effects"][0]["parameters"] == document["effects"][0]["parameters"]
+
+
+def test_every_fault_of_a_case_is_told_at_once_and_the_others_go_on(case, tmp_path):
+    broken = tmp_path / "cases" / "broken"
+    broken.mkdir()
+    twin = yaml.safe_load((case / "twin.yaml").read_text())
+    twin["smaple_rate_hz"] = 1
+    twin["nodes"]["tx1"]["transmit"] = "w7"
+    twin["links"][0]["taps"][0]["delay_s"] = "late"
+    (broken / "twin.yaml").write_text(yaml.safe_dump(twin))
+    done = call(broken, case, "--output", tmp_path / "out")
+    assert done.returncode == 2
+    assert all(word in done.stderr for word in ("smaple_rate_hz", "'w7'", "'late'", "recording.sigmf-meta"))
+    assert len(done.stderr.splitlines()) >= 4
+    assert (
+        not (tmp_path / "out" / "broken").exists() and (tmp_path / "out" / "echo" / "diagnosis.json").exists()
+    )
+
+
+@pytest.mark.parametrize(
+    "content", ["", "[]", "cast_twin: 2", "a: [", "cast_twin: 1\nrecordings: 3\n", "x: &a [*a]"]
+)
+def test_a_broken_twin_is_refused_in_lines_and_without_a_trace(content, tmp_path):
+    case = tmp_path / "case"
+    case.mkdir()
+    (case / "twin.yaml").write_text(content)
+    done = call(case, "--output", tmp_path / "out")
+    assert done.returncode == 2 and "error:" in done.stderr and "Traceback" not in done.stderr
+    assert not (tmp_path / "out").exists() or not list((tmp_path / "out").iterdir())
+
+
+def test_jobs_change_nothing_but_the_time(case, world, tmp_path):
+    other = world.write(tmp_path / "cases" / "null", world.noisy(world.clean()))
+    texts = []
+    for jobs in (1, 2):
+        out = tmp_path / f"out{jobs}"
+        assert call(case, other, "--output", out, "--jobs", jobs).returncode == 0
+        documents = [json.loads((out / name / "diagnosis.json").read_text()) for name in ("echo", "null")]
+        for document in documents:
+            document.pop("seconds")
+        texts.append(documents)
+    assert texts[0] == texts[1]
+
+
+def test_the_corrected_twin_leaves_nothing_to_find_in_a_second_recording(case, world, tmp_path):
+    assert call(case, "--output", tmp_path / "out").returncode == 0
+    second = world.write(
+        tmp_path / "cases" / "second", world.noisy(world.clean() + 0.3 * 0.1 * world.path(30))
+    )
+    (second / "twin.yaml").write_text((tmp_path / "out" / "echo" / "twin_corrected.yaml").read_text())
+    assert call(second, "--output", tmp_path / "out").returncode == 0
+    assert (
+        json.loads((tmp_path / "out" / "second" / "diagnosis.json").read_text())["verdict"] == "no_mismatch"
+    )
+    assert np.load(tmp_path / "out" / "second" / "residual.npz").files

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the diagnosis says of causes put in by closed formulas."""
+
+import numpy as np
+import pytest
+from conftest_world import RATE_HZ
+from gr_cast.diagnose import diagnose, read_case
+
+
+def named(document):
+    return [e["family"] for e in document["effects"]]
+
+
+def said(document, family, name):
+    return next(e["parameters"][name] for e in document["effects"] if e["family"] == family)
+
+
+def run(world, tmp_path, y, datatype="cf32_le"):
+    return diagnose(read_case(world.write(tmp_path / "case", y, datatype))).document
+
+
+def test_a_true_twin_is_not_accused(world, tmp_path):
+    document = run(world, tmp_path, world.noisy(world.clean()))
+    assert document["verdict"] == "no_mismatch" and document["effects"] == []
+    assert document["fit"]["corrected_nmse_db"] == pytest.approx(document["fit"]["noise_floor_db"], abs=0.3)
+
+
+def test_a_carrier_offset_is_measured_within_its_interval(world, tmp_path):
+    turn = np.exp(2j * np.pi * 7.0 * world.n / RATE_HZ)
+    document = run(world, tmp_path, world.noisy(world.clean() * turn))
+    assert named(document) == ["carrier_frequency_offset"]
+    offset = said(document, "carrier_frequency_offset", "offset_hz")
+    assert abs(offset["value"] - 7.0) < 4 * offset["std"] < 1.0
+
+
+def test_an_echo_is_placed_on_the_scale_of_the_taps(world, tmp_path):
+    echo = 0.3 * np.exp(0.4j) * 0.1 * np.exp(1j) * world.path(23)
+    document = run(world, tmp_path, world.noisy(world.clean() + echo))
+    assert named(document) == ["extra_path"]
+    assert said(document, "extra_path", "delay_s")["value"] == pytest.approx(23 / RATE_HZ, abs=2e-8)
+    assert said(document, "extra_path", "gain_db")["value"] == pytest.approx(-20.0, abs=0.3)
+    low, high = document["effects"][0]["where"]["delay_s"]
+    assert low < 23 / RATE_HZ < high
+
+
+def test_a_path_that_is_gone_is_called_missing(world, tmp_path):
+    gone, world.taps = world.taps[1], [*world.taps, (17, 0.3 * np.exp(2j))]
+    y = world.clean() - 0.3 * np.exp(0.4j) * gone[1] * world.path(gone[0])
+    document = run(world, tmp_path, world.noisy(y))
+    assert named(document) == ["missing_path"]
+    assert said(document, "missing_path", "delay_s")["value"] == pytest.approx(9e-6)
+
+
+def test_dc_with_a_carrier_offset_in_the_twin_is_dc_and_not_leakage(world, tmp_path):
+    y = world.clean() * np.exp(2j * np.pi * 180 * world.n / RATE_HZ)
+    level = 0.01 * np.sqrt(np.mean(np.abs(y) ** 2)) * 3
+    folder = world.write(tmp_path / "case", world.noisy(y + level * np.exp(2j)))
+    twin = (folder / "twin.yaml").read_text()
+    owner = "owner: {level: rx, name: rx1}"
+    value = "parameters: {offset_hz: {value: 180.0, std: 0}}"
+    offset = f"effects: [{{family: carrier_frequency_offset, {owner}, {value}}}]\n"
+    (folder / "twin.yaml").write_text(twin + offset)
+    document = diagnose(read_case(folder)).document
+    assert named(document) == ["dc_offset"]
+    assert said(document, "dc_offset", "level_dbc")["value"] == pytest.approx(20 * np.log10(0.03), abs=0.5)
+
+
+def test_rails_are_found_to_the_last_bit(world, tmp_path):
+    y = world.noisy(world.clean())
+    document = run(world, tmp_path, np.clip(y.real, -0.3, 0.3) + 1j * np.clip(y.imag, -0.3, 0.3))
+    assert named(document) == ["adc_clipping"]
+    assert said(document, "adc_clipping", "level")["value"] == pytest.approx(0.3, abs=1e-5)
+
+
+def test_a_gain_step_is_found_at_its_moment(world, tmp_path):
+    y = world.clean() * np.where(world.n < 13_000, 1.0, 10 ** (-0.2 / 20))
+    document = run(world, tmp_path, world.noisy(y))
+    assert named(document) == ["gain_step"]
+    assert said(document, "gain_step", "time_s")["value"] == pytest.approx(0.013, abs=1e-4)
+    assert said(document, "gain_step", "step_db")["value"] == pytest.approx(-0.2, abs=0.03)
+
+
+def test_lost_samples_are_counted_modulo_the_period(world, tmp_path):
+    y = world.clean()
+    y = np.concatenate([y[:8000], y[8040:], world.clean()[:40] * 0])[: len(y)]
+    document = run(world, tmp_path, world.noisy(y))
+    assert "sample_loss" in named(document)
+    assert said(document, "sample_loss", "samples")["value"] % 510 == 40
+
+
+def test_more_noise_than_the_twin_says_is_a_noise_floor_where_the_power_is_not_constant(world, tmp_path):
+    world.noise_rms *= 1.2
+    y = world.noisy(world.clean())
+    world.noise_rms /= 1.2
+    document = run(world, tmp_path, y)
+    assert named(document) == ["noise_floor"]
+    assert said(document, "noise_floor", "change_db")["value"] == pytest.approx(20 * np.log10(1.2), abs=0.15)
