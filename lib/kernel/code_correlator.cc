@@ -138,16 +138,37 @@ bool code_correlator::plan_walsh_hadamard(const std::vector<float>& chips)
     return true;
 }
 
+// A period whose length an FFT likes is its own circle. Any other is unrolled to twice its length:
+// of a circle long enough not to wrap, the first period() values are the circular correlation.
+size_t code_correlator::fft_size(size_t period)
+{
+    const auto is_smooth = [](size_t size) {
+        for (size_t prime : {2, 3, 5, 7})
+            while (size % prime == 0)
+                size /= prime;
+        return size == 1;
+    };
+    if (is_smooth(period))
+        return period;
+    size_t size = 2 * period - 1;
+    while (!is_smooth(size) || size % 8 != 0)
+        size++;
+    return size;
+}
+
 void code_correlator::plan_fft(const std::vector<float>& chips)
 {
-    d_fft = std::make_unique<fft_pair>(static_cast<int>(d_period));
+    const size_t size = fft_size(d_period);
+    d_fft = std::make_unique<fft_pair>(static_cast<int>(size));
+    std::fill_n(d_fft->forward.get_inbuf(), size, complex(0.0f));
     for (size_t k = 0; k < d_period; k++)
         d_fft->forward.get_inbuf()[k] = chips[k / d_samples_per_chip];
     d_fft->forward.execute();
-    d_code_spectrum.resize(d_period);
-    const float scale = d_scale / static_cast<float>(d_period); // the inverse FFT is not normalised
-    for (size_t k = 0; k < d_period; k++)
+    d_code_spectrum.resize(size);
+    const float scale = d_scale / static_cast<float>(size); // the inverse FFT is not normalised
+    for (size_t k = 0; k < size; k++)
         d_code_spectrum[k] = d_fft->forward.get_outbuf()[k] * scale;
+    std::fill_n(d_fft->forward.get_inbuf(), size, complex(0.0f));
 }
 
 void code_correlator::correlate(const complex* periods, complex* responses, size_t count)
@@ -221,10 +242,14 @@ void code_correlator::correlate_lanes(const complex* samples, complex* responses
 
 void code_correlator::correlate_fft(const complex* period, complex* response)
 {
-    std::copy(period, period + d_period, d_fft->forward.get_inbuf());
+    complex* in = d_fft->forward.get_inbuf();
+    const size_t size = d_code_spectrum.size();
+    std::copy_n(period, d_period, in);
+    if (size > d_period)
+        std::copy_n(period, d_period - 1, in + d_period);
     d_fft->forward.execute();
     volk_32fc_x2_multiply_conjugate_32fc(d_fft->inverse.get_inbuf(), d_fft->forward.get_outbuf(),
-                                         d_code_spectrum.data(), d_period);
+                                         d_code_spectrum.data(), size);
     d_fft->inverse.execute();
     std::copy_n(d_fft->inverse.get_outbuf(), d_period, response);
 }

@@ -56,6 +56,7 @@ private:
     std::vector<complex> d_code_spectrum;
 
     bool plan_walsh_hadamard(const std::vector<float>& chips);
+    static size_t fft_size(size_t period);
     void plan_fft(const std::vector<float>& chips);
     void correlate_lanes(const complex* samples, complex* responses, size_t n_lanes);
     void correlate_fft(const complex* period, complex* response);
