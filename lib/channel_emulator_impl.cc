@@ -91,6 +91,12 @@ std::string channel_emulator_impl::plan() const
     return d_emulator.plan();
 }
 
+pmt::pmt_t channel_emulator_impl::status() const
+{
+    std::lock_guard<std::mutex> lock(d_mutex);
+    return describe();
+}
+
 uint64_t channel_emulator_impl::late_updates() const
 {
     std::lock_guard<std::mutex> lock(d_mutex);
@@ -167,12 +173,8 @@ void channel_emulator_impl::forward(const tag_t& tag, int input)
             add_item_tag(output, tag);
 }
 
-void channel_emulator_impl::publish_status(clock::time_point now)
+pmt::pmt_t channel_emulator_impl::describe() const
 {
-    const double seconds = std::chrono::duration<double>(now - d_reported_at).count();
-    const uint64_t samples = d_emulator.n_processed() - d_reported_samples;
-    d_reported_at = now;
-    d_reported_samples += samples;
     pmt::pmt_t status = pmt::make_dict();
     const auto add = [&](const char* key, const pmt::pmt_t& value) {
         status = pmt::dict_add(status, pmt::intern(key), value);
@@ -184,11 +186,20 @@ void channel_emulator_impl::publish_status(clock::time_point now)
     add("active_taps", pmt::from_long(d_emulator.n_active_taps()));
     add("plan", pmt::intern(d_emulator.plan()));
     add("samples", pmt::from_uint64(d_emulator.n_processed()));
-    add("real_time_factor",
-        pmt::from_double(seconds > 0 ? double(samples) / d_sample_rate_hz / seconds : 0));
+    add("real_time_factor", pmt::from_double(d_real_time_factor));
     add("late_updates", pmt::from_uint64(d_emulator.n_late()));
     add("refused_updates", pmt::from_uint64(d_refused));
-    message_port_pub(status_key, status);
+    return status;
+}
+
+void channel_emulator_impl::publish_status(clock::time_point now)
+{
+    const double seconds = std::chrono::duration<double>(now - d_reported_at).count();
+    const uint64_t samples = d_emulator.n_processed() - d_reported_samples;
+    d_reported_at = now;
+    d_reported_samples += samples;
+    d_real_time_factor = seconds > 0 ? double(samples) / d_sample_rate_hz / seconds : 0;
+    message_port_pub(status_key, describe());
 }
 
 bool channel_emulator_impl::start()

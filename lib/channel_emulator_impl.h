@@ -25,6 +25,7 @@ public:
                          uint64_t ramp) override;
     void enable_link(int tx, int rx, bool enabled, std::optional<uint64_t> offset) override;
     std::string plan() const override;
+    pmt::pmt_t status() const override;
     uint64_t late_updates() const override;
     uint64_t refused_updates() const override;
     int active_links() const override;
@@ -45,6 +46,7 @@ private:
     stream_clock d_clock;
     clock::time_point d_reported_at;
     uint64_t d_reported_samples = 0;
+    double d_real_time_factor = 0; // over the last report
 
     void schedule(kernel::link_update update);
     void take(const pmt::pmt_t& message, std::optional<int> tagged_input = std::nullopt,
@@ -52,6 +54,7 @@ private:
     void take_tags(uint64_t begin, uint64_t end);
     void forward(const tag_t& tag, int input);
     void publish_status(clock::time_point now);
+    pmt::pmt_t describe() const;
 };
 
 } // namespace cast

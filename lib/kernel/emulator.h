@@ -2,10 +2,11 @@
 // A whole network of time-varying channels: y_j = sum over i of x_i * h_ij (MCHEM's equation).
 #pragma once
 
-#include "sparse.h"
+#include "overlap_save.h"
 #include "thread_pool.h"
 
 #include <cstdint>
+#include <gnuradio/cast/api.h>
 #include <map>
 #include <memory>
 #include <optional>
@@ -26,10 +27,11 @@ struct tap {
 };
 
 // taps[d] is the gain at a delay of d samples.
-std::vector<tap> taps_from_dense(const std::vector<sample>& taps);
+CAST_API std::vector<tap> taps_from_dense(const std::vector<sample>& taps);
 
 // Throws std::invalid_argument where the lengths differ.
-std::vector<tap> taps_from_sparse(const std::vector<int>& delays, const std::vector<sample>& gains);
+CAST_API std::vector<tap> taps_from_sparse(const std::vector<int>& delays,
+                                           const std::vector<sample>& gains);
 
 // A change of one link, in force from sample `at` on (absent: the next sample). What is absent
 // stays as it was.
@@ -42,7 +44,7 @@ struct link_update {
     uint64_t ramp = 0;
 };
 
-class emulator
+class CAST_API emulator
 {
 public:
     struct config {
@@ -51,12 +53,14 @@ public:
         int n_taps = 512;
         int n_threads = 1;
         std::string isa = "auto";
+        std::string method = "auto"; // or "sparse" or "dense"
     };
 
     // Throws std::invalid_argument where a parameter is out of its range.
     static void check(const config& c);
 
     explicit emulator(const config& c);
+    ~emulator();
 
     // Throws std::invalid_argument on a malformed update.
     void check(const link_update& update) const;
@@ -92,24 +96,42 @@ private:
     struct ramp {
         uint64_t begin, end;
         std::vector<path> paths;
+        dense_filter filter;
     };
     // What one output is made of while no update changes it.
     struct recipe {
         std::vector<path> paths;
         std::vector<ramp> ramps;
         bool is_copy = false; // one tap of exactly 1 and nothing else: to the last bit, NaN too
+        uint64_t born = 0;
+        uint64_t expected_life = 0; // samples
+        dense_filter filter;        // of `paths`; made when first used
     };
-    // Samples over which no recipe changes.
-    struct segment {
+    // Samples of one output made by one recipe in one way.
+    struct piece {
         uint64_t begin, end;
-        std::vector<std::shared_ptr<const recipe>> outputs;
+        std::shared_ptr<recipe> made_by;
+        bool dense;
     };
+    // A filter over some blocks of a piece.
+    struct dense_job {
+        const piece* of;
+        int output;
+        const dense_filter* filter;
+        const ramp* of_ramp; // nullptr: the piece's own filter
+        int block, n_blocks;
+    };
+    using pieces = std::vector<std::vector<piece>>; // [output]
 
     const config d_config;
     const isa d_isa;
     thread_pool d_threads;
+    const bool d_may_be_sparse, d_may_be_dense;
+    overlap_save d_dense;
+    spectrum d_spectra;        // of the round at hand: [block][input][bin]
+    spectrum d_products;       // [product][block][bin]
     std::vector<link> d_links; // [output * n_inputs + input]
-    std::vector<std::shared_ptr<const recipe>> d_recipes;
+    std::vector<std::shared_ptr<recipe>> d_recipes;
     std::vector<bool> d_changed;
     std::multimap<uint64_t, link_update> d_pending; // equal samples keep their order: the last wins
     uint64_t d_position = 0;
@@ -118,11 +140,22 @@ private:
     link& link_at(int input, int output) { return d_links[output * d_config.n_inputs + input]; }
     void apply(link_update&& update);
     void apply_due();
-    std::shared_ptr<const recipe> make_recipe(int output) const;
+    std::shared_ptr<recipe> make_recipe(int output) const;
     uint64_t next_change(uint64_t limit) const;
-    segment next_segment(uint64_t limit);
-    void mix(const recipe& r, const sample* const* in, sample* out, uint64_t begin,
-             std::size_t n) const;
+    pieces cut(uint64_t end);
+    double sparse_cost(const piece& p) const;
+    double dense_cost(const piece& p, uint64_t first) const;
+    void choose(pieces& all, uint64_t first, std::size_t n) const;
+    void round(const sample* const* in, sample* const* out, std::size_t n);
+    void run_sparse(const pieces& all, const sample* const* in, sample* const* out, uint64_t first,
+                    std::size_t n);
+    void run_dense(const pieces& all, const sample* const* in, sample* const* out, uint64_t first,
+                   std::size_t n);
+    void mix_sparse(const recipe& r, const sample* const* in, sample* out, uint64_t begin,
+                    std::size_t n) const;
+    void make_filters(const std::vector<recipe*>& without);
+    void put_block(const dense_job& job, int b, const sample* bins, sample* out,
+                   uint64_t first) const;
 };
 
 } // namespace kernel

@@ -8,6 +8,21 @@ namespace cast
 namespace kernel
 {
 
+namespace
+{
+
+// About as long as waking a sleeping thread takes: the next job mostly comes sooner.
+constexpr int spins_before_sleep = 4000;
+
+void relax()
+{
+#if defined(__x86_64__)
+    __builtin_ia32_pause();
+#endif
+}
+
+} // namespace
+
 thread_pool::thread_pool(unsigned n_threads)
 {
     for (unsigned t = 1; t < n_threads; t++)
@@ -19,6 +34,7 @@ thread_pool::~thread_pool()
     {
         std::lock_guard<std::mutex> lock(d_mutex);
         d_stop = true;
+        d_round++;
     }
     d_work_is_there.notify_all();
     for (auto& thread : d_threads)
@@ -38,26 +54,36 @@ void thread_pool::run(unsigned n_jobs, const std::function<void(unsigned)>& job)
             job(i);
         return;
     }
+    bool wake;
     {
         std::lock_guard<std::mutex> lock(d_mutex);
         d_job = &job;
         d_n_jobs = n_jobs;
         d_next_job = 0;
         d_round++;
+        wake = d_sleeping > 0;
     }
-    d_work_is_there.notify_all();
+    if (wake)
+        d_work_is_there.notify_all();
     take_jobs(job, n_jobs);
-    std::unique_lock<std::mutex> lock(d_mutex);
-    d_job = nullptr; // a thread that wakes up from now on finds nothing to do
-    d_all_idle.wait(lock, [this] { return d_busy == 0; });
+    {
+        std::lock_guard<std::mutex> lock(d_mutex);
+        d_job = nullptr; // a thread that comes from now on finds nothing to take up
+    }
+    for (int spins = 0; d_busy > 0; spins++)
+        spins < spins_before_sleep ? relax() : std::this_thread::yield();
 }
 
 void thread_pool::live()
 {
-    std::unique_lock<std::mutex> lock(d_mutex);
-    uint64_t seen = 0;
+    unsigned seen = 0;
     for (;;) {
-        d_work_is_there.wait(lock, [&] { return d_stop || d_round != seen; });
+        for (int spins = 0; d_round == seen && spins < spins_before_sleep; spins++)
+            relax();
+        std::unique_lock<std::mutex> lock(d_mutex);
+        d_sleeping++;
+        d_work_is_there.wait(lock, [&] { return d_round != seen; });
+        d_sleeping--;
         if (d_stop)
             return;
         seen = d_round;
@@ -68,9 +94,7 @@ void thread_pool::live()
         d_busy++;
         lock.unlock();
         take_jobs(*job, n_jobs);
-        lock.lock();
-        if (--d_busy == 0)
-            d_all_idle.notify_one();
+        d_busy--;
     }
 }
 

@@ -35,12 +35,12 @@ private:
     std::vector<std::thread> d_threads;
     std::mutex d_mutex;
     std::condition_variable d_work_is_there;
-    std::condition_variable d_all_idle;
-    const std::function<void(unsigned)>* d_job = nullptr;
+    const std::function<void(unsigned)>* d_job = nullptr; // while there is something to take up
     unsigned d_n_jobs = 0;
+    unsigned d_sleeping = 0;
     std::atomic<unsigned> d_next_job{0};
-    uint64_t d_round = 0;
-    unsigned d_busy = 0;
+    std::atomic<unsigned> d_round{0};
+    std::atomic<unsigned> d_busy{0};
     bool d_stop = false;
 
     void take_jobs(const std::function<void(unsigned)>& job, unsigned n_jobs);

@@ -42,8 +42,8 @@ class LinkUpdate:
 def link_taps(updates: Iterable[LinkUpdate], n_samples: int) -> tuple[np.ndarray, np.ndarray]:
     """One link's delays in samples, shape (P,), and its taps at every sample, (n_samples, P).
 
-    `updates` are all of that link; those of one sample take force in the order given. Until the first the link
-    is on, without a tap.
+    `updates` are all of that link; those of one sample take force in the order given. Until the first the
+    link is on, without a tap.
     """
     updates = sorted(updates, key=lambda update: update.at_sample)
     used = [np.flatnonzero(update.taps) for update in updates if update.taps is not None]
@@ -78,10 +78,12 @@ def emulate(inputs: np.ndarray, updates: Iterable[LinkUpdate], n_outputs: int) -
     links: dict[tuple[int, int], list[LinkUpdate]] = {}
     for update in updates:
         if update.tx >= n_inputs or update.rx >= n_outputs:
-            raise CastError(f"update of link {update.tx}>{update.rx}: the network has "
-                            f"{n_inputs} transmitters and {n_outputs} receivers")
+            raise CastError(
+                f"update of link {update.tx}>{update.rx}: the network has "
+                f"{n_inputs} transmitters and {n_outputs} receivers"
+            )
         links.setdefault((update.tx, update.rx), []).append(update)
     for (tx, rx), changes in links.items():
         for delay, gain in zip(*map(np.transpose, link_taps(changes, n_samples)), strict=True):
-            outputs[rx, delay:] += gain[delay:] * inputs[tx, : n_samples - delay]
+            outputs[rx, delay:] += gain[delay:] * inputs[tx, : max(n_samples - delay, 0)]
     return outputs

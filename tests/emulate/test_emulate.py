@@ -27,16 +27,21 @@ def test_update_holds_from_its_sample_on():
 
 
 def test_ramp_is_a_straight_line_and_turns_where_it_is_when_interrupted():
-    updates = [LinkUpdate(tx=0, rx=0, at_sample=10, taps=[1], ramp_samples=100),
-               LinkUpdate(tx=0, rx=0, at_sample=60, taps=[0], ramp_samples=50)]
+    updates = [
+        LinkUpdate(tx=0, rx=0, at_sample=10, taps=[1], ramp_samples=100),
+        LinkUpdate(tx=0, rx=0, at_sample=60, taps=[0], ramp_samples=50),
+    ]
     y = emulate(np.ones((1, 200)), updates, 1)[0]
     expected = np.interp(np.arange(200), [10, 60, 110], [0, 0.5, 0])
     np.testing.assert_allclose(y, expected, atol=1e-12)
 
 
 def test_switched_off_link_keeps_its_taps():
-    updates = [LinkUpdate(tx=0, rx=0, taps=[2]), LinkUpdate(tx=0, rx=0, at_sample=5, enabled=False),
-               LinkUpdate(tx=0, rx=0, at_sample=8, enabled=True)]
+    updates = [
+        LinkUpdate(tx=0, rx=0, taps=[2]),
+        LinkUpdate(tx=0, rx=0, at_sample=5, enabled=False),
+        LinkUpdate(tx=0, rx=0, at_sample=8, enabled=True),
+    ]
     assert np.array_equal(emulate(np.ones((1, 10)), updates, 1)[0], [2, 2, 2, 2, 2, 0, 0, 0, 2, 2])
 
 

@@ -77,6 +77,9 @@ public:
     //! How the network is computed, in words.
     virtual std::string plan() const = 0;
 
+    //! What the message port `status` says, now.
+    virtual pmt::pmt_t status() const = 0;
+
     virtual uint64_t late_updates() const = 0;
     virtual uint64_t refused_updates() const = 0;
     virtual int active_links() const = 0;

@@ -1,13 +1,93 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include "kernel/emulator.h"
+#include "kernel/fma_rate.h"
 #include <gnuradio/cast/channel_emulator.h>
 #include <pybind11/complex.h>
+#include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
 namespace py = pybind11;
 
+namespace
+{
+
+using gr::cast::kernel::emulator;
+using samples = py::array_t<gr::cast::kernel::sample, py::array::c_style | py::array::forcecast>;
+
+// (n_inputs, n_taps - 1 + n) in, the past first; (n_outputs, n) out.
+samples process(emulator& e, const samples& inputs)
+{
+    const auto& config = e.configuration();
+    const py::ssize_t past = config.n_taps - 1;
+    if (inputs.ndim() != 2 || inputs.shape(0) != config.n_inputs || inputs.shape(1) < past)
+        throw std::invalid_argument("inputs: expected shape (" + std::to_string(config.n_inputs) +
+                                    ", " + std::to_string(past) + " of the past and the new)");
+    const py::ssize_t n = inputs.shape(1) - past;
+    samples outputs({py::ssize_t(config.n_outputs), n});
+    std::vector<const gr::cast::kernel::sample*> in;
+    std::vector<gr::cast::kernel::sample*> out;
+    for (int i = 0; i < config.n_inputs; i++)
+        in.push_back(inputs.data(i, 0) + past);
+    for (int j = 0; j < config.n_outputs; j++)
+        out.push_back(outputs.mutable_data(j, 0));
+    py::gil_scoped_release released;
+    e.process(in.data(), out.data(), n);
+    return outputs;
+}
+
+void set_all(emulator& e, uint64_t offset, const py::array_t<int, py::array::c_style>& delays,
+             const samples& gains)
+{
+    const int n_outputs = e.configuration().n_outputs,
+              n_links = e.configuration().n_inputs * n_outputs;
+    if (delays.ndim() != 2 || delays.shape(0) != n_links || gains.ndim() != 2 ||
+        gains.shape(0) != n_links || gains.shape(1) != delays.shape(1))
+        throw std::invalid_argument("delays, gains: expected shape (" + std::to_string(n_links) +
+                                    " links, taps)");
+    for (int link = 0; link < n_links; link++) {
+        std::vector<gr::cast::kernel::tap> taps;
+        for (py::ssize_t p = 0; p < delays.shape(1); p++)
+            taps.push_back({delays.at(link, p), gains.at(link, p)});
+        e.schedule({link / n_outputs, link % n_outputs, offset, taps, std::nullopt, 0});
+    }
+}
+
+void bind_kernel(py::module& m)
+{
+    using namespace gr::cast::kernel;
+    py::class_<emulator>(m, "emulator_kernel", "The emulator without a scheduler.")
+        .def(py::init([](int n_inputs, int n_outputs, int n_taps, int n_threads,
+                         const std::string& isa, const std::string& method) {
+                 return std::make_unique<emulator>(
+                     emulator::config{n_inputs, n_outputs, n_taps, n_threads, isa, method});
+             }),
+             py::arg("n_inputs"), py::arg("n_outputs"), py::arg("n_taps") = 512,
+             py::arg("n_threads") = 1, py::arg("isa") = "auto", py::arg("method") = "auto")
+        .def(
+            "set_sparse_taps",
+            [](emulator& e, int tx, int rx, const std::vector<int>& delays,
+               const std::vector<sample>& gains, std::optional<uint64_t> offset, uint64_t ramp) {
+                e.schedule({tx, rx, offset, taps_from_sparse(delays, gains), std::nullopt, ramp});
+            },
+            py::arg("tx"), py::arg("rx"), py::arg("delays"), py::arg("gains"),
+            py::arg("offset") = py::none(), py::arg("ramp") = 0)
+        .def("set_all", &set_all, py::arg("offset"), py::arg("delays"), py::arg("gains"),
+             "Taps of every link, link (tx, rx) in row tx * n_outputs + rx, from sample `offset` "
+             "on.")
+        .def("seek", &emulator::seek, py::arg("position"))
+        .def("process", &process, py::arg("inputs"),
+             "(n_inputs, n_taps-1 past and n new samples) -> (n_outputs, n), complex64.")
+        .def("plan", &emulator::plan);
+    m.def("fma_rate", &fma_rate, py::arg("isa") = "auto",
+          "Multiply-adds of single floats per second that this core reaches.");
+}
+
+} // namespace
+
 void bind_channel_emulator(py::module& m)
 {
+    bind_kernel(m);
     using gr::cast::channel_emulator;
     using release = py::call_guard<py::gil_scoped_release>; // work() may hold the block's lock
     py::class_<channel_emulator, gr::sync_block, gr::block, gr::basic_block,
@@ -27,6 +107,8 @@ void bind_channel_emulator(py::module& m)
              py::arg("enabled"), py::arg("offset") = py::none(), release(),
              "Switch a link off or on again; it keeps its taps.")
         .def("plan", &channel_emulator::plan, release(), "How the network is computed, in words.")
+        .def("status", &channel_emulator::status, release(),
+             "What the message port `status` says, now.")
         .def("late_updates", &channel_emulator::late_updates, release(),
              "Updates that named a sample already out.")
         .def("refused_updates", &channel_emulator::refused_updates, release(),

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "sparse.h"
+#include "vector_kernels.h"
 
 #if defined(__x86_64__)
 #include <immintrin.h>
@@ -12,6 +12,8 @@ namespace cast
 namespace kernel
 {
 
+// In each namespace keep() pins a value in a register: a sample loaded for two uses would otherwise
+// be read from memory twice, and reads are what limits these loops.
 namespace generic
 {
 // Four lanes: what SSE2 and NEON have.
@@ -21,6 +23,13 @@ typedef int lanes __attribute__((vector_size(16)));
 constexpr int width = 4, register_blocks = 4;
 static inline vec zero() { return vec{}; }
 static inline vec broadcast(float a) { return vec{a, a, a, a}; }
+static inline vec keep(vec v)
+{
+#if defined(__x86_64__)
+    __asm__("" : "+x"(v));
+#endif
+    return v;
+}
 static inline vec load(const float* p) { return *reinterpret_cast<const loose_vec*>(p); }
 static inline void store(float* p, vec v) { *reinterpret_cast<loose_vec*>(p) = v; }
 static inline vec multiply_add(vec a, vec b, vec c) { return a * b + c; }
@@ -30,7 +39,9 @@ static inline vec add_turned(vec a, vec b)
     const vec turned = __builtin_shuffle(b, lanes{1, 0, 3, 2});
     return a + turned * vec{-1, 1, -1, 1};
 }
-#include "sparse_body.h"
+static inline vec even_twice(vec a) { return __builtin_shuffle(a, lanes{0, 0, 2, 2}); }
+static inline vec odd_twice(vec a) { return __builtin_shuffle(a, lanes{1, 1, 3, 3}); }
+#include "vector_kernels_body.h"
 } // namespace generic
 
 #if defined(__x86_64__)
@@ -42,7 +53,12 @@ typedef __m256 vec;
 constexpr int width = 8, register_blocks = 4;
 static inline vec zero() { return _mm256_setzero_ps(); }
 static inline vec broadcast(float a) { return _mm256_set1_ps(a); }
-static inline vec load(const float* p) { return _mm256_loadu_ps(p); }
+static inline vec keep(vec v)
+{
+    __asm__("" : "+x"(v));
+    return v;
+}
+static inline vec load(const float* p) { return keep(_mm256_loadu_ps(p)); }
 static inline void store(float* p, vec v) { _mm256_storeu_ps(p, v); }
 static inline vec multiply_add(vec a, vec b, vec c) { return _mm256_fmadd_ps(a, b, c); }
 static inline float multiply_add(float a, float b, float c) { return __builtin_fmaf(a, b, c); }
@@ -50,7 +66,9 @@ static inline vec add_turned(vec a, vec b)
 {
     return _mm256_addsub_ps(a, _mm256_permute_ps(b, 0xB1));
 }
-#include "sparse_body.h"
+static inline vec even_twice(vec a) { return _mm256_moveldup_ps(a); }
+static inline vec odd_twice(vec a) { return _mm256_movehdup_ps(a); }
+#include "vector_kernels_body.h"
 } // namespace avx2
 #pragma GCC pop_options
 
@@ -60,10 +78,15 @@ namespace avx512
 {
 typedef __m512 vec;
 typedef int lanes __attribute__((vector_size(64)));
-constexpr int width = 16, register_blocks = 8;
+constexpr int width = 16, register_blocks = 12;
 static inline vec zero() { return _mm512_setzero_ps(); }
 static inline vec broadcast(float a) { return _mm512_set1_ps(a); }
-static inline vec load(const float* p) { return _mm512_loadu_ps(p); }
+static inline vec keep(vec v)
+{
+    __asm__("" : "+v"(v));
+    return v;
+}
+static inline vec load(const float* p) { return keep(_mm512_loadu_ps(p)); }
 static inline void store(float* p, vec v) { _mm512_storeu_ps(p, v); }
 static inline vec multiply_add(vec a, vec b, vec c) { return _mm512_fmadd_ps(a, b, c); }
 static inline float multiply_add(float a, float b, float c) { return __builtin_fmaf(a, b, c); }
@@ -72,13 +95,21 @@ static inline vec add_turned(vec a, vec b)
     const lanes swap = {1, 0, 3, 2, 5, 4, 7, 6, 9, 8, 11, 10, 13, 12, 15, 14};
     return _mm512_fmaddsub_ps(_mm512_set1_ps(1.0f), a, __builtin_shuffle(b, swap));
 }
-#include "sparse_body.h"
+static inline vec even_twice(vec a)
+{
+    return __builtin_shuffle(a, lanes{0, 0, 2, 2, 4, 4, 6, 6, 8, 8, 10, 10, 12, 12, 14, 14});
+}
+static inline vec odd_twice(vec a)
+{
+    return __builtin_shuffle(a, lanes{1, 1, 3, 3, 5, 5, 7, 7, 9, 9, 11, 11, 13, 13, 15, 15});
+}
+#include "vector_kernels_body.h"
 } // namespace avx512
 #pragma GCC pop_options
 #endif
 
-void mix_sparse(isa set, const sample* const* in, const path* paths, std::size_t n_paths,
-                sample* out, std::size_t n)
+void mix_paths(isa set, const sample* const* in, const path* paths, std::size_t n_paths,
+               sample* out, std::size_t n)
 {
     const auto* x = reinterpret_cast<const float* const*>(in);
     auto* y = reinterpret_cast<float*>(out);
@@ -90,6 +121,33 @@ void mix_sparse(isa set, const sample* const* in, const path* paths, std::size_t
 #endif
     (void)set;
     generic::mix(x, paths, n_paths, y, 2 * n);
+}
+
+void multiply_spectra(isa set, const sample* spectra, std::size_t stride, int n_inputs,
+                      const spectral_product* products, std::size_t n_products, std::size_t begin,
+                      std::size_t end)
+{
+    const auto* x = reinterpret_cast<const float*>(spectra);
+#if defined(__x86_64__)
+    if (set == isa::avx512)
+        return avx512::multiply(x, 2 * stride, n_inputs, products, n_products, begin, end);
+    if (set == isa::avx2)
+        return avx2::multiply(x, 2 * stride, n_inputs, products, n_products, begin, end);
+#endif
+    (void)set;
+    generic::multiply(x, 2 * stride, n_inputs, products, n_products, begin, end);
+}
+
+double turn_multiply_adds(isa set, long turns)
+{
+#if defined(__x86_64__)
+    if (set == isa::avx512)
+        return avx512::turn(turns);
+    if (set == isa::avx2)
+        return avx2::turn(turns);
+#endif
+    (void)set;
+    return generic::turn(turns);
 }
 
 } // namespace kernel
