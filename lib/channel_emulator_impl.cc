@@ -29,7 +29,7 @@ bool is_stream_tag(const pmt::pmt_t& key)
 
 channel_emulator::sptr channel_emulator::make(int n_inputs, int n_outputs, int n_taps,
                                               double sample_rate_hz, int n_threads,
-                                              const std::string& name)
+                                              const std::string& name, uint64_t seed)
 {
     if (!(sample_rate_hz > 0 && std::isfinite(sample_rate_hz)))
         throw std::invalid_argument("channel_emulator: sample_rate_hz: got " +
@@ -41,6 +41,7 @@ channel_emulator::sptr channel_emulator::make(int n_inputs, int n_outputs, int n
     config.n_taps = n_taps;
     config.n_threads =
         n_threads == 0 ? std::max(1u, std::thread::hardware_concurrency()) : n_threads;
+    config.seed = seed;
     kernel::emulator::check(config);
     return gnuradio::make_block_sptr<channel_emulator_impl>(config, sample_rate_hz, name);
 }
@@ -69,20 +70,44 @@ void channel_emulator_impl::set_taps(int tx, int rx, const std::vector<gr_comple
     if (taps.size() > size_t(history()))
         throw std::invalid_argument("taps: got " + std::to_string(taps.size()) +
                                     ", expected at most " + std::to_string(history()));
-    schedule({tx, rx, offset, kernel::taps_from_dense(taps), std::nullopt, ramp});
+    schedule({tx, rx, offset, kernel::taps_from_dense(taps), std::nullopt, std::nullopt, ramp});
 }
 
 void channel_emulator_impl::set_sparse_taps(int tx, int rx, const std::vector<int>& delays,
                                             const std::vector<gr_complex>& gains,
                                             std::optional<uint64_t> offset, uint64_t ramp)
 {
-    schedule({tx, rx, offset, kernel::taps_from_sparse(delays, gains), std::nullopt, ramp});
+    schedule({tx, rx, offset, kernel::taps_from_sparse(delays, gains), std::nullopt, std::nullopt,
+              ramp});
 }
 
 void channel_emulator_impl::enable_link(int tx, int rx, bool enabled,
                                         std::optional<uint64_t> offset)
 {
-    schedule({tx, rx, offset, std::nullopt, enabled, 0});
+    schedule({tx, rx, offset, std::nullopt, enabled, std::nullopt, 0});
+}
+
+void channel_emulator_impl::set_base_loss(int tx, int rx, double base_loss_db,
+                                          std::optional<uint64_t> offset)
+{
+    schedule({tx, rx, offset, std::nullopt, std::nullopt, kernel::gain_of_loss(base_loss_db), 0});
+}
+
+void channel_emulator_impl::set_noise_power(int rx, double power)
+{
+    std::lock_guard<std::mutex> lock(d_mutex);
+    d_emulator.set_noise_power(rx, power);
+}
+
+void channel_emulator_impl::set_fixed_point(int bits, int tap_bits, double input_full_scale,
+                                            double output_full_scale)
+{
+    std::lock_guard<std::mutex> lock(d_mutex);
+    if (bits == 0)
+        d_emulator.set_fixed_point(std::nullopt);
+    else
+        d_emulator.set_fixed_point(
+            kernel::fixed_point{bits, tap_bits, float(input_full_scale), float(output_full_scale)});
 }
 
 std::string channel_emulator_impl::plan() const
@@ -101,6 +126,12 @@ uint64_t channel_emulator_impl::late_updates() const
 {
     std::lock_guard<std::mutex> lock(d_mutex);
     return d_emulator.n_late();
+}
+
+uint64_t channel_emulator_impl::clipped_samples() const
+{
+    std::lock_guard<std::mutex> lock(d_mutex);
+    return d_emulator.n_clipped();
 }
 
 uint64_t channel_emulator_impl::refused_updates() const
@@ -189,6 +220,7 @@ pmt::pmt_t channel_emulator_impl::describe() const
     add("real_time_factor", pmt::from_double(d_real_time_factor));
     add("late_updates", pmt::from_uint64(d_emulator.n_late()));
     add("refused_updates", pmt::from_uint64(d_refused));
+    add("clipped_samples", pmt::from_uint64(d_emulator.n_clipped()));
     return status;
 }
 

@@ -24,10 +24,16 @@ public:
                          const std::vector<gr_complex>& gains, std::optional<uint64_t> offset,
                          uint64_t ramp) override;
     void enable_link(int tx, int rx, bool enabled, std::optional<uint64_t> offset) override;
+    void set_base_loss(int tx, int rx, double base_loss_db,
+                       std::optional<uint64_t> offset) override;
+    void set_noise_power(int rx, double power) override;
+    void set_fixed_point(int bits, int tap_bits, double input_full_scale,
+                         double output_full_scale) override;
     std::string plan() const override;
     pmt::pmt_t status() const override;
     uint64_t late_updates() const override;
     uint64_t refused_updates() const override;
+    uint64_t clipped_samples() const override;
     int active_links() const override;
 
     bool start() override;

@@ -99,8 +99,8 @@ std::optional<std::vector<kernel::tap>> read_taps(const pmt::pmt_t& dict)
 kernel::link_update read_one(const pmt::pmt_t& dict, const stream_clock& clock,
                              std::optional<int> default_tx, std::optional<uint64_t> tag_offset)
 {
-    static const std::set<std::string> known = {"tx",      "rx",     "taps", "delays", "gains",
-                                                "enabled", "offset", "time", "ramp"};
+    static const std::set<std::string> known = {
+        "tx", "rx", "taps", "delays", "gains", "enabled", "base_loss_db", "offset", "time", "ramp"};
     if (!pmt::is_dict(dict) || pmt::is_null(dict))
         refuse("expected a dictionary");
     for (pmt::pmt_t keys = pmt::dict_keys(dict); pmt::is_pair(keys); keys = pmt::cdr(keys))
@@ -115,8 +115,13 @@ kernel::link_update read_one(const pmt::pmt_t& dict, const stream_clock& clock,
             refuse("enabled: expected a boolean");
         update.enabled = pmt::to_bool(find(dict, "enabled"));
     }
-    if (!update.taps && !update.enabled)
-        refuse("neither taps nor enabled given");
+    if (has(dict, "base_loss_db")) {
+        if (!pmt::is_real(find(dict, "base_loss_db")))
+            refuse("base_loss_db: expected a real number");
+        update.gain = kernel::gain_of_loss(pmt::to_double(find(dict, "base_loss_db")));
+    }
+    if (!update.taps && !update.enabled && !update.gain)
+        refuse("neither taps nor enabled nor base_loss_db given");
     update.at = tag_offset;
     if (has(dict, "offset"))
         update.at = read_count(dict, "offset");

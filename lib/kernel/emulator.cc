@@ -83,6 +83,8 @@ std::vector<tap> taps_from_dense(const std::vector<sample>& taps)
     return sparse;
 }
 
+float gain_of_loss(double loss_db) { return float(std::pow(10.0, -loss_db / 20)); }
+
 std::vector<tap> taps_from_sparse(const std::vector<int>& delays, const std::vector<sample>& gains)
 {
     if (delays.size() != gains.size())
@@ -108,8 +110,8 @@ void emulator::check(const config& c)
 emulator::emulator(const config& c)
     : d_config((check(c), c)), d_isa(isa_from_name(c.isa)), d_threads(c.n_threads),
       d_may_be_sparse(c.method != "dense"), d_may_be_dense(c.method != "sparse"), d_dense(c.n_taps),
-      d_links(static_cast<std::size_t>(c.n_inputs) * c.n_outputs), d_recipes(c.n_outputs),
-      d_changed(c.n_outputs, true)
+      d_links(static_cast<std::size_t>(c.n_inputs) * c.n_outputs),
+      d_recipes(c.n_outputs), d_changed(c.n_outputs, true), d_noise_power(c.n_outputs)
 {
 }
 
@@ -124,6 +126,8 @@ void emulator::check(const link_update& update) const
         refuse_node("tx", update.input, d_config.n_inputs);
     if (update.output < 0 || update.output >= d_config.n_outputs)
         refuse_node("rx", update.output, d_config.n_outputs);
+    if (update.gain && !std::isfinite(*update.gain))
+        throw std::invalid_argument("gain of the link: not a finite number");
     if (!update.taps)
         return;
     for (const tap& t : *update.taps) {
@@ -161,12 +165,40 @@ void emulator::seek(uint64_t position)
     d_position = position;
 }
 
+void emulator::set_noise_power(int output, float power)
+{
+    require(output >= 0 && output < d_config.n_outputs, "rx", output,
+            "0 to " + std::to_string(d_config.n_outputs - 1));
+    if (!(power >= 0 && std::isfinite(power)))
+        throw std::invalid_argument("noise power: got " + std::to_string(power) +
+                                    ", expected a finite number, 0 or more");
+    d_noise_power[output] = power;
+}
+
+void emulator::set_fixed_point(const std::optional<fixed_point>& arithmetic)
+{
+    if (arithmetic) {
+        require(arithmetic->bits >= 2 && arithmetic->bits <= 24, "bits", arithmetic->bits,
+                "2 to 24");
+        require(arithmetic->tap_bits >= 2 && arithmetic->tap_bits <= 24, "tap_bits",
+                arithmetic->tap_bits, "2 to 24");
+        for (float scale : {arithmetic->input_full_scale, arithmetic->output_full_scale})
+            if (!(scale > 0 && std::isfinite(scale)))
+                throw std::invalid_argument("full scale: got " + std::to_string(scale) +
+                                            ", expected a finite number above 0");
+    }
+    d_fixed_point = arithmetic;
+    d_changed.assign(d_changed.size(), true);
+}
+
 void emulator::apply(link_update&& update)
 {
     link& l = link_at(update.input, update.output);
     d_changed[update.output] = true;
     if (update.enabled)
         l.enabled = *update.enabled;
+    if (update.gain)
+        l.gain = *update.gain;
     if (!update.taps)
         return;
     std::vector<tap> now = l.taps;
@@ -197,6 +229,14 @@ void emulator::apply_due()
         apply(std::move(d_pending.extract(d_pending.begin()).mapped()));
 }
 
+path emulator::make_path(int input, const link& l, const tap& t) const
+{
+    sample gain = t.gain;
+    if (d_fixed_point)
+        quantize(d_isa, &gain, 2.0f, d_fixed_point->tap_bits, &gain, 1);
+    return {input, t.delay, l.gain == 1.0f ? gain : l.gain * gain};
+}
+
 std::shared_ptr<emulator::recipe> emulator::make_recipe(int output) const
 {
     auto made = std::make_shared<recipe>();
@@ -206,7 +246,7 @@ std::shared_ptr<emulator::recipe> emulator::make_recipe(int output) const
             continue;
         // taps(n) = (taps - slope) + slope * (n - begin) / (end - begin)
         for (const tap& t : l.slope.empty() ? l.taps : sum_by_delay(l.taps, l.slope, -1.0f))
-            made->paths.push_back({input, t.delay, t.gain});
+            made->paths.push_back(make_path(input, l, t));
         if (l.slope.empty())
             continue;
         auto same = std::find_if(made->ramps.begin(), made->ramps.end(), [&](const ramp& r) {
@@ -215,7 +255,7 @@ std::shared_ptr<emulator::recipe> emulator::make_recipe(int output) const
         if (same == made->ramps.end())
             same = made->ramps.insert(same, {l.ramp_begin, l.ramp_end, {}, {}});
         for (const tap& t : l.slope)
-            same->paths.push_back({input, t.delay, t.gain});
+            same->paths.push_back(make_path(input, l, t));
     }
     const auto& p = made->paths;
     made->is_copy = p.size() == 1 && made->ramps.empty() && p[0].gain == sample(1);
@@ -334,8 +374,44 @@ void emulator::round(const sample* const* in, sample* const* out, std::size_t n)
     const uint64_t first = d_position;
     pieces all = cut(first + n);
     choose(all, first, n);
-    run_dense(all, in, out, first, n);
-    run_sparse(all, in, out, first, n);
+    std::vector<const sample*> x(in, in + d_config.n_inputs);
+    if (d_fixed_point)
+        x = quantize_inputs(in, n);
+    run_dense(all, x.data(), out, first, n);
+    run_sparse(all, x.data(), out, first, n);
+    finish_outputs(out, first, n);
+}
+
+std::vector<const sample*> emulator::quantize_inputs(const sample* const* in, std::size_t n)
+{
+    const std::size_t past = d_config.n_taps - 1;
+    std::vector<const sample*> x(d_config.n_inputs);
+    d_quantized.resize(d_config.n_inputs);
+    d_threads.run(d_config.n_inputs, [&](unsigned i) {
+        d_quantized[i].resize(past + n);
+        sample* made = d_quantized[i].data();
+        const auto& f = *d_fixed_point;
+        quantize(d_isa, in[i] - past, f.input_full_scale, f.bits, made,
+                 past); // counted when they were new
+        d_clipped += quantize(d_isa, in[i], f.input_full_scale, f.bits, made + past, n);
+        x[i] = made + past;
+    });
+    return x;
+}
+
+// What a receiver does to its samples: noise, then its converter.
+void emulator::finish_outputs(sample* const* out, uint64_t first, std::size_t n)
+{
+    const auto noisy = [](float power) { return power > 0; };
+    if (!d_fixed_point && std::none_of(d_noise_power.begin(), d_noise_power.end(), noisy))
+        return;
+    d_threads.run(d_config.n_outputs, [&](unsigned j) {
+        if (noisy(d_noise_power[j]))
+            add_noise(d_isa, d_config.seed, j, first, std::sqrt(d_noise_power[j]), out[j], n);
+        if (d_fixed_point)
+            d_clipped += quantize(d_isa, out[j], d_fixed_point->output_full_scale,
+                                  d_fixed_point->bits, out[j], n);
+    });
 }
 
 // Adds the ramps' part to samples that begin at number `begin`.

@@ -33,6 +33,9 @@ CAST_API std::vector<tap> taps_from_dense(const std::vector<sample>& taps);
 CAST_API std::vector<tap> taps_from_sparse(const std::vector<int>& delays,
                                            const std::vector<sample>& gains);
 
+// 10^(-loss/20)
+CAST_API float gain_of_loss(double loss_db);
+
 // A change of one link, in force from sample `at` on (absent: the next sample). What is absent
 // stays as it was.
 struct link_update {
@@ -40,8 +43,17 @@ struct link_update {
     std::optional<uint64_t> at;
     std::optional<std::vector<tap>> taps;
     std::optional<bool> enabled;
+    std::optional<float> gain; // of the whole link, on top of its taps: its base loss
     // From `at` on the taps move in a straight line and arrive after this many samples; 0: at once.
     uint64_t ramp = 0;
+};
+
+// Arithmetic of a fixed-point machine: samples in and out are rounded to `bits` of their full scale
+// and saturate; taps have `tap_bits`, of which one is left of the binary point, so that a tap of 1
+// is exact.
+struct fixed_point {
+    int bits = 16, tap_bits = 16;
+    float input_full_scale = 1.0f, output_full_scale = 1.0f;
 };
 
 class CAST_API emulator
@@ -54,6 +66,7 @@ public:
         int n_threads = 1;
         std::string isa = "auto";
         std::string method = "auto"; // or "sparse" or "dense"
+        uint64_t seed = 0;           // of the receivers' noise
     };
 
     // Throws std::invalid_argument where a parameter is out of its range.
@@ -69,6 +82,14 @@ public:
     // late, and takes force at the first sample that it still can.
     void schedule(link_update update, uint64_t earliest = 0);
 
+    // Mean power of the noise that a receiver adds from the next sample on, in units of the samples
+    // squared. Equal seeds give equal noise at equal samples, whatever the chunks; receivers are
+    // independent.
+    void set_noise_power(int output, float power);
+
+    // From the next sample on. Throws std::invalid_argument where a parameter is out of its range.
+    void set_fixed_point(const std::optional<fixed_point>& arithmetic);
+
     // The next n samples of every output. in[i] points at the first of them, and the n_taps-1
     // samples before it must be readable (zeros before the first sample of all).
     void process(const sample* const* in, sample* const* out, std::size_t n);
@@ -79,6 +100,7 @@ public:
 
     uint64_t n_processed() const { return d_position; }
     uint64_t n_late() const { return d_late; }
+    uint64_t n_clipped() const { return d_clipped; }
     std::size_t n_pending() const { return d_pending.size(); }
     int n_active_links() const;
     int n_active_taps() const;
@@ -91,6 +113,7 @@ private:
         std::vector<tap> slope; // while a ramp runs: change of each tap over the whole of it
         uint64_t ramp_begin = 0, ramp_end = 0;
         bool enabled = true;
+        float gain = 1.0f;
     };
     // Paths whose gains grow from 0 to 1 times their gain between two samples.
     struct ramp {
@@ -136,6 +159,10 @@ private:
     std::multimap<uint64_t, link_update> d_pending; // equal samples keep their order: the last wins
     uint64_t d_position = 0;
     uint64_t d_late = 0;
+    std::atomic<uint64_t> d_clipped{0};
+    std::vector<float> d_noise_power;
+    std::optional<fixed_point> d_fixed_point;
+    std::vector<std::vector<sample>> d_quantized; // inputs of the round at hand, after their past
 
     link& link_at(int input, int output) { return d_links[output * d_config.n_inputs + input]; }
     void apply(link_update&& update);
@@ -146,6 +173,9 @@ private:
     double sparse_cost(const piece& p) const;
     double dense_cost(const piece& p, uint64_t first) const;
     void choose(pieces& all, uint64_t first, std::size_t n) const;
+    path make_path(int input, const link& l, const tap& t) const;
+    std::vector<const sample*> quantize_inputs(const sample* const* in, std::size_t n);
+    void finish_outputs(sample* const* out, uint64_t first, std::size_t n);
     void round(const sample* const* in, sample* const* out, std::size_t n);
     void run_sparse(const pieces& all, const sample* const* in, sample* const* out, uint64_t first,
                     std::size_t n);

@@ -12,6 +12,8 @@ namespace cast
 namespace kernel
 {
 
+constexpr int noise_pairs = 64; // made at once
+
 // In each namespace keep() pins a value in a register: a sample loaded for two uses would otherwise
 // be read from memory twice, and reads are what limits these loops.
 namespace generic
@@ -32,6 +34,12 @@ static inline vec keep(vec v)
 }
 static inline vec load(const float* p) { return *reinterpret_cast<const loose_vec*>(p); }
 static inline void store(float* p, vec v) { *reinterpret_cast<loose_vec*>(p) = v; }
+static inline vec square_root(vec a)
+{
+    for (int lane = 0; lane < width; lane++)
+        a[lane] = __builtin_sqrtf(a[lane]);
+    return a;
+}
 static inline vec multiply_add(vec a, vec b, vec c) { return a * b + c; }
 static inline float multiply_add(float a, float b, float c) { return a * b + c; }
 static inline vec add_turned(vec a, vec b)
@@ -60,6 +68,7 @@ static inline vec keep(vec v)
 }
 static inline vec load(const float* p) { return keep(_mm256_loadu_ps(p)); }
 static inline void store(float* p, vec v) { _mm256_storeu_ps(p, v); }
+static inline vec square_root(vec a) { return _mm256_sqrt_ps(a); }
 static inline vec multiply_add(vec a, vec b, vec c) { return _mm256_fmadd_ps(a, b, c); }
 static inline float multiply_add(float a, float b, float c) { return __builtin_fmaf(a, b, c); }
 static inline vec add_turned(vec a, vec b)
@@ -88,6 +97,7 @@ static inline vec keep(vec v)
 }
 static inline vec load(const float* p) { return keep(_mm512_loadu_ps(p)); }
 static inline void store(float* p, vec v) { _mm512_storeu_ps(p, v); }
+static inline vec square_root(vec a) { return _mm512_maskz_sqrt_ps(0xffff, a); }
 static inline vec multiply_add(vec a, vec b, vec c) { return _mm512_fmadd_ps(a, b, c); }
 static inline float multiply_add(float a, float b, float c) { return __builtin_fmaf(a, b, c); }
 static inline vec add_turned(vec a, vec b)
@@ -136,6 +146,36 @@ void multiply_spectra(isa set, const sample* spectra, std::size_t stride, int n_
 #endif
     (void)set;
     generic::multiply(x, 2 * stride, n_inputs, products, n_products, begin, end);
+}
+
+void add_noise(isa set, uint64_t seed, uint32_t stream, uint64_t number, float amplitude,
+               sample* out, std::size_t n)
+{
+    auto* y = reinterpret_cast<float*>(out);
+#if defined(__x86_64__)
+    if (set == isa::avx512)
+        return avx512::add_noise(seed, stream, number, amplitude, y, n);
+    if (set == isa::avx2)
+        return avx2::add_noise(seed, stream, number, amplitude, y, n);
+#endif
+    (void)set;
+    generic::add_noise(seed, stream, number, amplitude, y, n);
+}
+
+std::size_t quantize(isa set, const sample* in, float full_scale, int bits, sample* out,
+                     std::size_t n)
+{
+    const float levels = float(1 << (bits - 1));
+    const auto* x = reinterpret_cast<const float*>(in);
+    auto* y = reinterpret_cast<float*>(out);
+#if defined(__x86_64__)
+    if (set == isa::avx512)
+        return avx512::quantize(x, levels / full_scale, levels - 1, y, n);
+    if (set == isa::avx2)
+        return avx2::quantize(x, levels / full_scale, levels - 1, y, n);
+#endif
+    (void)set;
+    return generic::quantize(x, levels / full_scale, levels - 1, y, n);
 }
 
 double turn_multiply_adds(isa set, long turns)

@@ -6,6 +6,7 @@
 
 #include <complex>
 #include <cstddef>
+#include <cstdint>
 
 namespace gr
 {
@@ -49,6 +50,16 @@ struct spectral_product {
 void multiply_spectra(isa set, const sample* spectra, std::size_t stride, int n_inputs,
                       const spectral_product* products, std::size_t n_products, std::size_t begin,
                       std::size_t end);
+
+// Adds circular Gaussian noise of power amplitude^2 to samples number `number` …; equal numbers of
+// a stream get equal noise, streams and seeds are independent.
+void add_noise(isa set, uint64_t seed, uint32_t stream, uint64_t number, float amplitude,
+               sample* out, std::size_t n);
+
+// Rounds both parts to whole multiples of full_scale / 2^(bits-1) and saturates them, in two's
+// complement. Returns how many samples were saturated.
+std::size_t quantize(isa set, const sample* in, float full_scale, int bits, sample* out,
+                     std::size_t n);
 
 // Multiply-adds on registers alone, and how many they were: the most that any kernel could do.
 double turn_multiply_adds(isa set, long turns);

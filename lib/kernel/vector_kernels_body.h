@@ -127,3 +127,128 @@ static double turn(long turns)
     (void)seen;
     return double(turns) * chains * width;
 }
+
+// ln(x) for 0 < x <= 1, to a few units of the last place; after Cephes' logf.
+static inline float natural_log(float x)
+{
+    uint32_t bits;
+    __builtin_memcpy(&bits, &x, sizeof bits);
+    const int32_t shifted =
+        int32_t(bits - 0x3f3504f3); // of sqrt(1/2): mantissa in [sqrt(1/2), sqrt(2))
+    const float exponent = float(shifted >> 23);
+    bits = (uint32_t(shifted) & 0x007fffff) + 0x3f3504f3;
+    float m;
+    __builtin_memcpy(&m, &bits, sizeof m);
+    const float f = m - 1.0f;
+    const float z = f * f;
+    float y = 7.0376836292e-2f;
+    y = y * f - 1.1514610310e-1f;
+    y = y * f + 1.1676998740e-1f;
+    y = y * f - 1.2420140846e-1f;
+    y = y * f + 1.4249322787e-1f;
+    y = y * f - 1.6668057665e-1f;
+    y = y * f + 2.0000714765e-1f;
+    y = y * f - 2.4999993993e-1f;
+    y = y * f + 3.3333331174e-1f;
+    y = y * f * z - 2.12194440e-4f * exponent - 0.5f * z;
+    return f + y + 0.693359375f * exponent;
+}
+
+// cos and sin of 2*pi*turn/2^32; polynomials after Cephes.
+static inline void turn_to_circle(uint32_t turn, float& cosine, float& sine)
+{
+    const uint32_t quadrant = (turn + 0x20000000u) >> 30;
+    const float x = float(int32_t(turn - (quadrant << 30))) * 1.46291807926715969e-9f;
+    const float z = x * x;
+    const float c =
+        1.0f - 0.5f * z +
+        z * z * (4.166664568298827e-2f + z * (-1.388731625493765e-3f + z * 2.443315711809948e-5f));
+    const float s = x + x * z * (-1.6666654611e-1f + z * (8.3321608736e-3f - z * 1.9515295891e-4f));
+    const float a = quadrant & 1 ? s : c, b = quadrant & 1 ? c : s;
+    cosine = (quadrant + 1) & 2 ? -a : a;
+    sine = quadrant & 2 ? -b : b;
+}
+
+// A Gaussian pair of unit power from two uniform integers (Box-Muller).
+static inline void gaussian(const uint32_t* radius, const uint32_t* angle, float* re, float* im)
+{
+    float length[noise_pairs];
+    for (int k = 0; k < noise_pairs; k++) {
+        // 24 bits are exact in a float; half a step up keeps the logarithm finite.
+        const float u = (float(int32_t(radius[k] >> 8)) + 0.5f) * 5.9604644775390625e-8f;
+        length[k] = -natural_log(u);
+    }
+    for (int k = 0; k < noise_pairs; k += width)
+        store(length + k, square_root(load(length + k)));
+    for (int k = 0; k < noise_pairs; k++) {
+        float cosine, sine;
+        turn_to_circle(angle[k], cosine, sine);
+        re[k] = length[k] * cosine;
+        im[k] = length[k] * sine;
+    }
+}
+
+// Circular Gaussian noise of unit power for 2 * noise_pairs samples, of which `first` is the first
+// pair's number, by Philox4x32-10 (Salmon et al., SC11). Whole blocks only, so that a sample's
+// noise depends on nothing but its number.
+static void noise(uint64_t seed, uint32_t stream, uint64_t first, float* out)
+{
+    uint32_t c0[noise_pairs], c1[noise_pairs], c2[noise_pairs], c3[noise_pairs];
+    for (int k = 0; k < noise_pairs; k++) {
+        c0[k] = uint32_t(first) + k; // a block never crosses 2^32: both are powers of two
+        c1[k] = uint32_t(first >> 32);
+        c2[k] = stream;
+        c3[k] = 0;
+    }
+    uint32_t key0 = uint32_t(seed), key1 = uint32_t(seed >> 32);
+    for (int round = 0; round < 10; round++, key0 += 0x9E3779B9u, key1 += 0xBB67AE85u)
+        for (int k = 0; k < noise_pairs; k++) {
+            const uint64_t a = uint64_t(0xD2511F53u) * c0[k], b = uint64_t(0xCD9E8D57u) * c2[k];
+            c0[k] = uint32_t(b >> 32) ^ c1[k] ^ key0;
+            c1[k] = uint32_t(b);
+            c2[k] = uint32_t(a >> 32) ^ c3[k] ^ key1;
+            c3[k] = uint32_t(a);
+        }
+    float re[2][noise_pairs], im[2][noise_pairs];
+    gaussian(c0, c1, re[0], im[0]);
+    gaussian(c2, c3, re[1], im[1]);
+    for (int k = 0; k < noise_pairs; k++) {
+        out[4 * k] = re[0][k];
+        out[4 * k + 1] = im[0][k];
+        out[4 * k + 2] = re[1][k];
+        out[4 * k + 3] = im[1][k];
+    }
+}
+
+static void add_noise(uint64_t seed, uint32_t stream, uint64_t number, float amplitude, float* out,
+                      std::size_t n)
+{
+    constexpr std::size_t block = 2 * noise_pairs;
+    float made[2 * block];
+    for (std::size_t done = 0; done < n;) {
+        const std::size_t from = (number + done) % block;
+        noise(seed, stream, (number + done - from) / 2, made);
+        const std::size_t now = block - from < n - done ? block - from : n - done;
+        for (std::size_t k = 0; k < 2 * now; k++)
+            out[2 * done + k] += amplitude * made[2 * from + k];
+        done += now;
+    }
+}
+
+// To the nearest multiple of 1/scale, between -limit and limit multiples; counts samples beyond.
+static std::size_t quantize(const float* in, float scale, float limit, float* out, std::size_t n)
+{
+    std::size_t clipped = 0;
+    const float step = 1.0f / scale;
+    for (std::size_t k = 0; k < n; k++) {
+        const float re = in[2 * k] * scale, im = in[2 * k + 1] * scale;
+        const float low = -limit - 1.0f;
+        float a = __builtin_rintf(re), b = __builtin_rintf(im);
+        clipped += (a < low) | (a > limit) | (b < low) | (b > limit);
+        a = a < low ? low : a > limit ? limit : a;
+        b = b < low ? low : b > limit ? limit : b;
+        out[2 * k] = a * step;
+        out[2 * k + 1] = b * step;
+    }
+    return clipped;
+}

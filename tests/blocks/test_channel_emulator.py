@@ -7,7 +7,7 @@ import pytest
 from gnuradio import blocks as stock
 from gnuradio import gr
 from gr_cast import blocks
-from gr_cast.emulate import LinkUpdate, emulate
+from gr_cast.emulate import FixedPoint, LinkUpdate, emulate
 
 N_TAPS = 512
 
@@ -188,6 +188,44 @@ def test_status_says_scenario_plan_and_samples():
     first = pmt.to_python(store.get_message(0))
     assert first["scenario"] == "four taps" and first["samples"] == 0
     assert "sparse" in first["plan"] and first["active_links"] == 1 and first["active_taps"] == 2
+
+
+@pytest.mark.parametrize("chunk", [777, None])
+def test_noise_and_base_loss_are_those_of_the_reference(chunk):
+    x = noise(np.random.default_rng(3), 1, 9001)
+    updates = [
+        LinkUpdate(tx=0, rx=1, taps=[0.5, 1j], base_loss_db=6),
+        LinkUpdate(tx=0, rx=1, at_sample=4000, base_loss_db=20),
+    ]
+    emulator = blocks.channel_emulator(1, 2, seed=2**40 + 7)
+    emulator.set_taps(0, 1, [0.5, 1j])
+    emulator.set_base_loss(0, 1, 6)
+    emulator.set_base_loss(0, 1, 20, 4000)
+    emulator.set_noise_power(0, 4.0)
+    emulator.set_noise_power(1, 0.01)
+    y, _ = play(emulator, x, chunk=chunk)
+    expected = emulate(x, updates, 2, noise_power=[4.0, 0.01], seed=2**40 + 7)
+    assert np.max(np.abs(y - expected)) < 1e-5
+
+
+def test_fixed_point_is_that_of_the_reference_and_counts_what_it_cuts_off():
+    rng = np.random.default_rng(4)
+    x = 0.2 * noise(rng, 2, 20_000)
+    x[0, 100:110] = 5
+    updates = [LinkUpdate(tx=i, rx=0, taps=noise(rng, 3) / 3) for i in range(2)]
+    emulator = blocks.channel_emulator(2, 1)
+    for update in updates:
+        emulator.set_taps(update.tx, 0, update.taps)
+    emulator.set_fixed_point(12, 14, 1.0, 2.0)
+    y, _ = play(emulator, x, chunk=3000)
+    expected = emulate(x, updates, 1, fixed_point=FixedPoint(bits=12, tap_bits=14, output_full_scale=2.0))
+    step = 2.0 / 2**11
+    away = np.maximum(np.abs(y.real - expected.real), np.abs(y.imag - expected.imag)) / step
+    assert (
+        np.max(away) < 1.01 and np.mean(away > 0.5) < 1e-2
+    )  # a sum within rounding of a half may go either way
+    beyond = np.maximum(np.abs(x.real), np.abs(x.imag)) >= 1
+    assert emulator.clipped_samples() >= np.count_nonzero(beyond) >= 10
 
 
 def test_flowgraph_that_starts_again_keeps_its_links_and_counts_from_zero():

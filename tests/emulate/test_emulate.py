@@ -3,9 +3,21 @@
 
 import numpy as np
 import pytest
-from gr_cast.emulate import LinkUpdate, emulate
+from gr_cast.emulate import (
+    INTERPOLATOR_TAPS,
+    FixedPoint,
+    LinkUpdate,
+    bulk_delay_samples,
+    emulate,
+    fir_taps,
+    receiver_noise,
+    scenario_updates,
+    sqnr_db,
+)
 from gr_cast.errors import CastError
+from gr_cast.scenario.model import LinkTaps, Scenario
 from scipy.signal import lfilter
+from scipy.stats import kstest
 
 
 def complex_noise(seed, *shape):
@@ -54,3 +66,85 @@ def test_malformed_update_is_refused(bad):
 def test_update_of_an_absent_node_is_refused():
     with pytest.raises(CastError, match="1 transmitters"):
         emulate(np.ones((1, 4)), [LinkUpdate(tx=1, rx=0, taps=[1])], 1)
+
+
+@pytest.mark.parametrize("fraction", np.linspace(0.02, 0.98, 13))
+def test_fractional_delay_errs_below_60_db_over_80_percent_of_the_band(fraction):
+    delay = 20 + fraction
+    taps = fir_taps([delay], [1])
+    frequency = np.linspace(-0.4, 0.4, 999)  # cycles per sample
+    response = np.exp(-2j * np.pi * np.outer(frequency, np.arange(len(taps)))) @ taps
+    ideal = np.exp(-2j * np.pi * frequency * delay)
+    assert 20 * np.log10(np.max(np.abs(response - ideal))) < -60
+
+
+def test_taps_on_whole_samples_stay_there_without_bulk_delay():
+    assert bulk_delay_samples([0, 3, 511]) == 0
+    assert np.array_equal(fir_taps([0, 3.0000000001], [1, 0.5j]), [1, 0, 0, 0.5j])
+
+
+def test_bulk_delay_is_just_what_keeps_a_filter_from_reaching_ahead():
+    bulk = bulk_delay_samples([0.5, 3])
+    ahead = INTERPOLATOR_TAPS // 2 - 1
+    assert bulk == ahead
+    assert np.flatnonzero(fir_taps([0.5], [1], bulk))[0] == 0
+    assert bulk_delay_samples([ahead + 0.5]) == 0
+
+
+def test_noise_is_white_circular_gaussian_and_independent_between_receivers():
+    n = 200_000
+    a, b = receiver_noise(5, 0, n), receiver_noise(5, 1, n)
+    for part in (a.real, a.imag, b.real, b.imag):
+        assert kstest(part * np.sqrt(2), "norm").pvalue > 1e-4
+    # Correlations of n samples have standard deviation 1/sqrt(n); 5 of them is one chance in 10^6.
+    for other in (b, a.conj(), np.roll(a, 1), receiver_noise(6, 0, n)):
+        assert abs(np.vdot(other, a)) / n < 5 / np.sqrt(n)
+    assert np.mean(np.abs(a) ** 2) == pytest.approx(1, abs=5 / np.sqrt(n))
+
+
+def test_noise_of_a_sample_depends_on_its_number_alone():
+    whole = receiver_noise(9, 3, 1000)
+    assert np.array_equal(whole[333:777], receiver_noise(9, 3, 444, first_sample=333))
+
+
+@pytest.mark.parametrize("bits", [8, 12, 16])
+def test_quantisation_noise_follows_widrows_law(bits):
+    arithmetic = FixedPoint(bits=bits, tap_bits=16, output_full_scale=0.8)
+    x = 0.1 * complex_noise(3, 1, 60_000)
+    taps = np.array([0.7, 0, 0.2j])
+    exact = emulate(x, [LinkUpdate(tx=0, rx=0, taps=taps)], 1)
+    rounded = emulate(x, [LinkUpdate(tx=0, rx=0, taps=taps)], 1, fixed_point=arithmetic)
+    measured = 10 * np.log10(np.mean(np.abs(exact) ** 2) / np.mean(np.abs(exact - rounded) ** 2))
+    assert measured == pytest.approx(sqnr_db(np.mean(np.abs(x) ** 2), taps, arithmetic), abs=0.2)
+
+
+def test_scenario_plays_its_taps_at_their_instants_with_base_loss():
+    link = LinkTaps(delay_s=np.array([[0, 1e-6], [2e-6, 0]]), gain=np.array([[1, 0.5], [2j, 0]]))
+    scenario = Scenario(
+        name="s", nodes=("a", "b"), links={("a", "b"): link}, time_s=[0, 1e-3], base_loss_db=20
+    )
+    updates, bulk = scenario_updates(scenario, 1e6)
+    x = np.zeros((2, 3000))
+    x[0, [100, 2000]] = 1
+    y = emulate(x, updates, 2)
+    assert bulk == 0 and not y[0].any()
+    expected = np.zeros(3000, complex)
+    expected[[100, 101, 2002]] = 0.1, 0.05, 0.2j
+    np.testing.assert_allclose(y[1], expected, atol=1e-15)
+
+
+def test_linear_scenario_moves_its_taps_in_straight_lines():
+    link = LinkTaps(delay_s=np.zeros((3, 1)), gain=np.array([[1], [3], [-1]]))
+    scenario = Scenario(
+        name="s", nodes=("a",), links={("a", "a"): link}, time_s=[0, 1e-3, 2e-3], interpolation="linear"
+    )
+    y = emulate(np.ones((1, 2500)), scenario_updates(scenario, 1e6)[0], 1)[0]
+    np.testing.assert_allclose(y, np.interp(np.arange(2500), [0, 1000, 2000], [1, 3, -1]), atol=1e-12)
+
+
+def test_filter_longer_than_the_emulator_is_refused_by_link():
+    link = LinkTaps(delay_s=[[5e-6]], gain=[[1]])
+    scenario = Scenario(name="far", nodes=("a", "b"), links={("a", "b"): link, ("b", "a"): link})
+    with pytest.raises(CastError) as caught:
+        scenario_updates(scenario, 200e6)
+    assert len(caught.value.faults) == 2 and "a>b" in str(caught.value) and "limit 512" in str(caught.value)

@@ -55,7 +55,7 @@ std::vector<link_update> network()
             std::vector<tap> taps;
             for (int p = 0; p < 4; p++)
                 taps.push_back({int(random() % n_taps), {normal(random), normal(random)}});
-            updates.push_back({i, j, std::nullopt, taps, std::nullopt, 0});
+            updates.push_back({i, j, std::nullopt, taps, std::nullopt, std::nullopt, 0});
         }
     return updates;
 }
@@ -100,7 +100,8 @@ void result_does_not_depend_on_chunks_or_threads()
             emulator e({n_inputs, n_outputs, n_taps, threads, "auto"});
             for (const auto& update : network())
                 e.schedule(update);
-            e.schedule({1, 1, 1717, std::vector<tap>{{3, {0, 1}}}, std::nullopt, 600});
+            e.schedule(
+                {1, 1, 1717, std::vector<tap>{{3, {0, 1}}}, std::nullopt, std::nullopt, 600});
             const auto y = run(s, e, chunk);
             if (first.empty())
                 first = y;
@@ -115,13 +116,13 @@ void far_into_a_stream_taps_change_at_their_sample()
     emulator e({n_inputs, n_outputs, n_taps, 1, "auto"});
     const uint64_t far = 10'000'000'000;
     e.seek(far);
-    e.schedule({0, 0, far + 1000, std::vector<tap>{{0, 1}}, std::nullopt, 0});
-    e.schedule({0, 0, far + 2001, std::vector<tap>{}, std::nullopt, 0});
+    e.schedule({0, 0, far + 1000, std::vector<tap>{{0, 1}}, std::nullopt, std::nullopt, 0});
+    e.schedule({0, 0, far + 2001, std::vector<tap>{}, std::nullopt, std::nullopt, 0});
     const auto y = run(s, e, 997);
     for (int k = 0; k < n; k++)
         CHECK(y[0][k] == (k >= 1000 && k < 2001 ? s.in[0][k] : sample(0)));
     CHECK(e.n_late() == 0);
-    e.schedule({0, 0, far, std::vector<tap>{}, std::nullopt, 0});
+    e.schedule({0, 0, far, std::vector<tap>{}, std::nullopt, std::nullopt, 0});
     CHECK(e.n_late() == 1);
 }
 
@@ -131,9 +132,9 @@ void update_that_cannot_be_is_refused_whole()
     const std::vector<tap> good{{0, 1}};
     const float nan = std::numeric_limits<float>::quiet_NaN();
     for (const link_update& bad :
-         {link_update{n_inputs, 0, {}, good, {}, 0}, link_update{0, -1, {}, good, {}, 0},
-          link_update{0, 0, {}, std::vector<tap>{{0, 1}, {n_taps, 1}}, {}, 0},
-          link_update{0, 0, {}, std::vector<tap>{{0, {0, nan}}}, {}, 0}}) {
+         {link_update{n_inputs, 0, {}, good, {}, {}, 0}, link_update{0, -1, {}, good, {}, {}, 0},
+          link_update{0, 0, {}, std::vector<tap>{{0, 1}, {n_taps, 1}}, {}, {}, 0},
+          link_update{0, 0, {}, std::vector<tap>{{0, {0, nan}}}, {}, {}, 0}}) {
         bool refused = false;
         try {
             e.schedule(bad);

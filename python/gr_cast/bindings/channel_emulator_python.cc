@@ -49,7 +49,8 @@ void set_all(emulator& e, uint64_t offset, const py::array_t<int, py::array::c_s
         std::vector<gr::cast::kernel::tap> taps;
         for (py::ssize_t p = 0; p < delays.shape(1); p++)
             taps.push_back({delays.at(link, p), gains.at(link, p)});
-        e.schedule({link / n_outputs, link % n_outputs, offset, taps, std::nullopt, 0});
+        e.schedule(
+            {link / n_outputs, link % n_outputs, offset, taps, std::nullopt, std::nullopt, 0});
     }
 }
 
@@ -58,17 +59,19 @@ void bind_kernel(py::module& m)
     using namespace gr::cast::kernel;
     py::class_<emulator>(m, "emulator_kernel", "The emulator without a scheduler.")
         .def(py::init([](int n_inputs, int n_outputs, int n_taps, int n_threads,
-                         const std::string& isa, const std::string& method) {
+                         const std::string& isa, const std::string& method, uint64_t seed) {
                  return std::make_unique<emulator>(
-                     emulator::config{n_inputs, n_outputs, n_taps, n_threads, isa, method});
+                     emulator::config{n_inputs, n_outputs, n_taps, n_threads, isa, method, seed});
              }),
              py::arg("n_inputs"), py::arg("n_outputs"), py::arg("n_taps") = 512,
-             py::arg("n_threads") = 1, py::arg("isa") = "auto", py::arg("method") = "auto")
+             py::arg("n_threads") = 1, py::arg("isa") = "auto", py::arg("method") = "auto",
+             py::arg("seed") = 0)
         .def(
             "set_sparse_taps",
             [](emulator& e, int tx, int rx, const std::vector<int>& delays,
                const std::vector<sample>& gains, std::optional<uint64_t> offset, uint64_t ramp) {
-                e.schedule({tx, rx, offset, taps_from_sparse(delays, gains), std::nullopt, ramp});
+                e.schedule({tx, rx, offset, taps_from_sparse(delays, gains), std::nullopt,
+                            std::nullopt, ramp});
             },
             py::arg("tx"), py::arg("rx"), py::arg("delays"), py::arg("gains"),
             py::arg("offset") = py::none(), py::arg("ramp") = 0)
@@ -78,6 +81,7 @@ void bind_kernel(py::module& m)
         .def("seek", &emulator::seek, py::arg("position"))
         .def("process", &process, py::arg("inputs"),
              "(n_inputs, n_taps-1 past and n new samples) -> (n_outputs, n), complex64.")
+        .def("set_noise_power", &emulator::set_noise_power, py::arg("rx"), py::arg("power"))
         .def("plan", &emulator::plan);
     m.def("fma_rate", &fma_rate, py::arg("isa") = "auto",
           "Multiply-adds of single floats per second that this core reaches.");
@@ -96,7 +100,7 @@ void bind_channel_emulator(py::module& m)
         "A network of time-varying channels, y_j = sum_i x_i * h_ij, sample for sample.")
         .def(py::init(&channel_emulator::make), py::arg("n_inputs"), py::arg("n_outputs"),
              py::arg("n_taps") = 512, py::arg("sample_rate_hz") = 1.0, py::arg("n_threads") = 0,
-             py::arg("name") = "")
+             py::arg("name") = "", py::arg("seed") = 0)
         .def("set_taps", &channel_emulator::set_taps, py::arg("tx"), py::arg("rx"), py::arg("taps"),
              py::arg("offset") = py::none(), py::arg("ramp") = 0, release(),
              "Taps of a link, one per delay, from sample `offset` on (None: the next).")
@@ -106,6 +110,17 @@ void bind_channel_emulator(py::module& m)
         .def("enable_link", &channel_emulator::enable_link, py::arg("tx"), py::arg("rx"),
              py::arg("enabled"), py::arg("offset") = py::none(), release(),
              "Switch a link off or on again; it keeps its taps.")
+        .def("set_base_loss", &channel_emulator::set_base_loss, py::arg("tx"), py::arg("rx"),
+             py::arg("base_loss_db"), py::arg("offset") = py::none(), release(),
+             "Loss of the link on top of its taps, in dB.")
+        .def("set_noise_power", &channel_emulator::set_noise_power, py::arg("rx"), py::arg("power"),
+             release(), "Mean power of a receiver's noise, in units of the samples squared.")
+        .def("set_fixed_point", &channel_emulator::set_fixed_point, py::arg("bits"),
+             py::arg("tap_bits") = 16, py::arg("input_full_scale") = 1.0,
+             py::arg("output_full_scale") = 1.0, release(),
+             "Compute in fixed point; bits 0: in floating point again.")
+        .def("clipped_samples", &channel_emulator::clipped_samples, release(),
+             "Samples that a fixed-point full scale cut off.")
         .def("plan", &channel_emulator::plan, release(), "How the network is computed, in words.")
         .def("status", &channel_emulator::status, release(),
              "What the message port `status` says, now.")
