@@ -1,14 +1,19 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Scenarios: list the catalogue, show one, convert between YAML, Colosseum's .mat and Zarr."""
+"""Scenarios: list the catalogue, show one, convert between YAML, Colosseum's .mat and Zarr, create one from a place."""
 
 import argparse
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import _program
 import numpy as np
 from gr_cast import scenario as sc
 from gr_cast.errors import CastError
+from gr_cast.scenario.create import pipeline
+from gr_cast.scenario.create.spec import read as read_spec
 from gr_cast.units import db_from_amplitude
 
 MAX_ROWS = 40  # of a table on screen; --all shows the rest
@@ -68,6 +73,25 @@ def convert(args) -> None:
     print(f"{args.target}: {len(scenario.nodes)} nodes, {len(scenario.links)} links")
 
 
+def create(args) -> int:
+    python = Path(os.environ.get("CAST_RAYTRACER") or sc.data_folder() / "raytracer/bin/python")
+    if python.exists() and Path(sys.prefix) != python.parent.parent:
+        # On in the Python that has the ray tracer and Dask: GNU Radio's own stays as it is.
+        return subprocess.call([str(python), "-W", "ignore", __file__, *args.argv])
+    path = Path(args.spec)
+    if not path.exists() and (sc.examples_folder() / f"{args.spec}.yaml").exists():
+        path = sc.examples_folder() / f"{args.spec}.yaml"
+    spec = read_spec(path)
+    folder = Path(args.work or f"{spec.id}.create")
+    run = pipeline.Run(folder=folder, tell=lambda line: print(line, flush=True), progress=_progress, dask=args.dask)
+    pipeline.create(spec, run, only=args.until)
+    return 0
+
+
+def _progress(step: str, done: int, total: int) -> None:
+    print(f"\r{step}: {done} of {total}", end="\n" if done == total else "", file=sys.stderr, flush=True)
+
+
 def main(argv=None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
@@ -82,9 +106,15 @@ def main(argv=None) -> int:
     command.add_argument("target", help="file (.yaml, .mat, .zarr)")
     command.add_argument("--static", action="store_true", help=".mat as N x N path gains in dB")
     command.set_defaults(call=convert)
-    args = parser.parse_args(argv)
-    args.call(args)
-    return 0
+    command = commands.add_parser("create", help="from a place to an installed scenario, in eight steps that resume")
+    command.add_argument("spec", help="SPEC.yaml, or the name of an example: arena, street")
+    command.add_argument("--work", metavar="FOLDER", help="results of the steps (default: ID.create in this folder)")
+    command.add_argument("--until", choices=pipeline.STEPS, help="stop after this step")
+    command.add_argument("--dask", metavar="tcp://…", help="scheduler to run sampling and approximation on")
+    command.set_defaults(call=create)
+    argv = sys.argv[1:] if argv is None else argv
+    args = parser.parse_args(argv, argparse.Namespace(argv=argv))
+    return args.call(args) or 0
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@
 `load` takes a catalogue name or a file; `save` writes by suffix. The model needs NumPy alone, Colosseum files SciPy.
 """
 
-from .catalogue import catalogue_entries, load, read, save
+from .catalogue import catalogue_entries, data_folder, examples_folder, load, read, save
 from .model import (
     GRID_STEP_S,
     GRID_TAPS,
@@ -29,6 +29,8 @@ __all__ = [
     "Scenario",
     "base_loss_db",
     "catalogue_entries",
+    "data_folder",
+    "examples_folder",
     "impulse_response",
     "link_name",
     "load",

@@ -16,10 +16,19 @@ def shipped_folder() -> Path:
     return Path(__file__).resolve().parent / "catalogue"
 
 
+def examples_folder() -> Path:
+    """SPECs that ship, with their geometry."""
+    return Path(__file__).resolve().parent / "examples"
+
+
+def data_folder() -> Path:
+    """The user's own data: installed scenarios, and the ray tracer's Python."""
+    return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local/share") / "gr_cast"
+
+
 def installed_folder() -> Path:
     """Where `cast_scenario.py create` installs: $CAST_CATALOGUE, else the user's data folder."""
-    data = Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local/share")
-    return Path(os.environ.get("CAST_CATALOGUE") or data / "gr_cast/catalogue")
+    return Path(os.environ.get("CAST_CATALOGUE") or data_folder() / "catalogue")
 
 
 def catalogue_entries() -> dict[str, Path]:

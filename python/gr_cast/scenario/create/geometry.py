@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Named triangle meshes: what a place is made of. Metres, z up."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...errors import CastError
+
+MAX_COORDINATE_M = 1e5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solid:
+    """One object: `vertices_m` (V, 3) float64, `faces` (F, 3) vertex indices, the surface name its file gives, and the
+    ITU material it is assigned, if any. Raises CastError for geometry that no ray can meet."""
+
+    name: str
+    vertices_m: np.ndarray
+    faces: np.ndarray
+    surface: str = ""
+    material: str | None = None
+
+    def __post_init__(self):
+        vertices_m = np.array(self.vertices_m, np.float64).reshape(-1, 3)
+        faces = np.array(self.faces, np.int64).reshape(-1, 3)
+        if not len(faces):
+            raise CastError(f"object {self.name}: has no faces")
+        if not np.isfinite(vertices_m).all() or np.abs(vertices_m).max() > MAX_COORDINATE_M:
+            raise CastError(f"object {self.name}: a coordinate is not finite or beyond {MAX_COORDINATE_M:g} m")
+        if faces.min() < 0 or faces.max() >= len(vertices_m):
+            raise CastError(f"object {self.name}: a face names a vertex that is not there")
+        if (areas_m2(vertices_m, faces) == 0).all():
+            raise CastError(f"object {self.name}: all its faces are of zero area")
+        object.__setattr__(self, "vertices_m", vertices_m)
+        object.__setattr__(self, "faces", faces[areas_m2(vertices_m, faces) > 0])
+
+
+def areas_m2(vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Area of every face, (F,)."""
+    a, b, c = (vertices_m[faces[:, corner]] for corner in range(3))
+    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+
+def planes(solid: Solid) -> tuple[np.ndarray, np.ndarray]:
+    """Unit normal (F, 3) and a point (F, 3) of the plane of every face."""
+    a, b, c = (solid.vertices_m[solid.faces[:, corner]] for corner in range(3))
+    normal = np.cross(b - a, c - a)
+    return normal / np.linalg.norm(normal, axis=1, keepdims=True), a
+
+
+def open_edges(solid: Solid) -> int:
+    """Edges that do not have exactly two faces: 0 for a closed surface. Vertices at one place count as one."""
+    _, same = np.unique(np.round(solid.vertices_m, 6), axis=0, return_inverse=True)
+    corners = same.reshape(-1)[solid.faces]
+    edges = np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]), axis=1)
+    _, count = np.unique(edges, axis=0, return_counts=True)
+    return int((count != 2).sum())
+
+
+def is_inside(solid: Solid, point_m: np.ndarray) -> bool:
+    """Whether a point lies inside a closed object: the solid angle of its faces adds up to a whole sphere.
+
+    Van Oosterom & Strackee 1983, eq. 8; faces may be wound either way as long as they agree.
+    """
+    corners = solid.vertices_m[solid.faces] - np.asarray(point_m, np.float64)
+    lengths = np.linalg.norm(corners, axis=2)
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    triple = np.einsum("ij,ij->i", a, np.cross(b, c))
+    products = (
+        lengths.prod(axis=1)
+        + np.einsum("ij,ij->i", a, b) * lengths[:, 2]
+        + np.einsum("ij,ij->i", a, c) * lengths[:, 1]
+        + np.einsum("ij,ij->i", b, c) * lengths[:, 0]
+    )
+    return abs(2 * np.arctan2(triple, products).sum()) > 2 * np.pi
+
+
+def bounds_m(solids: list[Solid]) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest corner (3,) of all objects."""
+    corners = np.concatenate([solid.vertices_m for solid in solids])
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def prism(
+    name: str, outline_m: np.ndarray, holes_m: list[np.ndarray], low_m: float, high_m: float, surface: str
+) -> Solid:
+    """A closed prism over a plane outline (n, 2) with holes, from z = low_m to high_m."""
+    # Outline anticlockwise, holes clockwise: then all faces are wound alike.
+    loops = [
+        loop if (signed_area_m2(loop) > 0) == (index == 0) else loop[::-1]
+        for index, loop in enumerate([outline_m, *holes_m])
+    ]
+    base, triangles = triangulate(loops[0], loops[1:])
+    count = len(base)
+    bottom, top = np.column_stack([base, np.full(count, low_m)]), np.column_stack([base, np.full(count, high_m)])
+    faces = [triangles[:, ::-1], triangles + count]
+    start = 0
+    for loop in loops:
+        here = start + np.arange(len(loop))
+        following = start + (np.arange(len(loop)) + 1) % len(loop)
+        faces += [
+            np.column_stack([here, following, following + count]),
+            np.column_stack([here, following + count, here + count]),
+        ]
+        start += len(loop)
+    return Solid(name=name, vertices_m=np.concatenate([bottom, top]), faces=np.concatenate(faces), surface=surface)
+
+
+def signed_area_m2(loop: np.ndarray) -> float:
+    """Area of a plane polygon (n, 2), positive when it runs anticlockwise."""
+    x, y = loop[:, 0], loop[:, 1]
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+
+
+def triangulate(outline: np.ndarray, holes: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Cut a plane polygon with holes into triangles by ears: points (outline, then holes) and triangles (n, 3).
+
+    A hole is joined to the outline by a bridge to a corner that it sees (Eberly, "Triangulation by Ear Clipping").
+    Raises CastError for an outline that crosses itself.
+    """
+    loops = [outline, *holes]
+    points = np.concatenate(loops)
+    starts = np.cumsum([0] + [len(loop) for loop in loops])
+    rings = [list(range(a, b)) for a, b in zip(starts, starts[1:], strict=False)]
+    for index, ring in enumerate(rings):
+        if (signed_area_m2(points[ring]) > 0) != (index == 0):
+            ring.reverse()
+        if _crosses_itself(points[ring]):
+            raise CastError("the outline crosses itself")
+    ring = rings[0]
+    for hole in sorted(rings[1:], key=lambda hole: -points[hole, 0].max()):
+        ring = _bridged(points, ring, hole, rings)
+    triangles = []
+    while len(ring) > 3:
+        ear = next((place for place in range(len(ring)) if _is_ear(points, ring, place)), None)
+        if ear is None:
+            raise CastError("the outline crosses itself")
+        triangles.append([ring[ear - 1], ring[ear], ring[(ear + 1) % len(ring)]])
+        ring = ring[:ear] + ring[ear + 1 :]
+    triangles.append(ring)
+    return points, np.array(triangles)
+
+
+def _cross(o: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
+    return (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0])
+
+
+def _is_ear(points: np.ndarray, ring: list[int], place: int) -> bool:
+    corner = ring[place - 1], ring[place], ring[(place + 1) % len(ring)]
+    a, b, c = points[list(corner)]
+    if _cross(a, b, c) <= 0:
+        return False
+    others = [index for index in ring if not (points[index] == points[list(corner)]).all(axis=1).any()]
+    return not any(_cross(a, b, p) >= 0 and _cross(b, c, p) >= 0 and _cross(c, a, p) >= 0 for p in points[others])
+
+
+def _bridged(points: np.ndarray, ring: list[int], hole: list[int], rings: list[list[int]]) -> list[int]:
+    start = int(np.argmax(points[hole, 0]))
+    hole = hole[start:] + hole[:start]
+    segments = [(points[a], points[b]) for loop in rings for a, b in zip(loop, loop[1:] + loop[:1], strict=True)]
+    order = np.argsort(np.linalg.norm(points[ring] - points[hole[0]], axis=1))
+    for place in order:
+        ends = points[hole[0]], points[ring[place]]
+        if not any(_crosses(*ends, *segment) for segment in segments):
+            return ring[: place + 1] + hole + [hole[0]] + ring[place:]
+    raise CastError("a hole is not inside its outline")
+
+
+def _crosses_itself(loop: np.ndarray) -> bool:
+    edges = list(zip(loop, np.roll(loop, -1, axis=0), strict=True))
+    return any(_crosses(*edges[i], *edges[j]) for i in range(len(edges)) for j in range(i + 2, len(edges)))
+
+
+def _crosses(a, b, c, d) -> bool:
+    """Whether the open segments a-b and c-d cross in their interiors."""
+    return _cross(a, b, c) * _cross(a, b, d) < 0 and _cross(c, d, a) * _cross(c, d, b) < 0
+
+
+def assigned(solid: Solid, material: str) -> Solid:
+    return replace(solid, material=material)

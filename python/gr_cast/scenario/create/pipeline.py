@@ -1,0 +1,366 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The eight steps from a place to an installed scenario, each with its result on disk, its time, memory and error.
+
+A step is done anew when its own part of the SPEC or anything before it has changed; otherwise its result is taken up,
+and within sampling and approximation every finished task.
+"""
+
+import csv
+import hashlib
+import json
+import pickle
+import resource
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ... import __version__
+from ...errors import CastError
+from ...files import write_json, written_aside
+from ...units import db_from_amplitude
+from .. import catalogue, zarr_file
+from ..model import LinkTaps, Scenario, link_name, path_gain_matrix_db
+from . import geometry, materials, mesh_files, nodes, osm, paths, reduce, tasks, trace
+from .spec import Spec
+
+STEPS = ("environment", "model", "materials", "nodes", "sampling", "parsing", "approximation", "install")
+_SECTIONS = {
+    "environment": ("environment",), "model": ("model",), "materials": ("materials",), "nodes": ("nodes", "node_grids", "sampling"),
+    "sampling": ("sampling",), "parsing": (), "approximation": ("approximation",), "install": ("id", "name", "description"),
+}  # fmt: skip
+_CHUNK_TRANSMITTERS = 7  # static transmitters per task: bounds the tracer's memory
+_LINKS_PER_TASK = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """Where and how to run: the work folder, who to tell of progress, and the Dask scheduler, if any."""
+
+    folder: Path
+    tell: Callable[[str], None] = print
+    progress: Callable[[str, int, int], None] = lambda step, done, total: None
+    dask: str | None = None
+
+
+def create(spec: Spec, run: Run, only: str | None = None) -> dict:
+    """Do every step that is not done yet, or up to `only`; returns the record of all steps (also in steps.json)."""
+    run.folder.mkdir(parents=True, exist_ok=True)
+    record = _read_record(run.folder)
+    fingerprint = hashlib.sha256(f"{__version__}".encode()).hexdigest()
+    for step in STEPS:
+        fingerprint = _fingerprint(fingerprint, spec, step)
+        done = record.get(step, {})
+        # The catalogue is another place, and may have changed: installing is always looked at again.
+        if step != "install" and done.get("fingerprint") == fingerprint and (run.folder / done["result"]).exists():
+            run.tell(f"{step}: done before, taken up")
+        else:
+            folder = run.folder / step
+            if (folder / "fingerprint").is_file() and (folder / "fingerprint").read_text() != fingerprint:
+                shutil.rmtree(folder)
+            folder.mkdir(exist_ok=True)
+            (folder / "fingerprint").write_text(fingerprint)
+            start = time.monotonic()
+            result, summary = globals()[f"_{step}"](spec, run, folder)
+            seconds = time.monotonic() - start
+            peak_mib = (
+                max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+                / 1024
+            )
+            record[step] = {
+                "fingerprint": fingerprint, "result": str(result.relative_to(run.folder)), "seconds": round(seconds, 3),
+                "peak_mib": round(peak_mib), "summary": summary,
+            }  # fmt: skip
+            write_json(run.folder / "steps.json", record)
+            run.tell(
+                f"{step}: {seconds:.1f} s, peak {peak_mib:.0f} MiB: "
+                + ", ".join(f"{k} {v}" for k, v in summary.items())
+            )
+        if step == only:
+            break
+    return record
+
+
+def _read_record(folder: Path) -> dict:
+    try:
+        record = json.loads((folder / "steps.json").read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except ValueError:
+        raise CastError(f"{folder / 'steps.json'}: damaged: delete the folder to start anew") from None
+    return record
+
+
+def _fingerprint(before: str, spec: Spec, step: str) -> str:
+    own = {name: spec.sections.get(name) for name in _SECTIONS[step]}
+    content = spec.model_path.read_bytes() if step == "model" else b""
+    return hashlib.sha256(json.dumps([before, step, own], sort_keys=True, default=str).encode() + content).hexdigest()
+
+
+def _save(path: Path, value) -> Path:
+    with written_aside(path) as aside:
+        aside.write_bytes(pickle.dumps(value))
+    return path
+
+
+def _load(run: Run, name: str):
+    """A result that this program wrote itself in its work folder."""
+    return pickle.loads((run.folder / name).read_bytes())
+
+
+def _environment(spec: Spec, run: Run, folder: Path):
+    summary = {
+        "place": spec.place or spec.name, "carrier_hz": spec.carrier_hz, "bandwidth_hz": spec.bandwidth_hz,
+        "area_m": list(spec.area_m) if spec.area_m else "all of the model",
+    }  # fmt: skip
+    path = folder / "environment.json"
+    write_json(path, summary)
+    return path, summary
+
+
+def _model(spec: Spec, run: Run, folder: Path):
+    if spec.model_path.suffix.lower() == ".osm":
+        heights = dict(default_height_m=spec.default_height_m, level_height_m=spec.level_height_m)
+        solids, count = osm.read(spec.model_path, area_m=spec.area_m, **heights)
+        summary = dict(sorted(count.items()))
+    else:
+        solids, summary = mesh_files.read(spec.model_path), {}
+    low, high = geometry.bounds_m(solids)
+    summary = {"objects": len(solids), "faces": sum(len(solid.faces) for solid in solids), **summary}
+    summary["open surfaces"] = sum(geometry.open_edges(solid) > 0 for solid in solids)
+    summary["size_m"] = np.round(high - low, 3).tolist()
+    if spec.area_m is not None:
+        west, south, east, north = spec.area_m
+        if low[0] > east or high[0] < west or low[1] > north or high[1] < south:
+            raise CastError(f"environment.area_m: is empty: the model lies from {low[:2]} to {high[:2]} m")
+    return _save(folder / "solids.pickle", solids), summary
+
+
+def _materials(spec: Spec, run: Run, folder: Path):
+    before = _load(run, "model/solids.pickle")
+    solids = materials.assign(before, spec.materials, spec.carrier_hz)
+    used = {
+        name: sum(solid.material == name for solid in solids) for name in sorted({solid.material for solid in solids})
+    }
+    summary = {"objects in": len(before), "objects out": len(solids), **used}
+    trace.write_scene(folder, solids)  # for other tools; the tracer makes its own
+    return _save(folder / "solids.pickle", solids), summary
+
+
+def _nodes(spec: Spec, run: Run, folder: Path):
+    times_s = nodes.sampling_times_s(list(spec.nodes), spec.duration_s, spec.step_s)
+    nodes.check(list(spec.nodes), _load(run, "materials/solids.pickle"), times_s, spec.step_s)
+    tracks = {node.name: nodes.position_m(node, times_s) for node in spec.nodes}
+    moving = [node for node in spec.nodes if node.is_moving]
+    farthest_m = max((node.speed_m_per_s * spec.step_s for node in moving), default=0.0)
+    path = _save(folder / "tracks.pickle", (times_s, tracks))
+    return path, {"nodes": len(tracks), "moving": len(moving), "instants": len(times_s), "step_m": round(farthest_m, 4)}
+
+
+def _trace_task(job) -> trace.Traced:
+    return trace.run(*job)
+
+
+def _task(spec: Spec, name: str, pairs, time_s: float) -> trace.Task:
+    when = np.array([time_s])
+    return trace.Task(
+        name=name,
+        pairs=tuple(pairs),
+        antennas=tuple(node.antenna for node in spec.nodes),
+        position_m=np.concatenate([nodes.position_m(node, when) for node in spec.nodes]),
+        velocity_before=np.concatenate([nodes.velocity_m_per_s(node, when, "left") for node in spec.nodes]),
+        velocity_after=np.concatenate([nodes.velocity_m_per_s(node, when, "right") for node in spec.nodes]),
+    )
+
+
+def _check_times_s(times_s: np.ndarray, count: int) -> np.ndarray:
+    """Instants in the middle of traced ones, spread over the whole time: what the interpolation is checked at."""
+    middles = (times_s[1:] + times_s[:-1]) / 2
+    return (
+        middles[np.unique(np.linspace(0, len(middles) - 1, count).round().astype(int))]
+        if len(middles) and count
+        else middles[:0]
+    )
+
+
+def _sampling(spec: Spec, run: Run, folder: Path):
+    """Every pair once: static ones at one instant, those with a moving node at every instant; the way back is the same."""
+    times_s, _ = _load(run, "nodes/tracks.pickle")
+    solids = _load(run, "materials/solids.pickle")
+    settings = trace.Settings(
+        carrier_hz=spec.carrier_hz, max_depth=spec.max_depth, rays=spec.rays, refraction=spec.refraction
+    )
+    moving = [index for index, node in enumerate(spec.nodes) if node.is_moving]
+    static = [index for index, node in enumerate(spec.nodes) if not node.is_moving]
+    jobs = []
+    for start in range(0, len(static) - 1, _CHUNK_TRANSMITTERS):
+        chunk = static[start : start + _CHUNK_TRANSMITTERS]
+        pairs = [(a, b) for a in chunk for b in static if b > a]
+        jobs.append(_task(spec, f"static_{start:05d}", pairs, 0.0))
+    pairs = [(a, b) for a in moving for b in range(len(spec.nodes)) if b != a and (b not in moving or b > a)]
+    checks_s = _check_times_s(times_s, spec.check_instants) if moving else []
+    if moving:
+        jobs += [_task(spec, f"step_{index:05d}", pairs, time_s) for index, time_s in enumerate(times_s)]
+        jobs += [_task(spec, f"check_{index:05d}", pairs, time_s) for index, time_s in enumerate(checks_s)]
+    todo = [job for job in jobs if not (folder / f"{job.name}.pickle").exists()]
+    for done, (index, table) in enumerate(
+        tasks.run(_trace_task, [(solids, settings, job) for job in todo], dask=run.dask, processes=1)
+    ):
+        _save(folder / f"{todo[index].name}.pickle", table)
+        run.progress("sampling", len(jobs) - len(todo) + done + 1, len(jobs))
+    tables = [_load(run, f"sampling/{job.name}.pickle") for job in jobs]
+    summary = {"tasks": len(jobs), "pairs": len(static) * (len(static) - 1) // 2 + len(pairs)}
+    summary["paths"] = int(sum(len(table.tx) for table in tables))
+    return _save(folder / "all.pickle", (times_s, checks_s)), summary
+
+
+def _parsing(spec: Spec, run: Run, folder: Path):
+    times_s, checks_s = _load(run, "sampling/all.pickle")
+    source = run.folder / "sampling"
+    read = {
+        kind: [pickle.loads(path.read_bytes()) for path in sorted(source.glob(f"{kind}_*.pickle"))]
+        for kind in ("static", "step", "check")
+    }
+    links = {}
+    for table in read["static"]:
+        links |= paths.by_link([table], np.zeros(1))
+    moving = paths.by_link(read["step"], times_s) if read["step"] else {}
+    errors_db = []
+    for time_s, table in zip(checks_s, read["check"], strict=True):
+        for pair, traced in paths.by_link([table], np.zeros(1)).items():
+            if pair in moving:
+                truth = paths.at(traced, np.zeros(1), spec.carrier_hz)
+                guess = paths.at(moving[pair], np.array([time_s]), spec.carrier_hz)
+                errors_db += paths.difference_db(truth, guess, spec.bandwidth_hz).tolist()
+    links |= moving
+    changes = sum(paths.births_and_deaths(link) for link in moving.values())
+    summary = {"links": len(links), "moving links": len(moving), "paths that appear or vanish": changes}
+    if errors_db:
+        summary |= {
+            "interpolation median dB": round(float(np.median(errors_db)), 2),
+            "interpolation 90 % dB": round(float(np.percentile(errors_db, 90)), 2),
+        }
+    return _save(folder / "links.pickle", links), summary
+
+
+def _reduce_tasks(jobs) -> list[reduce.Reduced]:
+    return [reduce.reduce(job) for job in jobs]
+
+
+def _approximation(spec: Spec, run: Run, folder: Path):
+    links = _load(run, "parsing/links.pickle")
+    clock_s = np.arange(round(spec.duration_s / spec.update_s) + 1) * spec.update_s
+    pairs = sorted(links)
+    groups = [pairs[start : start + _LINKS_PER_TASK] for start in range(0, len(pairs), _LINKS_PER_TASK)]
+    files = [folder / f"links_{index:05d}.pickle" for index in range(len(groups))]
+    todo = [index for index, file in enumerate(files) if not file.exists()]
+    about = dict(
+        carrier_hz=spec.carrier_hz,
+        bandwidth_hz=spec.bandwidth_hz,
+        method=spec.method,
+        clock_s=clock_s,
+        hold_s=spec.hold_s,
+    )
+    jobs = [[reduce.Job(link=links[pair], **about) for pair in groups[index]] for index in todo]
+    for done, (index, reduced) in enumerate(tasks.run(_reduce_tasks, jobs, dask=run.dask)):
+        _save(files[todo[index]], dict(zip(groups[todo[index]], reduced, strict=True)))
+        run.progress("approximation", len(files) - len(todo) + done + 1, len(files))
+    every: dict = {}
+    for file in files:
+        every |= pickle.loads(file.read_bytes())
+    strongest = max(np.abs(item.gain).max() for item in every.values())
+    floor = strongest * 10 ** (-spec.dynamic_range_db / 20)
+    weak = sum(int(((np.abs(item.gain) < floor) & (item.gain != 0)).sum()) for item in every.values())
+    names = [node.name for node in spec.nodes]
+    _write_losses(folder / "losses.csv", names, every)
+    nmse_db = np.concatenate([item.loss.nmse_db for item in every.values()])
+    power_db = np.concatenate([item.loss.power_error_db for item in every.values()])
+    spread_s = np.concatenate([item.loss.delay_spread_error_s for item in every.values()])
+    summary = {
+        "NMSE median dB": round(float(np.median(nmse_db)), 2), "NMSE 90 % dB": round(float(np.percentile(nmse_db, 90)), 2),
+        "power error median dB": round(float(np.median(power_db)), 3),
+        "delay spread error median ns": round(1e9 * float(np.median(spread_s)), 3),
+        "base loss dB": round(-float(db_from_amplitude(strongest)), 3),
+        "taps below the dynamic range": weak,
+    }  # fmt: skip
+    return _save(folder / "all.pickle", (clock_s, every, float(strongest), float(floor))), summary
+
+
+def _write_losses(path: Path, names: list[str], every: dict) -> None:
+    with written_aside(path) as aside, open(aside, "w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(["link", "nmse_db", "power_error_db", "delay_spread_error_s", "shift_s"])
+        for (tx, rx), item in every.items():
+            medians = [
+                float(np.median(v))
+                for v in (item.loss.nmse_db, item.loss.power_error_db, item.loss.delay_spread_error_s)
+                if v.size
+            ]
+            table.writerow([link_name((names[tx], names[rx])), *medians, item.shift_s])
+
+
+def scenario(spec: Spec, run: Run) -> Scenario:
+    """The scenario that the approximation made: strongest tap 0 dB, the rest of the loss as base loss."""
+    clock_s, every, strongest, floor = _load(run, "approximation/all.pickle")
+    names = [node.name for node in spec.nodes]
+    links = {}
+    for (tx, rx), item in every.items():
+        gain = np.where(np.abs(item.gain) < floor, 0.0, item.gain / strongest)
+        if (gain != 0).any():
+            links[names[tx], names[rx]] = links[names[rx], names[tx]] = LinkTaps(delay_s=item.delay_s, gain=gain)
+    moving = any(not taps.is_static for taps in links.values())
+    clock_s = clock_s if moving else np.zeros(1)
+    where = {
+        node.name: nodes.position_m(node, clock_s if node.is_moving and moving else np.zeros(1)) for node in spec.nodes
+    }
+    return Scenario(
+        name=spec.name,
+        description=spec.description,
+        nodes=tuple(names),
+        links=links,
+        time_s=clock_s,
+        center_frequency_hz=spec.carrier_hz,
+        base_loss_db=-float(db_from_amplitude(strongest)),
+        position_m=where,
+    )
+
+
+def content_hash(made: Scenario) -> str:
+    """A name for what a scenario plays: equal for equal taps, nodes and clock."""
+    digest = hashlib.sha256(json.dumps([made.nodes, made.base_loss_db, made.interpolation]).encode())
+    digest.update(made.time_s.tobytes())
+    for key, taps in sorted(made.links.items()):
+        digest.update("|".join(key).encode() + taps.delay_s.tobytes() + taps.gain.astype(np.complex64).tobytes())
+    return digest.hexdigest()
+
+
+def _install(spec: Spec, run: Run, folder: Path):
+    made = scenario(spec, run)
+    target = catalogue.installed_folder() / f"{spec.id}.zarr"
+    version, content = 1, content_hash(made)
+    if target.exists():
+        about = zarr_file.attributes(target)
+        version = about.get("version", 0) + (about.get("content_sha256") != content)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    radios = {
+        node.name: {"antenna": node.antenna, "power_dbm": node.power_dbm, "noise_figure_db": node.noise_figure_db}
+        for node in spec.nodes
+    }
+    record = _read_record(run.folder)
+    steps = {step: {key: entry[key] for key in ("seconds", "peak_mib", "summary")} for step, entry in record.items()}
+    zarr_file.write(
+        target, made, id=spec.id, version=version, content_sha256=content, radios=radios, steps=steps,
+        work_folder=str(run.folder.resolve()),
+    )  # fmt: skip
+    matrix = path_gain_matrix_db(made)
+    finite = matrix[np.isfinite(matrix)]
+    size_mb = sum(file.stat().st_size for file in target.rglob("*") if file.is_file()) / 1e6
+    summary = {
+        "id": spec.id, "version": version, "sha256": content[:12], "megabytes": round(size_mb, 2),
+        "path loss dB": f"{-finite.max():.1f} to {-finite.min():.1f}",
+    }  # fmt: skip
+    write_json(folder / "installed.json", summary | {"path": str(target)})
+    return folder / "installed.json", summary

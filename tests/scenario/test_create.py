@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The eight steps, with a tracer of one line of sight in the place of the ray tracer."""
+
+import json
+
+import numpy as np
+import pytest
+from gr_cast import scenario as sc
+from gr_cast.errors import CastError
+from gr_cast.scenario.create import nodes, paths, pipeline, spec, trace
+
+CARRIER_HZ, C_M_PER_S = 2.4e9, 299_792_458.0
+SPEC = """
+cast_create: 1
+id: yard
+name: A yard
+environment: {carrier_hz: 2.4e9, bandwidth_hz: 20e6}
+model: {mesh: yard.obj}
+materials: {"*": concrete}
+nodes:
+  a: {position_m: [0, 0, 5]}
+  b: {position_m: [30, 0, 2]}
+  w: {waypoints_m: [[5, 9, 1], [20, 9, 1], [20, 20, 1]], speed_m_per_s: 20, power_dbm: 10}
+sampling: {duration_s: 1.5, step_s: 0.1, check_instants: 3}
+approximation: {hold_s: 0.5}
+"""
+YARD = "v 0 0 0\nv 40 0 0\nv 40 40 0\nv 0 40 0\no ground\nf 1 2 3 4\n" + "".join(
+    f"v {x} {y} {z}\n" for z in (0, 4) for x, y in ((10, 1), (12, 1), (12, 3), (10, 3))
+) + "o hut\nf 5 6 7 8\nf 9 10 11 12\nf 5 6 10 9\nf 6 7 11 10\nf 7 8 12 11\nf 8 5 9 12\n"  # fmt: skip
+
+
+def line_of_sight(solids, settings, task):
+    """Free space: one path per pair, of gain wavelength / (4 pi distance)."""
+    tx, rx = np.array(task.pairs, np.int32).T
+    none = np.full((len(tx), 1), -1)
+    delay_s, rates = trace.image_delays(trace.surfaces(solids), none > 0, none, task, tx, rx)
+    gain = C_M_PER_S / settings.carrier_hz / (4 * np.pi * delay_s * C_M_PER_S)
+    return trace.Traced(
+        tx=tx, rx=rx, surfaces=none, delay_s=delay_s, rate_before=rates[0], rate_after=rates[1], gain=gain + 0j
+    )  # fmt: skip
+
+
+@pytest.fixture
+def yard(tmp_path, monkeypatch):
+    (tmp_path / "yard.obj").write_text(YARD)
+    (tmp_path / "yard.yaml").write_text(SPEC)
+    monkeypatch.setenv("CAST_CATALOGUE", str(tmp_path / "catalogue"))
+    monkeypatch.setattr(trace, "run", line_of_sight)
+    monkeypatch.setattr(pipeline.tasks, "run", lambda function, inputs, **_: enumerate(map(function, inputs)))
+    return tmp_path
+
+
+def run(folder, **about):
+    return pipeline.Run(folder=folder, tell=lambda line: None, **about)
+
+
+def test_what_is_installed_is_free_space_at_every_millisecond(yard):
+    record = pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "work"))
+    assert list(record) == list(pipeline.STEPS)
+    made = sc.load("yard")
+    assert len(made.links) == 6 and made.time_s.size == 1501
+    where = spec.read(yard / "yard.yaml").nodes
+    for first, second in ((0, 1), (0, 2), (1, 2)):
+        a, b = where[first], where[second]
+        distance_m = np.linalg.norm(nodes.position_m(a, made.time_s) - nodes.position_m(b, made.time_s), axis=1)
+        free_space_db = 20 * np.log10(4 * np.pi * distance_m * CARRIER_HZ / C_M_PER_S)
+        taps = made.links[a.name, b.name]
+        # In the band's middle the taps add up to the path, whatever its place between them.
+        total = np.broadcast_to(np.abs(sc.played_gain(made, (a.name, b.name)).sum(axis=1)), distance_m.shape)
+        np.testing.assert_allclose(-20 * np.log10(total), free_space_db, atol=0.2)
+        assert np.abs(taps.gain).max() <= 1 + 1e-6 and taps == made.links[b.name, a.name]
+    walk_hz = -np.diff(np.unwrap(np.angle(made.links["a", "w"].gain[:400].sum(axis=1)))) * 1000 / (2 * np.pi)
+    approach = (nodes.position_m(where[2], made.time_s[:400]) - [0, 0, 5]) @ [20, 0, 0]
+    distance_m = np.linalg.norm(nodes.position_m(where[2], made.time_s[:400]) - [0, 0, 5], axis=1)
+    np.testing.assert_allclose(walk_hz, (approach / distance_m)[:-1] * CARRIER_HZ / C_M_PER_S, atol=2.0)
+
+
+def test_a_run_that_is_killed_takes_up_every_finished_task_and_ends_the_same(yard, monkeypatch):
+    whole = pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "whole"))
+    calls = []
+
+    def dies_at_the_fifth(*job):
+        calls.append(job[2].name)
+        if len(calls) == 5:
+            raise KeyboardInterrupt
+        return line_of_sight(*job)
+
+    monkeypatch.setattr(trace, "run", dies_at_the_fifth)
+    with pytest.raises(KeyboardInterrupt):
+        pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "cut"))
+    resumed = pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "cut"))
+    assert len(calls) == len(set(calls)) + 1  # only the task that died was traced again
+    assert resumed["install"]["summary"]["sha256"] == whole["install"]["summary"]["sha256"]
+    assert resumed["install"]["summary"]["version"] == 1  # the same content is the same version
+
+
+def test_a_changed_section_redoes_its_step_and_what_follows_and_makes_a_new_version(yard):
+    pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "work"))
+    told = []
+    (yard / "yard.yaml").write_text(SPEC.replace("hold_s: 0.5", "hold_s: 0.25"))
+    record = pipeline.create(spec.read(yard / "yard.yaml"), pipeline.Run(folder=yard / "work", tell=told.append))
+    again = {line.split(":")[0] for line in told if "done before" not in line}
+    assert again == {"approximation", "install"} and record["install"]["summary"]["version"] == 2
+
+
+def test_a_step_alone_stops_there(yard):
+    assert list(pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "work"), only="nodes")) == list(
+        pipeline.STEPS[:4]
+    )
+
+
+def test_a_full_disk_leaves_nothing_half_installed(yard, monkeypatch):
+    def full(*args, **kwargs):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(sc.zarr_file, "write_array", full)
+    with pytest.raises(OSError, match="No space"):
+        pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "work"))
+    assert not list((yard / "catalogue").iterdir()) and "yard" not in sc.catalogue_entries()
+
+
+def test_without_a_ray_tracer_the_first_four_steps_stand_and_the_fifth_says_how_to_install_it(yard, monkeypatch):
+    monkeypatch.undo()
+    if trace.is_installed():
+        pytest.skip("the ray tracer is installed here")
+    with pytest.raises(CastError, match="install_raytracer.sh"):
+        pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "work"))
+    assert set(json.loads((yard / "work" / "steps.json").read_text())) == set(pipeline.STEPS[:4])
+
+
+@pytest.mark.parametrize(
+    "old, new, says",
+    [
+        ("position_m: [0, 0, 5]", "position_m: [11, 2, 1]", "a: is inside hut"),
+        ("position_m: [30, 0, 2]", "position_m: [0, 0, 5.001]", "a and b: are 0.001 m apart"),
+        ("speed_m_per_s: 20", "speed_m_per_s: 200", "limit 15 m of spatial coherence"),
+        ("speed_m_per_s: 20, ", "", "a moving node needs way-points and speed"),
+        ("yard.obj", "field.obj", "no such file"),
+        ('{"*": concrete}', "{ground: concrete}", "1 objects have none: hut"),
+        ('{"*": concrete}', '{"*": cheese}', "'cheese'"),
+        ("bandwidth_hz: 20e6", "bandwidth_hz: 20 MHz", "bandwidth_hz: got '20 MHz'"),
+        ("bandwidth_hz: 20e6", "bandwidth_hz: 20e6, area_m: [100, 100, 200, 200]", "is empty"),
+        ("cast_create: 1", "cast_create: 1\nspeed: 3", "unknown key 'speed'"),
+        ("id: yard", "id: ../yard", "needs letters"),
+    ],
+)
+def test_bad_specs_are_refused_with_their_place_and_nothing_is_installed(yard, old, new, says):
+    assert old in SPEC
+    (yard / "yard.yaml").write_text(SPEC.replace(old, new))
+    with pytest.raises(CastError) as error:
+        pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "work"))
+    assert says in str(error.value) and not (yard / "catalogue").exists()
+
+
+def test_the_examples_are_read_and_their_nodes_stand_in_the_open():
+    for name, radios in (("arena", 42), ("street", 3)):
+        read = spec.read(sc.examples_folder() / f"{name}.yaml")
+        assert len(read.nodes) == radios and read.id == name
+
+
+def test_a_walker_keeps_its_speed_along_its_way_and_stops_at_its_end():
+    walker = nodes.Node(name="w", waypoints_m=[[0, 0, 1], [3, 0, 1], [3, 4, 1]], speed_m_per_s=1.0)
+    np.testing.assert_allclose(
+        nodes.position_m(walker, [0, 1.5, 5.0, 7.0, 99]), [[0, 0, 1], [1.5, 0, 1], [3, 2, 1], [3, 4, 1], [3, 4, 1]]
+    )
+    np.testing.assert_allclose(nodes.velocity_m_per_s(walker, [3.0], "left"), [[1, 0, 0]])
+    np.testing.assert_allclose(nodes.velocity_m_per_s(walker, [3.0], "right"), [[0, 1, 0]])
+    assert not nodes.velocity_m_per_s(walker, [7.0, 9.0], "right").any()
+    assert 3.0 in nodes.sampling_times_s([walker], 9.0, 0.7)  # the corner is an instant of its own
+
+
+def moving_path(time_s, present):
+    """One reflection that a receiver at 20 m/s passes at 8 m; exact delay, rate and its cubic's inputs."""
+    x = 20.0 * time_s - 10
+    length_m = np.hypot(x, 8.0)
+    rate = 20.0 * x / length_m / C_M_PER_S
+    column = {"delay_s": length_m / C_M_PER_S, "rate_before": rate, "rate_after": rate, "gain": present / length_m + 0j}
+    return paths.LinkPaths(time_s=time_s, **{key: value[:, None] for key, value in column.items()})
+
+
+def test_between_traced_instants_a_path_is_where_it_truly_is():
+    traced, fine_s = np.arange(0, 1.01, 0.02), np.arange(0, 1.0, 0.001)
+    delay_s, gain = paths.at(moving_path(traced, np.ones(len(traced))), fine_s, CARRIER_HZ)
+    truth_m = np.hypot(20 * fine_s - 10, 8.0)
+    truth = np.exp(-2j * np.pi * CARRIER_HZ * truth_m / C_M_PER_S) / truth_m
+    error = np.abs(gain[:, 0] / truth - 1)
+    assert np.median(error) < 10 ** (-50 / 20) and error.max() < 10 ** (-40 / 20)
+
+
+def test_a_path_that_vanishes_fades_and_keeps_its_doppler():
+    traced = np.array([0.0, 0.02, 0.04])
+    fine_s = np.linspace(0.02, 0.0399, 50)
+    delay_s, gain = paths.at(moving_path(traced, np.array([1.0, 1.0, 0.0])), fine_s, CARRIER_HZ)
+    amplitude = np.abs(gain[:, 0])
+    np.testing.assert_allclose(amplitude / amplitude[0], 1 - (fine_s - 0.02) / 0.02, atol=1e-6)
+    rate = moving_path(traced, np.ones(3)).rate_after[1, 0]
+    np.testing.assert_allclose(np.diff(delay_s[:, 0]) / np.diff(fine_s), rate, rtol=1e-6)

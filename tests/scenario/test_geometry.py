@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+import struct
+
+import numpy as np
+import pytest
+from gr_cast import scenario as sc
+from gr_cast.errors import CastError
+from gr_cast.scenario.create import geometry, materials, mesh_files, osm
+from gr_cast.scenario.create.geometry import Solid
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+SQUARE = np.array([[0, 0], [4, 0], [4, 3], [0, 3]], float)
+
+
+def volume_m3(solid):
+    """Divergence theorem over the faces of a closed surface."""
+    a, b, c = (solid.vertices_m[solid.faces[:, corner]] for corner in range(3))
+    return abs(np.einsum("ij,ij->", a, np.cross(b, c))) / 6
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(3, 14), st.integers(0, 2**32 - 1), st.booleans())
+def test_triangles_cover_a_polygon_exactly(corners, seed, with_hole):
+    rng = np.random.default_rng(seed)
+    angle = np.sort(rng.uniform(0, 2 * np.pi, corners) * 0.2 + np.arange(corners) * 2 * np.pi / corners * 0.8)
+    star = rng.uniform(5, 9, corners)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    hole = [0.3 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])] if with_hole and corners > 6 else []
+    points, triangles = geometry.triangulate(star, hole)
+    area = sum(abs(geometry.signed_area_m2(points[t])) for t in triangles)
+    expected = abs(geometry.signed_area_m2(star)) - sum(abs(geometry.signed_area_m2(h)) for h in hole)
+    assert area == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_prism_with_a_courtyard_is_closed_and_has_its_volume():
+    hole = np.array([[1, 1], [3, 1], [3, 2], [1, 2]], float)
+    solid = geometry.prism("house", SQUARE, [hole], 2.0, 7.0, "brick")
+    assert geometry.open_edges(solid) == 0 and volume_m3(solid) == pytest.approx((12 - 2) * 5)
+    assert geometry.is_inside(solid, [0.5, 0.5, 3.0])
+    assert not geometry.is_inside(solid, [2.0, 1.5, 3.0])  # in the courtyard
+    assert not geometry.is_inside(solid, [0.5, 0.5, 1.0]) and not geometry.is_inside(solid, [9, 9, 9])
+
+
+def test_an_outline_that_crosses_itself_is_refused():
+    with pytest.raises(CastError, match="crosses itself|zero area"):
+        geometry.prism("bow", np.array([[0, 0], [2, 2], [2, 0], [0, 2.5]]), [], 0, 1, "")
+
+
+def test_an_open_surface_is_told_from_a_closed_one():
+    box = geometry.prism("box", SQUARE, [], 0, 1, "")
+    assert geometry.open_edges(box) == 0
+    assert geometry.open_edges(Solid(name="lid off", vertices_m=box.vertices_m, faces=box.faces[2:])) == 4
+
+
+@pytest.mark.parametrize(
+    "vertices, faces, says",
+    [
+        ([[0, 0, 0], [1, 0, 0], [0, np.nan, 0]], [[0, 1, 2]], "not finite"),
+        ([[0, 0, 0], [1, 0, 0], [0, 1e7, 0]], [[0, 1, 2]], "beyond"),
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 3]], "not there"),
+        ([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]], "zero area"),
+        ([[0, 0, 0]], [], "no faces"),
+    ],
+)
+def test_geometry_that_no_ray_can_meet_is_refused_by_name(vertices, faces, says):
+    with pytest.raises(CastError, match=f"object wall: .*{says}"):
+        Solid(name="wall", vertices_m=vertices, faces=faces)
+
+
+BOX_M3 = 4 * 3 * 1.0
+
+
+def words(first, numbers):
+    return " ".join([first, *(repr(number) for number in numbers.tolist())])
+
+
+def obj_text(box):
+    lines = ["o desk 1", "usemtl oak"] + [words("v", v) for v in box.vertices_m]
+    return "\n".join(lines + ["f " + " ".join(f"{corner + 1}//1" for corner in face) for face in box.faces]) + "\n"
+
+
+def ply_bytes(box, kind):
+    head = f"ply\nformat {kind} 1.0\nelement vertex {len(box.vertices_m)}\nproperty float x\nproperty float y\nproperty float z\n"
+    head += f"element face {len(box.faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    if kind == "ascii":
+        rows = [words("", v) for v in box.vertices_m] + [words("3", f) for f in box.faces]
+        return (head + "\n".join(rows) + "\n").encode()
+    order = "<" if "little" in kind else ">"
+    body = b"".join(struct.pack(order + "3f", *v) for v in box.vertices_m)
+    return head.encode() + body + b"".join(struct.pack(order + "B3i", 3, *map(int, f)) for f in box.faces)
+
+
+def stl_bytes(box, text):
+    corners = box.vertices_m[box.faces]
+    if text:
+        facets = ["facet normal 0 0 0\nouter loop\n" + "".join(words("vertex", v) + "\n" for v in t) for t in corners]
+        return ("solid desk\n" + "".join(f + "endloop\nendfacet\n" for f in facets) + "endsolid desk\n").encode()
+    return (
+        bytes(80)
+        + struct.pack("<I", len(corners))
+        + b"".join(struct.pack("<12fH", 0, 0, 0, *t.ravel(), 0) for t in corners)
+    )
+
+
+def dae_text(box, y_up):
+    v = box.vertices_m[:, [0, 2, 1]] * [1, 1, -1] if y_up else box.vertices_m  # the same box, seen with y up
+    return f"""<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit meter="0.01"/><up_axis>{"Y_UP" if y_up else "Z_UP"}</up_axis></asset>
+<library_geometries><geometry id="g"><mesh>
+<source id="p"><float_array>{" ".join(repr(float(x)) for x in 100 * v.ravel())}</float_array></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<triangles material="oak"><input semantic="VERTEX" source="#v" offset="0"/><p>{" ".join(map(str, box.faces.ravel()))}</p></triangles>
+</mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene><node name="desk 1"><translate>0 0 0</translate><instance_geometry url="#g"/></node>
+</visual_scene></library_visual_scenes></COLLADA>"""
+
+
+@pytest.mark.parametrize(
+    "suffix, content",
+    [
+        (".obj", lambda box: obj_text(box).encode()),
+        (".ply", lambda box: ply_bytes(box, "ascii")),
+        (".ply", lambda box: ply_bytes(box, "binary_little_endian")),
+        (".ply", lambda box: ply_bytes(box, "binary_big_endian")),
+        (".stl", lambda box: stl_bytes(box, text=True)),
+        (".stl", lambda box: stl_bytes(box, text=False)),
+        (".dae", lambda box: dae_text(box, y_up=False).encode()),
+        (".dae", lambda box: dae_text(box, y_up=True).encode()),
+    ],
+)
+def test_the_same_box_comes_out_of_every_mesh_format(tmp_path, suffix, content):
+    path = tmp_path / f"desk{suffix}"
+    path.write_bytes(content(geometry.prism("box", SQUARE, [], 0.5, 1.5, "")))
+    (solid,) = mesh_files.read(path)
+    assert geometry.open_edges(solid) == 0 and volume_m3(solid) == pytest.approx(BOX_M3, rel=1e-6)
+    np.testing.assert_allclose(solid.vertices_m.min(axis=0), [0, 0, 0.5], atol=1e-6)
+    np.testing.assert_allclose(solid.vertices_m.max(axis=0), [4, 3, 1.5], atol=1e-6)
+    if suffix in (".obj", ".dae"):
+        assert (solid.name, solid.surface) == ("desk 1", "oak")
+    for cut in (20, len(path.read_bytes()) // 2):
+        path.write_bytes(path.read_bytes()[:cut])
+        with pytest.raises(CastError, match=path.name):
+            mesh_files.read(path)
+
+
+@settings(max_examples=600, deadline=None)
+@given(st.sampled_from([".obj", ".ply", ".stl", ".dae"]), st.data())
+def test_any_bytes_are_a_mesh_or_refused_but_never_a_crash(tmp_path_factory, suffix, data):
+    box = geometry.prism("box", SQUARE, [], 0.5, 1.5, "")
+    good = {".obj": obj_text(box).encode(), ".ply": ply_bytes(box, "binary_little_endian"), ".stl": stl_bytes(box, text=True),
+            ".dae": dae_text(box, y_up=True).encode()}[suffix]  # fmt: skip
+    content = bytearray(good)
+    for _ in range(data.draw(st.integers(1, 4))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    path = tmp_path_factory.getbasetemp() / f"fuzz{suffix}"
+    path.write_bytes(content)
+    try:
+        mesh_files.read(path)
+    except CastError as error:
+        assert "fuzz" in str(error)
+
+
+def test_the_arena_mesh_closes_its_furniture_and_keeps_every_name():
+    solids = mesh_files.read(sc.examples_folder() / "arena.obj")
+    names = {solid.name for solid in solids}
+    assert len(names) == len(solids) == 26 and {"floor", "column_1", "desk_10"} <= names
+    boxes = [solid for solid in solids if solid.name.split("_")[0] in ("column", "cabinet", "rack")]
+    assert all(geometry.open_edges(box) == 0 for box in boxes)
+    low, high = geometry.bounds_m(solids)
+    assert np.prod((high - low)[:2]) == pytest.approx(228.0)
+
+
+def test_the_street_extract_gives_every_building_its_height():
+    solids, count = osm.read(sc.examples_folder() / "street.osm")
+    top = {solid.name: solid.vertices_m[:, 2].max() for solid in solids}
+    assert top["building way 101"] == 12 and top["building way 102"] == 12  # given; four levels
+    assert top["building way 103"] == pytest.approx(60 * 0.3048) and top["building way 104"] == 9  # feet; assumed
+    assert count["courtyards"] == 1 and count["buildings shown by their parts"] == 1
+    assert all(geometry.open_edges(solid) == 0 for solid in solids if solid.name != "ground")
+    court = next(solid for solid in solids if solid.name == "building relation 900")
+    assert volume_m3(court) == pytest.approx((42 * 30 - 22 * 14) * 18, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "tag, says",
+    [
+        ('k="height" v="12 bananas"', "way 7: height"),
+        ('k="height" v="40000 ft"', "way 7: height"),
+        ('k="height" v="-3"', "way 7: height"),
+        ('k="min_height" v="20"', None),
+    ],
+)
+def test_absurd_heights_are_refused_with_their_building(tmp_path, tag, says):
+    corners = [(0, 0), (0, 1e-4), (1e-4, 1e-4), (1e-4, 0)]
+    nodes = "".join(f'<node id="{i}" lat="{48 + a}" lon="{11 + b}"/>' for i, (a, b) in enumerate(corners))
+    refs = "".join(f'<nd ref="{i}"/>' for i in (0, 1, 2, 3, 0))
+    path = tmp_path / "a.osm"
+    path.write_text(f'<osm>{nodes}<way id="7">{refs}<tag k="building" v="yes"/><tag {tag}/></way></osm>')
+    if says is None:  # without a height, the default stands on the given bottom
+        solids, _ = osm.read(path)
+        assert solids[0].vertices_m[:, 2].max() == 23
+    else:
+        with pytest.raises(CastError, match=says):
+            osm.read(path)
+    with pytest.raises(CastError, match="no building"):
+        osm.read(path, area_m=(1e4, 1e4, 2e4, 2e4)) if says is None else osm.read(_without_buildings(path))
+
+
+def _without_buildings(path):
+    path.write_text('<osm><node id="1" lat="48" lon="11"/></osm>')
+    return path
+
+
+@pytest.mark.parametrize("text, metres", [("12", 12), ("12 m", 12), ("40 ft", 12.192), ("40'", 12.192), ("7.5m", 7.5)])
+def test_heights_are_read_with_their_units(text, metres):
+    assert osm.length_m(text) == pytest.approx(metres)
+
+
+def test_every_object_gets_a_material_or_is_named():
+    solids = [
+        geometry.prism(name, SQUARE, [], 0, 1, surface)
+        for name, surface in (("wall_1", "x"), ("desk", "oak"), ("odd", ""))
+    ]
+    given_ones = materials.assign(solids, {"wall_*": "brick", "oak": "wood", "*": "metal"}, 2.4e9)
+    assert [solid.material for solid in given_ones] == ["brick", "wood", "metal"]
+    with pytest.raises(CastError) as error:
+        materials.assign(solids, {"wall_*": "brick", "oak": "teak", "o": "floorboard"}, 2.4e9)
+    text = str(error.value)
+    assert "1 objects have none: odd" in text and "'teak'" in text and "floorboard is known from 50 to 100 GHz" in text

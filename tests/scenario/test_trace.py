@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The ray tracer against closed forms. It runs in its own Python: see apps/install_raytracer.sh."""
+
+import itertools
+import os
+import pickle
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gr_cast import scenario as sc
+from gr_cast.scenario.create import trace
+from gr_cast.scenario.create.geometry import Solid
+
+C_M_PER_S, EPSILON_0 = 299_792_458.0, 8.8541878128e-12
+CARRIER_HZ = 2.4e9
+WAVELENGTH_M = C_M_PER_S / CARRIER_HZ
+PYTHON = Path(os.environ.get("CAST_RAYTRACER") or sc.data_folder() / "raytracer/bin/python")
+ITU = {"concrete": (5.24, 0.0, 0.0462, 0.7822), "medium_dry_ground": (15.0, -0.1, 0.035, 1.63)}  # P.2040-3, table 3
+
+
+@pytest.fixture(scope="module", autouse=True)
+def ray_tracer():
+    if not PYTHON.exists():
+        pytest.skip(f"NO RAY TRACER at {PYTHON}: bash apps/install_raytracer.sh")
+
+
+def traced(solids, tx_m, rx_m, depth, velocity=(0.0, 0.0, 0.0)):
+    """Trace one pair in the tracer's Python; rx moves at `velocity`."""
+    task = trace.Task(
+        name="test", pairs=((0, 1),), antennas=("iso", "iso"), position_m=np.array([tx_m, rx_m], float),
+        velocity_before=np.array([(0, 0, 0), velocity], float), velocity_after=np.array([(0, 0, 0), velocity], float),
+    )  # fmt: skip
+    settings = trace.Settings(carrier_hz=CARRIER_HZ, max_depth=depth, rays=50_000, refraction=False)
+    code = (
+        "import pickle, sys; sys.path[:0] = pickle.load(sys.stdin.buffer); from gr_cast.scenario.create import trace;"
+        "table = trace.run(*pickle.load(sys.stdin.buffer)); sys.stdout.buffer.write(b'RESULT' + pickle.dumps(table))"
+    )
+    package = Path(trace.__file__).resolve().parents[3]
+    work = pickle.dumps([str(package)]) + pickle.dumps((solids, settings, task))
+    done = subprocess.run(
+        [str(PYTHON), "-W", "ignore", "-c", code], input=work, capture_output=True, timeout=500, check=False
+    )
+    assert done.returncode == 0, done.stderr.decode()
+    return pickle.loads(done.stdout.partition(b"RESULT")[2])
+
+
+def sheet(name, material, *corners):
+    return Solid(name=name, vertices_m=np.array(corners, float), faces=[[0, 1, 2], [0, 2, 3]], material=material)
+
+
+def reflection(material, cosine, thickness_m):
+    """TE and TM reflection of a slab (ITU-R P.2040-3, eqs. 31 and 37 to 39)."""
+    a, b, c, d = ITU[material]
+    ghz = CARRIER_HZ / 1e9
+    eta = a * ghz**b - 1j * c * ghz**d / (2 * np.pi * CARRIER_HZ * EPSILON_0)
+    root = np.sqrt(eta - (1 - cosine**2))
+    te, tm = (cosine - root) / (cosine + root), (eta * cosine - root) / (eta * cosine + root)
+    phase = np.exp(-2j * 2 * np.pi * thickness_m / WAVELENGTH_M * root)
+    return [r * (1 - phase) / (1 - r**2 * phase) for r in (te, tm)]
+
+
+def db(ratio):
+    return 20 * np.log10(np.abs(ratio))
+
+
+GROUND = sheet("ground", "medium_dry_ground", (-200, -200, 0), (200, -200, 0), (200, 200, 0), (-200, 200, 0))
+
+
+def test_free_space_and_two_rays_over_ground_follow_their_formulas():
+    tx, rx, velocity = np.array([0, 0, 10.0]), np.array([60.0, 25.0, 1.5]), np.array([5.0, -3.0, 0.5])
+    table = traced([GROUND], tx, rx, 1, velocity)
+    order = np.argsort(table.delay_s)
+    assert len(order) == 2
+    image = tx * [1, 1, -1]
+    lengths_m = np.array([np.linalg.norm(rx - tx), np.linalg.norm(rx - image)])
+    np.testing.assert_allclose(table.delay_s[order], lengths_m / C_M_PER_S, rtol=1e-9)
+    doppler_hz = np.array(
+        [-(rx - p) @ velocity / length / WAVELENGTH_M for p, length in zip((tx, image), lengths_m, strict=True)]
+    )
+    np.testing.assert_allclose(-CARRIER_HZ * table.rate_after[order], doppler_hz, atol=0.01)
+    gamma = reflection("medium_dry_ground", (tx[2] + rx[2]) / lengths_m[1], 10.0)[1]
+    expected = WAVELENGTH_M / (4 * np.pi * lengths_m) * [1, gamma]
+    assert np.abs(db(table.gain[order] / expected)).max() < 0.01
+    assert np.abs(np.angle(table.gain[order] / expected)).max() < 1e-3
+
+
+def room_images(size_m, tx, rx, order):
+    """Delays and gains of a shoebox of concrete by images, with the field's polarisation followed bounce by bounce."""
+    paths = []
+    for n in itertools.product(range(-order, order + 1), repeat=3):
+        if sum(map(abs, n)) > order:
+            continue
+        image = np.array([k * s + (x if k % 2 == 0 else s - x) for k, s, x in zip(n, size_m, tx, strict=True)])
+        way = rx - image
+        length_m = np.linalg.norm(way)
+        k = way / length_m
+        # Walls crossed by the straight line from the image to rx, in order: one axis per bounce.
+        crossings = []
+        for axis in range(3):
+            low, high = sorted((image[axis], rx[axis]))
+            for wall in range(-order - 1, order + 2):
+                if low < wall * size_m[axis] < high:
+                    crossings.append(((wall * size_m[axis] - image[axis]) / way[axis], axis))
+        k = k * [(-1) ** (abs(step) % 2) for step in n]  # the direction in which it leaves tx itself
+        field = theta_hat(k).astype(complex)
+        for _, axis in sorted(crossings):
+            normal = np.eye(3)[axis]
+            te, tm = reflection("concrete", abs(k[axis]), 0.2)
+            across = np.cross(k, normal)
+            across = across / np.linalg.norm(across)
+            out = k - 2 * k[axis] * normal
+            field = te * (field @ across) * across + tm * (field @ np.cross(across, k)) * np.cross(across, out)
+            k = out
+        paths.append((length_m / C_M_PER_S, abs(field @ theta_hat(k)) * WAVELENGTH_M / (4 * np.pi * length_m)))
+    return np.array(sorted(paths)).T
+
+
+def theta_hat(k):
+    theta, phi = np.arccos(k[2]), np.arctan2(k[1], k[0])
+    return np.array([np.cos(theta) * np.cos(phi), np.cos(theta) * np.sin(phi), -np.sin(theta)])
+
+
+def test_a_shoebox_room_has_the_paths_delays_and_gains_of_its_images():
+    x, y, z = size_m = (19.0, 12.0, 3.2)
+    walls = [
+        sheet("floor", "concrete", (0, 0, 0), (x, 0, 0), (x, y, 0), (0, y, 0)),
+        sheet("ceiling", "concrete", (0, 0, z), (0, y, z), (x, y, z), (x, 0, z)),
+        sheet("west", "concrete", (0, 0, 0), (0, y, 0), (0, y, z), (0, 0, z)),
+        sheet("east", "concrete", (x, 0, 0), (x, 0, z), (x, y, z), (x, y, 0)),
+        sheet("south", "concrete", (0, 0, 0), (0, 0, z), (x, 0, z), (x, 0, 0)),
+        sheet("north", "concrete", (0, y, 0), (x, y, 0), (x, y, z), (0, y, z)),
+    ]
+    tx, rx = np.array([3.1, 4.2, 2.84]), np.array([11.3, 7.7, 1.0])
+    table = traced(walls, tx, rx, 3)
+    delay_s, gain = room_images(size_m, tx, rx, 3)
+    order = np.argsort(table.delay_s)
+    assert len(order) == len(delay_s) == 63
+    np.testing.assert_allclose(table.delay_s[order], delay_s, rtol=1e-9)
+    assert np.abs(db(np.abs(table.gain[order]) / gain)).max() < 0.01
