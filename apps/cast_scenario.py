@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Scenarios: list the catalogue, show one, convert between YAML, Colosseum's .mat and Zarr, create one from a place."""
+"""Scenarios: list the catalogue, show one, convert between YAML, Colosseum's .mat and Zarr, create one from a place, validate."""
 
 import argparse
 import os
@@ -10,6 +10,7 @@ from pathlib import Path
 
 import _program
 import numpy as np
+from gr_cast import plot, validate
 from gr_cast import scenario as sc
 from gr_cast.errors import CastError
 from gr_cast.scenario.create import pipeline
@@ -60,6 +61,9 @@ def show(args) -> None:
         )
     if not args.all and len(keys) > MAX_ROWS:
         print(f"… and {len(keys) - MAX_ROWS} more links: --all shows them")
+    picture = args.plot or f"{Path(args.scenario).stem}.png"
+    plot.save(plot.scenario_figure(scenario), picture)
+    print(f"picture: {picture}")
 
 
 def convert(args) -> None:
@@ -92,6 +96,64 @@ def _progress(step: str, done: int, total: int) -> None:
     print(f"\r{step}: {done} of {total}", end="\n" if done == total else "", file=sys.stderr, flush=True)
 
 
+def check(args) -> int:
+    """Exit status 1 where a link does not agree with its taps within the sounder's own uncertainty."""
+    scenario = sc.load(args.scenario)
+    path = sc.catalogue_entries().get(args.scenario, Path(args.scenario))
+    rays = validate.traced_rays(path, scenario)
+    if args.link:
+        keys = [tuple(link.split(">", 1)) for link in args.link]
+    else:
+        keys = validate.chosen_links(scenario, args.links)
+    checks = []
+    print(f"{'link':>10s} {'s':>6s} {'taps':>4s} {'found':>5s} {'worst sigma':>11s} {'loss dB':>8s} {'sounded':>8s}"
+          f" {'sounded-taps':>12s} {'taps-rays':>9s} {'sounded-rays':>12s}  (errors in dB over the band)")  # fmt: skip
+    for index, key in enumerate(keys):
+        for item in validate.check(scenario, [key], rays=rays, bandwidth_hz=args.band, play=_emulator()):
+            checks.append(item)
+            from_rays = [
+                f"{v:.1f}" if v is not None else "-" for v in (item.taps_from_rays_db, item.sounded_from_rays_db)
+            ]
+            print(f"{item.link:>10s} {item.time_s:6.2f} {item.taps:4d} {item.found:5d} {item.worst_sigma:11.2f}"
+                  f" {item.path_loss_db:8.2f} {item.sounded_path_loss_db:8.2f} {item.sounded_from_taps_db:12.1f}"
+                  f" {from_rays[0]:>9s} {from_rays[1]:>12s}  {'' if item.holds else 'DOES NOT HOLD'}", flush=True)  # fmt: skip
+        _progress("validate", index + 1, len(keys))
+    if rays is None:
+        print("the ray-traced channel is not here: only taps and sounding are compared")
+    loss_db = -sc.path_gain_matrix_db(scenario)
+    picture = args.plot or f"{Path(args.scenario).stem}-path-loss.png"
+    plot.save(
+        plot.heatmap_figure(
+            np.where(np.isfinite(loss_db), loss_db, np.nan), list(scenario.nodes), f"{scenario.name}: path loss"
+        ),
+        picture,
+    )
+    failed = [item for item in checks if not item.holds]
+    print(f"heat map: {picture}")
+    print(
+        f"{len(checks) - len(failed)} of {len(checks)} soundings agree with their taps within {validate.MAX_SIGMA:g} sigma"
+    )
+    return 1 if failed else 0
+
+
+def _emulator():
+    """Plays through the emulator block where GNU Radio is, else through its NumPy reference."""
+    try:
+        from gnuradio import blocks, gr
+        from gr_cast.blocks.network import emulated_network
+    except ImportError:
+        return validate.play_reference
+
+    def play(scenario, samples, sample_rate_hz):
+        flowgraph, sink = gr.top_block(), blocks.vector_sink_c()
+        network = emulated_network(scenario, ["tx"], ["rx"], sample_rate_hz)
+        flowgraph.connect(blocks.vector_source_c(samples.tolist()), network, sink)
+        flowgraph.run()
+        return np.array(sink.data())
+
+    return play
+
+
 def main(argv=None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
@@ -100,6 +162,7 @@ def main(argv=None) -> int:
     command = commands.add_parser("show", help="links, taps, and power over time")
     command.add_argument("scenario", help="catalogue id or file (.yaml, .mat, .zarr)")
     command.add_argument("--all", action="store_true", help="every link of the table")
+    command.add_argument("--plot", metavar="PNG", help="the picture (default: SCENARIO.png in this folder)")
     command.set_defaults(call=show)
     command = commands.add_parser("convert", help="write a scenario in another format")
     command.add_argument("source", help="catalogue id or file (.yaml, .mat, .zarr)")
@@ -112,6 +175,13 @@ def main(argv=None) -> int:
     command.add_argument("--until", choices=pipeline.STEPS, help="stop after this step")
     command.add_argument("--dask", metavar="tcp://…", help="scheduler to run sampling and approximation on")
     command.set_defaults(call=create)
+    command = commands.add_parser("validate", help="sound links through the emulator and compare with taps and rays")
+    command.add_argument("scenario", help="catalogue id or file")
+    command.add_argument("--links", type=int, default=12, help="how many links, spread over all (default 12)")
+    command.add_argument("--link", action="append", metavar="TX>RX", help="this link (may be given more than once)")
+    command.add_argument("--band", type=float, default=80e6, metavar="HZ", help="band of the errors (default 80e6)")
+    command.add_argument("--plot", metavar="PNG", help="the heat map (default: SCENARIO-path-loss.png in this folder)")
+    command.set_defaults(call=check)
     argv = sys.argv[1:] if argv is None else argv
     args = parser.parse_args(argv, argparse.Namespace(argv=argv))
     return args.call(args) or 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pictures of soundings, codes and path losses. Each function returns a matplotlib figure; `save` writes it whole."""
+"""Pictures of soundings, codes, path losses and scenarios. Each function returns a matplotlib figure; `save` writes it whole."""
 
 from pathlib import Path
 
@@ -10,6 +10,7 @@ matplotlib.use("Agg")  # programs and tests draw without a screen
 import numpy as np
 from matplotlib.figure import Figure
 
+from . import scenario as sc
 from .files import written_aside
 from .sound import Sounding
 from .units import db_from_amplitude, db_from_power
@@ -124,3 +125,66 @@ def codes_figure(rows: list[dict]) -> Figure:
     for axes in grid[-1]:
         axes.set_xlabel("time (µs)")
     return figure
+
+
+def scenario_figure(scenario: sc.Scenario) -> Figure:
+    """Path gain of every link, taps of the most different links, and power over time."""
+    figure = new_figure(13, 4.6)
+    left, middle, right = figure.subplots(1, 3)
+    figure.suptitle(scenario.name, x=0.01, ha="left", fontsize=11)
+    _path_gain_map(figure, left, scenario)
+    keys = _distinct_links(scenario)
+    _taps(middle, scenario, keys)
+    _power_over_time(right, scenario, keys)
+    return figure
+
+
+def _path_gain_map(figure: Figure, axes, scenario: sc.Scenario) -> None:
+    gain_db = sc.path_gain_matrix_db(scenario)
+    image = axes.imshow(np.where(np.isfinite(gain_db), gain_db, np.nan), cmap="viridis", interpolation="nearest")
+    figure.colorbar(image, ax=axes, label="path gain (dB)", shrink=0.8)
+    step = max(1, len(scenario.nodes) // 16)
+    ticks = range(0, len(scenario.nodes), step)
+    axes.set_xticks(ticks, scenario.nodes[::step], rotation=90)
+    axes.set_yticks(ticks, scenario.nodes[::step])
+    axes.set(xlabel="receiver", ylabel="transmitter", title="mean power of every link (blank: none)")
+
+
+def _distinct_links(scenario: sc.Scenario, count: int = 6) -> list[tuple[str, str]]:
+    """Up to `count` links, one per distinct set of taps and one per pair, so that a picture shows the differences."""
+    chosen: dict = {}
+    for key, taps in scenario.links.items():
+        if (key[1], key[0]) not in chosen.values():
+            chosen.setdefault(taps.gain.tobytes() + taps.delay_s.tobytes(), key)
+        if len(chosen) == count:
+            break
+    return list(chosen.values())
+
+
+def _taps(axes, scenario: sc.Scenario, keys) -> None:
+    floor_db = -60.0
+    for index, key in enumerate(keys):
+        delay_s, gain = (value[0] for value in sc.taps_at(scenario, key, np.zeros(1)))
+        used = gain != 0
+        if used.any():
+            gain_db = db_from_amplitude(gain[used])
+            floor_db = min(floor_db, gain_db.min() - 5)
+            color = f"C{index}"
+            axes.vlines(1e6 * delay_s[used], -400, gain_db, color=color, lw=1.5, alpha=0.7)
+            axes.plot(1e6 * delay_s[used], gain_db, "o", color=color, ms=5, label=sc.link_name(key))
+    axes.set(xlabel="delay (µs)", ylabel="tap gain (dB)", title="taps at 0 s", ylim=(max(floor_db, -160), 5))
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
+
+
+def _power_over_time(axes, scenario: sc.Scenario, keys) -> None:
+    for key in keys:
+        power_db = np.broadcast_to(sc.power_db(scenario, key), scenario.time_s.shape)
+        if scenario.time_s.size == 1:
+            axes.axhline(power_db[0], color=f"C{keys.index(key)}", label=sc.link_name(key))
+        else:
+            style = "steps-post" if scenario.interpolation == "hold" else "default"
+            axes.plot(scenario.time_s, power_db, drawstyle=style, label=sc.link_name(key))
+    axes.set(xlabel="time (s)", ylabel="power of all taps (dB)", title="power over time")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)

@@ -60,6 +60,7 @@ def test_show_convert_and_list_tell_what_is_there(tmp_path, monkeypatch, capsys)
     assert cast_scenario.main(["show", "a.mat"]) == 0
     text = capsys.readouterr().out
     assert "1>2" in text and "1.280 / -20.00" in text
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
     assert cast_scenario.main(["convert", "a.mat", "b.yaml"]) == 0
     assert sc.load("b.yaml").links.keys() == sc.load("four_tap").links.keys()
     assert cast_scenario.main(["list"]) == 0

@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Parsing: traced tables to one time-variant channel per pair, h(t, tau) = sum_i c_i(t) delta(tau - tau_i(t)), on one clock."""
 
+import zipfile
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from ...errors import CastError
+from ...files import written_aside
 from .approximate import in_band_energy
 from .trace import Traced
 
@@ -63,6 +67,44 @@ def at(link: LinkPaths, time_s: np.ndarray, carrier_hz: float) -> tuple[np.ndarr
     delay_s = np.where(g0 == 0, d1 + r1 * (s - 1), np.where(g1 == 0, d0 + r0 * s, cubic))
     gain = (1 - s) * g0 + s * g1
     return delay_s, gain * np.exp(-2j * np.pi * carrier_hz * delay_s)
+
+
+_COLUMNS = ("delay_s", "rate_before", "rate_after", "gain")
+
+
+def write(path: str | Path, links: dict[tuple[int, int], LinkPaths]) -> None:
+    """Paths of all links in one NumPy file: columns side by side, those of static links apart."""
+    content: dict = {}
+    for kind in ("static", "moving"):
+        chosen = {pair: link for pair, link in links.items() if (len(link.time_s) == 1) == (kind == "static")}
+        some = list(chosen.values())
+        content[f"{kind}_pairs"] = np.array(list(chosen), np.int32).reshape(-1, 2)
+        content[f"{kind}_ends"] = np.cumsum([link.gain.shape[1] for link in some], dtype=np.int64)
+        content[f"{kind}_time_s"] = some[0].time_s if some else np.zeros(1)
+        for name in _COLUMNS:
+            parts = [getattr(link, name) for link in some]
+            content[f"{kind}_{name}"] = np.concatenate(parts, axis=1) if parts else np.zeros((1, 0))
+    with written_aside(path) as aside, open(aside, "wb") as file:
+        np.savez_compressed(file, **content)
+
+
+def read(path: str | Path) -> dict[tuple[int, int], LinkPaths]:
+    """What `write` wrote. Raises CastError for a missing or damaged file."""
+    links = {}
+    try:
+        with np.load(path, allow_pickle=False) as content:
+            for kind in ("static", "moving"):
+                columns = {name: content[f"{kind}_{name}"] for name in _COLUMNS}
+                starts = np.concatenate([[0], content[f"{kind}_ends"]])
+                for index, (tx, rx) in enumerate(content[f"{kind}_pairs"].tolist()):
+                    part = slice(starts[index], starts[index + 1])
+                    own = {name: values[:, part] for name, values in columns.items()}
+                    links[tx, rx] = LinkPaths(time_s=content[f"{kind}_time_s"], **own)
+    except FileNotFoundError:
+        raise CastError(f"{path}: no such file") from None
+    except (ValueError, KeyError, IndexError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        raise CastError(f"{path}: damaged: {error}") from None
+    return links
 
 
 def births_and_deaths(link: LinkPaths) -> int:

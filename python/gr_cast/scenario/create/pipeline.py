@@ -243,7 +243,8 @@ def _parsing(spec: Spec, run: Run, folder: Path):
             "interpolation median dB": round(float(np.median(errors_db)), 2),
             "interpolation 90 % dB": round(float(np.percentile(errors_db, 90)), 2),
         }
-    return _save(folder / "links.pickle", links), summary
+    paths.write(folder / "links.npz", links)
+    return folder / "links.npz", summary
 
 
 def _reduce_tasks(jobs) -> list[reduce.Reduced]:
@@ -251,7 +252,7 @@ def _reduce_tasks(jobs) -> list[reduce.Reduced]:
 
 
 def _approximation(spec: Spec, run: Run, folder: Path):
-    links = _load(run, "parsing/links.pickle")
+    links = paths.read(run.folder / "parsing/links.npz")
     clock_s = np.arange(round(spec.duration_s / spec.update_s) + 1) * spec.update_s
     pairs = sorted(links)
     groups = [pairs[start : start + _LINKS_PER_TASK] for start in range(0, len(pairs), _LINKS_PER_TASK)]
@@ -328,6 +329,13 @@ def scenario(spec: Spec, run: Run) -> Scenario:
     )
 
 
+def _delays_moved_s(spec: Spec, run: Run) -> list:
+    """[tx, rx, seconds] of every link whose delays were moved onto the grid."""
+    every = _load(run, "approximation/all.pickle")[1]
+    names = [node.name for node in spec.nodes]
+    return [[names[tx], names[rx], item.shift_s] for (tx, rx), item in every.items() if item.shift_s]
+
+
 def content_hash(made: Scenario) -> str:
     """A name for what a scenario plays: equal for equal taps, nodes and clock."""
     digest = hashlib.sha256(json.dumps([made.nodes, made.base_loss_db, made.interpolation]).encode())
@@ -353,7 +361,8 @@ def _install(spec: Spec, run: Run, folder: Path):
     steps = {step: {key: entry[key] for key in ("seconds", "peak_mib", "summary")} for step, entry in record.items()}
     zarr_file.write(
         target, made, id=spec.id, version=version, content_sha256=content, radios=radios, steps=steps,
-        work_folder=str(run.folder.resolve()),
+        paths_file=str((run.folder / "parsing/links.npz").resolve()), bandwidth_hz=spec.bandwidth_hz,
+        delays_moved_s=_delays_moved_s(spec, run),
     )  # fmt: skip
     matrix = path_gain_matrix_db(made)
     finite = matrix[np.isfinite(matrix)]
