@@ -87,6 +87,12 @@ void channel_emulator_impl::enable_link(int tx, int rx, bool enabled,
     schedule({tx, rx, offset, std::nullopt, enabled, std::nullopt, 0});
 }
 
+void channel_emulator_impl::clear()
+{
+    std::lock_guard<std::mutex> lock(d_mutex);
+    d_emulator.clear();
+}
+
 void channel_emulator_impl::set_base_loss(int tx, int rx, double base_loss_db,
                                           std::optional<uint64_t> offset)
 {

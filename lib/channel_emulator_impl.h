@@ -24,6 +24,7 @@ public:
                          const std::vector<gr_complex>& gains, std::optional<uint64_t> offset,
                          uint64_t ramp) override;
     void enable_link(int tx, int rx, bool enabled, std::optional<uint64_t> offset) override;
+    void clear() override;
     void set_base_loss(int tx, int rx, double base_loss_db,
                        std::optional<uint64_t> offset) override;
     void set_noise_power(int rx, double power) override;

@@ -110,8 +110,8 @@ void emulator::check(const config& c)
 emulator::emulator(const config& c)
     : d_config((check(c), c)), d_isa(isa_from_name(c.isa)), d_threads(c.n_threads),
       d_may_be_sparse(c.method != "dense"), d_may_be_dense(c.method != "sparse"), d_dense(c.n_taps),
-      d_links(static_cast<std::size_t>(c.n_inputs) * c.n_outputs),
-      d_recipes(c.n_outputs), d_changed(c.n_outputs, true), d_noise_power(c.n_outputs)
+      d_links(static_cast<std::size_t>(c.n_inputs) * c.n_outputs), d_recipes(c.n_outputs),
+      d_changed(c.n_outputs, true), d_noise_power(c.n_outputs)
 {
 }
 
@@ -163,6 +163,19 @@ void emulator::seek(uint64_t position)
         l.slope.clear();
     d_changed.assign(d_changed.size(), true);
     d_position = position;
+}
+
+void emulator::skip_to(uint64_t position)
+{
+    cut(position);
+    apply_due();
+}
+
+void emulator::clear()
+{
+    d_pending.clear();
+    d_links.assign(d_links.size(), {});
+    d_changed.assign(d_changed.size(), true);
 }
 
 void emulator::set_noise_power(int output, float power)

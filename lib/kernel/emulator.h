@@ -82,6 +82,9 @@ public:
     // late, and takes force at the first sample that it still can.
     void schedule(link_update update, uint64_t earliest = 0);
 
+    // From the next sample on no link has taps, and no update is pending.
+    void clear();
+
     // Mean power of the noise that a receiver adds from the next sample on, in units of the samples
     // squared. Equal seeds give equal noise at equal samples, whatever the chunks; receivers are
     // independent.
@@ -97,6 +100,10 @@ public:
     // The next sample is number `position`, for a stream that begins anew or elsewhere. Ramps
     // arrive at once.
     void seek(uint64_t position);
+
+    // On to sample number `position` as if all before had been processed: updates and ramps take
+    // their course.
+    void skip_to(uint64_t position);
 
     uint64_t n_processed() const { return d_position; }
     uint64_t n_late() const { return d_late; }

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gr_cast.errors import CastError, Faults
-from gr_cast.scenario.model import Scenario, base_loss_db, link_name
+from gr_cast.errors import CastError
+from gr_cast.scenario.model import GRID_TAPS, MAX_DELAY_S, Scenario, base_loss_db
 from gr_cast.units import amplitude_from_db
 
 # The filter that stands for a tap between two samples: its length, and the share of the band it is right in.
@@ -188,7 +188,7 @@ def emulate(
 
 
 def interpolator(fraction: float) -> np.ndarray:
-    """Filter, (INTERPOLATOR_TAPS,), that delays by INTERPOLATOR_TAPS/2 - 1 + fraction samples, fraction in [0, 1).
+    """Filter, (INTERPOLATOR_TAPS,), that delays by INTERPOLATOR_TAPS/2 - 1 + fraction samples.
 
     Least squares over INTERPOLATOR_BAND of the band (Laakso et al., "Splitting the unit delay", 1996):
     P h = p with P[k, l] = a sinc(a (k - l)), p[k] = a sinc(a (k - delay)), a the share of the band.
@@ -234,40 +234,43 @@ def fir_taps(delay_samples: np.ndarray, gain: np.ndarray, bulk_delay: int = 0) -
     return np.trim_zeros(taps, "b")
 
 
+def filter_length(sample_rate_hz: float) -> int:
+    """Taps that hold any scenario (MAX_DELAY_S of delay) at this rate, 512 at least."""
+    return max(GRID_TAPS, int(np.ceil(MAX_DELAY_S * sample_rate_hz)) + 2 * INTERPOLATOR_TAPS)
+
+
+def scenario_bulk_delay(scenario: Scenario, sample_rate_hz: float) -> int:
+    """Whole samples that every link of a scenario is late by at this rate; 0 where all taps are on whole samples."""
+    used = [taps.delay_s[taps.gain != 0] for taps in scenario.links.values()]
+    return bulk_delay_samples(np.concatenate([np.zeros(0), *used]) * sample_rate_hz)
+
+
 def scenario_updates(
-    scenario: Scenario, sample_rate_hz: float, n_taps: int = 512, until_s: float | None = None
-) -> tuple[list[LinkUpdate], int]:
-    """The updates that play a scenario, and the bulk delay in samples that they add to every link.
+    scenario: Scenario, sample_rate_hz: float, from_s: float = 0.0, until_s: float = np.inf
+) -> list[LinkUpdate]:
+    """The updates that play the instants of a scenario in from_s <= time < until_s.
 
     Node k of the scenario is input k and output k. Taps on whole samples stay there; others become
-    band-limited filters, all later by the same bulk delay. Instants after `until_s` are left out. Raises
-    CastError, all links at once, where a filter is longer than `n_taps`.
+    band-limited filters, all later by the same bulk delay.
     """
     place = {node: index for index, node in enumerate(scenario.nodes)}
-    linear = scenario.interpolation == "linear"
     at_sample = np.rint(scenario.time_s * sample_rate_hz).astype(int)
-    last = len(at_sample) if until_s is None else np.searchsorted(scenario.time_s, until_s, side="right")
-    used = [taps.delay_s[:last][taps.gain[:last] != 0] for taps in scenario.links.values()]
-    bulk = bulk_delay_samples(np.concatenate([np.zeros(0), *used]) * sample_rate_hz)
-    updates, faults = [], Faults(scenario.name)
+    steps = np.flatnonzero((scenario.time_s >= from_s) & (scenario.time_s < until_s))
+    bulk = scenario_bulk_delay(scenario, sample_rate_hz)
+    updates = []
     for key, link in scenario.links.items():
-        filters = [
-            fir_taps(delay_s * sample_rate_hz, gain, bulk)
-            for delay_s, gain in zip(link.delay_s[: last + linear], link.gain[: last + linear], strict=True)
-        ]
-        longest = max(map(len, filters))
-        if longest > n_taps:
-            faults.add(
-                f"link {link_name(key)}",
-                f"got a filter of {longest} taps at {sample_rate_hz:g} samples/s, limit {n_taps} taps",
-            )
-            continue
-        tx, rx = (place[node] for node in key)
-        loss_db = base_loss_db(scenario, key)
-        updates.append(LinkUpdate(tx=tx, rx=rx, taps=filters[0], base_loss_db=loss_db))
-        for step in range(1, len(filters)):
-            before, now = int(at_sample[step - 1]), int(at_sample[step])
-            at, ramp = (before, now - before) if linear else (now, 0)
-            updates.append(LinkUpdate(tx=tx, rx=rx, at_sample=at, taps=filters[step], ramp_samples=ramp))
-    faults.raise_if_any()
-    return updates, bulk
+        name = dict(tx=place[key[0]], rx=place[key[1]])
+
+        def taps(step, link=link):
+            return fir_taps(link.delay_s[step] * sample_rate_hz, link.gain[step], bulk)
+
+        if from_s <= 0:
+            updates.append(LinkUpdate(**name, taps=taps(0), base_loss_db=base_loss_db(scenario, key)))
+        for step in [] if link.is_static else steps:
+            at = int(at_sample[step])
+            if scenario.interpolation == "hold" and step > 0:
+                updates.append(LinkUpdate(**name, at_sample=at, taps=taps(step)))
+            elif scenario.interpolation == "linear" and step + 1 < len(at_sample):
+                ramp = int(at_sample[step + 1]) - at
+                updates.append(LinkUpdate(**name, at_sample=at, taps=taps(step + 1), ramp_samples=ramp))
+    return updates

@@ -75,6 +75,9 @@ public:
     virtual void enable_link(int tx, int rx, bool enabled,
                              std::optional<uint64_t> offset = std::nullopt) = 0;
 
+    //! From the next sample on no link has taps, and no update is pending.
+    virtual void clear() = 0;
+
     //! Loss in dB that the link has on top of its taps; a change of it takes force like a change of
     //! taps.
     virtual void set_base_loss(int tx, int rx, double base_loss_db,

@@ -78,7 +78,24 @@ void bind_kernel(py::module& m)
         .def("set_all", &set_all, py::arg("offset"), py::arg("delays"), py::arg("gains"),
              "Taps of every link, link (tx, rx) in row tx * n_outputs + rx, from sample `offset` "
              "on.")
+        .def(
+            "set_base_loss",
+            [](emulator& e, int tx, int rx, double base_loss_db, std::optional<uint64_t> offset) {
+                e.schedule(
+                    {tx, rx, offset, std::nullopt, std::nullopt, gain_of_loss(base_loss_db), 0});
+            },
+            py::arg("tx"), py::arg("rx"), py::arg("base_loss_db"), py::arg("offset") = py::none())
+        .def(
+            "set_fixed_point",
+            [](emulator& e, int bits, int tap_bits, float input_full_scale,
+               float output_full_scale) {
+                e.set_fixed_point(fixed_point{bits, tap_bits, input_full_scale, output_full_scale});
+            },
+            py::arg("bits"), py::arg("tap_bits"), py::arg("input_full_scale"),
+            py::arg("output_full_scale"))
+        .def("clipped_samples", &emulator::n_clipped)
         .def("seek", &emulator::seek, py::arg("position"))
+        .def("skip_to", &emulator::skip_to, py::arg("position"))
         .def("process", &process, py::arg("inputs"),
              "(n_inputs, n_taps-1 past and n new samples) -> (n_outputs, n), complex64.")
         .def("set_noise_power", &emulator::set_noise_power, py::arg("rx"), py::arg("power"))
@@ -110,6 +127,8 @@ void bind_channel_emulator(py::module& m)
         .def("enable_link", &channel_emulator::enable_link, py::arg("tx"), py::arg("rx"),
              py::arg("enabled"), py::arg("offset") = py::none(), release(),
              "Switch a link off or on again; it keeps its taps.")
+        .def("clear", &channel_emulator::clear, release(),
+             "No link has taps from the next sample on, no update is pending.")
         .def("set_base_loss", &channel_emulator::set_base_loss, py::arg("tx"), py::arg("rx"),
              py::arg("base_loss_db"), py::arg("offset") = py::none(), release(),
              "Loss of the link on top of its taps, in dB.")

@@ -1,0 +1,188 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The channel emulator between real radios, protocol stacks and recordings; batch work; control of a running one."""
+
+import argparse
+import json
+import signal
+import sys
+import threading
+from pathlib import Path
+
+import _program
+import numpy as np
+from gr_cast.emulate import FixedPoint, noise_power_from_snr
+from gr_cast.errors import CastError
+from gr_cast.scenario import load
+
+
+def _noise_power(args) -> float:
+    if args.snr_db is not None:
+        if args.noise_power_db is not None:
+            raise CastError("noise: got --snr-db and --noise-power-db, needs one of them")
+        if not 0 < args.reference_power < np.inf:
+            raise CastError(f"--reference-power: got {args.reference_power}, needs a finite number above 0")
+        return noise_power_from_snr(args.snr_db, args.reference_power)
+    return 0.0 if args.noise_power_db is None else 10 ** (args.noise_power_db / 10)
+
+
+def _fixed_point(args) -> FixedPoint | None:
+    if args.fixed_point is None:
+        return None
+    return FixedPoint(
+        bits=args.fixed_point, input_full_scale=args.full_scale, output_full_scale=args.output_full_scale
+    )
+
+
+def _check_rate(rate_hz: float) -> float:
+    if not 0 < rate_hz <= 1e9:
+        raise CastError(f"--rate: got {rate_hz} samples/s, needs more than 0 and at most 1e9 samples/s")
+    return rate_hz
+
+
+def _report(status: dict) -> None:
+    print(
+        f"\r{status['samples']:>14d} samples  real-time factor {status['real_time_factor']:.2f}  late updates "
+        f"{status['late_updates']}  clipped {status['clipped_samples']}  ",
+        end="" if sys.stderr.isatty() else "\n",
+        file=sys.stderr,
+        flush=True,
+    )
+
+
+def run(args) -> None:
+    """Join the nodes of a scenario to their ports and let samples flow until interrupted or a file ends."""
+    from gr_cast.blocks.control import ControlServer
+    from gr_cast.blocks.emulation import Emulation
+    from gr_cast.blocks.ports import Port
+    from gr_cast.blocks.usrp import RadioSettings
+
+    rate_hz = _check_rate(args.rate)
+    ports = [Port.parse(text) for text in args.port]
+    radios = [port for port in ports if port.kind == "uhd"]
+    if radios and args.frequency is None:
+        raise CastError("--frequency: got nothing, a uhd port needs its carrier in Hz")
+    settings = {
+        (port.node, port.direction): RadioSettings(
+            sample_rate_hz=rate_hz, center_frequency_hz=args.frequency, gain_db=args.gain, device_args=port.where,
+            clock_source=args.clock_source, time_source=args.time_source,
+        )
+        for port in radios
+    }  # fmt: skip
+    emulation = Emulation(
+        load(args.scenario), ports, rate_hz, noise_power=_noise_power(args), seed=args.seed,
+        fixed_point=_fixed_point(args), settings=settings, n_threads=args.threads,
+    )  # fmt: skip
+    bulk = emulation.status()["bulk_delay_samples"]
+    if bulk:
+        print(f"taps between samples: every link is {bulk} samples late", file=sys.stderr)
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    with ControlServer(args.control, emulation, ended):
+        emulation.run_until(ended, _report, args.report)
+    _report(emulation.status())
+    print(file=sys.stderr)
+
+
+def batch(args) -> None:
+    """Turn recordings of the transmitters into recordings of the receivers, offline."""
+    from gr_cast.blocks.batch import run_batch
+
+    recordings = {}
+    for text in args.transmit:
+        node, equals, stem = text.partition("=")
+        if not (equals and node and stem):
+            raise CastError(f"transmit: got {text!r}, needs NODE=RECORDING")
+        if node in recordings:
+            raise CastError(f"transmit: node {node} is given twice")
+        recordings[node] = stem
+    run_batch(
+        load(args.scenario), recordings, Path(args.output), receivers=args.receivers, chunk_samples=args.chunk,
+        noise_power=_noise_power(args), seed=args.seed, fixed_point=_fixed_point(args), dask=args.dask,
+        workers=args.workers, progress=lambda done, total: print(
+            f"\r{done}/{total} chunks", end="" if done < total else "\n", file=sys.stderr, flush=True),
+    )  # fmt: skip
+
+
+def ask(args) -> None:
+    """Send one command to a running emulator and print its answer."""
+    import zmq
+
+    try:
+        command = json.loads(args.command)
+    except json.JSONDecodeError as error:
+        raise CastError(f"command: not JSON: {error}") from None
+    socket = zmq.Context.instance().socket(zmq.REQ)
+    socket.setsockopt(zmq.LINGER, 0)
+    socket.connect(args.address)
+    socket.send_json(command)
+    if not socket.poll(5000):
+        raise CastError(f"{args.address}: no answer within 5 s")
+    answer = socket.recv_json()
+    print(json.dumps(answer, indent=1))
+    if not answer.get("ok"):
+        raise CastError(*answer.get("errors", ["refused"]))
+
+
+def _add_common(command) -> None:
+    command.add_argument("scenario", help="catalogue name or file (YAML, Colosseum .mat, Zarr)")
+    command.add_argument("--seed", type=int, default=0, help="of the receivers' noise")
+    command.add_argument("--noise-power-db", type=float, help="of every receiver, dB re 1 (samples squared)")
+    command.add_argument("--snr-db", type=float, help="noise so far below --reference-power")
+    command.add_argument("--reference-power", type=float, default=1.0, help="in units of the samples squared")
+    command.add_argument(
+        "--fixed-point", type=int, metavar="BITS", help="round and saturate samples as hardware does"
+    )
+    command.add_argument(
+        "--full-scale", type=float, default=1.0, help="of transmitted samples, with --fixed-point"
+    )
+    command.add_argument(
+        "--output-full-scale", type=float, default=1.0, help="of received samples, with --fixed-point"
+    )
+
+
+def main(argv=None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    command = commands.add_parser("run", help=run.__doc__, description=run.__doc__)
+    _add_common(command)
+    command.add_argument("--rate", type=float, required=True, help="samples/s of every port")
+    command.add_argument(
+        "--port", action="append", default=[], metavar="NODE:tx|rx=KIND:WHERE",
+        help="zmq:ADDRESS (as srsRAN's radio), pubsub:ADDRESS, file:STEM, uhd:ARGS, null; repeat for every port",
+    )  # fmt: skip
+    command.add_argument(
+        "--control", metavar="ADDRESS", help="answer JSON commands there, such as tcp://*:5555"
+    )
+    command.add_argument("--frequency", type=float, help="carrier of uhd ports in Hz")
+    command.add_argument("--gain", type=float, default=0.0, help="of uhd ports in dB")
+    command.add_argument("--clock-source", default="internal", help="of uhd ports: internal, external, gpsdo")
+    command.add_argument("--time-source", default="internal", help="of uhd ports: internal, external, gpsdo")
+    command.add_argument("--threads", type=int, default=0, help="0: one per core")
+    command.add_argument("--report", type=float, default=5.0, help="seconds between status lines")
+    command.set_defaults(function=run)
+
+    command = commands.add_parser("batch", help=batch.__doc__, description=batch.__doc__)
+    _add_common(command)
+    command.add_argument("--transmit", action="append", default=[], metavar="NODE=RECORDING", required=True)
+    command.add_argument("--output", required=True, help="folder of the received recordings")
+    command.add_argument("--receivers", nargs="+", help="nodes to receive; all without it")
+    command.add_argument("--chunk", type=int, default=1 << 20, help="samples that one worker does at a time")
+    command.add_argument("--workers", type=int, default=1, help="processes on this machine")
+    command.add_argument("--dask", metavar="ADDRESS", help="a Dask scheduler, such as tcp://host:8786")
+    command.set_defaults(function=batch)
+
+    command = commands.add_parser("ask", help=ask.__doc__, description=ask.__doc__)
+    command.add_argument("address", help="of the emulator's --control, such as tcp://localhost:5555")
+    command.add_argument("command", help='JSON, such as {"command": "status"}')
+    command.set_defaults(function=ask)
+
+    args = parser.parse_args(argv)
+    args.function(args)
+    return 0
+
+
+if __name__ == "__main__":
+    _program.run(main)

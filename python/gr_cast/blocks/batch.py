@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The emulator offline: N transmitted recordings become received ones, one time chunk after the other, anywhere.
+
+A chunk depends on nothing but the files, so that chunks run in any order on any number of workers, here or on a Dask
+cluster, with the same result to the last bit; what is done is kept, and a run that was killed goes on where it was.
+"""
+
+import hashlib
+import json
+import multiprocessing
+import os
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .. import recording
+from ..emulate import FixedPoint, filter_length, scenario_updates
+from ..errors import CastError, Faults
+from ..files import write_json
+from ..scenario import Scenario
+from .cast_python import emulator_kernel
+
+_ITEM = np.dtype(np.complex64)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchJob:
+    """All that a worker needs to know, whichever chunk it gets. `transmit` maps a node to its recording."""
+
+    scenario: Scenario
+    transmit: dict[str, str]
+    receivers: tuple[str, ...]
+    folder: str
+    sample_rate_hz: float
+    n_samples: int
+    chunk_samples: int
+    noise_power: float
+    seed: int
+    fixed_point: FixedPoint | None
+
+    @property
+    def n_chunks(self) -> int:
+        return -(-self.n_samples // self.chunk_samples)
+
+    def part(self, receiver: str) -> Path:
+        return Path(self.folder) / ".batch" / f"{receiver}.part"
+
+    def mark(self, chunk: int) -> Path:
+        return Path(self.folder) / ".batch" / f"{chunk}.done"
+
+
+def make_chunk(job: BatchJob, chunk: int) -> int:
+    """Compute and store one chunk of every receiver; returns its number."""
+    begin = chunk * job.chunk_samples
+    end = min(begin + job.chunk_samples, job.n_samples)
+    nodes = job.scenario.nodes
+    n_taps = filter_length(job.sample_rate_hz)
+    past = n_taps - 1
+    # An output for every node, wanted or not: a node's noise is the same whoever else receives.
+    kernel = emulator_kernel(len(nodes), len(nodes), n_taps, seed=job.seed)
+    wanted = [nodes.index(node) for node in job.receivers]
+    for update in scenario_updates(job.scenario, job.sample_rate_hz, until_s=end / job.sample_rate_hz):
+        if update.rx not in wanted:
+            continue
+        delays = np.flatnonzero(update.taps)
+        link = (update.tx, update.rx)
+        kernel.set_sparse_taps(*link, delays, update.taps[delays], update.at_sample, update.ramp_samples)
+        if update.base_loss_db is not None:
+            kernel.set_base_loss(*link, update.base_loss_db, update.at_sample)
+    for index in wanted:
+        kernel.set_noise_power(index, job.noise_power)
+    if job.fixed_point:
+        kernel.set_fixed_point(**asdict(job.fixed_point))
+    kernel.skip_to(begin)
+    x = np.zeros((len(nodes), past + end - begin), np.complex64)
+    for node, stem in job.transmit.items():
+        first = max(0, begin - past)
+        about = recording.read(stem, start=first, count=end - first) if _length(stem) > first else None
+        if about is not None:
+            at = past - (begin - first)
+            x[nodes.index(node), at : at + len(about.samples)] = about.samples
+    y = kernel.process(x)
+    for receiver, samples in zip(job.receivers, y[wanted], strict=True):
+        with open(job.part(receiver), "r+b") as file:
+            file.seek(begin * _ITEM.itemsize)
+            file.write(samples.tobytes())
+            file.flush()
+            os.fsync(file.fileno())
+    job.mark(chunk).touch()
+    return chunk
+
+
+def run_batch(
+    scenario: Scenario,
+    transmit: dict[str, str],
+    folder: Path,
+    *,
+    receivers: list[str] | None = None,
+    chunk_samples: int = 1 << 20,
+    noise_power: float = 0.0,
+    seed: int = 0,
+    fixed_point: FixedPoint | None = None,
+    dask: str | None = None,
+    workers: int = 1,
+    progress=lambda done, total: None,
+) -> None:
+    """Write `folder`/NODE, a SigMF recording, for every receiver. Raises CastError, all faults at once, before any work."""
+    job = _job(scenario, transmit, folder, receivers, chunk_samples, noise_power, seed, fixed_point)
+    todo = _prepare(job)
+    done = job.n_chunks - len(todo)
+    progress(done, job.n_chunks)
+    for _ in _finished(job, todo, dask, workers):
+        done += 1
+        progress(done, job.n_chunks)
+    for receiver in job.receivers:
+        _seal(job, receiver)
+    for path in (Path(job.folder) / ".batch").iterdir():
+        path.unlink()
+    (Path(job.folder) / ".batch").rmdir()
+
+
+def _length(stem: str) -> int:
+    width = np.dtype(recording.DATATYPES[recording.read(stem, count=1).datatype][0]).itemsize * 2
+    return recording.data_path(stem).stat().st_size // width
+
+
+def _job(scenario, transmit, folder, receivers, chunk_samples, noise_power, seed, fixed_point) -> BatchJob:
+    faults = Faults("batch")
+    for node in [*transmit, *(receivers or ())]:
+        if node not in scenario.nodes:
+            faults.add(f"node {node}", f"the scenario has {', '.join(scenario.nodes)}")
+    if chunk_samples < 1:
+        faults.add("chunk", f"got {chunk_samples} samples, needs 1 or more")
+    rates = {}
+    for node, stem in transmit.items():
+        try:
+            rates[node] = recording.read(stem, count=1).sample_rate_hz
+        except CastError as error:
+            for line in error.faults:
+                faults.add(f"node {node}", line)
+    if len(set(rates.values())) > 1:
+        faults.add(
+            "sample rates",
+            ", ".join(f"{node} {rate} Hz" for node, rate in rates.items()) + ": needs one for all",
+        )
+    faults.raise_if_any()
+    return BatchJob(
+        scenario=scenario,
+        transmit={node: str(Path(stem).resolve()) for node, stem in transmit.items()},
+        receivers=tuple(receivers or scenario.nodes),
+        folder=str(folder),
+        sample_rate_hz=next(iter(rates.values())),
+        n_samples=max(_length(stem) for stem in transmit.values()),
+        chunk_samples=chunk_samples,
+        noise_power=noise_power,
+        seed=seed,
+        fixed_point=fixed_point,
+    )
+
+
+def _fingerprint(job: BatchJob) -> dict:
+    """What a half-done run must share with this one to be gone on with."""
+    files = {
+        node: [stem, recording.data_path(stem).stat().st_mtime_ns] for node, stem in job.transmit.items()
+    }
+    plan = scenario_digest(job.scenario)
+    fixed = job.fixed_point and asdict(job.fixed_point)
+    return {
+        "transmit": files,
+        "receivers": list(job.receivers),
+        "scenario": plan,
+        "chunk_samples": job.chunk_samples,
+        "noise_power": job.noise_power,
+        "seed": job.seed,
+        "fixed_point": fixed,
+    }
+
+
+def scenario_digest(scenario: Scenario) -> str:
+    """SHA-256 over everything of a scenario that is heard."""
+    digest = hashlib.sha256(repr((scenario.nodes, scenario.interpolation, scenario.base_loss_db)).encode())
+    digest.update(repr(sorted(scenario.link_base_loss_db.items())).encode())
+    digest.update(scenario.time_s.tobytes())
+    for key, taps in sorted(scenario.links.items()):
+        digest.update(repr((key, taps.gain.shape)).encode() + taps.delay_s.tobytes() + taps.gain.tobytes())
+    return digest.hexdigest()
+
+
+def _prepare(job: BatchJob) -> list[int]:
+    """Make or take up the folder of parts; the chunks that are still to do."""
+    work = Path(job.folder) / ".batch"
+    plan = work / "plan.json"
+    for receiver in job.receivers:
+        if recording.meta_path(Path(job.folder) / receiver).exists():
+            raise CastError(
+                f"{Path(job.folder) / receiver}: a recording of that name exists; nothing is overwritten"
+            )
+    if plan.exists() and json.loads(plan.read_text()) != _fingerprint(job):
+        raise CastError(f"{work}: holds a run with other inputs; remove it, or choose another folder")
+    if not plan.exists():
+        work.mkdir(parents=True, exist_ok=True)
+        for receiver in job.receivers:
+            with open(job.part(receiver), "wb") as file:
+                file.truncate(job.n_samples * _ITEM.itemsize)
+        write_json(plan, _fingerprint(job))
+    return [chunk for chunk in range(job.n_chunks) if not job.mark(chunk).exists()]
+
+
+def _finished(job: BatchJob, todo: list[int], dask: str | None, workers: int):
+    """Chunks as they get done, on whatever does them."""
+    if dask:
+        try:
+            from dask.distributed import Client
+            from dask.distributed import as_completed as as_dask_completes
+        except ImportError:
+            raise CastError(
+                "--dask: the package dask.distributed (Debian: python3-distributed) is missing"
+            ) from None
+        with Client(dask) as client:
+            spread = client.scatter(job, broadcast=True)
+            for future in as_dask_completes(
+                client.map(lambda chunk, job: make_chunk(job, chunk), todo, job=spread)
+            ):
+                yield future.result()
+    elif workers > 1:
+        with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+            for future in as_completed([pool.submit(make_chunk, job, chunk) for chunk in todo]):
+                yield future.result()
+    else:
+        for chunk in todo:
+            yield make_chunk(job, chunk)
+
+
+def _seal(job: BatchJob, receiver: str) -> None:
+    stem = Path(job.folder) / receiver
+    digest = hashlib.sha512()
+    with open(job.part(receiver), "rb") as file:
+        while piece := file.read(1 << 22):
+            digest.update(piece)
+    os.replace(job.part(receiver), recording.data_path(stem))
+    fields = {
+        "core:sha512": digest.hexdigest(),
+        "cast:receiver": receiver,
+        "cast:scenario": job.scenario.name,
+    }
+    recording.write_metadata(stem, recording.metadata(sample_rate_hz=job.sample_rate_hz, fields=fields))

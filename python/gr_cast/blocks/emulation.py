@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A running emulator: ports, a scenario that plays, and what is asked of both while samples flow."""
+
+import threading
+
+import numpy as np
+import pmt
+from gnuradio import gr
+
+from ..emulate import FixedPoint, LinkUpdate, filter_length, fir_taps, scenario_bulk_delay, scenario_updates
+from ..errors import CastError, Faults
+from ..scenario import Scenario
+from .cast_python import channel_emulator
+from .ports import Port, connect_sink, source_block
+from .recorder import SigmfRecorder
+from .usrp import RadioSettings
+
+_AHEAD_S = 2.0  # scenario time that is queued before its samples come
+
+
+class Emulation(gr.top_block):
+    """All nodes of a scenario on one channel emulator, joined to their ports; without one a node is silent, or unheard.
+
+    `noise_power` is every receiver's, in units of the samples squared. `settings` maps (node, direction) of UHD
+    ports to RadioSettings. Raises CastError, all faults at once, where ports and scenario do not fit.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        ports: list[Port],
+        sample_rate_hz: float,
+        *,
+        noise_power: float = 0.0,
+        seed: int = 0,
+        fixed_point: FixedPoint | None = None,
+        settings: dict[tuple[str, str], RadioSettings] | None = None,
+        n_threads: int = 0,
+    ):
+        super().__init__("Emulation", catch_exceptions=False)
+        self.nodes, self.sample_rate_hz = scenario.nodes, sample_rate_hz
+        _check_ports(scenario, ports)
+        settings = settings or {}
+        self.emulator = channel_emulator(
+            len(self.nodes),
+            len(self.nodes),
+            filter_length(sample_rate_hz),
+            sample_rate_hz,
+            n_threads,
+            scenario.name,
+            seed,
+        )
+        for node in range(len(self.nodes)):
+            self.emulator.set_noise_power(node, noise_power)
+        if fixed_point:
+            self.emulator.set_fixed_point(
+                fixed_point.bits,
+                fixed_point.tap_bits,
+                fixed_point.input_full_scale,
+                fixed_point.output_full_scale,
+            )
+        by_place = {(port.node, port.direction): port for port in ports}
+        self._blocks = []
+        for index, node in enumerate(self.nodes):
+            tx, rx = ((node, direction) for direction in ("tx", "rx"))
+            nothing = Port(node=node, direction="tx", kind="null")
+            source = source_block(by_place.get(tx, nothing), settings.get(tx), sample_rate_hz)
+            self.connect(source, (self.emulator, index))
+            sink = connect_sink(
+                self, self.emulator, index, by_place.get(rx, nothing), settings.get(rx), sample_rate_hz
+            )
+            self._blocks += [source, sink]
+        self._lock = threading.Lock()
+        self._stopping = threading.Event()
+        self._off: set[tuple[int, int]] = set()  # links that were switched off one by one
+        self._on = True
+        self.load(scenario)
+
+    def load(self, scenario: Scenario) -> None:
+        """Play another scenario of the same nodes from the next sample on."""
+        if scenario.nodes != self.nodes:
+            raise CastError(
+                f"{scenario.name}: nodes: got {', '.join(scenario.nodes)}, the ports are of {', '.join(self.nodes)}"
+            )
+        with self._lock:
+            self.scenario = scenario
+            self.emulator.clear()
+            self._off.clear()
+            self._begin = self.status()["samples"]
+            self._queued_s = 0.0
+            self._queue()
+
+    def switch(self, on: bool) -> None:
+        """Every link off, or on again but those that were switched off by themselves. The scenario plays on."""
+        with self._lock:
+            self._on = on
+            for tx in range(len(self.nodes)):
+                for rx in range(len(self.nodes)):
+                    self.emulator.enable_link(tx, rx, on and (tx, rx) not in self._off)
+
+    def set_link(
+        self, tx: str, rx: str, *, taps: list[dict] | None = None, enabled: bool | None = None
+    ) -> None:
+        """New taps, each `delay_s`, `gain_db` and `phase_rad`, until the scenario has others; or switch a link.
+
+        Delays between samples become filters, which begin earlier than the delay: CastError where there is no room.
+        """
+        with self._lock:
+            link = (self._node(tx), self._node(rx))
+            if taps is not None:
+                delay = np.array([tap["delay_s"] for tap in taps], float) * self.sample_rate_hz
+                gain = np.array(
+                    [10 ** (tap["gain_db"] / 20) * np.exp(1j * tap.get("phase_rad", 0)) for tap in taps]
+                )
+                bulk = scenario_bulk_delay(self.scenario, self.sample_rate_hz)
+                try:
+                    self.emulator.set_taps(*link, fir_taps(delay, gain, bulk).tolist())
+                except (ValueError, IndexError) as error:
+                    raise CastError(f"link {tx}>{rx}: {error}") from None
+            if enabled is not None:
+                self._off.discard(link) if enabled else self._off.add(link)
+                self.emulator.enable_link(*link, enabled and self._on)
+
+    def status(self) -> dict:
+        """The emulator's own status, whether links are on, and the scenario's clock in s."""
+        status = pmt.to_python(self.emulator.status())
+        begin = getattr(self, "_begin", 0)
+        return status | {
+            "scenario": self.scenario.name,
+            "on": self._on,
+            "scenario_time_s": (status["samples"] - begin) / self.sample_rate_hz,
+            "bulk_delay_samples": scenario_bulk_delay(self.scenario, self.sample_rate_hz),
+            "sample_rate_hz": self.sample_rate_hz,
+        }
+
+    def run_until(self, ended: threading.Event, report=None, report_s: float = 5.0) -> None:
+        """Run until a finite source ends or `ended` is set; `report(status)` is called every `report_s`."""
+        self.start()
+        waiter = threading.Thread(target=self._wait, args=(ended,), daemon=True)
+        waiter.start()
+        due = report_s
+        passed = 0.0
+        while not ended.wait(0.1):
+            passed += 0.1
+            with self._lock:
+                self._queue()
+            if report and passed >= due:
+                due += report_s
+                report(self.status())
+        self.stop()
+        waiter.join()
+        for block in self._blocks:
+            if isinstance(block, SigmfRecorder):
+                block.finish()
+
+    def _wait(self, ended: threading.Event) -> None:
+        self.wait()
+        ended.set()
+
+    def _node(self, name: str) -> int:
+        if name not in self.nodes:
+            raise CastError(f"node: got {name!r}, the scenario has {', '.join(self.nodes)}")
+        return self.nodes.index(name)
+
+    def _queue(self) -> None:
+        """Hand the emulator the updates that come soon: a long scenario is not queued whole."""
+        now_s = self.status()["scenario_time_s"]
+        until_s = now_s + _AHEAD_S
+        if until_s <= self._queued_s + _AHEAD_S / 2:
+            return
+        for update in scenario_updates(self.scenario, self.sample_rate_hz, self._queued_s, until_s):
+            self._send(update)
+        self._queued_s = until_s
+
+    def _send(self, update: LinkUpdate) -> None:
+        offset = None if update.at_sample == 0 else self._begin + update.at_sample
+        delays = np.flatnonzero(update.taps)
+        self.emulator.set_sparse_taps(
+            update.tx, update.rx, delays.tolist(), update.taps[delays].tolist(), offset, update.ramp_samples
+        )
+        if update.base_loss_db is not None:
+            self.emulator.set_base_loss(update.tx, update.rx, update.base_loss_db, offset)
+
+
+def _check_ports(scenario: Scenario, ports: list[Port]) -> None:
+    faults = Faults(scenario.name)
+    seen = set()
+    for port in ports:
+        place = f"port {port.node}:{port.direction}"
+        if port.node not in scenario.nodes:
+            faults.add(place, f"no such node; the scenario has {', '.join(scenario.nodes)}")
+        if (port.node, port.direction) in seen:
+            faults.add(place, "given twice")
+        seen.add((port.node, port.direction))
+    faults.raise_if_any()
