@@ -2,16 +2,22 @@
 """Bring twin and recording together: whole-sample delay, gain and orientation, whatever the carrier offset;
 build the scene."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy import fft as sp_fft
 
 from ..effects import FAMILIES
+from ..effects.base import start
 from ..effects.chain import PAD, Path, Scene, Source, reach
 from .fit import Data
 from .model import Model, predict
 
+LOWEST_LAG, HIGHEST_LAG = (
+    -10,
+    26,
+)  # samples around the taps that a model reaches where a waveform has unknown parts
 EDGE = 24  # samples at either end that a filter's memory makes uncertain
-BUILT_IN_CODES = ()
 
 
 def _source(name: str, samples: np.ndarray, amplitude: float, repeat: bool) -> Source:
@@ -67,8 +73,7 @@ def find_delay(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: fl
     holds.
 
     Segments are added without phase, so that a carrier offset does no harm; of several segment lengths the
-    one that
-    explains most is taken.
+    one that explains most is taken.
     """
     n = len(y)
     repeat = all(s.repeat for s in sources)
@@ -76,37 +81,62 @@ def find_delay(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: fl
     for source, link in zip(sources, taps, strict=True):
         p = len(source.samples)
         size = p if repeat else sp_fft.next_fast_len(n + p + 64)
-        spectrum = sp_fft.fft(source.samples, size) * _response(link, size, rate)
-        templates.append((source, spectrum))
+        templates.append((source, sp_fft.fft(source.samples, size) * _response(link, size, rate)))
+    size = len(templates[0][1])
     energy = float(np.vdot(y, y).real)
+    power = sum(
+        s.power * np.sum(np.abs([t.amplitude for t in link]) ** 2)
+        for s, link in zip(sources, taps, strict=True)
+    )
     best = (-np.inf, 0)
-    for segment in sorted(
-        {max(8, n // 32), *([1024, 128] if n <= 150_000 else []), *([16] if n < 4000 else [])}, reverse=True
-    ):
-        if segment > n or (n // segment) * (1 if repeat else n) > 4e7:
+    lengths = [n // 32, *([1024, 128] if repeat else []), *([16] if n < 4000 else [])]
+    for segment in sorted({max(8, length) for length in lengths}, reverse=True):
+        if segment > n or (n // segment) * size > 6e7:
             continue
         rows = _segment_correlations(y, templates, repeat, segment)
-        length = max(len(templates[0][0].samples), 1)
-        power = sum(
-            s.power * np.sum(np.abs([t.amplitude for t in link]) ** 2)
-            for s, link in zip(sources, taps, strict=True)
-        )
-        share = sum(rows) / (min(segment, n) * power * energy)
-        if not repeat and length < n:
-            share = share * n / length * (segment / max(segment, 1))
-        score = share - len(rows) * len(templates) / n * 3
-        d = int(np.argmax(score))
-        if score[d] > best[0]:
-            best = (float(score[d]), d)
-    size = len(templates[0][1])
-    delay = best[1]
-    if not repeat and delay > n:
-        delay -= size
-    return delay, best[0]
+        share = sum(rows) / (segment * power * energy)
+        if not repeat:
+            share = share * max(1.0, n / len(sources[0].samples))
+        share = share - 3 * len(rows) * len(templates) / n
+        d = int(np.argmax(share))
+        if share[d] > best[0]:
+            best = (float(share[d]), d)
+    delay, share = best[1], best[0]
+    if not repeat:
+        delay = delay - size if delay > n else delay
+        if len(sources[0].samples) >= n and n > 4000:
+            near = find_near(y, sources, 0, reach=2048)
+            if near[1] > 1.05 * share:
+                delay, share = near
+    return delay, share
 
 
-def build(case, observation, *, inverted: bool | None = None):
-    """Scene, data and first model of one recording; `inverted` is decided here unless given."""
+def find_near(
+    y: np.ndarray, sources: list[Source], centre: int, reach: int, segment: int = 256
+) -> tuple[int, float]:
+    """`find_delay` by short segments within `reach` of a delay, for waveforms sent once and any carrier
+    offset."""
+    n = len(y)
+    total, energy = np.zeros(2 * reach), 0.0
+    size = sp_fft.next_fast_len(segment + 2 * reach)
+    for first in np.unique(np.linspace(0, n - segment, 400).astype(int)):
+        piece = y[first : first + segment]
+        begin = first - centre - reach + 1
+        for source in sources:
+            template = source.samples[max(begin, 0) : max(begin + segment + 2 * reach - 1, 0)]
+            if not template.any():
+                continue
+            template = np.concatenate([np.zeros(max(-begin, 0)), template])
+            both = sp_fft.ifft(sp_fft.fft(template, size) * np.conj(sp_fft.fft(piece, size)))[: 2 * reach]
+            total += np.abs(both[::-1]) ** 2 / (segment * source.power)
+        energy += float(np.vdot(piece, piece).real)
+    d = int(np.argmax(total))
+    return centre + d - reach, float(total[d] - np.median(total)) / max(energy, 1e-300)
+
+
+def build(case, observation, *, near: tuple[int, bool] | None = None):
+    """Scene, data and first model of one recording; `near`: (delay in samples, inverted) where they are
+    known before."""
     rate, n = case.sample_rate_hz, len(observation.samples)
     y = observation.samples.astype(complex)
     names = list(observation.on_air)
@@ -123,21 +153,20 @@ def build(case, observation, *, inverted: bool | None = None):
     turn = np.exp(-2j * np.pi * _twin_offset_hz(case, observation, links) * np.arange(n) / rate)
     taps = [link.taps for link in links]
     told = any(e["family"] == "spectral_inversion" for e in twin)
-    if told:
-        y_search = np.conj(y)
-    else:
-        y_search = y
-    delay, share = find_delay(y_search * turn, sources, taps, rate)
     flip = False
-    if inverted is None and not told:
-        other, other_share = find_delay(np.conj(y) * turn, sources, taps, rate)
-        flip = other_share > 1.2 * share + 0.01
-        if flip:
-            delay = other
+    if near is not None:
+        delay, flip = near
+    else:
+        delay, share = find_delay((np.conj(y) if told else y) * turn, sources, taps, rate)
+        if not told:
+            other, other_share = find_delay(np.conj(y) * turn, sources, taps, rate)
+            flip = other_share > 1.2 * share + 0.01
+            delay = other if flip else delay
     repeat = sources[0].repeat
     if repeat:
         delay %= len(sources[0].samples)
     seen = sources if repeat else [_window(s, delay, n) for s in sources]
+    later = observation.first / rate
     paths = [
         Path(source=i, delay=t.delay_s * rate, gain=complex(t.amplitude), doppler=t.doppler_hz * n / rate)
         for i, link in enumerate(links)
@@ -165,10 +194,8 @@ def build(case, observation, *, inverted: bool | None = None):
     base = np.array([float(delay) if repeat else 0.0, 1.0, 0.0, *(1.0, 0.0) * len(scene.free_ports)])
     model = Model(base=base)
     for entry in twin:
-        model = model.adding(_parse(scene, entry))
+        model = model.adding(_parse(scene, entry, later))
     if flip:
-        from ..effects.base import start
-
         model = model.adding(start(FAMILIES["spectral_inversion"], []))
     chain = predict(scene, model)
     w = data.root
@@ -225,12 +252,13 @@ def _twin_offset_hz(case, observation, links) -> float:
     return total + strongest.doppler_hz
 
 
-def _parse(scene, entry):
-    from dataclasses import replace
-
+def _parse(scene, entry, later: float = 0.0):
+    """A twin's entry as an effect on a recording that begins `later` seconds into it."""
     family = FAMILIES[entry["family"]]
     values = {k: _plain(v, scene.name) for k, v in entry["parameters"].items()}
     values = {k: v for k, v in values.items() if v is not None}
+    if family.name == "carrier_frequency_offset":
+        values["offset_hz"] = values.get("offset_hz", 0.0) + values.get("drift_hz_per_s", 0.0) * later
     effect = family.parse(scene, values, entry.get("model") or {})
     stds = [v.get("std", 0.0) for v in entry["parameters"].values() if isinstance(v, dict) and "value" in v]
     free = effect.free & (any(s > 0 for s in stds))
@@ -252,7 +280,7 @@ def split(n: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
 def _data(case, observation, scene, y) -> Data:
     n = len(y)
     spread = max(p.delay for p in scene.taps)
-    valid = reach(scene, -8, int(np.ceil(spread)) + 8)
+    valid = reach(scene, LOWEST_LAG - 8, int(np.ceil(spread)) + HIGHEST_LAG + 8)
     edge = min(EDGE, n // 40)
     valid[:edge] = valid[n - edge :] = False
     select, vault = split(n)

@@ -3,7 +3,7 @@
 once."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -74,6 +74,10 @@ class Observation:
     datatype: str
     center_frequency_hz: float | None
     vault: bool
+    first: int = 0  # index in the recording of the first sample here, where this is a part of it
+
+    def part(self, first: int, last: int) -> "Observation":
+        return replace(self, samples=self.samples[first:last], first=first)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,8 +14,10 @@ from scipy import fft as sp_fft
 from scipy import linalg
 
 from ..effects import FAMILIES, stage_of
-from ..effects.base import RX_GAIN
+from ..effects.base import RX_FILTER, RX_GAIN
 from .model import Model, jacobian, predict
+
+COLOUR_ORDERS = 10  # cepstral coefficients of a receiver's noise colour
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,6 +109,8 @@ def solve(data: Data, model: Model, *, iterations: int = 8, tolerance: float = 0
             2 / sigma2 * (white @ real_rows(data.whitened(data.y - chain.y)[None])[0])
             - prior * model.vector()
         )
+        if not (np.isfinite(hessian).all() and np.isfinite(slope).all()):
+            break
         step = invert(hessian + np.diag(prior)) @ slope
         gain = 0.5 * slope @ step
         if gain < tolerance:
@@ -145,7 +149,7 @@ def _finish(data: Data, model: Model, chain, rows) -> Fit:
     r = data.whitened(residual)
     n = data.count
     sigma2 = max(float(np.vdot(r, r).real) / n, 1e-30)
-    hessian = 2 / sigma2 * (white @ white.T)
+    hessian = np.nan_to_num(2 / sigma2 * (white @ white.T))
     likelihood = -n * (np.log(sigma2) + 1) - data.log_shape()
     return Fit(
         model=model,
@@ -178,13 +182,15 @@ def price(model: Model, hessian: np.ndarray, count: float) -> float:
                 + 0.5 * np.linalg.slogdet(np.eye(len(p)) + block)[1]
                 + 0.5 * np.log(count)
             )
+    if filters_noise(model):
+        total += COLOUR_ORDERS * np.log(count)
     return total
 
 
 def with_noise(fit: Fit, model: Model) -> Data:
     """The data with the noise's shape that the noise effects of `model` give around the prediction of
     `fit`."""
-    spectrum = None
+    spectrum = smooth_spectrum(fit.data, fit.residual) if filters_noise(model) else None
     variance = gain_of_receiver(fit, model)
     for effect in model.effects:
         family = FAMILIES[effect.family]
@@ -194,8 +200,34 @@ def with_noise(fit: Fit, model: Model) -> Data:
                 family.spectrum(fit.data.scene, effect),
             )
             variance = v if variance is None else variance if v is None else variance * v
-            spectrum = s if spectrum is None else spectrum if s is None else spectrum + s - 1
+            spectrum = s if spectrum is None else spectrum if s is None else spectrum * s
     return replace(fit.data, variance=variance, spectrum=spectrum)
+
+
+def smooth_spectrum(data: Data, residual: np.ndarray, orders: int = COLOUR_ORDERS) -> np.ndarray:
+    """(n,) noise density of a residual relative to its geometric mean, from the first `orders` cepstral
+    coefficients."""
+    n, bins = len(residual), 128
+    power = np.abs(sp_fft.fft(residual * (data.use > 0))) ** 2
+    edges = np.linspace(0, n, bins + 1).astype(int)[:-1]
+    log_power = np.log(np.add.reduceat(power, edges) / np.diff(np.append(edges, n)) + 1e-300)
+    cepstrum = sp_fft.ifft(log_power)
+    cepstrum[0] = 0.0
+    cepstrum[orders + 1 : bins - orders] = 0.0
+    turn = np.exp(
+        2j * np.pi * np.arange(bins) * 0.5 / bins
+    )  # a cell's middle lies half a cell above its edge
+    wide = np.zeros(n, complex)
+    keep = np.arange(-orders, orders + 1)
+    wide[keep % n] = cepstrum[keep % bins] * np.where(
+        keep >= 0, np.conj(turn[keep % bins]), turn[-keep % bins]
+    )
+    return np.exp(np.clip(sp_fft.fft(wide).real, -6, 6))
+
+
+def filters_noise(model: Model) -> bool:
+    """Whether the receiver has a filter that noise passes too."""
+    return any(stage_of(e) == RX_FILTER for e in model.effects)
 
 
 def gain_of_receiver(fit: Fit, model: Model):

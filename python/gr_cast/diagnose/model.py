@@ -32,7 +32,7 @@ class Model:
 
     @property
     def families(self) -> tuple[str, ...]:
-        return tuple(sorted(e.family for e in self.found))
+        return tuple(sorted(e.family + str(e.aux.get("side", "")) for e in self.found))
 
     def vector(self) -> np.ndarray:
         """Every free number: the base, then the free parameters of each effect in order."""

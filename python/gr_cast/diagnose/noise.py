@@ -52,6 +52,18 @@ def signal_dependent(fit):
     return -best.fun - flat, start(family, [best.x], free=[False])
 
 
+def told_floor(energy: np.ndarray, power: np.ndarray) -> tuple[float, float]:
+    """(ln strength, ln L) of noise 1 + k·power, `energy` and `power` relative to a floor that is known and
+    to their mean."""
+
+    def cost(k):
+        v = 1 + np.exp(k) * power
+        return float(np.log(v).sum() + (energy / v).sum())
+
+    best = minimize_scalar(cost, bounds=(-9, 7), method="bounded", options={"xatol": 1e-3})
+    return float(best.x), -float(best.fun)
+
+
 def impulsive(fit):
     """(gain, effect) of a mixture: a share p of samples with 1 + k times the power."""
     use = fit.data.use > 0

@@ -37,9 +37,7 @@ def _gamma_cells(energy: np.ndarray, count: np.ndarray):
 def time_frequency(fit, rows: int = 48, bins: int = 32):
     """(rows, bins) energy over expectation of the normalised residual, and samples behind each cell."""
     data, scene = fit.data, fit.data.scene
-    r = fit.residual * data.root / np.sqrt(fit.sigma2)
-    if data.spectrum is not None:
-        r = sp_fft.ifft(sp_fft.fft(r) / np.sqrt(data.spectrum))
+    r = _normal(fit)
     length = max(bins, scene.count // rows // bins * bins)
     rows = scene.count // length
     blocks = r[: rows * length].reshape(rows, -1, bins)
@@ -89,7 +87,8 @@ def _bonferroni(log_p: float, cells: int) -> float:
 
 
 def _normal(fit) -> np.ndarray:
-    return fit.residual * fit.data.root / np.sqrt(fit.sigma2)
+    """(n,) the residual made white and of unit power."""
+    return fit.data.whitened(fit.residual) / np.sqrt(fit.sigma2)
 
 
 def _place_in_code(fit) -> Leftover | None:
@@ -137,3 +136,23 @@ def _amplitude(fit, inside) -> Leftover | None:
         nats=float(max(0, energy.sum() - 16)),
         where={"amplitude": [float(edges[-2]), float(edges[-1])]},
     )
+
+
+def delay_time(fit, segments: int = 24) -> tuple[np.ndarray, np.ndarray]:
+    """(delays in s on the taps' scale, (segments, delays)): energy with which the residual holds the
+    waveform once more,
+    over what noise alone would give."""
+    view, scene = View(fit), fit.data.scene
+    segments = max(1, min(segments, scene.count // 64))
+    source = scene.sources[0]
+    turned = view.residual * np.conj(view.carrier)
+    c, lags = view.correlations(0, turned, segments)
+    span = int(min(len(lags), max(64, 2 * max(p.delay for p in scene.taps) + 32)))
+    if source.repeat:
+        first = int(round(fit.model.base[0])) - span // 6
+        c = np.roll(c, -first, axis=1)[:, :span]
+        delays = np.arange(span) - span // 6
+    else:
+        c, delays = c[:, :span], lags[:span]
+    expected = fit.sigma2 * np.mean(np.abs(view.carrier) ** 2) * source.power * fit.data.count / segments
+    return delays / scene.sample_rate_hz, np.abs(c) ** 2 / max(expected, 1e-300)

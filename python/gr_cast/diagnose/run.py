@@ -6,13 +6,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..effects import FAMILIES
+from ..effects import FAMILIES, Effect
 from ..effects.base import start
-from . import align, gate, residual
-from .fit import Fit, gain_of_receiver
+from . import align, ambiguity, gate, noise, residual
+from .fit import Fit, filters_noise, gain_of_receiver
 from .search import refit, search
 
 BUDGET_S = 240.0
+SETTLED = {"carrier_frequency_offset", "extra_path"}  # a drift or Doppler of 0 has an error too
+LONGEST_PART = 120_000  # samples that are fitted at once
+MOST_PARTS = 8
 UNEXPLAINED_P = 1e-5
 UNEXPLAINED_NATS = 40.0
 UNEXPLAINED_SHARE = 0.01
@@ -30,11 +33,35 @@ class Finding:
     fits: list[Fit]
     stds: dict = field(default_factory=dict)
     left: list = field(default_factory=list)
-    missing: list = field(default_factory=list)
+    ambiguous: list = field(default_factory=list)
+    gains: dict = field(default_factory=dict)  # effect → (evidence, rivals)
 
     @property
     def fit(self) -> Fit:
         return self.fits[0]
+
+    def gain_of(self, index: int) -> float:
+        """Evidence that is lost without an effect."""
+        effect = self.fit.model.effects[index]
+        if "nats" in effect.aux:
+            return float(effect.aux["nats"])
+        return self._compared(index)[0]
+
+    def rivals_of(self, index: int) -> list:
+        return [] if "nats" in self.fit.model.effects[index].aux else self._compared(index)[1]
+
+    def _compared(self, index: int):
+        """What `_compare` found, made now where it was not asked before."""
+        effect = self.fit.model.effects[index]
+        key = id(effect.p)
+        if key not in self.gains:
+            model = replace(
+                self.fit.model, effects=tuple(e for e in self.fit.model.effects if "nats" not in e.aux)
+            )
+            at = next(i for i, e in enumerate(model.effects) if e.p is effect.p)
+            without = refit(self.data, model.without(at))
+            self.gains[key] = (float(self.fit.evidence - without.evidence), [])
+        return self.gains[key]
 
 
 def nmse(data, y: np.ndarray, inside: np.ndarray) -> float:
@@ -45,26 +72,108 @@ def nmse(data, y: np.ndarray, inside: np.ndarray) -> float:
     )
 
 
-def examine(case, observation, *, deadline: float) -> Finding:
-    """Search one recording."""
-    scene, data, model = align.build(case, observation)
+def parts_of(observation) -> list:
+    """A long recording in overlapping parts that are fitted one by one; a short one whole."""
+    n = len(observation.samples)
+    if n <= LONGEST_PART:
+        return [observation]
+    count = min(-(-n // LONGEST_PART), MOST_PARTS)
+    size = min(n, LONGEST_PART)
+    firsts = np.linspace(0, n - size, count).astype(int)
+    return [observation.part(int(f), int(f) + size) for f in firsts]
+
+
+def examine(case, observation, *, deadline: float) -> list[Finding]:
+    """Search one recording: its first part in full, every other from what the first one showed."""
+    parts, findings = parts_of(observation), []
+    for k, part in enumerate(parts):
+        if findings and time.monotonic() > deadline:
+            break
+        until = time.monotonic() + (deadline - time.monotonic()) * (
+            0.6 if k == 0 and len(parts) > 1 else 1 / (len(parts) - k)
+        )
+        findings.append(_examine_part(case, part, findings[0] if findings else None, until))
+    return findings
+
+
+def _examine_part(case, part, known: Finding | None, deadline: float) -> Finding:
+    if known is None:
+        scene, data, model = align.build(case, part)
+    else:
+        scene, data, model = align.build(case, part, near=_expected(known, part))
     plain = replace(model, effects=tuple(e for e in model.effects if e.fixed))
     stds = {}
-    for effect, std in gate.discrete(observation.samples.astype(complex), observation.datatype):
+    for effect, std in gate.discrete(part.samples.astype(complex), part.datatype):
         model = model.adding(effect)
         stds[effect.family] = std
     twin = refit(data, plain)
     scene.rms = float(np.sqrt(np.mean(np.abs(refit(data, model).chain.wanted) ** 2)))
+    for effect in known.fit.model.found if known else ():
+        if effect.family not in LOCAL and effect.family not in {e.family for e in model.effects}:
+            model = model.adding(effect)
     fits = search(data, model, deadline=deadline)
-    finding = Finding(observation=observation, scene=scene, data=data, twin=twin, fits=fits, stds=stds)
+    finding = Finding(observation=part, scene=scene, data=data, twin=twin, fits=fits, stds=stds)
     finding.fits[0] = _settle(finding.fit)
+    if known is None:
+        _compare(finding)
     _floor(finding)
     _look_for_rest(finding)
     return finding
 
 
+# What belongs to one moment, or is judged anew in every part.
+LOCAL = {
+    "sample_loss",
+    "gain_step",
+    "gain_drift",
+    "noise_floor",
+    "pulsed_interference",
+    "adc_clipping",
+    "quantization",
+}
+LOCAL |= {"phase_noise", "tap_fading", "impulsive_noise"}
+
+
+def _expected(known: Finding, part) -> tuple[int, bool]:
+    """Where a later part of the same recording begins in the waveform."""
+    clock = next((e.p[0] for e in known.fit.model.effects if e.family == "sample_clock_offset"), 0.0)
+    ahead = part.first - known.observation.first
+    delay = known.scene.anchor + known.fit.model.base[0] - ahead * (1 + clock / known.scene.count)
+    return int(round(delay)), any(e.family == "spectral_inversion" for e in known.fit.model.found)
+
+
+def _compare(finding: Finding) -> None:
+    """Every found effect against its rivals."""
+    fit = finding.fit
+    for i, effect in enumerate(fit.model.effects):
+        if effect.fixed:
+            continue
+        finding.gains[id(effect.p)] = _, rivals = ambiguity.rivals(fit, i)
+        equal = [r for r in rivals if ambiguity.alike(effect, r)]
+        if equal:
+            families = list(dict.fromkeys([effect.family, *(r.effect.family for r in equal)]))[:3]
+            apart = abs(equal[0].likelihood)
+            finding.ambiguous.append(
+                {
+                    "families": families,
+                    "why": f"{' and '.join(families)} explain this recording equally well "
+                    f"({apart:.1f} nats apart).",
+                    "record_next": ambiguity.record_next(fit, equal[0].fit),
+                }
+            )
+
+
 def _settle(fit: Fit) -> Fit:
-    """Effects by search carry the floor that noise families are told against."""
+    """Let every number of what was found move (a drift, a Doppler), and note the floor that noise is told
+    against."""
+    effects = tuple(
+        replace(e, free=np.ones(len(e.p), bool)) if e.family in SETTLED and not e.fixed else e
+        for e in fit.model.effects
+    )
+    if any(a is not b for a, b in zip(effects, fit.model.effects, strict=True)):
+        freed = refit(fit.data, replace(fit.model, effects=effects))
+        if freed.likelihood > fit.likelihood - 1.0:
+            fit = freed
     effects = tuple(
         replace(e, aux={**e.aux, "_floor": fit.sigma2}) if FAMILIES[e.family].noise_like else e
         for e in fit.model.effects
@@ -73,31 +182,59 @@ def _settle(fit: Fit) -> Fit:
 
 
 def _floor(finding: Finding) -> None:
-    """Compare the floor with the twin's, on samples that the rails do not touch."""
+    """Compare the noise with the twin's, on samples that the rails do not touch."""
     fit, told = finding.fit, finding.data.noise_power
-    if told is None:
+    if told is None or filters_noise(
+        fit.model
+    ):  # a filter's own gain is unknown, and with it the floor before it
         return
     inside = off_the_rails(fit)
     shape = np.ones(fit.data.scene.count) if fit.data.variance is None else fit.data.variance
-    n = float(inside.sum())
-    floor = float(np.mean(np.abs(fit.residual[inside]) ** 2 / shape[inside]))
     for e in fit.model.effects:
         if e.family == "quantization":
-            floor = max(floor - e.p[0] ** 2 / 6, floor * 1e-3)
-    ratio = floor / told
+            told = told + e.p[0] ** 2 / 6
+    n = float(inside.sum())
+    energy = np.abs(fit.residual[inside]) ** 2 / shape[inside] / told
+    ratio = float(energy.mean())
     nats = n * (ratio - 1 - np.log(ratio))
     # A gain that changes has no level of its own: how far it moves is how well the floor is known.
     moved = gain_of_receiver(fit, fit.model)
     doubt_db = 0.05 if moved is None else 0.05 + 10 * np.log10(moved.max() / moved.min())
-    if nats > 0.5 * np.log(n) + 8 and abs(10 * np.log10(ratio)) > doubt_db:
-        effect = start(
-            FAMILIES["noise_floor"],
-            [10 * np.log10(ratio)],
-            free=[False],
-            aux={"_floor": floor, "nats": float(nats)},
+    follows = any(e.family == "signal_dependent_noise" for e in fit.model.effects)
+    if follows:
+        doubt_db += 0.3
+    if nats < 0.5 * np.log(n) + 8 or abs(10 * np.log10(ratio)) < doubt_db:
+        return
+    floor = start(
+        FAMILIES["noise_floor"],
+        [10 * np.log10(ratio)],
+        free=[False],
+        aux={"nats": float(nats), "_floor": fit.sigma2},
+    )
+    std = {"change_db": 10 / np.log(10) / np.sqrt(n)}
+    if ratio > 1 and not follows:
+        power = np.abs(fit.chain.wanted[inside]) ** 2
+        power = power / max(power.mean(), 1e-300)
+        strength, likelihood = noise.told_floor(energy, power)
+        lead = (
+            float(-n * np.log(ratio) - n) - likelihood
+        )  # of a raised floor over noise that follows the signal
+        other = start(
+            FAMILIES["signal_dependent_noise"], [strength], free=[False], aux={"nats": float(nats - lead)}
         )
-        finding.fits[0] = replace(fit, model=fit.model.adding(effect))
-        finding.stds["noise_floor"] = {"change_db": 10 / np.log(10) / np.sqrt(n)}
+        if abs(lead) < ambiguity.ALIKE_NATS:
+            finding.ambiguous.append(
+                {
+                    "families": ["noise_floor", "signal_dependent_noise"],
+                    "why": "The wanted power hardly changes here: more noise everywhere and noise following "
+                    f"the signal fit alike ({abs(lead):.1f} nats apart).",
+                    "record_next": ambiguity.noise_experiment(1.0, ratio - 1.0),
+                }
+            )
+        elif lead < 0:
+            floor, std = other, {"slope_db": 10 / np.log(10) / np.sqrt(n) * ratio / (ratio - 1)}
+    finding.fits[0] = replace(fit, model=fit.model.adding(floor))
+    finding.stds[floor.family] = std
 
 
 def off_the_rails(fit: Fit) -> np.ndarray:
@@ -116,6 +253,48 @@ def _look_for_rest(finding: Finding) -> None:
     for rest in residual.leftovers(fit, off_the_rails(fit)):
         if rest.p_value < UNEXPLAINED_P and rest.nats > max(UNEXPLAINED_NATS, UNEXPLAINED_SHARE * explained):
             finding.left.append(rest)
+
+
+def predict_only(case, observation, findings) -> tuple[float, float, float]:
+    """(twin, corrected, noise) NMSE of a recording for the vault: what was found elsewhere, with its own
+    delay and gain."""
+    part = parts_of(observation)[0]
+    like = max(
+        findings,
+        key=lambda f: (
+            f.observation.receiver == part.receiver,
+            set(f.observation.on_air) == set(part.on_air),
+        ),
+    )
+    scene, data, model = align.build(case, part)
+    data = replace(data, use=data.vault.astype(float))
+    twin = refit(data, model)
+    ratio = scene.count / like.scene.count
+    found = tuple(_rescaled(e, ratio) for e in like.fit.model.found if not FAMILIES[e.family].noise_like)
+    for effect in found:
+        if effect.family not in {e.family for e in model.effects}:
+            model = model.adding(replace(effect, free=np.zeros(len(effect.p), bool)))
+    fit = refit(data, model)
+    inside = data.vault
+    told = data.noise_power or like.fit.sigma2
+    return (
+        nmse(data, twin.chain.y, inside),
+        nmse(data, fit.chain.y, inside),
+        told / float(np.mean(np.abs(data.y) ** 2)),
+    )
+
+
+def _rescaled(effect: Effect, ratio: float) -> Effect:
+    """An effect on a recording `ratio` times as long: what counts cycles or samples over the recording
+    grows with it."""
+    power = {
+        "carrier_frequency_offset": (1, 2),
+        "sample_clock_offset": (1,),
+        "extra_path": (0, 0, 0, 1),
+        "tap_doppler": (1, 0),
+    }
+    grow = power.get(effect.family)
+    return effect if grow is None else effect.moved(effect.p * ratio ** np.array(grow, float))
 
 
 @dataclass(kw_only=True)
@@ -180,9 +359,11 @@ def diagnose(case, *, budget_s: float = BUDGET_S) -> Diagnosis:
     findings = []
     for k, observation in enumerate(fitted):
         share = (budget_s - (time.monotonic() - begun)) / (len(fitted) - k)
-        findings.append(examine(case, observation, deadline=time.monotonic() + share))
+        findings += examine(case, observation, deadline=time.monotonic() + share)
     from .verdict import conclude
 
-    document = conclude(case, findings)
+    document = conclude(
+        case, findings, [predict_only(case, o, findings) for o in case.observations if o.vault]
+    )
     document["seconds"] = round(time.monotonic() - begun, 3)
     return Diagnosis(case=case, document=document, findings=findings)

@@ -6,13 +6,14 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import fft as sp_fft
 
 from ..effects import FAMILIES, Effect, stage_of
-from ..effects.base import RX_GAIN
+from ..effects.base import RX_FILTER, RX_GAIN, start
 from ..effects.basis import cosines
 from . import noise
-from .fit import Data, Fit, invert, misfit, real_rows, solve, with_noise
-from .model import Model, _run, _start_chain, _steps, derivative_units, effect_columns
+from .fit import COLOUR_ORDERS, Data, Fit, invert, misfit, real_rows, smooth_spectrum, solve, with_noise
+from .model import Model, _run, _start_chain, _steps, derivative_units, effect_columns, predict
 from .view import View
 
 MARGIN = 5.0  # nats of evidence that an effect must bring beyond its price
@@ -140,11 +141,25 @@ def score(fit: Fit, effect: Effect, grams: dict | None = None) -> Score:
         cost = occam + 0.5 * np.log(n)
     gain = -n * np.log(max(1 - gain / n, 1e-12))  # the noise level is fitted too
     found = replace(effect, p=p)
+    if stage_of(effect) == RX_FILTER:
+        net = gain - cost - np.log(effect.trials)
+        colour = grams.setdefault("colour", _colour_gain(fit))
+        gain += colour if net > 0 else min(colour, 0.0)
     if prior is not None:
         full = effect.prior.copy()
         full[free] = prior
         found = replace(found, prior=full)
     return Score(net=float(gain - cost - np.log(effect.trials)), effect=found)
+
+
+def _colour_gain(fit: Fit) -> float:
+    """Nats that a smooth colour of the noise gains, after its price: what a receiver's filter does to
+    noise."""
+    shape = smooth_spectrum(fit.data, fit.residual)
+    power = np.abs(sp_fft.fft(fit.residual * fit.data.use)) ** 2
+    n = fit.data.count
+    gain = n * (np.log(power.mean()) - np.log((power / shape).mean()) - np.log(shape).mean())
+    return float(gain - COLOUR_ORDERS * np.log(n))
 
 
 def _with_prior(schur, slope, shape):
@@ -168,7 +183,7 @@ def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2) ->
     """Signal and noise law at their joint optimum. `near`: a fit whose signal part is already close."""
     white = replace(data, variance=None, spectrum=None)
     noisy = any(FAMILIES[e.family].noise_like and not e.fixed for e in model.effects)
-    shaped = noisy or any(stage_of(e) == RX_GAIN for e in model.effects)
+    shaped = noisy or any(stage_of(e) in (RX_GAIN, RX_FILTER) for e in model.effects)
     if not noisy or near is None:
         fit = solve(white, model)
     if not shaped:
@@ -253,7 +268,11 @@ def _worth_trying(scores: list[Score]) -> list[Score]:
 def search(data: Data, model: Model, *, deadline: float = np.inf) -> list[Fit]:
     """Fits by falling evidence, the best first; every effect of the best has paid its price."""
     first = refit(data, model)
-    beam, done = [first], {first.model.families: first}
+    beam = [first, *(refit(data, other) for other in _gross_offsets(data, model))]
+    done = {}
+    for fit in sorted(beam, key=lambda f: f.evidence):
+        done[fit.model.families] = fit
+    beam = [f for f in beam if f.evidence > max(g.evidence for g in beam) - 10.0][:BEAM]
     for _ in range(MOST_EFFECTS + 1):
         grown = []
         for fit in beam:
@@ -287,6 +306,33 @@ def search(data: Data, model: Model, *, deadline: float = np.inf) -> list[Fit]:
 
 def plausible(model: Model) -> bool:
     return all(FAMILIES[e.family].plausible(e) for e in model.effects)
+
+
+def _gross_offsets(data: Data, model: Model) -> list[Model]:
+    """Where the recording turns fast against the twin: with that carrier offset, alone and with the sample
+    clock of the
+    same oscillator."""
+    if any(e.family == "carrier_frequency_offset" and not e.fixed for e in model.effects):
+        return []
+    scene = data.scene
+    chain = predict(scene, model)
+    y, wanted = data.y, chain.wanted
+    if any(e.family == "spectral_inversion" for e in model.effects):
+        y, wanted = np.conj(y), np.conj(wanted)
+    product = y * np.conj(wanted) * data.use
+    size = sp_fft.next_fast_len(4 * len(product))
+    spectrum = np.abs(sp_fft.fft(product, size))
+    k = int(np.argmax(spectrum))
+    cycles = (k if k < size // 2 else k - size) * len(product) / size
+    if abs(cycles) < 1.0 or spectrum[k] < 2 * spectrum[0]:
+        return []
+    offset = start(FAMILIES["carrier_frequency_offset"], [cycles, 0.0], trials=len(product))
+    found = [model.adding(offset)]
+    if scene.carrier_hz:
+        gained = cycles / scene.duration_s / scene.carrier_hz * scene.count
+        if abs(gained) > 0.05:
+            found.append(found[0].adding(start(FAMILIES["sample_clock_offset"], [gained])))
+    return found
 
 
 def eliminate(data: Data, fit: Fit) -> Fit:

@@ -4,43 +4,54 @@
 import numpy as np
 
 from ..effects import FAMILIES
+from .ownership import kind_of, owner
 from .run import Finding, nmse, numbers
 
-SAME_DELAY_SAMPLES = 1.0
+SAME_DELAY_SAMPLES = 0.7
+LEAST_NATS = 8.0  # that an effect must bring over all recordings
 
 
-def _key(finding: Finding, effect):
-    """What makes two effects in two recordings the same: family and, for paths and tones, place."""
-    family = FAMILIES[effect.family]
-    if family.level == "link":
-        tap = effect.aux.get("tap")
-        delay = (
-            finding.scene.taps[tap].delay
-            if tap is not None
-            else round(effect.p[2])
-            if effect.family == "extra_path"
-            else 0
-        )
-        return (effect.family, finding.observation.name, round(float(delay), 1), tap)
-    if effect.family in ("sample_loss", "gain_step"):
-        return (
-            effect.family,
-            round(float(effect.p[0 if effect.family == "sample_loss" else 1]), 2),
-            finding.observation.name,
-        )
-    if effect.family == "tone_interference":
-        return (effect.family, round(float(effect.p[2] / 3)))
-    return (effect.family,)
-
-
-def conclude(case, findings: list[Finding]) -> dict:
-    """The contract's document, without `seconds`."""
-    groups: dict[tuple, list[tuple[Finding, int]]] = {}
+def _group(findings: list[Finding]) -> list[list[tuple[Finding, int]]]:
+    """Effects of several recordings that are one: the same kind at the same place."""
+    groups: list[tuple[tuple, float, list]] = []
     for finding in findings:
         for i, effect in enumerate(finding.fit.model.effects):
-            if not effect.fixed:
-                groups.setdefault(_key(finding, effect), []).append((finding, i))
-    effects = [entry for members in groups.values() if (entry := _entry(case, findings, members))]
+            if effect.fixed:
+                continue
+            kind, place = kind_of(finding, effect), _place(finding, effect)
+            for other, where, members in groups:
+                if (
+                    other == kind
+                    and abs(where - place) < SAME_DELAY_SAMPLES
+                    and all(f is not finding for f, _ in members)
+                ):
+                    members.append((finding, i))
+                    break
+            else:
+                groups.append((kind, place, [(finding, i)]))
+    return [members for _, _, members in groups]
+
+
+def _place(finding: Finding, effect) -> float:
+    """A coordinate that is the same where the effect is the same, in units of SAME_DELAY_SAMPLES."""
+    if effect.family == "extra_path":
+        return float(effect.p[2])
+    if effect.family == "tone_interference":
+        return float(effect.p[2]) / 4
+    if effect.family == "sample_loss":
+        return (
+            (finding.observation.first + float(effect.p[0])) / 50
+            if finding.observation.first
+            else float(effect.p[0]) / 50
+        )
+    if effect.family == "gain_step":
+        return float(effect.p[1]) * 100
+    return 0.0
+
+
+def conclude(case, findings: list[Finding], vault: list[tuple]) -> dict:
+    """The contract's document, without `seconds`."""
+    effects = [entry for members in _group(findings) if (entry := _entry(findings, members))]
     left = [(f, rest) for f in findings for rest in f.left]
     ambiguous = _ambiguities(case, findings)
     if left:
@@ -53,7 +64,7 @@ def conclude(case, findings: list[Finding]) -> dict:
         verdict = "no_mismatch"
     if len(findings) == 1 and len(effects) > 4:
         verdict = "unexplained"
-    fit = _fit_numbers(findings)
+    fit = _fit_numbers(findings, vault)
     return {
         "cast_diagnosis": 1,
         "verdict": verdict,
@@ -73,9 +84,11 @@ def _excess_db(findings) -> float:
     return 10 * np.log10(1 + max(shares, default=0.0))
 
 
-def _fit_numbers(findings) -> dict:
-    twin, corrected, floor = [], [], []
-    for f in findings:
+def _fit_numbers(findings, vault) -> dict:
+    """Averages over recordings for the vault where the case has some, else over the vault's samples of
+    every recording."""
+    twin, corrected, floor = ([v[k] for v in vault] for k in range(3))
+    for f in findings if not vault else ():
         inside = f.data.vault if f.data.vault.any() else f.data.use > 0
         twin.append(nmse(f.data, f.twin.chain.y, inside))
         corrected.append(nmse(f.data, f.fit.chain.y, inside))
@@ -88,52 +101,25 @@ def _fit_numbers(findings) -> dict:
     } | {"split": "vault"}
 
 
-def owner_of(case, findings, members) -> dict:
-    """The node or link whose recordings are those that show the effect."""
-    finding, index = members[0]
+def _entry(findings, members) -> dict | None:
+    """One effect of the document, from the recordings that show it; None where all of them together say too
+    little."""
+    whose, group = owner(findings, members)
+    members = [m for m in members if m[0].observation.name in group] or members
+    gain = sum(f.gain_of(i) for f, i in members)
+    finding, index = max(members, key=lambda m: m[0].gain_of(m[1]))
     effect = finding.fit.model.effects[index]
-    family = FAMILIES[effect.family]
-    if family.level == "environment":
-        return {"level": "environment", "name": "environment"}
-    seen = {f.observation.name for f, _ in members}
-    source = (
-        finding.scene.taps[effect.aux["tap"]].source if "tap" in effect.aux else effect.aux.get("source", 0)
-    )
-    tx, rx = finding.scene.transmitters[source], finding.observation.receiver
-    if family.level == "link":
-        return {"level": "link", "name": f"{tx}>{rx}"}
-    level = "tx" if effect.aux.get("side") == "tx" else family.level
-    by = {
-        "tx": {o.observation.name for o in findings if tx in o.observation.on_air},
-        "rx": {o.observation.name for o in findings if o.observation.receiver == rx},
-    }
-    if len(findings) > 1 and by["tx"] != by["rx"]:
-        score = {
-            side: len(seen & names) - len(names - seen) - len(seen - names) for side, names in by.items()
-        }
-        level = max(score, key=lambda side: (score[side], side == level))
-        return {"level": level, "name": tx if level == "tx" else rx}
-    other = {"level": "rx" if level == "tx" else "tx", "name": rx if level == "tx" else tx}
-    owner = {"level": level, "name": tx if level == "tx" else rx}
-    return (
-        owner
-        if level == family.level and family.level == "tx" and effect.family != "iq_imbalance"
-        else owner | {"alternatives": [other]}
-    )
-
-
-def _entry(case, findings, members) -> dict | None:
-    finding, index = max(members, key=lambda m: _gain(*m))
-    effect = finding.fit.model.effects[index]
+    if gain < LEAST_NATS and effect.free.any():
+        return None
     family, scene = FAMILIES[effect.family], finding.scene
     values, constants = numbers(finding, index)
     if len(members) > 1:
-        for name in values:
-            if not name.startswith(("time_s",)):
-                values[name] = _pooled(
-                    [numbers(f, i)[0][name] for f, i in members if name in numbers(f, i)[0]]
-                )
-    plain = {k: v["value"] for k, v in values.items()}
+        every = {f.observation.name: numbers(f, i)[0] for f, i in members}
+        values = {
+            name: _pooled({r: v[name] for r, v in every.items() if name in v}, values[name])
+            for name in values
+        }
+    plain = {k: v["value"] for k, v in numbers(finding, index)[0].items()}
     where = {
         "delay_s": None,
         "time_s": [0.0, scene.duration_s],
@@ -142,16 +128,21 @@ def _entry(case, findings, members) -> dict | None:
         **{k: [float(a) for a in v] for k, v in family.where(scene, effect, plain).items()},
         "recording": finding.observation.name
         if len(members) == 1
-        else [f.observation.name for f, _ in members],
+        else sorted({f.observation.name for f, _ in members}),
     }
-    margin = _gain(finding, index)
+    others = finding.rivals_of(index)
+    evidence = {
+        "heldout_gain_nats": round(gain, 2),
+        "runner_up": others[0].effect.family if others else None,
+        "runner_up_margin_nats": round(others[0].evidence, 2) if others else None,
+    }
     return {
         "family": effect.family,
-        "owner": owner_of(case, findings, members),
+        "owner": whose,
         "where": where,
         "parameters": {**values, **constants},
-        "evidence": {"heldout_gain_nats": round(margin, 2), "runner_up": None, "runner_up_margin_nats": None},
-        "confidence": confidence(margin),
+        "evidence": evidence,
+        "confidence": confidence(gain),
         "sentence": family.describe(_Words(values, constants)),
         "model": family.model(effect),
     }
@@ -161,31 +152,30 @@ def confidence(nats: float) -> float:
     return round(float(0.55 + 0.42 * (1 - np.exp(-max(nats, 0) / 15))), 3)
 
 
-def _pooled(items) -> dict:
-    w = np.array([max(v["std"], 1e-100) ** -2.0 for v in items])
-    x = np.array([v["value"] for v in items])
-    if not np.all(np.isfinite(w)) or w.sum() <= 0:
-        return items[0]
-    mean = float((w * x).sum() / w.sum())
-    return {"value": mean, "std": float(1 / np.sqrt(w.sum()))}
-
-
-def _gain(finding: Finding, index: int) -> float:
-    """Evidence that is lost without the effect."""
-    effect = finding.fit.model.effects[index]
-    if "nats" in effect.aux:
-        return float(effect.aux["nats"])
-    cache = finding.__dict__.setdefault("_gains", {})
-    if index not in cache:
-        from .search import refit
-
-        without = refit(finding.data, finding.fit.model.without(index))
-        cache[index] = float(finding.fit.evidence - without.evidence)
-    return cache[index]
+def _pooled(items: dict[str, dict], first: dict) -> dict:
+    """One number of several recordings: their weighted mean, or each its own where they differ by more than
+    their errors."""
+    x = np.array([v["value"] for v in items.values()])
+    std = np.array([v["std"] for v in items.values()])
+    if np.any(std <= 1e-300) or np.ptp(x) == 0:
+        return first
+    w = std**-2.0
+    mean, dof = float((w * x).sum() / w.sum()), len(x) - 1
+    chi2 = float((w * (x - mean) ** 2).sum())
+    if chi2 > dof + 6 * np.sqrt(2 * dof) + 6:
+        return {"per_recording": items}
+    return {"value": mean, "std": float(np.sqrt(max(1.0, chi2 / max(dof, 1)) / w.sum()))}
 
 
 def _ambiguities(case, findings) -> list[dict]:
-    return []
+    found, seen = [], set()
+    for finding in findings:
+        for entry in finding.ambiguous:
+            key = frozenset(entry["families"])
+            if key not in seen:
+                seen.add(key)
+                found.append(entry)
+    return found
 
 
 UNITS = {
@@ -208,6 +198,10 @@ class _Words:
     def __call__(self, name: str) -> str:
         if name not in self.values:
             return "?"
+        if "per_recording" in self.values[name]:
+            every = self.values[name]["per_recording"].values()
+            low, high = min(every, key=lambda v: v["value"]), max(every, key=lambda v: v["value"])
+            return f"{_Words({name: low}, {})(name)} to {_Words({name: high}, {})(name)} (by recording)"
         value, std = self.values[name]["value"], self.values[name]["std"]
         unit = next((u for s, u in sorted(UNITS.items(), key=lambda p: -len(p[0])) if name.endswith(s)), "")
         scale, prefix = 1.0, ""

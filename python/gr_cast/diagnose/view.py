@@ -89,7 +89,7 @@ class View:
             found.append(k / 2)
         return found
 
-    def _correlations(self, code, signal, segments: int):
+    def correlations(self, code, signal, segments: int):
         """c[m, d] of `signal` with a waveform at lags d, by segments in time; and the lags."""
         source = self.scene.sources[code] if isinstance(code, int) else self.scene.extra[code]
         n, size = self.scene.count, len(source.samples)
@@ -103,9 +103,11 @@ class View:
             )
             c = sp_fft.ifft(sp_fft.fft(folded.reshape(segments, size), axis=1) * spectrum, axis=1)
             return c, np.arange(size)
-        spread = max(256, int(3 * max(p.delay for p in self.scene.taps)) + 64)
-        spread = min(spread, PAD - 8)
+        last = max(p.delay for p in self.scene.taps)
+        spread = min(max(256, int(3 * last) + 64), PAD - 8)
         low = -min(64, spread)
+        if not all(s.known.all() for s in self.scene.sources):
+            low, spread = -10, int(last) + 26
         block = sp_fft.next_fast_len(length + spread - low)
         c = np.zeros((segments, spread - low), complex)
         for m in range(segments):
@@ -124,7 +126,7 @@ class View:
         residual holds
         the waveform once more."""
         segments = 32 if self.scene.count > 2048 else 4
-        c, lags = self._correlations(code, self.residual * np.conj(self.carrier), segments)
+        c, lags = self.correlations(code, self.residual * np.conj(self.carrier), segments)
         source = self.scene.sources[code] if isinstance(code, int) else self.scene.extra[code]
         spectrum = np.abs(sp_fft.fft(c, 2 * segments, axis=0))
         window = np.sinc(sp_fft.fftfreq(2 * segments) * 1.0)  # loss within a segment
@@ -236,7 +238,7 @@ class View:
             return []
         y = (np.conj(self.data.y) if self.inverted else self.data.y) * self.weight * np.conj(self.carrier)
         saved = self.fit.model.base[0]
-        c, lags = self._correlations(0, y, segments)
+        c, lags = self.correlations(0, y, segments)
         # the whole link, not one path: filter along the lags with the twin's taps
         taps = [p for p in self.scene.taps if p.source == 0]
         if source.repeat:

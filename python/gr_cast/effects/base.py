@@ -14,6 +14,7 @@ import numpy as np
 (
     TX_IQ,
     TX_LEAK,
+    TX_FILTER,
     TX_PA,
     LINK,
     CLOCK,
@@ -29,7 +30,7 @@ import numpy as np
     RAILS,
     LATTICE,
     NOISE,
-) = range(17)
+) = range(18)
 CHANNEL_AFTER = CLOCK
 
 

@@ -66,6 +66,7 @@ class Scene:
     carrier_hz: float | None = None
     free_ports: tuple[int, ...] = ()  # sources with a gain and phase of their own
     extra: dict[str, Source] = field(default_factory=dict)  # waveforms not on the air in the twin
+    notes: dict = field(default_factory=dict)  # what effects keep between calls
     rms: float = 1.0  # of the wanted signal at the receiver
 
     def __post_init__(self):

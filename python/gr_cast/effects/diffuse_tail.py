@@ -45,7 +45,8 @@ class DiffuseTail(Family):
         for i in range(len(view.scene.sources)):
             first = min(t.delay for t in view.scene.taps if t.source == i) + 1.0
             for size in SIZES:
-                if size > view.scene.count // 12:
+                unknown = not all(s.known.all() for s in view.scene.sources)
+                if size > view.scene.count // 12 or (unknown and size > 24):
                     continue
                 k = np.repeat(np.arange(size), 2)
                 yield start(

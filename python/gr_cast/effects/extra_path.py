@@ -61,8 +61,8 @@ class ExtraPath(Family):
 
     def describe(self, number):
         return (
-            f"An echo that the twin leaves out: {number('delay_s')} on the scale of its taps, {number('gain_db')}, "
-            f"Doppler {number('doppler_hz')}."
+            f"An echo that the twin leaves out: {number('delay_s')} on the scale of its taps, "
+            f"{number('gain_db')}, Doppler {number('doppler_hz')}."
         )
 
 

@@ -7,7 +7,7 @@ Internal: real and imaginary parts of the taps from aux low to aux high, the mai
 
 import numpy as np
 
-from .base import RX_FILTER, Effect, Family, shifted, start
+from .base import RX_FILTER, TX_FILTER, Effect, Family, shifted, start
 
 SIZES = (
     (0, 1),
@@ -38,7 +38,18 @@ class FrontEndFilter(Family):
         taps[-low] = 1.0
         return taps
 
+    def at(self, effect):
+        return TX_FILTER if effect.aux.get("side") == "tx" else RX_FILTER
+
     def apply(self, chain, effect):
+        if effect.aux.get("side") == "tx":
+            i = effect.aux["source"]
+            taps = self.impulse_response(effect, effect.p)
+            lags = range(effect.aux["low"], effect.aux["high"] + 1)
+            chain.waves[i] = sum(
+                tap * np.roll(chain.waves[i], lag) for tap, lag in zip(taps, lags, strict=True) if tap
+            )
+            return
         taps, low = self.impulse_response(effect, effect.p), effect.aux["low"]
         full = np.convolve(chain.y, taps)
         chain.y = full[-low : -low + chain.scene.count]
@@ -49,28 +60,37 @@ class FrontEndFilter(Family):
         lags = np.delete(np.arange(low, high + 1), -low)
         size = 2 * len(lags)
         whole = Effect(
-            family=self.name, p=np.zeros(size), free=np.ones(size, bool), aux={"low": low, "high": high}
+            family=self.name,
+            p=np.zeros(size),
+            free=np.ones(size, bool),
+            aux={**effect.aux, "low": low, "high": high},
         )
         mine = np.isin(
             lags, np.delete(np.arange(effect.aux["low"], effect.aux["high"] + 1), -effect.aux["low"])
         )
-        return "taps", whole, np.flatnonzero(np.repeat(mine, 2))
+        return effect.aux.get("side"), whole, np.flatnonzero(np.repeat(mine, 2))
 
     def columns(self, scene, effect, chain, before, rest):
         lags = np.delete(np.arange(effect.aux["low"], effect.aux["high"] + 1), -effect.aux["low"])
-        c = np.array([shifted(before.y, lag) for lag in lags])
+        steady = chain.wanted if effect.aux.get("side") == "tx" else before.y
+        c = np.array([shifted(steady, lag) for lag in lags])
         return np.stack([c, 1j * c], 1).reshape(2 * len(lags), -1)
 
     def starts(self, view):
         for low, high in SIZES:
+            if (low < -10 or high > 26) and not all(s.known.all() for s in view.scene.sources):
+                continue
             if low < -16 or max(-low, high) > view.scene.count // 24:
                 continue
             lags = np.delete(np.arange(low, high + 1), -low)
             # Far taps are expected to be smaller; the strength is chosen by evidence.
             prior = np.repeat(1.0 / (1.0 + np.abs(lags)) ** 1.5, 2) if high - low > 4 else None
-            yield start(
-                self, np.zeros(2 * len(lags)), aux={"low": low, "high": high}, prior=prior, trials=len(SIZES)
-            )
+            sides = [{"side": "rx"}]
+            if len(view.scene.sources) == 1:
+                sides.append({"side": "tx", "source": 0})
+            for side in sides:
+                aux = {"low": low, "high": high, **side}
+                yield start(self, np.zeros(2 * len(lags)), aux=aux, prior=prior, trials=len(SIZES))
 
     def values(self, scene, effect, p):
         response = np.abs(np.fft.fft(self.impulse_response(effect, p), 512))
@@ -80,10 +100,15 @@ class FrontEndFilter(Family):
     def parse(self, scene, parameters, model):
         taps = model.get("taps", [])
         low = int(model.get("low", 0))
-        return start(self, taps, aux={"low": low, "high": low + len(taps) // 2})
+        aux = {"low": low, "high": low + len(taps) // 2, "side": model.get("side", "rx"), "source": 0}
+        return start(self, taps, aux=aux)
 
     def model(self, effect):
-        return {"low": effect.aux["low"], "taps": [float(v) for v in effect.p]}
+        return {
+            "side": effect.aux.get("side", "rx"),
+            "low": effect.aux["low"],
+            "taps": [float(v) for v in effect.p],
+        }
 
     def describe(self, number):
         return (

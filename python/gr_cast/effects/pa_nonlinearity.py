@@ -7,11 +7,37 @@ parts.
 """
 
 import numpy as np
+from scipy import fft as sp_fft
 
 from .base import TX_PA, Effect, Family, db, shifted, start
+from .chain import oversampled
 
 PROBE = 1e-5  # size of the wave that is added to measure a derivative
 ORDERS = ((1,), (1, 2), (1, 2, 3), (1, 2, 3, 4))
+
+
+FINER = 4  # an amplifier bends the signal between the samples too
+
+
+def bent(x: np.ndarray, peak: float, orders) -> dict[int, np.ndarray]:
+    """x·|x/peak|^2k for each order k (0: x itself), taken on a finer grid and limited to the band again."""
+    fine = oversampled(sp_fft.fft(x), FINER)
+    power = np.abs(fine / peak) ** 2
+    size, half = len(x), (len(x) + 1) // 2
+    terms = {0: x}
+    for order in orders:
+        wide = sp_fft.fft(fine * power**order) / FINER
+        terms[order] = sp_fft.ifft(np.concatenate([wide[:half], wide[len(wide) - (size - half) :]]))
+    return terms
+
+
+def kept(scene, i: int, x: np.ndarray, orders) -> dict[int, np.ndarray]:
+    """`bent` of a source's wave, kept for the wave that was asked for last."""
+    held = scene.notes.get(("bent", i))
+    if held is None or held[0] is not x or not set(orders) <= set(held[1]):
+        held = (x, bent(x, np.abs(scene.sources[i].samples).max(), orders))
+        scene.notes["bent", i] = held
+    return held[1]
 
 
 class PaNonlinearity(Family):
@@ -23,17 +49,15 @@ class PaNonlinearity(Family):
     def apply(self, chain, effect):
         i, orders, lags = effect.aux["source"], effect.aux["orders"], effect.aux.get("lags", ())
         x = chain.waves[i]
-        peak = np.abs(chain.scene.sources[i].samples).max()
-        power = np.abs(x / peak) ** 2
+        terms = kept(chain.scene, i, x, orders)
         c = effect.p[::2] + 1j * effect.p[1::2]
         out, k = x, 0
         for order in orders:
-            out = out + c[k] * x * power**order
+            out = out + c[k] * terms[order]
             k += 1
         for lag in lags:
-            delayed, level = np.roll(x, lag), np.roll(power, lag)
             for order in (0, *orders):
-                out = out + c[k] * delayed * level**order
+                out = out + c[k] * np.roll(terms[order], lag)
                 k += 1
         chain.waves[i] = out
 
@@ -56,10 +80,10 @@ class PaNonlinearity(Family):
     def columns(self, scene, effect, chain, before, rest):
         i, orders, lags = effect.aux["source"], effect.aux["orders"], effect.aux.get("lags", ())
         x = before.waves[i]
-        power = np.abs(x / np.abs(scene.sources[i].samples).max()) ** 2
+        terms = kept(scene, i, x, orders)
         unit = {}
         for order in {0, *orders} if lags else orders:
-            c = rest(before.copy(), effect, extra=(i, PROBE * x * power**order))
+            c = rest(before.copy(), effect, extra=(i, PROBE * terms[order]))
             unit[order] = (c.y - chain.y) / PROBE
         c = [unit[order] for order in orders]
         c += [shifted(unit[order], lag) for lag in lags for order in (0, *orders)]

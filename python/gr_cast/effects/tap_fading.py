@@ -73,6 +73,6 @@ class TapFading(TapFamily):
 
     def describe(self, number):
         return (
-            f"The twin's path at {number('delay_s')} fades: steady over scattered power {number('k_factor_db')}, "
-            f"Doppler up to {number('doppler_spread_hz')}."
+            f"The twin's path at {number('delay_s')} fades: steady over scattered power "
+            f"{number('k_factor_db')}, Doppler up to {number('doppler_spread_hz')}."
         )

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What cannot be told apart: every found effect is swapped for its rivals; where the fit stays alike, the
+experiments that
+could be recorded next are simulated under both models, and the one that separates them most is named.
+"""
+
+import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..effects import FAMILIES, Effect
+from ..effects.base import start
+from ..effects.chain import Source
+from .fit import Fit
+from .model import predict
+from .search import candidates, plausible, refit
+
+ALIKE_NATS = 3.0  # in ln L: two fits that differ by less are alike
+NEAR_NATS = 25.0  # predicted evidence within which a rival is worth a fit
+
+# Counted as one answer: an echo at a tap and the tap's own errors or a short filter.
+SAME_ANSWER = (
+    {"extra_path", "front_end_filter"},
+    {"extra_path", "tap_doppler"},
+    {"tap_doppler", "carrier_frequency_offset"},
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rival:
+    """The best other explanation of one effect: evidence behind it, ln L behind it, its fit where one was
+    made."""
+
+    effect: Effect
+    evidence: float
+    likelihood: float
+    fit: Fit | None
+
+
+def rivals(fit: Fit, index: int) -> tuple[float, list[Rival]]:
+    """(evidence lost without effect `index`, its rivals, the nearest first)."""
+    effect = fit.model.effects[index]
+    bare = refit(fit.data, fit.model.without(index))
+    lost = fit.evidence - bare.evidence
+    found = []
+    for s in candidates(bare):
+        if _same(effect, s.effect) or s.net < 0:
+            continue
+        if s.net < lost - NEAR_NATS or FAMILIES[s.effect.family].flexible:
+            if not found:
+                found.append(Rival(effect=s.effect, evidence=lost - s.net, likelihood=lost - s.net, fit=None))
+            continue
+        if len([r for r in found if r.fit]) >= 3:
+            break
+        near = bare if FAMILIES[s.effect.family].noise_like else None
+        other = refit(fit.data, bare.model.adding(s.effect), near=near)
+        if plausible(other.model):
+            found.append(
+                Rival(
+                    effect=s.effect,
+                    evidence=fit.evidence - other.evidence,
+                    likelihood=fit.likelihood - other.likelihood,
+                    fit=other,
+                )
+            )
+    return lost, sorted(found, key=lambda r: r.evidence)
+
+
+def _same(a: Effect, b: Effect) -> bool:
+    if a.family == b.family:
+        return a.aux.get("tap") == b.aux.get("tap") and a.aux.get("side") == b.aux.get("side")
+    return {a.family, b.family} in SAME_ANSWER
+
+
+def alike(effect: Effect, rival: Rival) -> bool:
+    """Whether the data leave both open: as good a fit with no more freedom, and both simple."""
+    if rival.fit is None or abs(rival.likelihood) > ALIKE_NATS or effect.prior is not None:
+        return False
+    return int(rival.effect.free.sum()) <= int(effect.free.sum()) + 1 and rival.effect.prior is None
+
+
+def record_next(first: Fit, second: Fit) -> str:
+    """The experiment under which the two models differ most (nats per recording of this length)."""
+    gains = {name: _separation(first, second, name) for name in EXPERIMENTS}
+    best = max(gains.values())
+    return next(name for name in EXPERIMENTS if gains[name] >= 0.9 * best)
+
+
+# In the order in which a user would rather do them.
+EXPERIMENTS = (
+    "absolute_calibration",
+    "mute_transmitter",
+    "offset_carrier",
+    "second_power",
+    "other_code_length",
+    "shaped_waveform",
+    "complex_waveform",
+    "second_link",
+    "move_carrier",
+)
+
+
+def _separation(first: Fit, second: Fit, experiment: str) -> float:
+    """Nats between the predictions of two models in an experiment; delay and gain stay free unless
+    calibrated."""
+    a, b = _predicted(first, experiment), _predicted(second, experiment)
+    if experiment not in ("absolute_calibration", "mute_transmitter"):
+        a = _free_gain(a, b)
+    n = first.data.scene.count
+    signal = float(np.sum(np.abs(a.y - b.y) ** 2)) / first.sigma2
+    return signal * first.data.count / n
+
+
+def _free_gain(a, b):
+    a = a.copy()
+    a.y = a.y * (np.vdot(a.y, b.y) / max(np.vdot(a.y, a.y).real, 1e-300))
+    return a
+
+
+def _predicted(fit: Fit, experiment: str):
+    """The chain that a model predicts in an experiment."""
+    scene, model = copy.copy(fit.data.scene), fit.model
+    scene.__dict__.update(_wraps={}, _spectra={}, _courses=None, notes={})
+    rng = np.random.default_rng(7)
+    if experiment == "absolute_calibration":
+        model = replace(model, base=np.concatenate([model.base[:1], [scene.rms, 0.0], model.base[3:]]))
+    elif experiment == "mute_transmitter":
+        scene.sources = [replace(s, samples=np.zeros_like(s.samples), power=0.0) for s in scene.sources]
+    elif experiment == "offset_carrier":
+        model = model.adding(
+            replace(
+                start(FAMILIES["carrier_frequency_offset"], [200.0 * scene.duration_s + 3.3, 0.0]), fixed=True
+            )
+        )
+    elif experiment == "second_power":
+        scene.sources = [replace(s, samples=0.5 * s.samples) for s in scene.sources]
+    elif experiment == "other_code_length":
+        scene.sources = [
+            _other(s, rng, len(s.samples) // 2 * 2 + 7 if s.repeat else 0, shaped=False)
+            for s in scene.sources
+        ]
+    elif experiment == "shaped_waveform":
+        scene.sources = [_other(s, rng, 0, shaped=True) for s in scene.sources]
+    elif experiment == "complex_waveform":
+        scene.sources = [
+            replace(s, samples=s.samples * np.exp(2j * np.pi * rng.random(len(s.samples))))
+            for s in scene.sources
+        ]
+    elif experiment in ("second_link", "move_carrier"):
+        # The channel is another one; what transmitter, receiver and surroundings do stays.
+        scene.taps = [
+            replace(t, delay=t.delay + 3.4 * (k + 1), gain=t.gain * np.exp(2j * (k + 1)))
+            for k, t in enumerate(scene.taps)
+        ] + [replace(scene.taps[0], delay=scene.taps[0].delay + 7.7, gain=0.6j * scene.taps[0].gain)]
+        model = replace(model, effects=tuple(e for e in model.effects if FAMILIES[e.family].level != "link"))
+    return predict(scene, model)
+
+
+def _other(source: Source, rng, period: int, *, shaped: bool) -> Source:
+    """A waveform of the same power with other samples; shaped: of varying envelope; `period` 0: the same
+    length."""
+    size = period or len(source.samples)
+    samples = np.exp(2j * np.pi * rng.integers(0, 4, size) / 4)
+    if shaped:
+        samples = rng.normal(size=size) + 1j * rng.normal(size=size)
+    samples *= np.sqrt(source.power / np.mean(np.abs(samples) ** 2))
+    return replace(source, samples=samples, known=np.ones(size, bool))
+
+
+def noise_experiment(told: float, excess: float) -> str:
+    """For a raised floor against noise that follows a constant power: the experiment with the largest
+    divergence."""
+    floor, scaled = told + excess, {"mute_transmitter": told, "second_power": told + excess / 4}
+    divergence = {name: abs(floor / v - 1 - np.log(floor / v)) for name, v in scaled.items()}
+    return max(divergence, key=divergence.get)

@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whose effect it is: an effect is fitted in every recording, and the node or link whose recordings,
+together, say it most
+loudly owns it.
+
+For a recording with its own optimum θ_r of curvature H_r, ln L at a common θ is that of θ_r less ½(θ −
+θ_r)ᵀH_r(θ − θ_r).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..effects import FAMILIES, Effect
+from .fit import Fit, invert
+from .search import refit
+
+# Numbers that are the same wherever the owner is seen; others are compared by presence alone.
+COMMON = {
+    "carrier_frequency_offset",
+    "sample_clock_offset",
+    "iq_imbalance",
+    "pa_nonlinearity",
+    "front_end_filter",
+    "gain_drift",
+}
+SILENT_NATS = 20.0  # what a recording can say at most against an effect that it should show and does not
+
+
+@dataclass(frozen=True, kw_only=True)
+class Voice:
+    """What one recording says of an effect: ln L it gains, its numbers and their curvature; whether it was
+    found there."""
+
+    finding: object
+    index: int | None
+    gain: float
+    p: np.ndarray
+    curvature: np.ndarray
+    seen: bool
+
+
+def kind_of(finding, effect: Effect) -> tuple:
+    """What makes effects in several recordings candidates for being one."""
+    family = FAMILIES[effect.family]
+    if family.level == "link" or effect.family == "gain_step":
+        return (effect.family, link_of(finding, effect), effect.aux.get("tap"))
+    return (effect.family, effect.aux.get("side"), effect.aux.get("code"))
+
+
+def link_of(finding, effect: Effect) -> str:
+    source = (
+        finding.scene.taps[effect.aux["tap"]].source if "tap" in effect.aux else effect.aux.get("source", 0)
+    )
+    return f"{finding.scene.transmitters[source]}>{finding.observation.receiver}"
+
+
+def voices(findings, members, trust: float = 1.0) -> list[Voice]:
+    """Every recording on one effect; `members` are (finding, index) where it was found."""
+    strongest, at = max(members, key=lambda m: m[0].gain_of(m[1]))
+    template = strongest.fit.model.effects[at]
+    out = []
+    for finding in findings:
+        own = next((i for f, i in members if f is finding), None)
+        if own is not None:
+            out.append(_voice(finding, finding.fit, own, finding.gain_of(own), True))
+        elif FAMILIES[template.family].noise_like or not template.free.any() or template.prior is not None:
+            out.append(
+                Voice(
+                    finding=finding,
+                    index=None,
+                    gain=0.0,
+                    p=np.zeros(0),
+                    curvature=np.zeros((0, 0)),
+                    seen=False,
+                )
+            )
+        else:
+            aux = {k: v for k, v in template.aux.items() if k != "nats"}
+            effect = replace(template, aux=aux)
+            forced = refit(finding.data, finding.fit.model.adding(effect))
+            index = next(
+                i for i, e in enumerate(forced.model.effects) if e.family == effect.family and e.aux == aux
+            )
+            out.append(
+                _voice(finding, forced, index, max(0.0, forced.likelihood - finding.fit.likelihood), False)
+            )
+    return out
+
+
+def _voice(finding, fit: Fit, index: int, gain: float, seen: bool) -> Voice:
+    effect, span = fit.model.effects[index], fit.model.span(index)
+    if len(fit.model.vector()) == len(fit.hessian) and effect.free.any():
+        curvature = invert(fit.covariance[span, span])
+    else:
+        curvature = np.zeros((int(effect.free.sum()),) * 2)
+    return Voice(
+        finding=finding,
+        index=index if seen else None,
+        gain=gain,
+        p=effect.p[effect.free],
+        curvature=curvature,
+        seen=seen,
+    )
+
+
+def weigh(family: str, heard: list[Voice], group: set[str]) -> float:
+    """ln L of "the recordings of `group` share this effect" over "no recording has it"."""
+    inside = [v for v in heard if v.finding.observation.name in group]
+    sizes = {len(v.p) for v in inside}
+    if family in COMMON and len(sizes) == 1 and 0 not in sizes:
+        total = sum(v.curvature for v in inside)
+        mean = invert(total) @ sum(v.curvature @ v.p for v in inside)
+        return float(sum(v.gain - 0.5 * (mean - v.p) @ v.curvature @ (mean - v.p) for v in inside))
+    loudest = max(heard, key=lambda v: v.gain)
+    score = 0.0
+    for v in inside:
+        if v.seen:
+            score += v.gain
+        elif len(v.p) and len(loudest.p) == len(v.p):
+            score += v.gain - min(SILENT_NATS, 0.5 * float(loudest.p @ v.curvature @ loudest.p))
+        else:
+            score -= SILENT_NATS
+    return score
+
+
+def owners(findings, effect: Effect) -> list[tuple[str, str, set[str]]]:
+    """(level, name, recordings) of everything that could own an effect."""
+    family = FAMILIES[effect.family]
+    everything = {f.observation.name for f in findings}
+    if family.level == "environment":
+        return [("environment", "environment", everything)]
+    out = []
+    levels = (
+        ("rx",) if effect.family in ALWAYS_RX else ("tx",) if effect.family in ALWAYS_TX else ("tx", "rx")
+    )
+    for level in levels:
+        names = (
+            {tx for f in findings for tx in f.scene.transmitters}
+            if level == "tx"
+            else {f.observation.receiver for f in findings}
+        )
+        for name in sorted(names):
+            mine = {
+                f.observation.name
+                for f in findings
+                if (name in f.scene.transmitters if level == "tx" else f.observation.receiver == name)
+            }
+            out.append((level, name, mine))
+    return out
+
+
+ALWAYS_TX = {"lo_leakage", "pa_nonlinearity"}
+ALWAYS_RX = {
+    "dc_offset",
+    "adc_clipping",
+    "quantization",
+    "noise_floor",
+    "signal_dependent_noise",
+    "sample_loss",
+    "spectral_inversion",
+}
+
+
+def owner(findings, members) -> tuple[dict, set[str]]:
+    """(the contract's owner, names of the recordings that the owner has a part in)."""
+    finding, index = members[0]
+    effect = finding.fit.model.effects[index]
+    family = FAMILIES[effect.family]
+    if family.level == "link":
+        name = link_of(finding, effect)
+        return {"level": "link", "name": name}, {f.observation.name for f, _ in members}
+    options = owners(findings, effect)
+    if len(options) == 1:
+        return {"level": options[0][0], "name": options[0][1]}, options[0][2]
+    heard = voices(findings, members) if len(findings) > 1 else []
+    if not heard or len({frozenset(g) for _, _, g in options}) == 1:
+        side = effect.aux.get("side") or ("tx" if family.level == "tx" else "rx")
+        best = next((o for o in options if o[0] == side), options[0])
+        rest = [o for o in options if o != best]
+        name = {"level": best[0], "name": best[1]}
+        if rest and effect.family not in ALWAYS_TX | ALWAYS_RX:
+            name["alternatives"] = [{"level": level, "name": other} for level, other, _ in rest]
+        return name, best[2]
+    scores = sorted(
+        ((weigh(effect.family, heard, g), level, name, g) for level, name, g in options), key=lambda s: -s[0]
+    )
+    best = scores[0]
+    found = {"level": best[1], "name": best[2]}
+    close = [s for s in scores[1:] if s[0] > best[0] - 3.0]
+    if close:
+        found["alternatives"] = [{"level": s[1], "name": s[2]} for s in close]
+    return found, best[3]
