@@ -154,14 +154,16 @@ def traced_rays(path: str | Path, scenario: Scenario):
         return None
     links = paths.read(file)
     number = {node: index for index, node in enumerate(scenario.nodes)}
-    moved = {(tx, rx): shift_s for tx, rx, shift_s in about.get("delays_moved_s", [])}
+    moved = {(tx, rx): shifts_s for tx, rx, shifts_s in about.get("delays_moved_s", [])}
+    hold_s = float(about.get("hold_s", np.inf))
 
     def rays(key: tuple[str, str], time_s: float):
         for a, b in (key, key[::-1]):  # the way back is the same
             link = links.get((number[a], number[b]))
             if link is not None:
                 delay_s, gain = paths.at(link, np.array([time_s]), scenario.center_frequency_hz)
-                return delay_s + moved.get((a, b), 0.0), gain
+                shifts_s = moved.get((a, b), [0.0])
+                return delay_s + shifts_s[min(int(time_s / hold_s), len(shifts_s) - 1)], gain
         return None
 
     return rays

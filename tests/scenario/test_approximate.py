@@ -111,3 +111,11 @@ def test_power_and_delay_spread_errors_have_their_sign():
     assert lost.power_error_db[0] == pytest.approx(-3.01, abs=0.01)
     assert lost.delay_spread_error_s[0] == pytest.approx(-1e-6)
     assert approximate.delay_spread_s(delay_s, gain)[0] == pytest.approx(1e-6)
+
+
+def test_moving_delays_onto_the_grid_makes_one_path_one_tap():
+    delay_s, gain = np.array([[3.37e-7]]), np.array([[0.5j]])
+    assert abs(approximate.best_shift_s(delay_s, gain, BAND_HZ)) <= 5.0e-9
+    moved_s = delay_s + approximate.best_shift_s(delay_s, gain, BAND_HZ)
+    assert approximate.loss(moved_s, gain, *approximate.kmeans(moved_s, gain), BAND_HZ).nmse_db[0] < -80
+    assert approximate.loss(delay_s, gain, *approximate.kmeans(delay_s, gain), BAND_HZ).nmse_db[0] > -20

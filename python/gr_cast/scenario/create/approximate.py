@@ -19,6 +19,8 @@ _RIDGE = 1e-3  # keeps gains bounded where the band is too narrow to tell neighb
 _HAIR_S = 1e-16  # moves a path off the grid, where sin(x)/x needs no special case; its phase turns 1e-7 rad at most
 _MARGIN = 3  # grid steps looked at before the first and after the last path
 _CHUNK = 1 << 21  # elements of one intermediate array
+_FEW = 10  # instants that a support is chosen on
+_SHIFTS = 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,24 +75,49 @@ def _best_intervals(delay_s: np.ndarray, weight: np.ndarray, clusters: int) -> l
 def least_squares(delay_s: np.ndarray, gain: np.ndarray, bandwidth_hz: float, taps: int = TAPS):
     """The grid taps that fit the channel best over the band: (support (taps,) int, gains (T, taps)).
 
-    One support serves all instants, so that nothing clicks; gains follow at every instant. It is found forward, then by
-    exchanging one tap at a time until no exchange helps: the mean over instants of the captured share of energy,
+    One support serves all instants, so that nothing clicks; it is chosen on a few of them. Gains follow at every instant.
+    """
+    few = _spread(len(gain))
+    support, _ = choose_support(delay_s[few], gain[few], bandwidth_hz, taps)
+    b = inner_products(delay_s, gain, support * GRID_STEP_S, bandwidth_hz)
+    return support, b @ np.linalg.inv(_gram(support, bandwidth_hz))  # G is real and symmetric
+
+
+def best_shift_s(delay_s: np.ndarray, gain: np.ndarray, bandwidth_hz: float, taps: int = TAPS) -> float:
+    """By how much to move all delays, within half a grid step, so that the taps fit best.
+
+    The best of a few moves, one of which puts the strongest path on the grid.
+    """
+    few = _spread(len(gain))
+    middle = few[len(few) // 2]
+    strongest_s = delay_s[middle, np.argmax(np.abs(gain[middle]))]
+    onto_grid_s = np.rint(strongest_s / GRID_STEP_S) * GRID_STEP_S - strongest_s
+    shifts_s = np.append(GRID_STEP_S * ((np.arange(_SHIFTS) + 0.5) / _SHIFTS - 0.5), onto_grid_s)
+    captured = [choose_support(delay_s[few] + shift, gain[few], bandwidth_hz, taps)[1] for shift in shifts_s]
+    return float(shifts_s[int(np.argmax(captured))])
+
+
+def _spread(count: int) -> np.ndarray:
+    return np.unique(np.linspace(0, count - 1, min(count, _FEW)).round().astype(int))
+
+
+def choose_support(delay_s: np.ndarray, gain: np.ndarray, bandwidth_hz: float, taps: int) -> tuple[np.ndarray, float]:
+    """Grid indices (taps,), and the share of energy that they capture, averaged over the instants.
+
+    Found forward, then by exchanging one tap at a time until no exchange helps: the mean share of energy,
     trace(inv(G) R) with R = mean(b b^H / E), decides.
     """
     present = gain != 0
     if not present.any():
-        return np.zeros(0, int), np.zeros((len(gain), 0), np.complex128)
+        return np.zeros(0, int), 0.0
     candidates = _candidates(delay_s[present])
     b = inner_products(delay_s, gain, candidates * GRID_STEP_S, bandwidth_hz)
-    # Taps closer than 1/B are a tight frame of the band: the sum of |b|^2 is the energy E, up to a factor.
-    energy = (np.abs(b) ** 2).sum(axis=1)
+    energy = in_band_energy(delay_s, gain, bandwidth_hz)
     weighted = b[energy > 0] / np.sqrt(energy[energy > 0])[:, None]
-    r = weighted.T @ weighted.conj() / max(len(weighted), 1)  # R = mean of b b^H / E
+    r = weighted.T @ weighted.conj() / max(len(weighted), 1)
     gram = _gram(candidates, bandwidth_hz)
-    chosen = _exchange(gram, r, _forward(gram, r, min(taps, candidates.size)))
-    chosen = np.sort(chosen)
-    gains = b[:, chosen] @ np.linalg.inv(gram[np.ix_(chosen, chosen)])  # G is real and symmetric
-    return candidates[chosen], gains
+    chosen = np.sort(_exchange(gram, r, _forward(gram, r, min(taps, candidates.size))))
+    return candidates[chosen], float(_captured(gram, r, chosen[None])[0])
 
 
 def _candidates(delay_s: np.ndarray) -> np.ndarray:

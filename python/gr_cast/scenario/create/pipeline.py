@@ -293,14 +293,14 @@ def _approximation(spec: Spec, run: Run, folder: Path):
 def _write_losses(path: Path, names: list[str], every: dict) -> None:
     with written_aside(path) as aside, open(aside, "w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
-        table.writerow(["link", "nmse_db", "power_error_db", "delay_spread_error_s", "shift_s"])
+        table.writerow(["link", "nmse_db", "power_error_db", "delay_spread_error_s", "largest_shift_s"])
         for (tx, rx), item in every.items():
             medians = [
                 float(np.median(v))
                 for v in (item.loss.nmse_db, item.loss.power_error_db, item.loss.delay_spread_error_s)
                 if v.size
             ]
-            table.writerow([link_name((names[tx], names[rx])), *medians, item.shift_s])
+            table.writerow([link_name((names[tx], names[rx])), *medians, float(np.abs(item.shift_s).max())])
 
 
 def scenario(spec: Spec, run: Run) -> Scenario:
@@ -330,10 +330,10 @@ def scenario(spec: Spec, run: Run) -> Scenario:
 
 
 def _delays_moved_s(spec: Spec, run: Run) -> list:
-    """[tx, rx, seconds] of every link whose delays were moved onto the grid."""
+    """[tx, rx, [seconds of each hold]]: how far the delays of each link were moved to fit the grid."""
     every = _load(run, "approximation/all.pickle")[1]
     names = [node.name for node in spec.nodes]
-    return [[names[tx], names[rx], item.shift_s] for (tx, rx), item in every.items() if item.shift_s]
+    return [[names[tx], names[rx], item.shift_s.tolist()] for (tx, rx), item in every.items()]
 
 
 def content_hash(made: Scenario) -> str:
@@ -362,7 +362,7 @@ def _install(spec: Spec, run: Run, folder: Path):
     zarr_file.write(
         target, made, id=spec.id, version=version, content_sha256=content, radios=radios, steps=steps,
         paths_file=str((run.folder / "parsing/links.npz").resolve()), bandwidth_hz=spec.bandwidth_hz,
-        delays_moved_s=_delays_moved_s(spec, run),
+        delays_moved_s=_delays_moved_s(spec, run), hold_s=spec.hold_s,
     )  # fmt: skip
     matrix = path_gain_matrix_db(made)
     finite = matrix[np.isfinite(matrix)]

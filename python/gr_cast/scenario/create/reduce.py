@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..model import GRID_STEP_S
-from .approximate import TAPS, Loss, kmeans, least_squares, loss
+from .approximate import TAPS, Loss, best_shift_s, kmeans, least_squares, loss
 from .paths import LinkPaths, at
 
 _LOSS_EVERY = 50  # instants: losses change slowly, and are as costly as the fit
@@ -26,33 +26,29 @@ class Job:
 
 @dataclass(frozen=True, kw_only=True)
 class Reduced:
-    """Taps (T or 1, 4): delays in s and gains, what they lose, and by how much the link's delays were moved."""
+    """Taps (T or 1, 4): delays in s and gains; what they lose; and by how much each hold's delays were moved (H,)."""
 
     delay_s: np.ndarray
     gain: np.ndarray
     loss: Loss
-    shift_s: float
+    shift_s: np.ndarray
 
 
 def reduce(job: Job) -> Reduced:
     """Four taps for every instant, each support held for `hold_s`.
 
-    A static link is moved by at most half a grid step, so that its first path meets a tap; a moving one is not, for its
-    delays cross the grid anyway.
+    For each hold the delays are moved together by at most half a grid step, to where the taps fit best: gains keep the phase
+    of the true delays, so that nothing moves at the carrier. The losses are counted after that move.
     """
-    static = len(job.link.time_s) == 1
-    shift_s = 0.0
-    if static:
-        first_s = job.link.delay_s[0, job.link.gain[0] != 0].min()
-        shift_s = np.rint(first_s / GRID_STEP_S) * GRID_STEP_S - first_s
-    clock_s = np.zeros(1) if static else job.clock_s
+    clock_s = np.zeros(1) if len(job.link.time_s) == 1 else job.clock_s
     per_hold = max(1, int(round(job.hold_s / np.diff(clock_s).min()))) if len(clock_s) > 1 else 1
     delay_s, gain = np.zeros((len(clock_s), TAPS)), np.zeros((len(clock_s), TAPS), np.complex128)
-    losses = []
+    losses, shifts_s = [], []
     for start in range(0, len(clock_s), per_hold):
         part = slice(start, min(start + per_hold, len(clock_s)))
         paths_s, paths = at(job.link, clock_s[part], job.carrier_hz)
-        paths_s = paths_s + shift_s
+        shifts_s.append(best_shift_s(paths_s, paths, job.bandwidth_hz))
+        paths_s = paths_s + shifts_s[-1]
         if job.method == "kmeans":
             taps_s, taps = kmeans(paths_s, paths)
         else:
@@ -64,4 +60,4 @@ def reduce(job: Job) -> Reduced:
             losses.append(loss(paths_s[looked], paths[looked], taps_s[looked], taps[looked], job.bandwidth_hz))
     names = ("nmse_db", "power_error_db", "delay_spread_error_s")
     joined = {name: np.concatenate([getattr(item, name) for item in losses] or [np.zeros(0)]) for name in names}
-    return Reduced(delay_s=delay_s, gain=gain, loss=Loss(**joined), shift_s=float(shift_s))
+    return Reduced(delay_s=delay_s, gain=gain, loss=Loss(**joined), shift_s=np.array(shifts_s))
