@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .emulate import emulate, scenario_updates
+from .emulate import emulate, scenario_bulk_delay, scenario_updates
 from .errors import CastError
 from .recording import Recording
 from .scenario import LinkTaps, Scenario, base_loss_db, link_name, taps_at, zarr_file
@@ -53,8 +53,9 @@ class LinkCheck:
 
 def play_reference(scenario: Scenario, samples: np.ndarray, sample_rate_hz: float) -> np.ndarray:
     """What the second of two nodes hears of the first, by the NumPy emulator."""
-    updates, _ = scenario_updates(scenario, sample_rate_hz)
-    return emulate(np.stack([samples, np.zeros_like(samples)]), updates, 2)[1]
+    bulk = scenario_bulk_delay(scenario, sample_rate_hz)  # of filters for delays between samples
+    sent = np.append(samples, samples[:bulk])  # whole periods go on
+    return emulate(np.stack([sent, np.zeros_like(sent)]), scenario_updates(scenario, sample_rate_hz), 2)[1, bulk:]
 
 
 def chosen_links(scenario: Scenario, count: int) -> list[tuple[str, str]]:
