@@ -118,13 +118,15 @@ def beyond(rng):
     draw = kind.draw(rng, scene.context)
     target = float(np.exp(rng.uniform(np.log(1500), np.log(30_000))))
     size = kind.start
-    for _ in range(7):
-        outer = replace(scene, place=kind.place, after=lambda x, c, s=size: kind.act(x, s, draw, c))
-        clean = world.play(scene, noise=False)
-        lam = float(
-            np.sum(np.abs(world.residual(world.play(outer, noise=False), clean)) ** 2) / scene.context.noise
-        )
-        if kind.fixed or abs(np.log(max(lam, 1e-9) / target)) < 0.1:
+
+    def outer(part):
+        return replace(scene, place=kind.place, after=lambda x, c: kind.act(x, part, draw, c))
+
+    idle = world.play(scene if kind.fixed else outer(0.0), noise=False)  # its blocks' own delay is not λ
+    for _ in range(9):
+        left = world.residual(world.play(outer(size), noise=False), idle)
+        lam = float(np.sum(np.abs(left) ** 2) / scene.context.noise)
+        if kind.fixed or abs(np.log(max(lam, 1e-9) / target)) < 0.2:
             break
         size = float(np.clip(size * np.sqrt(target / max(lam, 1e-9)), 1e-6, kind.most))
     if lam < 800:
@@ -146,7 +148,7 @@ def beyond(rng):
     }
     return finish(
         rng,
-        [outer],
+        [outer(size)],
         [],
         kind="outside",
         wave=single_wave(scene),

@@ -119,6 +119,18 @@ def _frequency_wander(x, size, d, c):
     return flow.same_length(x, model)
 
 
+def _eager_corrector(x, size, d, c):
+    """A blind I/Q corrector (`phase_bal`) that follows the symbols instead of the imbalance, in part."""
+    corrected = flow.same_length(x, channels.phase_bal(d["attack"]))
+    return flow.add((1 - size) * x, size * corrected)
+
+
+def _clock_walk(x, size, d, c):
+    """`sro_model`: a sample clock on a random walk."""
+    model = channels.sro_model(c.rate, size * c.rate / c.count, 400e-6 * c.rate, d["seed"] % 10_000)
+    return flow.same_length(x, model)
+
+
 def _hop(x, size, d, c):
     """From one moment on the whole signal turns by an angle: a slipped synthesiser."""
     at = c.first + d["from"]
@@ -168,6 +180,23 @@ KINDS = {
         tolerated=("iq_imbalance",),
         waveforms=("rrc_qpsk", "ofdm"),
         most=0.5,
+    ),
+    "eager_corrector": Kind(
+        place="rx",
+        level="rx",
+        act=_eager_corrector,
+        draw=lambda r, c: {"attack": float(10 ** r.uniform(-2.3, -1.3))},
+        tolerated=("iq_imbalance",),
+        waveforms=("rrc_qpsk", "ofdm"),
+    ),
+    "clock_walk": Kind(
+        place="rx",
+        level="rx",
+        act=_clock_walk,
+        draw=_stretch,
+        start=0.001,
+        tolerated=("sample_clock_offset", "tap_delay_error"),
+        waveforms=("rrc_qpsk", "rrc"),
     ),
     "frequency_wander": Kind(
         place="rx",

@@ -81,7 +81,7 @@ def draw_scene(
     waveform = waveform or draw_waveform(rng, kind)
     rate, carrier = rate or float(rng.choice(RATES)), carrier or float(rng.choice(CARRIERS))
     least = 20_000 if waveform.repeat else max(30_000, int(1.15 * len(waveform.samples)))
-    count = count or int(np.exp(rng.uniform(np.log(least), np.log(max(90_000, 1.5 * least)))))
+    count = count or int(np.exp(rng.uniform(np.log(least), np.log(max(150_000, 1.5 * least)))))
     taps = taps or draw_taps(rng, waveform, rate, carrier, count)
     if offset_known is None:
         offset_known = (
