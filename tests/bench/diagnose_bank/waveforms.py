@@ -55,6 +55,12 @@ def _unit_power(x):
     return x / np.sqrt(np.mean(np.abs(x) ** 2))
 
 
+def _without_nyquist(x):
+    """Half the sample rate has no defined fractional delay: a period of even length goes without it."""
+    turn = (-1.0) ** np.arange(len(x))
+    return x - turn * np.mean(x * turn) if len(x) % 2 == 0 else x
+
+
 def _bits(rng, count, top):
     return rng.integers(0, top, count).astype(np.uint8)
 
@@ -73,7 +79,7 @@ def shaped_qpsk(rng, repeat=True, symbols=None):
         x = x[guard * per_chip + 16 * per_chip :][: symbols * per_chip]
     else:
         x = x[guard * per_chip :][: (symbols + 33) * per_chip]
-    name = "rrc_qpsk" if repeat else "burst"
+    name, x = ("rrc_qpsk", _without_nyquist(x)) if repeat else ("burst", x)
     return Waveform(name=name, samples=_unit_power(x), samples_per_chip=per_chip, repeat=repeat)
 
 
@@ -87,7 +93,7 @@ def shaped_bpsk(rng):
     chips = np.tile(base.samples, 3)
     x = flow.through(chips, filter.interp_fir_filter_ccf(per_chip, taps))
     x = x[(len(base.samples) + 16) * per_chip :][: len(base.samples) * per_chip]
-    return Waveform(name="rrc", samples=_unit_power(x.real) + 0j, samples_per_chip=per_chip)
+    return Waveform(name="rrc", samples=_unit_power(_without_nyquist(x.real)) + 0j, samples_per_chip=per_chip)
 
 
 def ofdm(rng, repeat=True):
@@ -105,6 +111,7 @@ def ofdm(rng, repeat=True):
     top.connect(source, inverse, cyclic, sink)
     top.run()
     x = np.array(sink.data())[: count * (size + prefix)]
+    x = _without_nyquist(x) if repeat else x
     return Waveform(
         name="ofdm" if repeat else "burst_ofdm", samples=_unit_power(x), samples_per_chip=2, repeat=repeat
     )

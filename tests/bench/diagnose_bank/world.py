@@ -58,9 +58,9 @@ def touches(cause, scene):
 def _apply(x, causes, scene, stage, side):
     for c in causes:
         family = c.family
-        where = family.stage if family.stage in ("air", "late") else c.owner["level"]
+        where = family.stage if family.stage in ("clock", "air", "late") else c.owner["level"]
         if (
-            family.stage in ("tx", "rx", "air", "late")
+            family.stage in ("tx", "rx", "clock", "air", "late")
             and family.stage in stage
             and (side is None or where == side)
         ):
@@ -120,6 +120,8 @@ def play(scene, causes=(), *, noise=True, absent=()):
             }
             y = flow.add(y, channel.play(other, [tap], period=len(scene.second.samples), **setup))
     y = y * c.gain
+    # before the noise: white noise stays white when resampled, an interpolator's band edge would show
+    y = _apply(y, present, scene, ("clock",), None)
     y = _outside(y, scene, "channel")
     if noise:
         quiet = [k for k in present if k.family.stage == "air"]
@@ -165,6 +167,16 @@ def _divergence(excess, dimension=1.0):
     return float(np.sum(dimension * (excess - np.log1p(excess))))
 
 
+def _impulse_evidence(path, scene):
+    """ln of the likelihood of impulses at unknown places (a two-part Gaussian mixture) over plain noise."""
+    noise = flow.gaussian(scene.context.first + scene.context.count, scene.context.noise, scene.seed)
+    power = np.abs(path + noise[scene.context.first :]) ** 2 / scene.context.noise
+    hits = np.abs(path[np.abs(path) > 0]) ** 2 / scene.context.noise
+    share, ratio = max(len(hits), 1) / len(path), np.mean(hits) if len(hits) else 0.0
+    inside = np.log(share / (1 + ratio)) + power * ratio / (1 + ratio)
+    return float(max(np.sum(np.logaddexp(np.log1p(-share), inside)), 0.0))
+
+
 def _smooth_spectrum(e, width=15):
     p = np.abs(np.fft.fft(e)) ** 2 / len(e)
     return np.convolve(np.r_[p[-width:], p, p[:width]], np.ones(2 * width + 1) / (2 * width + 1), "valid")
@@ -185,7 +197,7 @@ def strength_lambda(scene, causes, cause):
             on = np.abs(path) > 0
             return _divergence(np.full(on.sum(), s**2 * c.power / c.noise))
         if name == "impulsive_noise":
-            return _divergence(np.abs(path[np.abs(path) > 0]) ** 2 / c.noise)
+            return _impulse_evidence(path, scene)
         return _divergence(np.full(c.count, s))
     if name != "quantization":
         causes = [

@@ -37,7 +37,7 @@ class Family:
 
     name: str
     level: str  # tx, rx, either, link, environment
-    stage: str  # tx, rx, link, twin, fade, air, late
+    stage: str  # tx, link, twin, fade, second, clock, air, rx, late
     draw: Callable
     act: Callable
     truth: Callable  # (s, d, c) → parameters, values, where
