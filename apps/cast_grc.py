@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Open gr-cast's flowgraphs in gnuradio-companion, with its blocks found from a built checkout or an install."""
+"""Open flowgraphs in gnuradio-companion, where the blocks of this built checkout or install are found."""
 
 import argparse
 import os
@@ -33,13 +33,18 @@ def environment(inherited) -> dict:
     def first(place, variable):
         return os.pathsep.join([str(place), *filter(None, [inherited.get(variable)])])
 
-    return dict(inherited) | {"GRC_BLOCKS_PATH": first(BLOCKS, "GRC_BLOCKS_PATH"), "PYTHONPATH": first(python, "PYTHONPATH")}
+    found = {"GRC_BLOCKS_PATH": first(BLOCKS, "GRC_BLOCKS_PATH"), "PYTHONPATH": first(python, "PYTHONPATH")}
+    return dict(inherited) | found
 
 
 def main(argv=None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "flowgraphs", nargs="*", default=["loopback"], metavar="FLOWGRAPH", help="a shipped name or a .grc file (default: loopback)"
+        "flowgraphs",
+        nargs="*",
+        default=["loopback"],
+        metavar="FLOWGRAPH",
+        help="a shipped name or a .grc file (default: loopback)",
     )
     paths = [flowgraph_path(name) for name in parser.parse_args(argv).flowgraphs]
     companion = shutil.which("gnuradio-companion")

@@ -205,8 +205,10 @@ def _run(args) -> None:
             scenario, transmitter, heard, waveform_source(waveform, spec), sample_rate_hz=args.rate, n_samples=n_samples,
             settle_samples=settle_samples, noise_power_db=args.noise, offset_hz=args.offset, seed=args.seed, fields=fields,
         )  # fmt: skip
-        _until_done(top, f"node {transmitter} sends, {len(heard)} listen")
-        top.finish()
+        try:
+            _until_done(top, f"node {transmitter} sends, {len(heard)} listen")
+        finally:
+            top.finish()
     emulated_s = len({tx for tx, _ in links}) * (settle_samples + n_samples) / args.rate
     took_s = time.monotonic() - began
     print(f"emulated {emulated_s * 1e3:.4g} ms of radio time in {took_s:.2f} s ({emulated_s / took_s:.3g} × real time)")
@@ -250,8 +252,7 @@ def _until_done(top, what: str) -> None:
         for number, handler in before.items():
             signal.signal(number, handler)
     if stopped:
-        top.finish()
-        print("stopped early: the recording holds what came until now", file=sys.stderr)
+        print("stopped early; a recording holds what came until now", file=sys.stderr)
         raise KeyboardInterrupt
 
 
@@ -284,7 +285,11 @@ def _tx(args) -> None:
         raise CastError(f"{waveform.name}: holds NaN; only waveforms known throughout can be sent")
     settings, n_samples = _radio_settings(args), _sample_count(args)
     top = UsrpTransmitter(settings, waveform_source(waveform, spec), amplitude=args.amplitude, n_samples=n_samples)
-    _until_done(top, f"sending {waveform.name} at {args.frequency / 1e6:g} MHz, {args.rate / 1e6:g} MS/s; Ctrl-C ends")
+    try:
+        _until_done(top, f"sending {waveform.name} at {args.frequency / 1e6:g} MHz, {args.rate / 1e6:g} MS/s; Ctrl-C ends")
+    except KeyboardInterrupt:
+        if args.duration is not None:
+            raise
 
 
 def _rx(args) -> None:
@@ -302,10 +307,11 @@ def _rx(args) -> None:
     top = UsrpReceiver(settings, stem, n_samples=n_samples, datatype=datatype, fields=fields)
     try:
         _until_done(top, f"recording at {args.frequency / 1e6:g} MHz, {args.rate / 1e6:g} MS/s; Ctrl-C ends")
-        top.finish()
     except KeyboardInterrupt:
         if args.duration is not None:
             raise
+    finally:
+        top.finish()
     if not args.record_only:
         _sound_file(args, recording.read(stem), stem)
 

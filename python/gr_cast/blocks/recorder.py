@@ -5,73 +5,107 @@ import hashlib
 
 import numpy as np
 import pmt
-from gnuradio import blocks, gr
+from gnuradio import gr
 
 from ..errors import CastError
 from ..recording import data_path, meta_path, metadata, write_metadata
 
 _ITEM = {"cf32_le": np.complex64, "ci16_le": np.dtype((np.int16, 2))}
-_TIME, _FREQUENCY = pmt.intern("rx_time"), pmt.intern("rx_freq")
+_TIME = pmt.intern("rx_time")
+_DONE = -1  # what work() returns at the end of its stream
 
 
-class GapMonitor(gr.sync_block):
-    """Watches `rx_time` tags: one that is later than the samples say marks samples lost. Calls `on_gap(captures)`."""
+class _Writer(gr.sync_block):
+    """Writes samples first, the captures among them after: no reader meets a capture beyond the data.
 
-    def __init__(self, item, sample_rate_hz: float, center_frequency_hz: float | None, on_gap):
-        gr.sync_block.__init__(self, "gap_monitor", in_sig=[item], out_sig=None)
-        self.sample_rate_hz = sample_rate_hz
-        self.captures = [{"core:sample_start": 0}]
-        if center_frequency_hz is not None:
-            self.captures[0]["core:frequency"] = center_frequency_hz
+    An `rx_time` tag later than the samples since the one before say marks samples lost: a capture starts there.
+    """
+
+    def __init__(self, item, path, captures: list[dict], sample_rate_hz: float, on_gap):
+        gr.sync_block.__init__(self, "sigmf_writer", in_sig=[item], out_sig=None)
+        self.failure = None
+        self.file = open(path, "wb", buffering=0)  # what is written survives a kill
+        self._item_bytes = np.dtype(item).itemsize
+        self._captures = captures
+        self._sample_rate_hz = sample_rate_hz
         self._on_gap = on_gap
         self._mark = None  # (sample, whole seconds, fraction) of the newest rx_time
 
     def work(self, input_items, output_items):
-        for tag in self.get_tags_in_window(0, 0, len(input_items[0])):
-            if pmt.equal(tag.key, _TIME) and pmt.is_tuple(tag.value):
-                self._time(tag.offset, pmt.to_uint64(pmt.tuple_ref(tag.value, 0)), pmt.to_double(pmt.tuple_ref(tag.value, 1)))
-        return len(input_items[0])
+        samples = input_items[0]
+        try:
+            left = samples.reshape(-1).view(np.uint8).data
+            while left:
+                left = left[self.file.write(left) :]
+            known = len(self._captures)
+            for tag in self.get_tags_in_window(0, 0, len(samples)):
+                if pmt.equal(tag.key, _TIME) and pmt.is_tuple(tag.value):
+                    seconds, fraction = pmt.tuple_ref(tag.value, 0), pmt.tuple_ref(tag.value, 1)
+                    self._time(tag.offset, pmt.to_uint64(seconds), pmt.to_double(fraction))
+            if len(self._captures) > known:
+                self._on_gap()
+        except OSError as failure:  # a full disk ends the recording, not the program
+            self.failure = failure
+            self.file.truncate(self.nitems_read(0) * self._item_bytes)
+            return _DONE
+        return len(samples)
 
     def _time(self, sample: int, seconds: int, fraction: float) -> None:
         if self._mark is None:
-            self.captures[0]["cast:device_time_s"] = [seconds, fraction]
+            self._captures[0]["cast:device_time_s"] = [seconds, fraction]
         else:
             marked, whole, part = self._mark
-            passed = (seconds - whole) * self.sample_rate_hz + (fraction - part) * self.sample_rate_hz
+            passed = (seconds - whole) * self._sample_rate_hz + (fraction - part) * self._sample_rate_hz
             lost = round(passed) - (sample - marked)
             if lost > 0:
-                entry = {"core:sample_start": sample, "cast:lost_samples": lost, "cast:device_time_s": [seconds, fraction]}
-                self.captures.append(self.captures[0] | entry)
-                self._on_gap(self.captures)
+                gap = {
+                    "core:sample_start": sample,
+                    "cast:lost_samples": lost,
+                    "cast:device_time_s": [seconds, fraction],
+                }
+                self._captures.append(self._captures[0] | gap)
         self._mark = (sample, seconds, fraction)
 
 
 class SigmfRecorder:
-    """Connect `source` (a block's output 0) to a SigMF pair; `finish()` seals it with its SHA-512 after the run."""
+    """Records output 0 of `source` as a SigMF pair; `finish()` seals it with its SHA-512 after the run."""
 
     def __init__(
-        self, top: gr.top_block, source, stem, *, sample_rate_hz, center_frequency_hz=None, datatype="cf32_le", fields=None, port=0
+        self,
+        top: gr.top_block,
+        source,
+        stem,
+        *,
+        sample_rate_hz,
+        center_frequency_hz=None,
+        datatype="cf32_le",
+        fields=None,
     ):
         if meta_path(stem).exists() or data_path(stem).exists():
-            raise CastError(f"{stem}: a recording of that name exists; nothing is overwritten, choose another")
-        item = _ITEM[datatype]
+            raise CastError(
+                f"{stem}: a recording of that name exists; nothing is overwritten, choose another"
+            )
         self._about = dict(sample_rate_hz=sample_rate_hz, datatype=datatype)
         self._fields = fields or {}
         self.stem = stem
-        self.monitor = GapMonitor(item, sample_rate_hz, center_frequency_hz, self._write)
-        self._write(self.monitor.captures)
-        self._sink = blocks.file_sink(np.dtype(item).itemsize, str(data_path(stem)))
-        top.connect((source, port), self._sink)
-        top.connect((source, port), self.monitor)
+        self.captures = [{"core:sample_start": 0}]
+        if center_frequency_hz is not None:
+            self.captures[0]["core:frequency"] = center_frequency_hz
+        self._write()
+        self._writer = _Writer(_ITEM[datatype], data_path(stem), self.captures, sample_rate_hz, self._write)
+        top.connect(source, self._writer)
 
-    def _write(self, captures, **more) -> None:
-        write_metadata(self.stem, metadata(captures=captures, fields=self._fields | more, **self._about))
+    def _write(self, **more) -> None:
+        write_metadata(self.stem, metadata(captures=self.captures, fields=self._fields | more, **self._about))
 
     def finish(self) -> None:
-        """Close the data file and write the metadata with its checksum."""
-        self._sink.close()
+        """Close the data and write the metadata with its checksum; OSError where the disk refused samples."""
+        self._writer.file.close()
         digest = hashlib.sha512()
         with open(data_path(self.stem), "rb") as file:
             while chunk := file.read(1 << 22):
                 digest.update(chunk)
-        self._write(self.monitor.captures, **{"core:sha512": digest.hexdigest()})
+        self._write(**{"core:sha512": digest.hexdigest()})
+        if self._writer.failure:
+            self._writer.failure.filename = str(data_path(self.stem))
+            raise self._writer.failure

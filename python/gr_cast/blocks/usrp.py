@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from ..errors import CastError
 
 CLOCK_SOURCES = ("internal", "external", "gpsdo")
+FREQUENCY_TOLERANCE_HZ = 1.0  # the DDC's own step is 0.05 Hz
+GAIN_TOLERANCE_DB = 0.5  # a daughterboard's step
 
 
 @dataclass(frozen=True, kw_only=True)
 class RadioSettings:
-    """How one channel of a radio is set. Rates and frequencies in Hz, gain in dB; empty strings leave UHD's default."""
+    """How one channel of a radio is set, in Hz, dB and seconds; empty strings leave UHD's default."""
 
     sample_rate_hz: float
     center_frequency_hz: float
@@ -27,15 +29,19 @@ class RadioSettings:
         if not 0 < self.sample_rate_hz <= 200e6:
             faults.append(f"rate: got {self.sample_rate_hz} Hz, needs more than 0 and at most 200e6 Hz")
         if not 10e6 <= self.center_frequency_hz <= 6e9:
-            faults.append(f"frequency: got {self.center_frequency_hz} Hz, needs 10e6 to 6e9 Hz (X310 with UBX)")
+            faults.append(
+                f"frequency: got {self.center_frequency_hz} Hz, needs 10e6 to 6e9 Hz (X310 with UBX)"
+            )
         if not 0 <= self.gain_db <= 90:
             faults.append(f"gain: got {self.gain_db} dB, needs 0 to 90 dB")
         if self.clock_source not in CLOCK_SOURCES:
             faults.append(f"clock source: got {self.clock_source!r}, needs one of {', '.join(CLOCK_SOURCES)}")
         if self.time_source not in CLOCK_SOURCES:
             faults.append(f"time source: got {self.time_source!r}, needs one of {', '.join(CLOCK_SOURCES)}")
-        if self.start_delay_s is not None and not 0.1 <= self.start_delay_s <= 3600:
-            faults.append(f"start delay: got {self.start_delay_s} s, needs 0.1 to 3600 s")
+        if self.start_delay_s is not None and not 0.5 <= self.start_delay_s <= 3600:
+            faults.append(
+                f"start delay: got {self.start_delay_s} s, needs 0.5 to 3600 s (setting up takes a moment)"
+            )
         if faults:
             raise CastError(*faults)
 
@@ -58,26 +64,46 @@ def _configured(block, settings: RadioSettings, cpu_format: str, uhd):
     stream = uhd.stream_args(cpu_format=cpu_format, otw_format="sc16", channels=[0])
     try:
         radio = block(settings.device_args, stream)
-    except (LookupError, RuntimeError) as error:
+        _set_up(radio, settings, uhd)
+    except (LookupError, RuntimeError, ValueError) as error:  # UHD's own, as gr-uhd passes them on
         reason = " ".join(str(error).split()) or type(error).__name__
         raise CastError(f"device: got arguments {settings.device_args!r}: {reason}") from None
+    return radio
+
+
+def _set_up(radio, settings: RadioSettings, uhd) -> None:
     radio.set_clock_source(settings.clock_source, 0)
     radio.set_time_source(settings.time_source, 0)
     if settings.subdevice:
         radio.set_subdev_spec(settings.subdevice, 0)
     radio.set_samp_rate(settings.sample_rate_hz)
-    actual = radio.get_samp_rate()
-    if abs(actual / settings.sample_rate_hz - 1) > 1e-9:
-        raise CastError(
-            f"rate: got {settings.sample_rate_hz:g} Hz, the device can do {actual:g} Hz: whole fractions of its master clock"
-        )
     radio.set_center_freq(settings.center_frequency_hz, 0)
     radio.set_gain(settings.gain_db, 0)
     if settings.antenna:
         radio.set_antenna(settings.antenna, 0)
+    _check(radio, settings)
     if settings.start_delay_s is None:
         radio.set_time_now(uhd.time_spec(0.0))
     else:
         radio.set_time_unknown_pps(uhd.time_spec(0.0))
         radio.set_start_time(uhd.time_spec(settings.start_delay_s))
-    return radio
+
+
+def _check(radio, settings: RadioSettings) -> None:
+    """Refuse what the device has silently set otherwise: every later number would be wrong."""
+    faults = []
+    rate, frequency, gain = radio.get_samp_rate(), radio.get_center_freq(0), radio.get_gain(0)
+    if abs(rate / settings.sample_rate_hz - 1) > 1e-9:
+        faults.append(
+            f"rate: got {settings.sample_rate_hz:g} Hz, the device can do {rate:g} Hz: "
+            "whole fractions of its master clock"
+        )
+    if abs(frequency - settings.center_frequency_hz) > FREQUENCY_TOLERANCE_HZ:
+        wanted = settings.center_frequency_hz
+        faults.append(f"frequency: got {wanted:.12g} Hz, the device can do {frequency:.12g} Hz")
+    if abs(gain - settings.gain_db) > GAIN_TOLERANCE_DB:
+        faults.append(f"gain: got {settings.gain_db:g} dB, the device can do {gain:g} dB")
+    if settings.clock_source != "internal" and not radio.get_mboard_sensor("ref_locked", 0).to_bool():
+        faults.append(f"clock source: got {settings.clock_source!r}, the device does not lock to it")
+    if faults:
+        raise CastError(*faults)
