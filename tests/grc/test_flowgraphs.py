@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Every shipped flowgraph loads, validates, compiles and, where it needs no radio, runs and obeys a law."""
 
+import json
 import os
 import re
 import subprocess
@@ -9,6 +10,7 @@ from pathlib import Path
 import cast_grc
 import numpy as np
 import pytest
+from gr_cast import codes
 from gr_cast.scenario import load
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -60,7 +62,12 @@ def test_the_palette_lists_every_block_in_the_order_of_the_data_flow(compiled):
     _, output = compiled
     palette = dict(eval(re.search(r"PALETTE (.*)", output)[1]))
     ordered = sorted(palette, key=lambda key: (palette[key], key))
-    assert ordered == ["cast_glfsr_source", "cast_channel_emulator", "cast_scenario_emulator", "cast_bpsk_correlator"]
+    assert ordered == [
+        "cast_glfsr_source",
+        "cast_channel_emulator",
+        "cast_scenario_emulator",
+        "cast_bpsk_correlator",
+    ]
     assert all(category[0] == "gr-cast" for category in palette.values())
 
 
@@ -80,7 +87,10 @@ def mean_response(path, length, n_frames):
 
 def test_the_headless_loopback_hears_the_four_taps_at_their_delays_and_gains(compiled):
     home, _ = compiled
-    run(["/usr/bin/python3", "loopback_headless.py", "-n", "40", "--noise-db", "-40", "-o", "heard.cf32"], home)
+    run(
+        ["/usr/bin/python3", "loopback_headless.py", "-n", "40", "--noise-db", "-40", "-o", "heard.cf32"],
+        home,
+    )
     taps = load("four_tap").links[("1", "2")]
     at = dict(zip(np.rint(taps.delay_s[0] * 50e6).astype(int), taps.gain[0], strict=True))
     response = mean_response(home / "heard.cf32", 511, 40)
@@ -136,6 +146,81 @@ def test_the_loopback_with_plots_shows_the_four_taps(compiled):
     assert int(frames) > 50, "the plots are fed"
 
 
+RADIO = """
+import sys
+sys.path[:0] = [".", sys.argv[1]]
+import json
+import fake_usrp
+from gr_cast import codes
+
+calls = fake_usrp.plug_in(codes.glfsr(9), air_rate=25e6)
+told = dict(device="addr=192.168.40.2", frequency=2.4e9, samp_rate=25e6, gain=15, antenna="RX1",
+            subdevice="B:0", clock_source="external", time_source="gpsdo", start_s=2)
+"""
+TRANSMIT = """
+import time
+import x310_transmitter
+
+top = x310_transmitter.x310_transmitter(**told, amplitude=0.25)
+top.start()
+while len(fake_usrp.Radio.sent.data()) < 2000:
+    time.sleep(0.01)
+top.stop()
+top.wait()
+print("CALLS", json.dumps([calls, [x.real for x in fake_usrp.Radio.sent.data()[:1022]]]))
+"""
+RECEIVE = """
+from gnuradio import blocks
+from PyQt5 import Qt
+import x310_receiver
+
+app = Qt.QApplication(sys.argv)
+top = x310_receiver.x310_receiver(**told)
+sink, head = blocks.vector_sink_f(511), blocks.head(4 * 511, 50)
+top.connect((top.correlator, 1), head, sink)
+top.start()
+top.show()
+Qt.QTimer.singleShot(2000, app.quit)
+app.exec_()
+top.stop()
+top.wait()
+print("CALLS", json.dumps([calls, list(sink.data())]))
+"""
+SET_UP = [  # the comma in front is GNU Radio Companion's: address and arguments joined
+    ["make", ",addr=192.168.40.2", "fc32", "sc16", [0]],
+    ["set_clock_source", "external", 0],
+    ["set_time_source", "gpsdo", 0],
+    ["set_subdev_spec", "B:0", 0],
+    ["set_samp_rate", 25e6],
+    ["set_time_unknown_pps", 0.0],
+    ["set_center_freq", 2.4e9, 0],
+    ["set_antenna", "RX1", 0],
+    ["set_gain", 15, 0],
+    ["set_start_time", 2.0],
+]
+
+
+def with_fake_radio(home, program):
+    command = ["/usr/bin/python3", "-c", RADIO + program, str(ROOT / "tests" / "blocks")]
+    done = run(command, home, QT_QPA_PLATFORM="offscreen")
+    return json.loads(re.search(r"CALLS (.*)", done.stdout)[1])
+
+
+def test_the_x310_transmitter_sets_the_radio_up_and_sends_the_code(compiled):
+    calls, sent = with_fake_radio(compiled[0], TRANSMIT)
+    assert calls == SET_UP
+    assert np.array_equal(sent, np.tile(0.25 * codes.glfsr(9), 2))
+
+
+def test_the_x310_receiver_sets_the_radio_up_and_shows_the_tap(compiled):
+    calls, shown = with_fake_radio(compiled[0], RECEIVE)
+    assert calls == SET_UP
+    magnitude = np.reshape(shown, (-1, 511))
+    # Half scale, 5 samples late: at no other delay more than a sidelobe of the m-sequence.
+    assert len(magnitude) == 50 and np.allclose(magnitude[:, 5], 0.5, atol=1e-5)
+    assert np.allclose(np.delete(magnitude, 5, axis=1), 0.5 / 511, atol=1e-5)
+
+
 @pytest.mark.parametrize("name", ["x310_transmitter", "x310_receiver"])
 def test_a_radio_flowgraph_without_a_radio_says_so(compiled, name):
     home, _ = compiled
@@ -147,7 +232,9 @@ def test_a_radio_flowgraph_without_a_radio_says_so(compiled, name):
 
 
 def test_an_unknown_flowgraph_is_refused_with_the_names_of_the_shipped_ones():
-    done = subprocess.run([str(ROOT / "apps" / "cast_grc.py"), "loopbak"], capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [str(ROOT / "apps" / "cast_grc.py"), "loopbak"], capture_output=True, text=True, timeout=60
+    )
     assert done.returncode == 2
     assert done.stderr.startswith("error: flowgraph: got 'loopbak'") and "four_node_emulator" in done.stderr
     assert len(done.stderr.splitlines()) == 1
@@ -159,7 +246,9 @@ def test_gnuradio_companion_opens_where_the_blocks_are_found(tmp_path):
     stand_in.write_text('#!/bin/sh\necho "$GRC_BLOCKS_PATH" "$PYTHONPATH" "$@"\n')
     stand_in.chmod(0o755)
     env = {"PATH": str(tmp_path), "PYTHONPATH": "", "GRC_BLOCKS_PATH": ""}
-    done = subprocess.run([str(ROOT / "apps" / "cast_grc.py")], env=env, capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run(
+        [str(ROOT / "apps" / "cast_grc.py")], env=env, capture_output=True, text=True, timeout=60, check=True
+    )
     blocks, python, flowgraph = done.stdout.split()
     assert (Path(blocks) / "cast_glfsr_source.block.yml").is_file()
     assert (Path(python) / "gr_cast" / "blocks").is_dir()

@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The sounder's radios by recorded calls: what an X310 is told, and what becomes of its samples."""
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cast_sounder
+import numpy as np
+import pytest
+from gnuradio import blocks, gr, uhd
+from gr_cast import codes, recording
+from gr_cast.blocks.recorder import SigmfRecorder
+from gr_cast.errors import CastError
+
+sys.path.append(str(Path(__file__).parent))
+import fake_usrp
+
+ROOT = Path(__file__).resolve().parents[2]
+PROGRAM = ROOT / "apps" / "cast_sounder.py"
+RADIO = (
+    "--args addr=192.168.40.2 --rate 25e6 --frequency 2.4e9 --gain 15 --subdevice B:0 --clock-source external"
+    " --time-source gpsdo --start-delay 2"
+).split()
+
+
+@pytest.fixture
+def radio(monkeypatch):
+    """Plugs fakes in for one test; call it with the code on the air and what the device answers."""
+    monkeypatch.setattr(uhd, "usrp_sink", None)
+    monkeypatch.setattr(uhd, "usrp_source", None)
+    return fake_usrp.plug_in
+
+
+def set_up(cpu_format, antenna):
+    return [
+        ("make", "addr=192.168.40.2", cpu_format, "sc16", [0]),
+        ("set_clock_source", "external", 0),
+        ("set_time_source", "gpsdo", 0),
+        ("set_subdev_spec", "B:0", 0),
+        ("set_samp_rate", 25e6),
+        ("set_center_freq", 2.4e9, 0),
+        ("set_gain", 15.0, 0),
+        ("set_antenna", antenna, 0),
+        ("set_time_unknown_pps", 0.0),
+        ("set_start_time", 2.0),
+    ]
+
+
+def test_tx_sets_the_radio_up_as_told_and_sends_the_code_at_its_amplitude(radio):
+    calls = radio()
+    sending = "tx --antenna TX/RX --code glfsr:7 --amplitude 0.25 --duration 1e-4".split()
+    assert cast_sounder.main(sending + RADIO) == 0
+    assert calls == set_up("fc32", "TX/RX")
+    assert np.array_equal(fake_usrp.Radio.sent.data(), np.resize(0.25 * codes.glfsr(7), 2500))
+
+
+@pytest.mark.parametrize(("chosen", "cpu_format"), [("cf32", "fc32"), ("ci16", "sc16")])
+def test_rx_sets_the_radio_up_as_told_and_keeps_what_redoes_the_result(radio, tmp_path, chosen, cpu_format):
+    calls = radio(codes.glfsr(8), air_rate=25e6)
+    more = f"rx --antenna RX2 --duration 0.01 --format {chosen} --node b --transmitter a --output {tmp_path}".split()
+    assert cast_sounder.main(more + RADIO) == 0
+    assert calls == set_up(cpu_format, "RX2")
+    read = recording.read(tmp_path / "recording")
+    assert len(read.samples) == 250_000
+    assert (read.sample_rate_hz, read.center_frequency_hz) == (25e6, 2.4e9)
+    kept = {key.removeprefix("cast:"): value for key, value in read.metadata.items()}
+    assert kept["waveform"] == {"code": "glfsr", "degree": 8, "samples_per_chip": 1}
+    assert (kept["rx_gain_db"], kept["clock_source"], kept["time_source"]) == (15.0, "external", "gpsdo")
+    assert (kept["receiver"], kept["transmitter"], kept["antenna"]) == ("b", "a", "RX2")
+
+
+def test_without_a_timed_start_nothing_waits_for_a_pps(radio):
+    calls = radio()
+    cast_sounder.main("tx --duration 1e-4".split())
+    names = [name for name, *_ in calls]
+    assert ("set_time_now", 0.0) in calls
+    assert not {"set_time_unknown_pps", "set_start_time", "set_antenna", "set_subdev_spec"} & set(names)
+
+
+def test_samples_that_the_radio_loses_become_captures_and_leave_the_delays_alone(radio, tmp_path):
+    radio(codes.glfsr(8), air_rate=1e6)
+    cast_sounder.main(f"rx --rate 1e6 --duration 0.35 --output {tmp_path}".split())
+    read = recording.read(tmp_path / "recording")
+    assert read.gaps == [(100_000, 777), (200_000, 777), (300_000, 777)]
+    passed = [[7, 0.25], *([7, 0.25 + k * 0.100777] for k in (1, 2, 3))]
+    assert [capture["cast:device_time_s"] for capture in read.captures] == [
+        pytest.approx(t, abs=1e-9) for t in passed
+    ]
+    result = json.loads((tmp_path / "result.json").read_text())
+    (tap,) = result["taps"]
+    assert tap["delay_s"] == pytest.approx(fake_usrp.DELAY_SAMPLES / 1e6, abs=1e-10)
+    assert tap["gain_db"] == pytest.approx(20 * np.log10(0.5), abs=0.01)
+    assert any("3 gaps, 2331 samples lost" in warning for warning in result["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("answers", "words"),
+    [
+        ({"samp_rate": 25.6e6}, ["rate", "2.56e+07", "master clock"]),
+        ({"center_freq": 2.4e9 + 50}, ["frequency", "2400000050 Hz"]),
+        ({"gain": 11.5}, ["gain", "got 15 dB", "11.5 dB"]),
+        ({"ref_locked": False}, ["clock source", "external", "not lock"]),
+    ],
+)
+def test_a_device_that_does_other_than_told_is_refused(radio, tmp_path, answers, words):
+    radio(codes.glfsr(8), **answers)
+    with pytest.raises(CastError) as refused:
+        cast_sounder.main(["rx", "--duration", "0.01", "--output", str(tmp_path), *RADIO])
+    (fault,) = refused.value.faults
+    assert all(word in fault for word in words), fault
+    assert not list(tmp_path.iterdir()), "nothing half-written"
+
+
+def test_what_uhd_throws_while_setting_up_is_one_clear_error(radio, monkeypatch):
+    radio()
+
+    def refuse(*_):
+        raise RuntimeError("bad spec B:0")
+
+    monkeypatch.setattr(fake_usrp.Radio, "set_subdev_spec", refuse, raising=False)
+    with pytest.raises(CastError, match="device: .*bad spec B:0"):
+        cast_sounder.main(["tx", *RADIO])
+
+
+@pytest.mark.parametrize("command", ["tx", "rx", "devices"])
+def test_no_device_is_one_clear_error_and_status_2(tmp_path, command):
+    told = subprocess.run(
+        [PROGRAM, command, "--args", "addr=192.0.2.1"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert told.returncode == 2, told.stderr
+    assert len([line for line in told.stderr.splitlines() if line.startswith("error: device")]) == 1
+    assert "addr=192.0.2.1" in told.stderr and "Traceback" not in told.stderr
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()], "nothing half-written"
+
+
+def start_fake(tmp_path, *arguments):
+    return subprocess.Popen(
+        ["/usr/bin/python3", fake_usrp.__file__, "cast_sounder", *arguments],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | {"MPLBACKEND": "Agg"},
+    )  # fmt: skip
+
+
+def wait_for(path, size, running):
+    deadline = time.monotonic() + 60
+    while not (path.exists() and path.stat().st_size > size):
+        assert time.monotonic() < deadline and running.poll() is None, running.communicate()
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize("megabytes", [1, 3, 7, 20])
+def test_a_receiver_that_is_killed_leaves_a_recording_with_the_gaps_until_then(tmp_path, megabytes):
+    running = start_fake(tmp_path, "rx", "--output", "out", "--format", "ci16")
+    wait_for(tmp_path / "out" / "recording.sigmf-data", megabytes * 1_000_000, running)
+    running.kill()
+    running.communicate(timeout=60)
+    read = recording.read(tmp_path / "out" / "recording")
+    count = len(read.samples)
+    assert count >= megabytes * 250_000
+    expected = [(start, 777) for start in range(100_000, count, 100_000)]
+    # The newest gap may not have reached the metadata yet; all before it have.
+    assert read.gaps in (expected, expected[:-1])
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_an_open_ended_recording_that_is_stopped_is_sealed_and_sounded(tmp_path, how):
+    running = start_fake(tmp_path, "rx", "--output", "out")
+    wait_for(tmp_path / "out" / "recording.sigmf-data", 1_000_000, running)
+    running.send_signal(how)
+    _, told = running.communicate(timeout=120)
+    assert running.returncode == 0 and "stopped early" in told, told
+    assert "core:sha512" in recording.read(tmp_path / "out" / "recording").metadata
+    assert (tmp_path / "out" / "result.json").is_file()
+
+
+def test_a_transmitter_is_stopped_by_ctrl_c(tmp_path):
+    running = start_fake(tmp_path, "tx")
+    assert "sending glfsr:8" in running.stdout.readline()
+    time.sleep(0.5)
+    running.send_signal(signal.SIGINT)
+    _, told = running.communicate(timeout=60)
+    assert running.returncode == 0 and "Traceback" not in told, told
+
+
+def test_a_full_disk_ends_the_recording_at_a_whole_sample(tmp_path):
+    limit = 1_000_001  # bytes: amid a sample
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    top = gr.top_block(catch_exceptions=False)
+    source = blocks.vector_source_c([0.5] * 1000, True)
+    recorder = SigmfRecorder(top, source, tmp_path / "x", sample_rate_hz=1e6)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
+    try:
+        top.run()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    with pytest.raises(OSError, match="File too large"):
+        recorder.finish()
+    read = recording.read(tmp_path / "x")
+    assert 0 < len(read.samples) <= limit // 8
+    assert np.all(read.samples == 0.5)
+
+
+def test_a_recording_is_never_overwritten(tmp_path):
+    recording.write(tmp_path / "x", np.ones(4), sample_rate_hz=1e6)
+    with pytest.raises(CastError, match="nothing is overwritten"):
+        SigmfRecorder(gr.top_block(), blocks.null_source(8), tmp_path / "x", sample_rate_hz=1e6)
