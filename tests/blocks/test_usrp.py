@@ -63,8 +63,8 @@ def test_tx_sets_the_radio_up_as_told_and_sends_the_code_at_its_amplitude(radio)
 @pytest.mark.parametrize(("chosen", "cpu_format"), [("cf32", "fc32"), ("ci16", "sc16")])
 def test_rx_sets_the_radio_up_as_told_and_keeps_what_redoes_the_result(radio, tmp_path, chosen, cpu_format):
     calls = radio(codes.glfsr(8), air_rate=25e6)
-    more = f"rx --antenna RX2 --duration 0.01 --format {chosen} --node b --transmitter a --output {tmp_path}".split()
-    assert cast_sounder.main(more + RADIO) == 0
+    receiving = f"rx --antenna RX2 --duration 0.01 --format {chosen} --node b --transmitter a".split()
+    assert cast_sounder.main([*receiving, "--output", str(tmp_path), *RADIO]) == 0
     assert calls == set_up(cpu_format, "RX2")
     read = recording.read(tmp_path / "recording")
     assert len(read.samples) == 250_000
@@ -146,8 +146,12 @@ def test_no_device_is_one_clear_error_and_status_2(tmp_path, command):
 def start_fake(tmp_path, *arguments):
     return subprocess.Popen(
         ["/usr/bin/python3", fake_usrp.__file__, "cast_sounder", *arguments],
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | {"MPLBACKEND": "Agg"},
-    )  # fmt: skip
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"MPLBACKEND": "Agg"},
+    )
 
 
 def wait_for(path, size, running):

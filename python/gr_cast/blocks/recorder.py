@@ -18,7 +18,7 @@ _DONE = -1  # what work() returns at the end of its stream
 class _Writer(gr.sync_block):
     """Writes samples first, the captures among them after: no reader meets a capture beyond the data.
 
-    An `rx_time` tag later than the samples since the one before say marks samples lost: a capture starts there.
+    An `rx_time` tag later than the count of samples says marks a loss: a capture starts there.
     """
 
     def __init__(self, item, path, captures: list[dict], sample_rate_hz: float, on_gap):
