@@ -68,7 +68,7 @@ class _Writer(gr.sync_block):
 
 
 class SigmfRecorder:
-    """Records output 0 of `source` as a SigMF pair; `finish()` seals it with its SHA-512 after the run."""
+    """Records output `port` of `source` as a SigMF pair; `finish()` seals it with its SHA-512 after the run."""
 
     def __init__(
         self,
@@ -80,6 +80,7 @@ class SigmfRecorder:
         center_frequency_hz=None,
         datatype="cf32_le",
         fields=None,
+        port=0,
     ):
         if meta_path(stem).exists() or data_path(stem).exists():
             raise CastError(
@@ -93,7 +94,7 @@ class SigmfRecorder:
             self.captures[0]["core:frequency"] = center_frequency_hz
         self._write()
         self._writer = _Writer(_ITEM[datatype], data_path(stem), self.captures, sample_rate_hz, self._write)
-        top.connect(source, self._writer)
+        top.connect((source, port), self._writer)
 
     def _write(self, **more) -> None:
         write_metadata(self.stem, metadata(captures=self.captures, fields=self._fields | more, **self._about))
