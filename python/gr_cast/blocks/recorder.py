@@ -68,7 +68,7 @@ class _Writer(gr.sync_block):
 
 
 class SigmfRecorder:
-    """Records output `port` of `source` as a SigMF pair; `finish()` seals it with its SHA-512 after the run."""
+    """Records output `port` of `source` as a SigMF pair; `finish()` seals it with its SHA-512."""
 
     def __init__(
         self,
