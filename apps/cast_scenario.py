@@ -13,6 +13,7 @@ import numpy as np
 from gr_cast import plot, validate
 from gr_cast import scenario as sc
 from gr_cast.errors import CastError
+from gr_cast.scenario import colosseum
 from gr_cast.scenario.create import pipeline
 from gr_cast.scenario.create.spec import read as read_spec
 from gr_cast.units import db_from_amplitude
@@ -68,12 +69,19 @@ def show(args) -> None:
 
 def convert(args) -> None:
     scenario = sc.load(args.source)
+    if args.every_ms:
+        scenario = sc.resampled(scenario, args.every_ms / 1e3)
     options = {"form": "static"} if args.static else {}
     if args.static and Path(args.target).suffix != ".mat":
         raise CastError(f"{args.target}: --static is a form of .mat files")
     sc.save(args.target, scenario, **options)
+    numbers = range(1, len(scenario.nodes) + 1)
+    if args.radio_map:
+        colosseum.write_radio_map(args.radio_map, {str(n): {"SRN": n, "RadioA": 1, "RadioB": 2} for n in numbers})
+    if args.node_map:
+        colosseum.write_node_map(args.node_map, {str(n): n for n in numbers})
     if Path(args.target).suffix == ".mat" and (scenario.base_loss_db or scenario.link_base_loss_db):
-        print("base losses belong to the set-up and are not in the .mat file")
+        print(f"base losses ({scenario.base_loss_db:.2f} dB) belong to the set-up and are not in the .mat file")
     print(f"{args.target}: {len(scenario.nodes)} nodes, {len(scenario.links)} links")
 
 
@@ -167,6 +175,11 @@ def main(argv=None) -> int:
     command = commands.add_parser("convert", help="write a scenario in another format")
     command.add_argument("source", help="catalogue id or file (.yaml, .mat, .zarr)")
     command.add_argument("target", help="file (.yaml, .mat, .zarr)")
+    command.add_argument(
+        "--every-ms", type=float, metavar="N", help="an instant every N ms (a .mat holds every cell in full)"
+    )
+    command.add_argument("--radio-map", metavar="JSON", help="also write a radio map: node n on SRN n, to be edited")
+    command.add_argument("--node-map", metavar="JSON", help="also write a node map: node n on SRN n, to be edited")
     command.add_argument("--static", action="store_true", help=".mat as N x N path gains in dB")
     command.set_defaults(call=convert)
     command = commands.add_parser("create", help="from a place to an installed scenario, in eight steps that resume")

@@ -24,6 +24,7 @@ def test_random_taps_are_heard_within_the_sounders_own_uncertainty(seed):
     assert found.holds and found.found == 4
     assert found.sounded_path_loss_db == pytest.approx(40 - 10 * np.log10(np.sum(np.abs(gain) ** 2)), abs=0.1)
     assert found.sounded_from_taps_db < -40 and found.taps_from_rays_db is None
+    assert found.taps == 4
 
 
 def test_an_emulator_that_plays_a_tap_wrongly_is_caught():

@@ -21,11 +21,11 @@ from .sound import Sounding, SoundingOptions, sound
 from .transmit import waveform_from_text
 from .units import amplitude_from_db, db_from_amplitude, db_from_power
 
-CODE = "glfsr:10"  # 10.23 us at the grid's rate: longer than any delay, so that nothing aliases
+CODE = "glfsr:11"  # 10.2 us: longer than any delay, so that nothing aliases
 PERIODS = 40
 SNR_DB = 30.0
 MAX_SIGMA = 5.0  # of a few hundred taps by chance one passes 4
-SAMPLE_RATE_HZ = 1 / GRID_STEP_S
+SAMPLE_RATE_HZ = 2 / GRID_STEP_S  # chips of half a grid step tell neighbouring taps apart
 Play = Callable[[Scenario, np.ndarray, float], np.ndarray]
 
 

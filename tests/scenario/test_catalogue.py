@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from gr_cast import scenario as sc
 from gr_cast.errors import CastError
+from gr_cast.scenario import colosseum
 
 
 @pytest.mark.parametrize("name", sc.catalogue_entries())
@@ -69,3 +70,22 @@ def test_show_convert_and_list_tell_what_is_there(tmp_path, monkeypatch, capsys)
         cast_scenario.main(["show", "90002"])
     with pytest.raises(CastError, match="suffix"):
         cast_scenario.main(["convert", "four_tap", "a.txt"])
+
+
+def test_maps_and_coarser_steps_come_with_a_conversion(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    taps = sc.LinkTaps(delay_s=np.zeros((1001, 1)), gain=np.linspace(0.1, 1, 1001)[:, None])
+    walk = sc.Scenario(name="walk", nodes=("a", "b"), links={("a", "b"): taps}, time_s=np.arange(1001) / 1e3)
+    sc.save("walk.zarr", walk)
+    maps = ["--radio-map", "radio.json", "--node-map", "node.json"]
+    assert cast_scenario.main(["convert", "walk.zarr", "walk.mat", "--every-ms", "100", *maps]) == 0
+    coarse = sc.load("walk.mat")
+    np.testing.assert_allclose(coarse.time_s, np.arange(11) / 10)
+    np.testing.assert_allclose(coarse.links["1", "2"].gain[:, 0], np.linspace(0.1, 1, 11), rtol=1e-6)
+    assert colosseum.read_radio_map("radio.json")["2"]["SRN"] == 2 and colosseum.read_node_map("node.json") == {
+        "1": 1,
+        "2": 2,
+    }
+    monkeypatch.setattr(colosseum, "MAX_CELLS", 100)
+    with pytest.raises(CastError, match="coarser"):
+        cast_scenario.main(["convert", "walk.zarr", "walk.mat"])

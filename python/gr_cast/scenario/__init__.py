@@ -17,6 +17,7 @@ from .model import (
     path_gain_matrix_db,
     played_gain,
     power_db,
+    resampled,
     taps_at,
     with_base_loss,
 )
@@ -38,6 +39,7 @@ __all__ = [
     "played_gain",
     "power_db",
     "read",
+    "resampled",
     "save",
     "taps_at",
     "with_base_loss",

@@ -24,6 +24,7 @@ MIN_GAIN_DB, MAX_GAIN_DB = -43.0, 0.0
 DEFAULT_DELAY_S = 1e-9  # of a tap that a file leaves alone, and of the static form
 UPDATE_MS = 1
 MAX_SRN = 128
+MAX_CELLS = 2_000_000  # a minute to write, some hundred megabytes
 _ROOM_DB, _ROOM_S = 1e-6, 5e-13  # for decimal limits that binary numbers cannot hold
 
 
@@ -238,6 +239,9 @@ def _static_content(scenario: Scenario, faults: Faults) -> dict:
 def _taps_content(scenario: Scenario, faults: Faults) -> dict:
     time_ms, samples = _instants(scenario, faults)
     nodes = len(scenario.nodes)
+    if nodes**2 * time_ms.size > MAX_CELLS:
+        faults.add("chMatrix", f"got {nodes**2 * time_ms.size} cells, limit {MAX_CELLS}: write it in coarser steps")
+        return {}
     index = {node: place for place, node in enumerate(scenario.nodes)}
     delay_s = np.zeros((nodes, nodes, time_ms.size, MAX_TAPS))
     iq = np.zeros(delay_s.shape, np.complex128)

@@ -197,6 +197,21 @@ def reciprocal(links: dict[tuple[str, str], LinkTaps]) -> dict[tuple[str, str], 
     return links | {(rx, tx): taps for (tx, rx), taps in links.items() if (rx, tx) not in links}
 
 
+def resampled(scenario: Scenario, step_s: float) -> Scenario:
+    """The same scenario at instants `step_s` apart, and at its end: coarser ones leave out what lies between."""
+    if not 0 < step_s < np.inf:
+        raise CastError(f"{scenario.name}: step: got {step_s} s, needs a finite number above 0")
+    end_s = scenario.time_s[-1]
+    clock = np.unique(np.append(np.arange(0, end_s + 1e-9, step_s), end_s))
+    rows = np.clip(np.searchsorted(scenario.time_s, clock + 1e-9, side="right") - 1, 0, None)
+    links = {}
+    for key, taps in scenario.links.items():
+        delay_s, gain = taps_at(scenario, key, clock + 1e-9)  # a hair later: rounding must not hold the instant before
+        links[key] = taps if taps.is_static else LinkTaps(delay_s=delay_s, gain=gain)
+    position_m = {node: track if len(track) == 1 else track[rows] for node, track in scenario.position_m.items()}
+    return replace(scenario, links=links, time_s=clock, position_m=position_m)
+
+
 def with_base_loss(scenario: Scenario, loss_db: float) -> Scenario:
     """The same scenario behind another set-up: `loss_db` on every link."""
     return replace(scenario, base_loss_db=loss_db, link_base_loss_db={})
