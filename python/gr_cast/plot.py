@@ -151,11 +151,12 @@ def _path_gain_map(figure: Figure, axes, scenario: sc.Scenario) -> None:
 
 
 def _distinct_links(scenario: sc.Scenario, count: int = 6) -> list[tuple[str, str]]:
-    """Up to `count` links, one per distinct set of taps and one per pair, so that a picture shows the differences."""
+    """Up to `count` links, those that move first, one per distinct set of taps and one per pair."""
     chosen: dict = {}
-    for key, taps in scenario.links.items():
+    for key in sorted(scenario.links, key=lambda key: scenario.links[key].is_static):
+        taps = scenario.links[key]
         if (key[1], key[0]) not in chosen.values():
-            chosen.setdefault(taps.gain.tobytes() + taps.delay_s.tobytes(), key)
+            chosen.setdefault((taps.gain[0].tobytes(), taps.delay_s[0].tobytes()), key)
         if len(chosen) == count:
             break
     return list(chosen.values())
@@ -184,7 +185,7 @@ def _power_over_time(axes, scenario: sc.Scenario, keys) -> None:
             axes.axhline(power_db[0], color=f"C{keys.index(key)}", label=sc.link_name(key))
         else:
             style = "steps-post" if scenario.interpolation == "hold" else "default"
-            axes.plot(scenario.time_s, power_db, drawstyle=style, label=sc.link_name(key))
+            axes.plot(scenario.time_s, power_db, drawstyle=style, lw=0.8, label=sc.link_name(key))
     axes.set(xlabel="time (s)", ylabel="power of all taps (dB)", title="power over time")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gr_cast import scenario as sc
 from gr_cast.errors import CastError
-from gr_cast.scenario.create import nodes, paths, pipeline, spec, trace
+from gr_cast.scenario.create import materials, mesh_files, nodes, osm, paths, pipeline, spec, trace
 
 CARRIER_HZ, C_M_PER_S = 2.4e9, 299_792_458.0
 SPEC = """
@@ -156,6 +156,9 @@ def test_the_examples_are_read_and_their_nodes_stand_in_the_open():
     for name, radios in (("arena", 42), ("street", 3)):
         read = spec.read(sc.examples_folder() / f"{name}.yaml")
         assert len(read.nodes) == radios and read.id == name
+        solids = mesh_files.read(read.model_path) if name == "arena" else osm.read(read.model_path, area_m=read.area_m)[0]
+        materials.assign(solids, read.materials, read.carrier_hz)
+        nodes.check(list(read.nodes), solids, np.arange(0, read.duration_s, 0.2), read.step_s)
 
 
 def test_a_walker_keeps_its_speed_along_its_way_and_stops_at_its_end():
