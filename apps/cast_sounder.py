@@ -14,6 +14,7 @@ from gr_cast import calibration, code_comparison, path_loss, plot, recording, re
 from gr_cast.errors import CastError
 from gr_cast.files import write_json, write_text
 from gr_cast.sound import LinkBudget, SoundingOptions, sound
+from gr_cast.units import db_from_amplitude
 
 
 def _arguments() -> argparse.ArgumentParser:
@@ -30,10 +31,15 @@ def _arguments() -> argparse.ArgumentParser:
     estimate.add_argument("--average", type=int, default=0, metavar="K", help="code periods per frame; 0 chooses")
     estimate.add_argument("--false-alarm-rate", type=float, default=1e-3, metavar="P", help="false alarms per CIR")
     estimate.add_argument("--max-taps", type=int, default=32, metavar="N")
-    estimate.add_argument("--max-offset", type=float, metavar="HZ", help="carrier offset searched; default 10 ppm, 25 kHz at least")
+    estimate.add_argument(
+        "--max-offset", type=float, metavar="HZ", help="carrier offset searched; default 10 ppm, 25 kHz at least"
+    )
     estimate.add_argument("--no-offset-correction", action="store_true")
     estimate.add_argument("--max-spread", type=float, default=5.12e-6, metavar="S", help="longest excess delay expected")
     estimate.add_argument("--tx-power", type=float, metavar="DBM", help="transmitted at full scale and 0 dB of gain")
+    estimate.add_argument(
+        "--tx-amplitude", type=float, metavar="A", help="of full scale, as tx --amplitude; default: the recording's own, else 1"
+    )
     estimate.add_argument("--tx-gain", type=float, metavar="DB", help="default: the recording's own, else 0")
     estimate.add_argument("--rx-gain", type=float, metavar="DB", help="default: the recording's own, else 0")
     estimate.add_argument("--rx-full-scale", type=float, metavar="DBM", help="full scale at 0 dB of receive gain")
@@ -113,12 +119,15 @@ def _spec_and_waveform(args, metadata: dict):
 
 
 def _options(args, metadata: dict, base_loss_db: float) -> SoundingOptions:
-    def known(argument, field):
-        value = argument if argument is not None else metadata.get(f"cast:{field}", 0.0)
+    def known(argument, field, default=0.0):
+        value = argument if argument is not None else metadata.get(f"cast:{field}", default)
         if not isinstance(value, (int, float)) or not np.isfinite(value):
             raise CastError(f"{field}: got {value!r}, needs a finite number")
         return float(value)
 
+    amplitude = known(args.tx_amplitude, "tx_amplitude", 1.0)
+    if not 0 < amplitude <= 1:
+        raise CastError(f"tx_amplitude: got {amplitude}, needs more than 0 and at most 1 (full scale)")
     return SoundingOptions(
         average=args.average,
         false_alarm_rate=args.false_alarm_rate,
@@ -127,7 +136,7 @@ def _options(args, metadata: dict, base_loss_db: float) -> SoundingOptions:
         correct_offset=not args.no_offset_correction,
         max_spread_s=args.max_spread,
         budget=LinkBudget(
-            tx_power_dbm=known(args.tx_power, "tx_power_dbm"),
+            tx_power_dbm=known(args.tx_power, "tx_power_dbm") + float(db_from_amplitude(amplitude)),
             tx_gain_db=known(args.tx_gain, "tx_gain_db"),
             rx_gain_db=known(args.rx_gain, "rx_gain_db"),
             rx_full_scale_dbm=known(args.rx_full_scale, "rx_full_scale_dbm"),
@@ -298,10 +307,12 @@ def _rx(args) -> None:
     args.code = args.code or "glfsr:8"
     spec, _ = _spec_and_waveform(args, {})
     settings, n_samples = _radio_settings(args), _sample_count(args)
-    fields = {"cast:waveform": spec, "cast:transmitter": args.transmitter, "cast:receiver": args.node, "cast:rx_gain_db": args.gain,
+    fields = {"cast:waveform": spec, "cast:transmitter": args.transmitter, "cast:receiver": args.node,
+              "cast:rx_gain_db": args.gain,
               "cast:clock_source": args.clock_source, "cast:time_source": args.time_source, "cast:antenna": args.antenna,
               "core:hw": f"USRP by UHD, arguments {args.args!r}"}  # fmt: skip
-    fields |= {"cast:tx_gain_db": args.tx_gain} if args.tx_gain is not None else {}
+    told = {"cast:tx_gain_db": args.tx_gain, "cast:tx_amplitude": args.tx_amplitude, "cast:tx_power_dbm": args.tx_power}
+    fields |= {field: value for field, value in told.items() if value is not None}
     stem = result.output_folder(args.output) / "recording"
     datatype = recording.RAW_FORMATS[args.format]
     top = UsrpReceiver(settings, stem, n_samples=n_samples, datatype=datatype, fields=fields)

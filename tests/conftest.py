@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "build" / "python"))
+BUILD = Path(os.environ.get("CAST_BUILD", ROOT / "build"))
+sys.path.insert(0, str(BUILD / "python"))
 sys.path.append(str(ROOT / "apps"))
 os.environ["GR_DONT_LOAD_PREFS"] = "1"
 os.environ.setdefault("MPLBACKEND", "Agg")

@@ -53,5 +53,7 @@ def matrix_text(nodes: list[str], matrix: np.ndarray) -> str:
     width = max(7, *(len(node) + 1 for node in nodes))
     rows = ["".join(f"{node:>{width}}" for node in ["tx\\rx", *nodes])]
     for node, row in zip(nodes, np.round(matrix, 1) + 0.0, strict=True):
-        rows.append(f"{node:>{width}}" + "".join(f"{value:>{width}.1f}" if np.isfinite(value) else f"{'–':>{width}}" for value in row))
+        rows.append(
+            f"{node:>{width}}" + "".join(f"{value:>{width}.1f}" if np.isfinite(value) else f"{'–':>{width}}" for value in row)
+        )
     return "\n".join(rows)

@@ -140,7 +140,9 @@ def _read_samples(path: Path, datatype: str, start: int, count: int | None, allo
     item = np.dtype(DATATYPES[datatype][0])
     total, rest = divmod(size, 2 * item.itemsize)
     if rest:
-        raise CastError(f"{path}: truncated: {size} bytes is not a whole number of {datatype} samples ({2 * item.itemsize} bytes)")
+        raise CastError(
+            f"{path}: truncated: {size} bytes is not a whole number of {datatype} samples ({2 * item.itemsize} bytes)"
+        )
     if total == 0:
         raise CastError(f"{path}: holds no samples")
     if start >= total:

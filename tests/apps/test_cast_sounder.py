@@ -80,7 +80,9 @@ def test_calibrated_base_loss_comes_off_the_heat_map(tmp_path):
     random = np.random.default_rng(2)
     nodes = [str(node) for node in range(1, 11)]
     losses = {(a, b): round(random.normal(57.55, 1.23), 3) for a in nodes for b in nodes if a != b}
-    links = "\n".join(f"  - {{tx: {a}, rx: {b}, base_loss_db: {v}, taps: [{{delay_s: 0, gain_db: 0}}]}}" for (a, b), v in losses.items())
+    links = "\n".join(
+        f"  - {{tx: {a}, rx: {b}, base_loss_db: {v}, taps: [{{delay_s: 0, gain_db: 0}}]}}" for (a, b), v in losses.items()
+    )
     (tmp_path / "ten.yaml").write_text(f"cast_scenario: 1\nname: ten\nnodes: 10\nlinks:\n{links}\n")
     where = {"CAST_CALIBRATIONS": str(tmp_path / "store")}
     done("run", "--scenario", tmp_path / "ten.yaml", "--all-links", "--frames", 60, "--rate", "10e6", "--output", tmp_path / "a")
@@ -169,7 +171,10 @@ def test_bad_input_is_one_clear_error_and_status_2(tmp_path, arguments, words):
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_a_run_that_is_killed_midway_leaves_a_readable_recording(tmp_path, how):
     running = subprocess.Popen(
-        [PROGRAM, "run", "--frames", "100000000", "--output", tmp_path], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        [PROGRAM, "run", "--frames", "100000000", "--output", tmp_path],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     data = tmp_path / "recordings" / "tx1_rx2.sigmf-data"
     deadline = time.monotonic() + 60

@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "apps"))
 os.environ["GR_DONT_LOAD_PREFS"] = "1"
 
-import _program  # noqa: F401
+import _program
 from gnuradio import blocks, filter, gr
 from gr_cast import blocks as cast
 from gr_cast import codes

@@ -34,14 +34,19 @@ def errors_over_bound(random, snr_db: float, trials: int, periods: int) -> dict[
     slope_energy = np.sum((2 * np.pi * f) ** 2 * spectrum) / len(CODE)
     errors = {delay: [] for delay in TAPS}
     for _ in range(trials):
-        true = {delay: (delay + random.uniform(-0.4, 0.4), 10 ** (gain / 20) * np.exp(2j * np.pi * random.random())) for delay, gain in TAPS.items()}
+        true = {
+            delay: (delay + random.uniform(-0.4, 0.4), 10 ** (gain / 20) * np.exp(2j * np.pi * random.random()))
+            for delay, gain in TAPS.items()
+        }
         received = sum(gain * template.columns([delay])[:, 0] for delay, gain in true.values())
         taps = estimate_taps(received + np.sqrt(variance) * noise(random, len(CODE)), template, noise_variance=variance)
         for slot, (delay, gain) in true.items():
             near = np.flatnonzero(np.abs(taps.delay_samples - delay) < 2)
             if len(near):
                 k = near[np.argmax(np.abs(taps.gain[near, 0]))]
-                errors[slot].append((taps.delay_samples[k] - delay, np.abs(taps.gain[k, 0]) - np.abs(gain), np.abs(taps.gain[k, 0] / gain)))
+                errors[slot].append(
+                    (taps.delay_samples[k] - delay, np.abs(taps.gain[k, 0]) - np.abs(gain), np.abs(taps.gain[k, 0] / gain))
+                )
     rows = {}
     for slot, gain_db in TAPS.items():
         amplitude = 10 ** (gain_db / 20)
@@ -65,7 +70,9 @@ def main() -> int:
     random = np.random.default_rng(args.seed)
 
     for periods in (1, 1500):
-        print(f"four taps at 50 MS/s, mean of {periods} periods, {args.trials} trials: detected, RMS/bound of delay and gain, power bias")
+        print(
+            f"four taps at 50 MS/s, {periods} periods averaged, {args.trials} trials: found, RMS/bound of delay, gain, bias (dB)"
+        )
         print("chip SNR" + "".join(f"{f'tap {gain:g} dB':>34}" for gain in TAPS.values()))
         for snr_db in range(-10, 31, 5):
             rows = errors_over_bound(random, snr_db, args.trials, periods)
@@ -78,7 +85,10 @@ def main() -> int:
             len(estimate_taps(noise(random, len(CODE)), template, noise_variance=variance, false_alarm_rate=rate).gain) > 0
             for _ in range(args.noise_only)
         )
-        print(f"false alarms, {name}: {alarms} of {args.noise_only} CIRs = {alarms / args.noise_only:.2e}, stated {rate:.0e}", flush=True)
+        print(
+            f"false alarms, {name}: {alarms} of {args.noise_only} CIRs = {alarms / args.noise_only:.2e}, stated {rate:.0e}",
+            flush=True,
+        )
 
     print("carrier offset at 10 MS/s, chip SNR 10 dB, 200 periods: loss of the path gain")
     waveform = transmit.Waveform(samples=CODE.astype(np.complex64))

@@ -109,7 +109,8 @@ def dae_text(box, y_up):
 <library_geometries><geometry id="g"><mesh>
 <source id="p"><float_array>{" ".join(repr(float(x)) for x in 100 * v.ravel())}</float_array></source>
 <vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
-<triangles material="oak"><input semantic="VERTEX" source="#v" offset="0"/><p>{" ".join(map(str, box.faces.ravel()))}</p></triangles>
+<triangles material="oak"><input semantic="VERTEX" source="#v" offset="0"/>
+<p>{" ".join(map(str, box.faces.ravel()))}</p></triangles>
 </mesh></geometry></library_geometries>
 <library_visual_scenes><visual_scene><node name="desk 1"><translate>0 0 0</translate><instance_geometry url="#g"/></node>
 </visual_scene></library_visual_scenes></COLLADA>"""

@@ -23,7 +23,8 @@ def waveform_source(waveform: Waveform, spec: dict | None = None):
 class EmulatedSounding(gr.top_block):
     """One transmitter through the embedded emulator to recordings at some receivers, `n_samples` each.
 
-    The recordings start after `settle_samples`, whole periods of the code, when every echo is there. Per receiver its own white noise of `noise_power_db` (per complex sample, re full scale) from `seed`, and a carrier
+    The recordings start after `settle_samples`, whole periods of the code, when every echo is there. Per receiver its own
+    white noise of `noise_power_db` (per complex sample, re full scale) from `seed`, and a carrier
     offset of `offset_hz` where one is asked for. `stems` maps a receiver to its recording.
     """
 
@@ -52,7 +53,11 @@ class EmulatedSounding(gr.top_block):
             self.connect(heard, settled, cut)
             self.recorders.append(
                 SigmfRecorder(
-                    self, cut, stems[receiver], sample_rate_hz=sample_rate_hz, center_frequency_hz=scenario.center_frequency_hz,
+                    self,
+                    cut,
+                    stems[receiver],
+                    sample_rate_hz=sample_rate_hz,
+                    center_frequency_hz=scenario.center_frequency_hz,
                     fields=(fields or {}) | {"cast:transmitter": transmitter, "cast:receiver": receiver},
                 )  # fmt: skip
             )
@@ -78,7 +83,13 @@ class UsrpReceiver(gr.top_block):
     """A recording of an X310's receive channel; `n_samples` None records until stopped."""
 
     def __init__(
-        self, settings: RadioSettings, stem, *, n_samples: int | None = None, datatype: str = "cf32_le", fields: dict | None = None
+        self,
+        settings: RadioSettings,
+        stem,
+        *,
+        n_samples: int | None = None,
+        datatype: str = "cf32_le",
+        fields: dict | None = None,
     ):
         super().__init__("UsrpReceiver", catch_exceptions=False)
         self.radio = usrp_source(settings, "fc32" if datatype == "cf32_le" else "sc16")

@@ -32,7 +32,7 @@ def emulated_network(
             row, tap = np.unravel_index(np.argmax(off), off.shape)
             raise CastError(
                 f"{scenario.name}: link {link_name((tx, rx))}: tap {tap + 1}: delay {taps.delay_s[row, tap]:.6g} s is "
-                f"{taps.delay_s[row, tap] * sample_rate_hz:.4f} samples at {sample_rate_hz:g} Hz; choose a rate that makes it whole"
+                f"{taps.delay_s[row, tap] * sample_rate_hz:.4f} samples at {sample_rate_hz:g} Hz; choose another rate"
             )
         for step in range(len(gain)):
             start = int(np.rint(scenario.time_s[step] * sample_rate_hz))

@@ -29,7 +29,8 @@ from .spec import Spec
 
 STEPS = ("environment", "model", "materials", "nodes", "sampling", "parsing", "approximation", "install")
 _SECTIONS = {
-    "environment": ("environment",), "model": ("model",), "materials": ("materials",), "nodes": ("nodes", "node_grids", "sampling"),
+    "environment": ("environment",), "model": ("model",), "materials": ("materials",),
+    "nodes": ("nodes", "node_grids", "sampling"),
     "sampling": ("sampling",), "parsing": (), "approximation": ("approximation",), "install": ("id", "name", "description"),
 }  # fmt: skip
 _CHUNK_TRANSMITTERS = 7  # static transmitters per task: bounds the tracer's memory
