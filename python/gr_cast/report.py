@@ -38,7 +38,8 @@ def render(diagnosis) -> str:
         _rest(d),
         _fit(d),
         _pictures(diagnosis),
-        f"<p class='note'>Computed in {d.get('seconds', 0):.1f} s. Numbers are given with one standard deviation.</p>",
+        f"<p class='note'>Computed in {d.get('seconds', 0):.1f} s. "
+        "Numbers are given with one standard deviation.</p>",
     ]
     head = "<meta charset='utf-8'><meta name='viewport' content='width=device-width'>"
     head += f"<title>{name}: {d['verdict']}</title>"

@@ -69,7 +69,7 @@ def rivals(fit: Fit, index: int) -> tuple[float, list[Rival]]:
 
 def _same(a: Effect, b: Effect) -> bool:
     if a.family == b.family:
-        return a.aux.get("tap") == b.aux.get("tap") and a.aux.get("side") == b.aux.get("side")
+        return a.aux.get("tap") == b.aux.get("tap")
     return {a.family, b.family} in SAME_ANSWER
 
 
@@ -77,7 +77,7 @@ def alike(effect: Effect, rival: Rival) -> bool:
     """Whether the data leave both open: as good a fit with no more freedom, and both simple."""
     if rival.fit is None or abs(rival.likelihood) > ALIKE_NATS or effect.prior is not None:
         return False
-    return int(rival.effect.free.sum()) <= int(effect.free.sum()) + 1 and rival.effect.prior is None
+    return int(rival.effect.free.sum()) <= int(effect.free.sum()) and rival.effect.prior is None
 
 
 def record_next(first: Fit, second: Fit) -> str:

@@ -191,7 +191,7 @@ def with_noise(fit: Fit, model: Model) -> Data:
     """The data with the noise's shape that the noise effects of `model` give around the prediction of
     `fit`."""
     spectrum = smooth_spectrum(fit.data, fit.residual) if filters_noise(model) else None
-    variance = gain_of_receiver(fit, model)
+    variance = shape_of_receiver(fit, model)
     for effect in model.effects:
         family = FAMILIES[effect.family]
         if family.noise_like:
@@ -228,6 +228,18 @@ def smooth_spectrum(data: Data, residual: np.ndarray, orders: int = COLOUR_ORDER
 def filters_noise(model: Model) -> bool:
     """Whether the receiver has a filter that noise passes too."""
     return any(stage_of(e) == RX_FILTER for e in model.effects)
+
+
+def shape_of_receiver(fit: Fit, model: Model):
+    """(n,) power over time that gain and quantiser of the receiver give to even noise, None where they do
+    nothing."""
+    shape = gain_of_receiver(fit, model)
+    for effect in model.effects:
+        if effect.family == "quantization" and effect.p[2] < 0.7:
+            predict(fit.data.scene, fit.model)  # leaves the prediction in front of the lattice
+            v = FAMILIES[effect.family].variance(fit.data.scene, effect)
+            shape = v if shape is None else shape if v is None else shape * v
+    return shape
 
 
 def gain_of_receiver(fit: Fit, model: Model):

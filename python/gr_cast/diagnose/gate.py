@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Discrete effects, looked for before everything else: the converter's lattice and its rails."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..effects import FAMILIES, Effect
@@ -66,16 +64,20 @@ def rails(y: np.ndarray, datatype: str, step: float) -> tuple[float, float, int]
 
 
 def discrete(y: np.ndarray, datatype: str) -> list[tuple[Effect, dict]]:
-    """Effects of the converter with the standard deviations of their parameters."""
+    """Effects that are read off the samples themselves (aux `read`), with the standard deviations of their
+    parameters."""
     found = []
     grid = lattice(y, datatype)
     step = grid[0] if grid else 0.0
     top = rails(y, datatype, step)
     if top:
         found.append(
-            (start(FAMILIES["adc_clipping"], [top[0]], free=[False]), {"level": top[1], "samples": top[2]})
+            (
+                start(FAMILIES["adc_clipping"], [top[0]], free=[False], aux={"read": True}),
+                {"level": top[1], "samples": top[2]},
+            )
         )
     if grid:
-        effect = start(FAMILIES["quantization"], [step, grid[2], 1.0], free=[False] * 3)
-        found.append((replace(effect, aux={}), {"step": grid[1]}))
+        effect = start(FAMILIES["quantization"], [step, grid[2], 1.0], free=[False] * 3, aux={"read": True})
+        found.append((effect, {"step": grid[1]}))
     return found

@@ -11,7 +11,7 @@ from scipy.stats import gamma
 
 from ..effects import FAMILIES
 from ..effects.base import start
-from .fit import gain_of_receiver
+from .fit import shape_of_receiver
 from .view import _peaks
 
 
@@ -30,9 +30,9 @@ def _two_levels(n_on, e_on, n, e):
 
 
 def _energy(fit) -> np.ndarray:
-    """(n,) energy of the residual over the receiver's gain."""
-    gain = gain_of_receiver(fit, fit.model)
-    return np.abs(fit.residual) ** 2 / (1.0 if gain is None else gain)
+    """(n,) energy of the residual over what the receiver's gain and quantiser make of even noise."""
+    shape = shape_of_receiver(fit, fit.model)
+    return np.abs(fit.residual) ** 2 / (1.0 if shape is None else shape)
 
 
 def signal_dependent(fit):
@@ -109,7 +109,7 @@ def pulsed(fit, near: float | None = None):
     pad = 4
     spectrum = np.abs(sp_fft.rfft(q, pad * n)) ** 2
     spectrum /= np.median(spectrum[1:]) / np.log(2)
-    f = np.arange(3 * pad, min(n // 8, 4000) * pad)
+    f = np.arange(6 * pad, min(n // 8, 4000) * pad)
     periods, comb = [], np.zeros(len(f))
     for h in range(1, 17):
         at = f * h
@@ -227,6 +227,8 @@ HIDDEN = {
 def starts(fit):
     """[(net gain in nats, effect)] of every noise family that is not in the model yet."""
     have = {e.family for e in fit.model.effects}
+    if any(e.family == "quantization" and e.p[2] < 0.7 for e in fit.model.effects):
+        return []  # behind a coarse quantiser the noise has no law of its own
     out = []
     for name, finder in FINDERS.items():
         if name in have or (have & set(FINDERS)):

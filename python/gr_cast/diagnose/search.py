@@ -183,7 +183,10 @@ def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2) ->
     """Signal and noise law at their joint optimum. `near`: a fit whose signal part is already close."""
     white = replace(data, variance=None, spectrum=None)
     noisy = any(FAMILIES[e.family].noise_like and not e.fixed for e in model.effects)
-    shaped = noisy or any(stage_of(e) in (RX_GAIN, RX_FILTER) for e in model.effects)
+    shaped = noisy or any(
+        stage_of(e) in (RX_GAIN, RX_FILTER) or e.family == "quantization" and e.p[2] < 0.7
+        for e in model.effects
+    )
     if not noisy or near is None:
         fit = solve(white, model)
     if not shaped:
@@ -340,7 +343,7 @@ def eliminate(data: Data, fit: Fit) -> Fit:
     while fit.model.found:
         worst = None
         for i, effect in enumerate(fit.model.effects):
-            if effect.fixed:
+            if effect.fixed or "read" in effect.aux:
                 continue
             less = refit(data, fit.model.without(i))
             if less.evidence > fit.evidence - MARGIN and (worst is None or less.evidence > worst.evidence):

@@ -8,6 +8,7 @@ from .ownership import kind_of, owner
 from .run import Finding, nmse, numbers
 
 SAME_DELAY_SAMPLES = 0.7
+MOST_TRUSTED = 3  # effects in one recording; with more the list is not the whole truth
 LEAST_NATS = 8.0  # that an effect must bring over all recordings
 
 
@@ -53,7 +54,7 @@ def conclude(case, findings: list[Finding], vault: list[tuple]) -> dict:
     """The contract's document, without `seconds`."""
     effects = [entry for members in _group(findings) if (entry := _entry(findings, members))]
     left = [(f, rest) for f in findings for rest in f.left]
-    ambiguous = _ambiguities(case, findings)
+    ambiguous = _ambiguities(findings)
     if left:
         verdict = "unexplained"
     elif ambiguous:
@@ -62,8 +63,9 @@ def conclude(case, findings: list[Finding], vault: list[tuple]) -> dict:
         verdict = "identified"
     else:
         verdict = "no_mismatch"
-    if len(findings) == 1 and len(effects) > 4:
+    if verdict == "identified" and max(len(f.fit.model.found) for f in findings) > MOST_TRUSTED:
         verdict = "unexplained"
+    _doubted(effects, verdict, ambiguous)
     fit = _fit_numbers(findings, vault)
     return {
         "cast_diagnosis": 1,
@@ -149,7 +151,20 @@ def _entry(findings, members) -> dict | None:
 
 
 def confidence(nats: float) -> float:
-    return round(float(0.55 + 0.42 * (1 - np.exp(-max(nats, 0) / 15))), 3)
+    """Share of effects with this evidence that are true when the whole list is trusted
+    (tests/bench/bench_confidence.py)."""
+    return round(float(0.60 + 0.37 * (1 - np.exp(-max(nats, 0) / 20))), 3)
+
+
+def _doubted(effects: list[dict], verdict: str, ambiguous: list[dict]) -> None:
+    """Lower the confidence of effects in a list that is not trusted, and of those that have an equal
+    rival."""
+    rivals = {family for a in ambiguous for family in a["families"]}
+    for effect in effects:
+        if effect["family"] in rivals:
+            effect["confidence"] = min(effect["confidence"], 0.5)
+        elif verdict == "unexplained":
+            effect["confidence"] = round(0.55 * effect["confidence"], 3)
 
 
 def _pooled(items: dict[str, dict], first: dict) -> dict:
@@ -167,15 +182,18 @@ def _pooled(items: dict[str, dict], first: dict) -> dict:
     return {"value": mean, "std": float(np.sqrt(max(1.0, chi2 / max(dof, 1)) / w.sum()))}
 
 
-def _ambiguities(case, findings) -> list[dict]:
-    found, seen = [], set()
+def _ambiguities(findings) -> list[dict]:
+    """Pairs that stay open: in a network only those that no other recording of the same effect decides."""
+    found = {}
     for finding in findings:
         for entry in finding.ambiguous:
-            key = frozenset(entry["families"])
-            if key not in seen:
-                seen.add(key)
-                found.append(entry)
-    return found
+            found.setdefault(frozenset(entry["families"]), []).append(entry)
+    open_ones = []
+    for families, entries in found.items():
+        holders = [f for f in findings if any(e.family in families for e in f.fit.model.found)]
+        if len(entries) >= len(holders) and (len(holders) > 1 or len(findings) == 1):
+            open_ones.append(entries[0])
+    return open_ones
 
 
 UNITS = {

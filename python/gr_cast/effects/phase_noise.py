@@ -53,7 +53,8 @@ class PhaseNoise(Family):
                 )
 
     def values(self, scene, effect, p):
-        return {"rms_rad": float(np.sqrt(np.mean(self.detrended(scene, p) ** 2)))}
+        unseen = float(np.sum(effect.aux.get("_variance", [0.0])))  # of the course around its estimate
+        return {"rms_rad": float(np.sqrt(np.mean(self.detrended(scene, p) ** 2) + unseen))}
 
     @staticmethod
     def detrended(scene, p):

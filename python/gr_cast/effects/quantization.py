@@ -7,6 +7,7 @@ Internal: step, level of one lattice point in steps, σ in steps (all fixed once
 """
 
 import numpy as np
+from scipy.special import ndtr
 
 from .base import LATTICE, Family, start
 
@@ -24,16 +25,42 @@ def mean_of_quantizer(value, step, origin, sigma):
     return (out + origin) * step
 
 
+def variance_of_quantizer(value, step, origin, sigma):
+    """Variance of the output for a real input under Gaussian noise of `sigma` steps, in units of step²."""
+    x = value / step - origin
+    nearest = np.round(x)
+    miss = x - nearest
+    first = second = 0.0
+    for k in range(-4, 5):
+        share = ndtr((k + 0.5 - miss) / sigma) - ndtr((k - 0.5 - miss) / sigma)
+        first, second = first + k * share, second + k * k * share
+    return second - first**2
+
+
 class Quantization(Family):
     name = "quantization"
     stage = LATTICE
 
     def apply(self, chain, effect):
         step, origin, sigma = effect.p
+        chain.scene.notes["before the lattice"] = chain.y
         if sigma < 0.7:
             chain.y = mean_of_quantizer(chain.y.real, step, origin, sigma) + 1j * mean_of_quantizer(
                 chain.y.imag, step, origin, sigma
             )
+
+    def variance(self, scene, effect):
+        """(n,) power of the noise behind the quantiser over its mean, at the latest prediction; None for a
+        fine one."""
+        step, origin, sigma = effect.p
+        if sigma >= 0.7:
+            return None
+        y = scene.notes["before the lattice"]
+        v = variance_of_quantizer(y.real, step, origin, sigma) + variance_of_quantizer(
+            y.imag, step, origin, sigma
+        )
+        v = np.maximum(v, 0.02 * v.mean())
+        return v / v.mean()
 
     def values(self, scene, effect, p):
         return {"step": p[0]}

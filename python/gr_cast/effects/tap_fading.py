@@ -59,7 +59,7 @@ class TapFading(TapFamily):
 
     def values(self, scene, effect, p):
         c = p[::2] + 1j * p[1::2]
-        scattered = np.sum(np.abs(c) ** 2) + 1e-30
+        scattered = np.sum(np.abs(c) ** 2) + float(np.sum(effect.aux.get("_variance", [0.0]))) + 1e-30
         k = np.arange(1, 1 + len(c))
         spread = np.sqrt(2 * np.sum(k**2 * np.abs(c) ** 2) / scattered) / 2 / scene.duration_s
         return {

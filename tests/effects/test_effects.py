@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Forward models against closed formulas."""
+
+import numpy as np
+import pytest
+from gr_cast.diagnose.model import Model, jacobian, predict
+from gr_cast.effects import FAMILIES
+from gr_cast.effects.base import start
+from gr_cast.effects.chain import PAD, Path, Scene, Source
+from gr_cast.effects.quantization import mean_of_quantizer, variance_of_quantizer
+
+RATE_HZ, COUNT, PERIOD = 1e6, 3000, 97
+RNG = np.random.default_rng(5)
+SPECTRUM = RNG.normal(size=PERIOD) + 1j * RNG.normal(size=PERIOD)
+SPECTRUM[30:68] = 0  # band-limited, so that delays between samples have a closed form
+
+
+def at(t):
+    """The waveform at times t in samples: its Fourier series."""
+    k = np.fft.fftfreq(PERIOD, 1 / PERIOD)
+    return np.exp(2j * np.pi * np.outer(t, k) / PERIOD) @ SPECTRUM / PERIOD
+
+
+def scene(taps, repeat=True):
+    n = np.arange(PERIOD) if repeat else np.arange(-PAD, COUNT + PAD)
+    x = at(n)
+    known = np.ones(len(x), bool)
+    source = Source(name="w", samples=x, repeat=repeat, known=known, power=float(np.mean(np.abs(x) ** 2)))
+    return Scene(
+        name="r",
+        sample_rate_hz=RATE_HZ,
+        count=COUNT,
+        sources=[source],
+        taps=taps,
+        transmitters=["tx1"],
+        receiver="rx1",
+        anchor=0,
+    )
+
+
+def predicted(taps, *effects, delay=0.0, repeat=True):
+    model = Model(base=np.array([delay, 1.0, 0.0]))
+    for effect in effects:
+        model = model.adding(effect)
+    return predict(scene(taps, repeat), model).y
+
+
+N = np.arange(COUNT)
+ONE = [Path(source=0, delay=0.0, gain=1.0)]
+
+
+@pytest.mark.parametrize("repeat", [True, False])
+def test_paths_add_with_their_delay_gain_and_doppler(repeat):
+    taps = [Path(source=0, delay=0.3, gain=1.0), Path(source=0, delay=7.8, gain=0.2j, doppler=4.0)]
+    want = at(N - 2.25 - 0.3) + 0.2j * np.exp(2j * np.pi * 4.0 * N / COUNT) * at(N - 2.25 - 7.8)
+    got = predicted(taps, delay=2.25, repeat=repeat)
+    inner = slice(50, -50)
+    # A window cut out of an endless signal is band-limited only away from its ends.
+    assert np.abs(got - want)[inner].max() < (1e-9 if repeat else 0.02) * np.abs(want).max()
+
+
+@pytest.mark.parametrize("gained", [0.01, 0.9, -3.0])
+def test_a_fast_clock_compresses_the_waveform(gained):
+    got = predicted(ONE, start(FAMILIES["sample_clock_offset"], [gained]))
+    want = at(N * (1 + gained / COUNT))
+    assert np.abs(got - want).max() < 2e-4 * np.abs(want).max()
+
+
+def test_carrier_offset_and_drift_turn_the_phase_quadratically():
+    family = FAMILIES["carrier_frequency_offset"]
+    effect = family.parse(scene(ONE), {"offset_hz": 900.0, "drift_hz_per_s": 2e4}, {})
+    t = N / RATE_HZ
+    turned = predicted(ONE, effect) / at(N)
+    want = np.exp(2j * np.pi * (900 * t + 0.5 * 2e4 * t**2))
+    ratio = turned / want
+    assert np.allclose(ratio, ratio[0], atol=1e-9) and abs(ratio[0]) == pytest.approx(1)
+    values = family.values(scene(ONE), effect, effect.p)
+    assert values["offset_hz"] == pytest.approx(900) and values["drift_hz_per_s"] == pytest.approx(2e4)
+
+
+def test_an_image_rejection_is_the_power_of_the_conjugate():
+    effect = FAMILIES["iq_imbalance"].parse(
+        scene(ONE), {"gain_imbalance_db": 0.4, "phase_imbalance_rad": 0.03}, {}
+    )
+    y, x = predicted(ONE, effect), at(N)
+    image = np.vdot(np.conj(x), y) / np.vdot(x, x)
+    direct = np.vdot(x, y) / np.vdot(x, x)
+    rho = np.vdot(np.conj(x), x) / np.vdot(x, x)
+    beta = (image - rho * direct) / (direct - np.conj(rho) * image)
+    said = FAMILIES["iq_imbalance"].values(scene(ONE), effect, effect.p)["image_rejection_db"]
+    assert -20 * np.log10(abs(beta)) == pytest.approx(said, abs=0.1)
+
+
+def test_the_mean_and_variance_of_a_quantiser_are_those_of_many_trials():
+    value, step, sigma = 0.43, 0.25, 0.3
+    noisy = value + sigma * step * np.random.default_rng(1).normal(size=400_000)
+    output = np.round(noisy / step) * step
+    assert mean_of_quantizer(np.array([value]), step, 0.0, sigma)[0] == pytest.approx(output.mean(), abs=1e-3)
+    variance = variance_of_quantizer(np.array([value]), step, 0.0, sigma)[0] * step**2
+    assert variance == pytest.approx(output.var(), rel=0.01)
+
+
+def test_lost_samples_move_the_waveform_ahead_from_their_moment_on():
+    y = predicted(ONE, start(FAMILIES["sample_loss"], [1000.0, 13.0], free=[False, False]))
+    assert np.allclose(y[:1000], at(N[:1000])) and np.allclose(y[1000:], at(N[1000:] + 13))
+
+
+def test_an_amplifier_compresses_by_what_it_reports():
+    taps, family = ONE, FAMILIES["pa_nonlinearity"]
+    effect = family.parse(scene(taps), {"compression_db": 1.0}, {})
+    assert family.values(scene(taps), effect, effect.p)["compression_db"] == pytest.approx(1.0)
+    x, y = at(N), predicted(taps, effect)
+    top = np.argmax(np.abs(x))
+    assert 20 * np.log10(abs(y[top] / x[top])) == pytest.approx(-1.0, abs=0.15)
+
+
+def test_derivatives_are_those_of_the_prediction():
+    taps = [Path(source=0, delay=0.3, gain=1.0), Path(source=0, delay=7.8, gain=0.5j)]
+    model = Model(base=np.array([0.2, 0.8, 0.3]))
+    for name, p, aux in (
+        ("extra_path", [0.1, -0.05, 20.3, 1.2], {"source": 0}),
+        ("tap_fading", [0.01, 0.02, -0.01, 0.0], {"tap": 1}),
+        ("phase_noise", [0.02, -0.01], {}),
+        ("front_end_filter", [0.05, 0.01], {"low": 0, "high": 1, "side": "rx"}),
+    ):
+        model = model.adding(start(FAMILIES[name], p, aux=aux))
+    world = scene(taps)
+    chain, rows = jacobian(world, model)
+    vector, step = model.vector(), 1e-5
+    for k in range(len(vector)):
+        moved = vector.copy()
+        moved[k] += step
+        slope = (predict(world, model.at(moved)).y - chain.y) / step
+        size = np.abs(slope).max()
+        assert np.abs(rows[k] - slope)[30:-30].max() < 0.2 * size + 1e-3, k
+
+
+CONTRACT = {
+    "carrier_frequency_offset": {"offset_hz": -120.0, "drift_hz_per_s": 4e3},
+    "sample_clock_offset": {"offset_ppm": 12.0},
+    "iq_imbalance": {"gain_imbalance_db": -0.3, "phase_imbalance_rad": 0.02},
+    "dc_offset": {"level_dbc": -31.0, "decay_s": 4e-4},
+    "lo_leakage": {"level_dbc": -40.0},
+    "pa_nonlinearity": {"compression_db": 1.5},
+    "adc_clipping": {"level": 0.4},
+    "quantization": {"step": 0.0625},
+    "gain_step": {"time_s": 1.2e-3, "step_db": -0.5},
+    "gain_drift": {"total_db": 0.8, "time_constant_s": 5e-4},
+    "power_supply_hum": {"frequency_hz": 1200.0, "depth": 0.05},
+    "extra_path": {"delay_s": 2.1e-5, "gain_db": -20.0, "phase_rad": 1.0, "doppler_hz": 300.0},
+    "missing_path": {"delay_s": 9e-6},
+    "tap_gain_error": {"delay_s": 9e-6, "error_db": -1.0, "error_rad": 0.2},
+    "tap_delay_error": {"delay_s": 9e-6, "error_s": 3e-7},
+    "tap_doppler": {"delay_s": 9e-6, "doppler_hz": 80.0},
+    "tone_interference": {"frequency_hz": 1.1e5, "power_dbc": -33.0},
+    "sample_loss": {"time_s": 1e-3, "samples": -7.0},
+}
+
+
+@pytest.mark.parametrize("name", list(CONTRACT))
+def test_a_diagnosis_read_back_into_a_twin_keeps_its_numbers(name):
+    world = scene([ONE[0], Path(source=0, delay=9.0, gain=0.5)])
+    family = FAMILIES[name]
+    effect = family.parse(world, CONTRACT[name], {})
+    values = family.values(world, effect, effect.p)
+    assert {k: values[k] for k in CONTRACT[name]} == pytest.approx(CONTRACT[name])
