@@ -60,7 +60,7 @@ def _draw_cir(axes, sounding: Sounding, modelled_taps) -> None:
     top_db = max(np.max(response_db), floor_db, *tap_db, *(gain for _, gain in modelled_taps))
     axes.set_ylim(bottom_db, top_db + 0.08 * (top_db - bottom_db) + 1)
     for x, y in list(zip(tap_us, tap_db, strict=True))[:12]:
-        axes.annotate(f" {x:.3f} µs, {y:.2f} dB", (x, y), fontsize=8, va="bottom")
+        axes.annotate(f"{x:.3f} µs, {y:.2f} dB", (x, y), (9, 6), textcoords="offset points", fontsize=8)
     axes.set(xlabel="delay (µs)", ylabel="gain (dB)")
     axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=6, frameon=False)
     axes.grid(alpha=0.25)
