@@ -6,21 +6,32 @@ import json
 import numpy as np
 import yaml
 
-SCALE = {"ci16_le": (32768, np.int16), "ci8": (128, np.int8)}
+# numbers = samples · scale + middle, as the type
+KINDS = {"ci16_le": (32768, 0, "<i2"), "ci8": (128, 0, "i1"), "cu8": (128, 127.5, "u1")}
+
+
+def encoded(samples, datatype):
+    """Complex samples as the numbers that a file of this type holds, I and Q in turn."""
+    x = np.asarray(samples)
+    if datatype == "cf32_le":
+        return x.astype("<c8")
+    scale, middle, kind = KINDS[datatype]
+    limits = np.iinfo(kind)
+    pairs = np.stack([x.real, x.imag], 1) * scale + middle
+    return np.clip(np.round(pairs), limits.min, limits.max).astype(kind)
+
+
+def decoded(numbers, datatype):
+    """What a reader of the file gets: complex samples."""
+    if datatype == "cf32_le":
+        return numbers.astype(complex)
+    scale, middle, _ = KINDS[datatype]
+    pairs = (numbers - float(middle)) / scale
+    return pairs[:, 0] + 1j * pairs[:, 1]
 
 
 def write_samples(folder, stem, samples, datatype, rate, carrier_hz):
-    x = np.asarray(samples)
-    if datatype == "cf32_le":
-        data = x.astype(np.complex64)
-    else:
-        pairs = np.stack([x.real, x.imag], 1)
-        if datatype == "cu8":
-            data = np.clip(np.round(pairs * 128 + 127.5), 0, 255).astype(np.uint8)
-        else:
-            scale, kind = SCALE[datatype]
-            data = np.clip(np.round(pairs * scale), -scale, scale - 1).astype(kind)
-    data.tofile(folder / f"{stem}.sigmf-data")
+    encoded(samples, datatype).tofile(folder / f"{stem}.sigmf-data")
     meta = {
         "global": {"core:datatype": datatype, "core:sample_rate": rate, "core:version": "1.0.0"},
         "captures": [{"core:sample_start": 0, "core:frequency": carrier_hz}],

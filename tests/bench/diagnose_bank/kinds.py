@@ -72,7 +72,7 @@ def _invisible(rng, scene):
         raise Retry("nothing fits")
     key, strength = options[int(rng.integers(len(options)))]
     family = FAMILIES[key]
-    draw = {**family.draw(rng, scene.context), "big_hz": 0.0}
+    draw = {**family.draw(rng, scene.context), "turns": 0.0}
     if strength:
         draw["memory"] = False
     cause = world.Cause(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import truth, world
+from . import files, truth, world
 from .scenes import Retry
 from .tune import total_lambda
 
@@ -109,7 +109,7 @@ def finish(
     recordings, fits = {}, []
     everything = [*causes, *hidden]
     for s in scenes:
-        recorded = play_safely(s, everything)
+        recorded = files.decoded(files.encoded(play_safely(s, everything), datatype), datatype)
         recordings[s.name] = recorded
         quiet = [
             c

@@ -13,13 +13,13 @@ def _cfo_draw(rng, c):
     drift = rng.random() < 0.3
     return {
         "sign": int(rng.choice([-1, 1])),
-        "big_hz": rng.uniform(3, 12) / c.duration if big else 0.0,
+        "turns": float(rng.uniform(3, 60)) if big else 0.0,
         "drift_share": float(rng.uniform(-1.5, 1.5)) if drift else 0.0,
     }
 
 
 def _cfo_hz(s, d, c):
-    return grid_hz(d["sign"] * (s + d["big_hz"]) / c.duration, c.rate), d["drift_share"] * s / c.duration**2
+    return grid_hz(d["sign"] * (s + d["turns"]) / c.duration, c.rate), d["drift_share"] * s / c.duration**2
 
 
 def _cfo(x, s, d, c):
