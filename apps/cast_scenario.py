@@ -14,7 +14,7 @@ from gr_cast import plot, validate
 from gr_cast import scenario as sc
 from gr_cast.errors import CastError
 from gr_cast.scenario import colosseum
-from gr_cast.scenario.create import pipeline
+from gr_cast.scenario.create import p2m, pipeline
 from gr_cast.scenario.create.spec import read as read_spec
 from gr_cast.units import db_from_amplitude
 
@@ -83,6 +83,13 @@ def convert(args) -> None:
     if Path(args.target).suffix == ".mat" and (scenario.base_loss_db or scenario.link_base_loss_db):
         print(f"base losses ({scenario.base_loss_db:.2f} dB) belong to the set-up and are not in the .mat file")
     print(f"{args.target}: {len(scenario.nodes)} nodes, {len(scenario.links)} links")
+
+
+def import_paths(args) -> None:
+    target = Path(args.output)
+    power = args.tx_power_dbm
+    sc.save(target, p2m.scenario(args.files, name=target.stem, tx_power_dbm=power, bandwidth_hz=args.band))
+    print(target)
 
 
 def create(args) -> int:
@@ -182,6 +189,14 @@ def main(argv=None) -> int:
     command.add_argument("--node-map", metavar="JSON", help="also write a node map: node n on SRN n, to be edited")
     command.add_argument("--static", action="store_true", help=".mat as N x N path gains in dB")
     command.set_defaults(call=convert)
+    command = commands.add_parser("import", help="four taps from Wireless InSite impulse responses (.cir.….p2m)")
+    command.add_argument("files", nargs="+", metavar="P2M", help="one file per transmitter")
+    command.add_argument("--output", required=True, help="scenario file (.yaml, .mat, .zarr)")
+    command.add_argument(
+        "--tx-power-dbm", type=float, default=0.0, help="power that the files were made with (default 0)"
+    )
+    command.add_argument("--band", type=float, default=80e6, metavar="HZ", help="band to fit (default 80e6)")
+    command.set_defaults(call=import_paths)
     command = commands.add_parser("create", help="from a place to an installed scenario, in eight steps that resume")
     command.add_argument("spec", help="SPEC.yaml, or the name of an example: arena, street")
     command.add_argument("--work", metavar="FOLDER", help="results of the steps (default: ID.create in this folder)")

@@ -156,7 +156,9 @@ def test_the_examples_are_read_and_their_nodes_stand_in_the_open():
     for name, radios in (("arena", 42), ("street", 3)):
         read = spec.read(sc.examples_folder() / f"{name}.yaml")
         assert len(read.nodes) == radios and read.id == name
-        solids = mesh_files.read(read.model_path) if name == "arena" else osm.read(read.model_path, area_m=read.area_m)[0]
+        solids = (
+            mesh_files.read(read.model_path) if name == "arena" else osm.read(read.model_path, area_m=read.area_m)[0]
+        )
         materials.assign(solids, read.materials, read.carrier_hz)
         nodes.check(list(read.nodes), solids, np.arange(0, read.duration_s, 0.2), read.step_s)
 
