@@ -144,7 +144,7 @@ def test_the_same_box_comes_out_of_every_mesh_format(tmp_path, suffix, content):
             mesh_files.read(path)
 
 
-@settings(max_examples=600, deadline=None)
+@settings(max_examples=800, deadline=None)
 @given(st.sampled_from([".obj", ".ply", ".stl", ".dae"]), st.data())
 def test_any_bytes_are_a_mesh_or_refused_but_never_a_crash(tmp_path_factory, suffix, data):
     box = geometry.prism("box", SQUARE, [], 0.5, 1.5, "")
@@ -228,3 +228,17 @@ def test_every_object_gets_a_material_or_is_named():
         materials.assign(solids, {"wall_*": "brick", "oak": "teak", "o": "floorboard"}, 2.4e9)
     text = str(error.value)
     assert "1 objects have none: odd" in text and "'teak'" in text and "floorboard is known from 50 to 100 GHz" in text
+
+
+@settings(max_examples=400, deadline=None)
+@given(st.data())
+def test_any_bytes_are_an_extract_or_refused_but_never_a_crash(tmp_path_factory, data):
+    content = bytearray((sc.examples_folder() / "street.osm").read_bytes())
+    for _ in range(data.draw(st.integers(1, 5))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.sampled_from(b'0123456789.-"<>/ ekvnm'))
+    path = tmp_path_factory.getbasetemp() / "fuzz.osm"
+    path.write_bytes(content)
+    try:
+        osm.read(path)
+    except CastError as error:
+        assert "fuzz.osm" in str(error)

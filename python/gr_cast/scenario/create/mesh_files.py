@@ -26,7 +26,7 @@ def read(path: str | Path) -> list[Solid]:
         raise CastError(f"{path}: no such file") from None
     except CastError as error:
         raise CastError(*(f"{path}: {fault}" for fault in error.faults)) from None
-    except (ValueError, IndexError, KeyError, TypeError, AttributeError, struct.error, ElementTree.ParseError) as error:
+    except (ValueError, LookupError, TypeError, AttributeError, struct.error, ElementTree.ParseError) as error:
         raise CastError(f"{path}: damaged: {error}") from None
     if not solids:
         raise CastError(f"{path}: holds no faces")
@@ -240,7 +240,9 @@ def _dae_parts(geometry):
     for group in [*mesh.findall("triangles"), *mesh.findall("polylist"), *mesh.findall("polygons")]:
         inputs = group.findall("input")
         width = 1 + max(int(entry.get("offset")) for entry in inputs)
-        vertex = next(entry for entry in inputs if entry.get("semantic") == "VERTEX")
+        vertex = next((entry for entry in inputs if entry.get("semantic") == "VERTEX"), None)
+        if vertex is None:
+            raise CastError("a group of faces has no VERTEX input")
         offset = int(vertex.get("offset"))
         lists = [[int(word) for word in (p.text or "").split()][offset::width] for p in group.findall("p")]
         if group.tag == "polygons":

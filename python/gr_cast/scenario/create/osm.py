@@ -34,7 +34,7 @@ def read(
         root = ElementTree.parse(path).getroot()
     except FileNotFoundError:
         raise CastError(f"{path}: no such file") from None
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, LookupError, ValueError) as error:  # unknown or broken encodings too
         raise CastError(f"{path}: not XML, or truncated: {error}") from None
     if root.tag != "osm":
         raise CastError(f"{path}: got <{root.tag}>, needs an OpenStreetMap file <osm>")
@@ -72,8 +72,12 @@ def _project(root, faults: Faults) -> dict[str, np.ndarray]:
     nodes = {}
     for node in root.iter("node"):
         try:
-            nodes[node.get("id")] = np.array([float(node.get("lon")), float(node.get("lat"))])
+            place = np.array([float(node.get("lon")), float(node.get("lat"))])
         except (TypeError, ValueError):
+            place = np.full(2, np.nan)
+        if (np.abs(place) <= [180, 90]).all():
+            nodes[node.get("id")] = place
+        else:
             faults.add(f"node {node.get('id')}", "needs lon and lat in degrees")
     if not nodes:
         faults.add("", "holds no nodes")
@@ -81,7 +85,7 @@ def _project(root, faults: Faults) -> dict[str, np.ndarray]:
     bounds = root.find("bounds")
     if bounds is not None:
         corners = np.array(
-            [[float(bounds.get(f"{end}{axis}", "nan")) for axis in ("lon", "lat")] for end in ("min", "max")]
+            [[_degrees(bounds.get(f"{end}{axis}")) for axis in ("lon", "lat")] for end in ("min", "max")]
         )
     else:
         corners = np.array([np.min(list(nodes.values()), axis=0), np.max(list(nodes.values()), axis=0)])
@@ -94,6 +98,14 @@ def _project(root, faults: Faults) -> dict[str, np.ndarray]:
     meridian_m = a * (1 - e2) / (1 - e2 * sine**2) ** 1.5
     scale = np.deg2rad(1) * np.array([prime_vertical_m * np.sqrt(1 - sine**2), meridian_m])
     return {key: (value - middle) * scale for key, value in nodes.items()}
+
+
+def _degrees(text: str | None) -> float:
+    try:
+        value = float(text or "nan")
+    except ValueError:
+        return np.nan
+    return value if abs(value) <= 180 else np.nan
 
 
 def _tags(element) -> dict[str, str]:
