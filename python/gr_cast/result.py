@@ -49,6 +49,7 @@ def as_document(sounding: Sounding, about: dict) -> dict:
         "carrier_offset_hz": sounding.offset.cycles_per_sample * rate if found else None,
         "carrier_offset_std_hz": sounding.offset.std_cycles_per_sample * rate if found else None,
         "residual_db": sounding.residual_db,
+        "gaps": [{"time_s": time_s, "lost_samples": lost} for time_s, lost in sounding.gaps],
         "warnings": list(sounding.warnings),
     }
 

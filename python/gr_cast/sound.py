@@ -85,6 +85,7 @@ class Sounding:
     path_loss_db: float | None
     smallest_path_gain_db: float  # a weaker single tap would be missed
     residual_db: float  # power that the taps leave unexplained, over the power received; noise counts
+    gaps: tuple[tuple[float, int], ...]  # (time of the file in s, samples lost there)
     warnings: tuple[str, ...]
 
     @property
@@ -302,6 +303,7 @@ def _result(
         path_loss_db=None if gain_db is None else float(options.budget.path_loss_db(gain_db)),
         smallest_path_gain_db=float(db_from_power(taps.threshold * taps.noise_variance / template.energy)),
         residual_db=float(db_from_power(max(residual, 1e-30))),
+        gaps=tuple((start / recording.sample_rate_hz, lost) for start, lost in recording.gaps),
         warnings=tuple(_recording_warnings(recording) + warnings + _tap_warnings(taps, options, detected)),
     )
 
