@@ -38,15 +38,11 @@ def render(diagnosis) -> str:
         _rest(d),
         _fit(d),
         _pictures(diagnosis),
-        f"<p class='note'>Computed in {d.get('seconds', 0):.1f} s. "
-        "Numbers are given with one standard deviation.</p>",
+        f"<p class='note'>Computed in {d.get('seconds', 0):.1f} s. Numbers are given with one standard deviation.</p>",
     ]
     head = "<meta charset='utf-8'><meta name='viewport' content='width=device-width'>"
     head += f"<title>{name}: {d['verdict']}</title>"
-    return (
-        "<!doctype html><html "
-        f"lang='en'><head>{head}<style>{STYLE}</style></head><body>{''.join(parts)}</body></html>\n"
-    )
+    return f"<!doctype html><html lang='en'><head>{head}<style>{STYLE}</style></head><body>{''.join(parts)}</body></html>\n"
 
 
 def in_one_sentence(d: dict) -> str:
@@ -58,10 +54,7 @@ def in_one_sentence(d: dict) -> str:
         f"(noise floor {fit['noise_floor_db']:.1f} dB) on samples that took no part in the fit"
     )
     if d["verdict"] == "no_mismatch":
-        return (
-            "No mismatch: the twin explains the recordings down to their noise "
-            f"({fit['corrected_nmse_db']:.1f} dB)."
-        )
+        return f"No mismatch: the twin explains the recordings down to their noise ({fit['corrected_nmse_db']:.1f} dB)."
     if d["verdict"] == "identified":
         return f"Identified: the twin leaves out {names}; with it {change}."
     if d["verdict"] == "ambiguous":
@@ -83,14 +76,10 @@ def _causes(d: dict) -> str:
     rows = []
     for e in d["effects"]:
         owner = e["owner"]
-        whose = owner["name"] + "".join(
-            f" <small>(or {escape(o['name'])})</small>" for o in owner.get("alternatives", [])
-        )
+        whose = owner["name"] + "".join(f" <small>(or {escape(o['name'])})</small>" for o in owner.get("alternatives", []))
         evidence = e["evidence"]
         rival = (
-            f"{evidence['runner_up']}, {evidence['runner_up_margin_nats']:.0f} nats behind"
-            if evidence["runner_up"]
-            else "none"
+            f"{evidence['runner_up']}, {evidence['runner_up_margin_nats']:.0f} nats behind" if evidence["runner_up"] else "none"
         )
         rows.append(
             f"<tr><td><b>{e['family'].replace('_', ' ')}</b><br>{escape(e['sentence'])}</td><td>{whose}</td>"
@@ -98,9 +87,7 @@ def _causes(d: dict) -> str:
             f"<td class='number'>{evidence['heldout_gain_nats']:.0f} nats</td>"
             f"<td>{escape(rival.replace('_', ' '))}</td><td class='number'>{e['confidence']:.2f}</td></tr>"
         )
-    head = "".join(
-        f"<th>{h}</th>" for h in ("Cause", "Whose", "Where", "Evidence", "Runner-up", "Confidence")
-    )
+    head = "".join(f"<th>{h}</th>" for h in ("Cause", "Whose", "Where", "Evidence", "Runner-up", "Confidence"))
     return f"<h2>What the twin leaves out</h2><table><tr>{head}</tr>{''.join(rows)}</table>"
 
 
@@ -125,8 +112,7 @@ def _ambiguous(d: dict) -> str:
     if not d["ambiguous"]:
         return ""
     rows = "".join(
-        f"<li>{escape(a['why'])} Record next: <b>{escape(a['record_next'].replace('_', ' '))}</b>.</li>"
-        for a in d["ambiguous"]
+        f"<li>{escape(a['why'])} Record next: <b>{escape(a['record_next'].replace('_', ' '))}</b>.</li>" for a in d["ambiguous"]
     )
     return f"<h2>What cannot be told apart, and what to record next</h2><ul>{rows}</ul>"
 
@@ -136,10 +122,7 @@ def _rest(d: dict) -> str:
     if not left:
         return "<h2>What is left</h2><p>Nothing that noise would not leave.</p>"
     rows = "".join(f"<li>in {escape(w['test'])}: {escape(_place(w)) or 'everywhere'}</li>" for w in left)
-    return (
-        f"<h2>What is left</h2><p>About {d['residual']['unexplained_db']:.2f} dB over the noise, "
-        f"seen</p><ul>{rows}</ul>"
-    )
+    return f"<h2>What is left</h2><p>About {d['residual']['unexplained_db']:.2f} dB over the noise, seen</p><ul>{rows}</ul>"
 
 
 def _fit(d: dict) -> str:
@@ -152,10 +135,7 @@ def _fit(d: dict) -> str:
             ("Noise floor", "noise_floor_db"),
         )
     )
-    return (
-        "<h2>Fit on unseen samples</h2><table><tr><th>Model</th><th>Residual over recorded "
-        f"power</th></tr>{rows}</table>"
-    )
+    return f"<h2>Fit on unseen samples</h2><table><tr><th>Model</th><th>Residual over recorded power</th></tr>{rows}</table>"
 
 
 def _pictures(diagnosis) -> str:
@@ -179,9 +159,7 @@ def _maps(finding):
     scene, floor = finding.scene, finding.fit.sigma2
     for column, (label, fit) in enumerate((("twin as it is", finding.twin), ("corrected twin", finding.fit))):
         energy, count = time_frequency(fit)
-        level = 10 * np.log10(
-            np.fft.fftshift(energy / np.maximum(count, 1e-9), axes=1).T * fit.sigma2 / floor + 1e-6
-        )
+        level = 10 * np.log10(np.fft.fftshift(energy / np.maximum(count, 1e-9), axes=1).T * fit.sigma2 / floor + 1e-6)
         half, span = scene.sample_rate_hz / 2e6, scene.duration_s * 1e3
         picture = axes[0, column].imshow(
             level,
@@ -196,9 +174,7 @@ def _maps(finding):
         delays, paths = delay_time(fit)
         level = 10 * np.log10(paths.T * fit.sigma2 / floor + 1e-6)
         extent = [0, span, delays[0] * 1e6, delays[-1] * 1e6]
-        axes[1, column].imshow(
-            level, aspect="auto", origin="lower", extent=extent, vmin=-2, vmax=12, cmap="magma"
-        )
+        axes[1, column].imshow(level, aspect="auto", origin="lower", extent=extent, vmin=-2, vmax=12, cmap="magma")
         axes[1, column].set(xlabel="time / ms", ylabel="delay / µs")
     figure.colorbar(picture, ax=axes, label="residual over noise / dB", shrink=0.7)
     return figure

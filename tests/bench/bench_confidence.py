@@ -35,10 +35,7 @@ def judged(diagnoses: Path, truths: Path) -> list[tuple[float, float, bool]]:
         for effect in truth["effects"]:
             families |= {"extra_path" if s.startswith("extra_path") else s for s in effect.get("same_as", [])}
         if truth["kind"] != "ambiguous":
-            found += [
-                (e["evidence"]["heldout_gain_nats"], e["confidence"], e["family"] in families)
-                for e in document["effects"]
-            ]
+            found += [(e["evidence"]["heldout_gain_nats"], e["confidence"], e["family"] in families) for e in document["effects"]]
     return found
 
 
@@ -46,9 +43,7 @@ def calibration_error(stated: np.ndarray, true: np.ndarray) -> float:
     """Expected calibration error over ten bins of confidence (Naeini et al., AAAI 2015)."""
     bins = np.minimum((stated * 10).astype(int), 9)
     return sum(
-        np.mean(bins == k) * abs(stated[bins == k].mean() - true[bins == k].mean())
-        for k in range(10)
-        if (bins == k).any()
+        np.mean(bins == k) * abs(stated[bins == k].mean() - true[bins == k].mean()) for k in range(10) if (bins == k).any()
     )
 
 
@@ -68,9 +63,7 @@ def picture(stated, true, path: Path) -> None:
                 fmt="o",
                 color="#1f5fa8",
             )
-            axis.annotate(
-                str(count), (stated[inside].mean(), share), xytext=(6, -12), textcoords="offset points"
-            )
+            axis.annotate(str(count), (stated[inside].mean(), share), xytext=(6, -12), textcoords="offset points")
     axis.set(xlabel="stated confidence", ylabel="share that is true", xlim=(0, 1.02), ylim=(0, 1.05))
     figure.savefig(path, dpi=110)
 
@@ -90,9 +83,8 @@ def main(argv=None) -> int:
     for low, high in ((0, 15), (15, 40), (40, 150), (150, np.inf)):
         inside = (nats >= low) & (nats < high)
         if inside.any():
-            print(
-                f"evidence {low:>4} to {high:>4} nats: {int(inside.sum()):4d} effects, {true[inside].mean():.3f} true"
-            )
+            count, share = int(inside.sum()), true[inside].mean()
+            print(f"evidence {low:>4} to {high:>4} nats: {count:4d} effects, {share:.3f} true")
     picture(stated, true, args.picture)
     return 0
 

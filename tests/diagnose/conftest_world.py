@@ -28,9 +28,7 @@ class World:
         return 0.3 * np.exp(0.4j) * sum(a * self.path(d) for d, a in self.taps)
 
     def noisy(self, y: np.ndarray) -> np.ndarray:
-        return y + self.noise_rms / np.sqrt(2) * (
-            self.rng.normal(size=COUNT) + 1j * self.rng.normal(size=COUNT)
-        )
+        return y + self.noise_rms / np.sqrt(2) * (self.rng.normal(size=COUNT) + 1j * self.rng.normal(size=COUNT))
 
     def twin(self) -> dict:
         taps = [
@@ -51,9 +49,7 @@ class World:
 
     def write(self, folder, y, datatype="cf32_le"):
         folder.mkdir(parents=True)
-        recording.write(
-            folder / "recording", y, sample_rate_hz=RATE_HZ, datatype=datatype, center_frequency_hz=1e9
-        )
+        recording.write(folder / "recording", y, sample_rate_hz=RATE_HZ, datatype=datatype, center_frequency_hz=1e9)
         (folder / "twin.yaml").write_text(yaml.safe_dump(self.twin()))
         return folder
 

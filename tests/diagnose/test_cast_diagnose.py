@@ -47,14 +47,10 @@ def test_every_fault_of_a_case_is_told_at_once_and_the_others_go_on(case, tmp_pa
     assert done.returncode == 2
     assert all(word in done.stderr for word in ("smaple_rate_hz", "'w7'", "'late'", "recording.sigmf-meta"))
     assert len(done.stderr.splitlines()) >= 4
-    assert (
-        not (tmp_path / "out" / "broken").exists() and (tmp_path / "out" / "echo" / "diagnosis.json").exists()
-    )
+    assert not (tmp_path / "out" / "broken").exists() and (tmp_path / "out" / "echo" / "diagnosis.json").exists()
 
 
-@pytest.mark.parametrize(
-    "content", ["", "[]", "cast_twin: 2", "a: [", "cast_twin: 1\nrecordings: 3\n", "x: &a [*a]"]
-)
+@pytest.mark.parametrize("content", ["", "[]", "cast_twin: 2", "a: [", "cast_twin: 1\nrecordings: 3\n", "x: &a [*a]"])
 def test_a_broken_twin_is_refused_in_lines_and_without_a_trace(content, tmp_path):
     case = tmp_path / "case"
     case.mkdir()
@@ -79,12 +75,8 @@ def test_jobs_change_nothing_but_the_time(case, world, tmp_path):
 
 def test_the_corrected_twin_leaves_nothing_to_find_in_a_second_recording(case, world, tmp_path):
     assert call(case, "--output", tmp_path / "out").returncode == 0
-    second = world.write(
-        tmp_path / "cases" / "second", world.noisy(world.clean() + 0.3 * 0.1 * world.path(30))
-    )
+    second = world.write(tmp_path / "cases" / "second", world.noisy(world.clean() + 0.3 * 0.1 * world.path(30)))
     (second / "twin.yaml").write_text((tmp_path / "out" / "echo" / "twin_corrected.yaml").read_text())
     assert call(second, "--output", tmp_path / "out").returncode == 0
-    assert (
-        json.loads((tmp_path / "out" / "second" / "diagnosis.json").read_text())["verdict"] == "no_mismatch"
-    )
+    assert json.loads((tmp_path / "out" / "second" / "diagnosis.json").read_text())["verdict"] == "no_mismatch"
     assert np.load(tmp_path / "out" / "second" / "residual.npz").files

@@ -3,7 +3,9 @@
 
 import numpy as np
 import pytest
+import yaml
 from conftest_world import RATE_HZ
+from gr_cast import recording
 from gr_cast.diagnose import diagnose, read_case
 
 
@@ -95,3 +97,49 @@ def test_more_noise_than_the_twin_says_is_a_noise_floor_where_the_power_is_not_c
     document = run(world, tmp_path, y)
     assert named(document) == ["noise_floor"]
     assert said(document, "noise_floor", "change_db")["value"] == pytest.approx(20 * np.log10(1.2), abs=0.15)
+
+
+def test_a_recording_for_the_vault_is_predicted_and_never_fitted(world, tmp_path):
+    turn = np.exp(2j * np.pi * 7.0 * world.n / RATE_HZ)
+    folder = world.write(tmp_path / "case", world.noisy(world.clean() * turn))
+    recording.write(folder / "second", world.noisy(world.clean() * turn)[:15_000], sample_rate_hz=RATE_HZ)
+    twin = world.twin()
+    twin["recordings"].append({"file": "second", "receiver": "rx1", "transmitters": ["tx1"], "use": "vault"})
+    (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
+    document = diagnose(read_case(folder)).document
+    assert [e["where"]["recording"] for e in document["effects"]] == ["recording"]
+    fit = document["fit"]
+    assert fit["twin_nmse_db"] > fit["noise_floor_db"] + 1
+    assert fit["corrected_nmse_db"] == pytest.approx(fit["noise_floor_db"], abs=0.3)
+
+
+def test_an_owner_is_the_node_whose_recordings_show_the_effect(world, tmp_path):
+    names = [(tx, rx) for tx in ("tx1", "tx2") for rx in ("rx1", "rx2")]
+    folder = world.write(tmp_path / "case", world.noisy(world.clean()))
+    twin = world.twin()
+    link = twin["links"][0]
+    twin["nodes"] = {"tx1": {"transmit": "w1"}, "tx2": {"transmit": "w1"}, "rx1": {}, "rx2": {}}
+    twin["noise"]["rx2"] = twin["noise"]["rx1"]
+    twin["links"] = [{**link, "tx": tx, "rx": rx} for tx, rx in names]
+    files = [f"{tx}_{rx}" for tx, rx in names]
+    twin["recordings"] = [
+        {"file": file, "receiver": rx, "transmitters": [tx]} for file, (tx, rx) in zip(files, names, strict=True)
+    ]
+    for file, (tx, _) in zip(files, names, strict=True):
+        offset_hz = 6.0 if tx == "tx2" else 0.0
+        y = world.clean() * np.exp(2j * np.pi * offset_hz * world.n / RATE_HZ)
+        recording.write(folder / file, world.noisy(y), sample_rate_hz=RATE_HZ)
+    (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
+    document = diagnose(read_case(folder)).document
+    assert named(document) == ["carrier_frequency_offset"]
+    assert document["effects"][0]["owner"] == {"level": "tx", "name": "tx2"}
+    assert document["effects"][0]["where"]["recording"] == ["tx2_rx1", "tx2_rx2"]
+
+
+def test_dc_and_leakage_stay_open_without_a_carrier_offset(world, tmp_path):
+    y = world.clean()
+    document = run(world, tmp_path, world.noisy(y + 0.02 * np.exp(1j)))
+    assert document["verdict"] == "ambiguous"
+    families = {frozenset(a["families"]) for a in document["ambiguous"]}
+    assert frozenset({"dc_offset", "lo_leakage"}) in families
+    assert document["ambiguous"][0]["record_next"] in ("offset_carrier", "mute_transmitter", "second_link")

@@ -79,9 +79,7 @@ def test_carrier_offset_and_drift_turn_the_phase_quadratically():
 
 
 def test_an_image_rejection_is_the_power_of_the_conjugate():
-    effect = FAMILIES["iq_imbalance"].parse(
-        scene(ONE), {"gain_imbalance_db": 0.4, "phase_imbalance_rad": 0.03}, {}
-    )
+    effect = FAMILIES["iq_imbalance"].parse(scene(ONE), {"gain_imbalance_db": 0.4, "phase_imbalance_rad": 0.03}, {})
     y, x = predicted(ONE, effect), at(N)
     image = np.vdot(np.conj(x), y) / np.vdot(x, x)
     direct = np.vdot(x, y) / np.vdot(x, x)

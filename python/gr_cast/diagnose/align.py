@@ -23,9 +23,7 @@ EDGE = 24  # samples at either end that a filter's memory makes uncertain
 def _source(name: str, samples: np.ndarray, amplitude: float, repeat: bool) -> Source:
     known = np.isfinite(samples)
     clean = np.where(known, samples, 0).astype(complex) * amplitude
-    return Source(
-        name=name, samples=clean, repeat=repeat, known=known, power=float(np.mean(np.abs(clean[known]) ** 2))
-    )
+    return Source(name=name, samples=clean, repeat=repeat, known=known, power=float(np.mean(np.abs(clean[known]) ** 2)))
 
 
 def _window(source: Source, delay: int, count: int) -> Source:
@@ -84,10 +82,7 @@ def find_delay(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: fl
         templates.append((source, sp_fft.fft(source.samples, size) * _response(link, size, rate)))
     size = len(templates[0][1])
     energy = float(np.vdot(y, y).real)
-    power = sum(
-        s.power * np.sum(np.abs([t.amplitude for t in link]) ** 2)
-        for s, link in zip(sources, taps, strict=True)
-    )
+    power = sum(s.power * np.sum(np.abs([t.amplitude for t in link]) ** 2) for s, link in zip(sources, taps, strict=True))
     best = (-np.inf, 0)
     lengths = [n // 32, *([1024, 128] if repeat else []), *([16] if n < 4000 else [])]
     for segment in sorted({max(8, length) for length in lengths}, reverse=True):
@@ -111,9 +106,7 @@ def find_delay(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: fl
     return delay, share
 
 
-def find_near(
-    y: np.ndarray, sources: list[Source], centre: int, reach: int, segment: int = 256
-) -> tuple[int, float]:
+def find_near(y: np.ndarray, sources: list[Source], centre: int, reach: int, segment: int = 256) -> tuple[int, float]:
     """`find_delay` by short segments within `reach` of a delay, for waveforms sent once and any carrier
     offset."""
     n = len(y)
@@ -141,13 +134,10 @@ def build(case, observation, *, near: tuple[int, bool] | None = None):
     y = observation.samples.astype(complex)
     names = list(observation.on_air)
     sources = [
-        _source(w, case.waveforms[w].samples, amplitude, case.waveforms[w].repeat)
-        for w, amplitude in observation.on_air.values()
+        _source(w, case.waveforms[w].samples, amplitude, case.waveforms[w].repeat) for w, amplitude in observation.on_air.values()
     ]
     links = [case.links[(tx, observation.receiver)] for tx in names]
-    if (
-        len({s.repeat for s in sources}) > 1
-    ):  # one kind of search for all: repeat what repeats until the recording ends
+    if len({s.repeat for s in sources}) > 1:  # one kind of search for all: repeat what repeats until the recording ends
         sources = [s if not s.repeat else _unrolled(s, n) for s in sources]
     twin = _twin_effects(case, observation, n)
     turn = np.exp(-2j * np.pi * _twin_offset_hz(case, observation, links) * np.arange(n) / rate)
@@ -204,18 +194,14 @@ def build(case, observation, *, near: tuple[int, bool] | None = None):
         overlap = np.conj(overlap)
     if abs(overlap) < 1e-9:
         overlap = np.sqrt(np.mean(np.abs(y) ** 2) / max(np.mean(np.abs(chain.y) ** 2), 1e-30)) * 1e-3
-    model = Model(
-        base=np.concatenate([[base[0], overlap.real, overlap.imag], base[3:]]), effects=model.effects
-    )
+    model = Model(base=np.concatenate([[base[0], overlap.real, overlap.imag], base[3:]]), effects=model.effects)
     scene.rms = float(np.sqrt(np.mean(np.abs(y) ** 2)))
     return scene, data, model
 
 
 def _unrolled(source: Source, n: int) -> Source:
     samples = np.resize(source.samples, n)
-    return Source(
-        name=source.name, samples=samples, repeat=False, known=np.resize(source.known, n), power=source.power
-    )
+    return Source(name=source.name, samples=samples, repeat=False, known=np.resize(source.known, n), power=source.power)
 
 
 def _seen(source: Source, scene: Scene, n: int) -> Source:

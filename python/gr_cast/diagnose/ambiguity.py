@@ -129,29 +129,20 @@ def _predicted(fit: Fit, experiment: str):
         scene.sources = [replace(s, samples=np.zeros_like(s.samples), power=0.0) for s in scene.sources]
     elif experiment == "offset_carrier":
         model = model.adding(
-            replace(
-                start(FAMILIES["carrier_frequency_offset"], [200.0 * scene.duration_s + 3.3, 0.0]), fixed=True
-            )
+            replace(start(FAMILIES["carrier_frequency_offset"], [200.0 * scene.duration_s + 3.3, 0.0]), fixed=True)
         )
     elif experiment == "second_power":
         scene.sources = [replace(s, samples=0.5 * s.samples) for s in scene.sources]
     elif experiment == "other_code_length":
-        scene.sources = [
-            _other(s, rng, len(s.samples) // 2 * 2 + 7 if s.repeat else 0, shaped=False)
-            for s in scene.sources
-        ]
+        scene.sources = [_other(s, rng, len(s.samples) // 2 * 2 + 7 if s.repeat else 0, shaped=False) for s in scene.sources]
     elif experiment == "shaped_waveform":
         scene.sources = [_other(s, rng, 0, shaped=True) for s in scene.sources]
     elif experiment == "complex_waveform":
-        scene.sources = [
-            replace(s, samples=s.samples * np.exp(2j * np.pi * rng.random(len(s.samples))))
-            for s in scene.sources
-        ]
+        scene.sources = [replace(s, samples=s.samples * np.exp(2j * np.pi * rng.random(len(s.samples)))) for s in scene.sources]
     elif experiment in ("second_link", "move_carrier"):
         # The channel is another one; what transmitter, receiver and surroundings do stays.
         scene.taps = [
-            replace(t, delay=t.delay + 3.4 * (k + 1), gain=t.gain * np.exp(2j * (k + 1)))
-            for k, t in enumerate(scene.taps)
+            replace(t, delay=t.delay + 3.4 * (k + 1), gain=t.gain * np.exp(2j * (k + 1))) for k, t in enumerate(scene.taps)
         ] + [replace(scene.taps[0], delay=scene.taps[0].delay + 7.7, gain=0.6j * scene.taps[0].gain)]
         model = replace(model, effects=tuple(e for e in model.effects if FAMILIES[e.family].level != "link"))
     return predict(scene, model)

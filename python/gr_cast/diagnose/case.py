@@ -134,9 +134,7 @@ class _Reader:
     def entries(self, document: dict, key: str, kind: type):
         value = document.get(key, kind())
         if not isinstance(value, kind):
-            self.faults.add(
-                key, f"got {type(value).__name__}, needs a {'list' if kind is list else 'mapping'}"
-            )
+            self.faults.add(key, f"got {type(value).__name__}, needs a {'list' if kind is list else 'mapping'}")
             return kind()
         return value
 
@@ -202,9 +200,7 @@ def _read_sigmf(r: _Reader, place: str, stem: Path, rate: float, allow_nan: bool
             r.faults.add(place, fault)
         return None
     if taken.sample_rate_hz is not None and not math.isclose(taken.sample_rate_hz, rate, rel_tol=1e-9):
-        r.faults.add(
-            place, f"{stem.name}: core:sample_rate is {taken.sample_rate_hz} Hz, the twin says {rate} Hz"
-        )
+        r.faults.add(place, f"{stem.name}: core:sample_rate is {taken.sample_rate_hz} Hz, the twin says {rate} Hz")
     return taken
 
 
@@ -319,16 +315,10 @@ def _observations(r: _Reader, folder: Path, document: dict, nodes, links, rate, 
                 continue
             if (tx, receiver) not in links:
                 r.faults.add(f"{place}", f"no link {tx}>{receiver} in links")
-            waveform = (
-                own["transmit"].get(tx, node.get("transmit")) if isinstance(own["transmit"], dict) else None
-            )
+            waveform = own["transmit"].get(tx, node.get("transmit")) if isinstance(own["transmit"], dict) else None
             if waveform not in waveforms:
                 r.faults.add(f"{place}.transmit.{tx}", f"got {waveform!r}, not in waveforms")
-            amplitude = (
-                own["amplitude"].get(tx, node.get("amplitude", 1.0))
-                if isinstance(own["amplitude"], dict)
-                else 1.0
-            )
+            amplitude = own["amplitude"].get(tx, node.get("amplitude", 1.0)) if isinstance(own["amplitude"], dict) else 1.0
             on_air[tx] = (waveform, r.number(f"{place}.amplitude", {tx: amplitude}, tx, 1.0, 0.0))
         use = entry.get("use", "fit")
         if use not in ("fit", "vault"):
@@ -377,9 +367,7 @@ def _effects(r: _Reader, entries, nodes, links) -> tuple[dict, ...]:
         if not r.keys(place, entry, _EFFECT_KEYS, ("family", "owner", "parameters")):
             continue
         if entry.get("family") not in FAMILIES:
-            r.faults.add(
-                f"{place}.family", f"got {entry.get('family')!r}, needs one of {', '.join(FAMILIES)}"
-            )
+            r.faults.add(f"{place}.family", f"got {entry.get('family')!r}, needs one of {', '.join(FAMILIES)}")
         owner = entry.get("owner")
         if not isinstance(owner, dict) or owner.get("name") not in owners:
             r.faults.add(

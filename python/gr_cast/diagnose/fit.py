@@ -37,9 +37,7 @@ class Data:
     def whitened(self, signal: np.ndarray) -> np.ndarray:
         """Signals (…, n) divided by the noise's shape, zero where a sample is not used."""
         if self.spectrum is not None:
-            signal = sp_fft.ifft(
-                sp_fft.fft(signal * (self.use > 0), axis=-1) / np.sqrt(self.spectrum), axis=-1
-            )
+            signal = sp_fft.ifft(sp_fft.fft(signal * (self.use > 0), axis=-1) / np.sqrt(self.spectrum), axis=-1)
         return signal * self.root
 
     @property
@@ -105,10 +103,7 @@ def solve(data: Data, model: Model, *, iterations: int = 8, tolerance: float = 0
         white = real_rows(data.whitened(rows))
         sigma2 = cost / n
         hessian = 2 / sigma2 * (white @ white.T)
-        slope = (
-            2 / sigma2 * (white @ real_rows(data.whitened(data.y - chain.y)[None])[0])
-            - prior * model.vector()
-        )
+        slope = 2 / sigma2 * (white @ real_rows(data.whitened(data.y - chain.y)[None])[0]) - prior * model.vector()
         if not (np.isfinite(hessian).all() and np.isfinite(slope).all()):
             break
         step = invert(hessian + np.diag(prior)) @ slope
@@ -120,10 +115,7 @@ def solve(data: Data, model: Model, *, iterations: int = 8, tolerance: float = 0
             trial = model.at(_limited(model, step))
             y = predict(data.scene, trial).y
             trial_cost = misfit(data, y)
-            if (
-                np.isfinite(trial_cost)
-                and n * np.log(trial_cost) + 0.5 * np.sum(prior * trial.vector() ** 2) < objective
-            ):
+            if np.isfinite(trial_cost) and n * np.log(trial_cost) + 0.5 * np.sum(prior * trial.vector() ** 2) < objective:
                 break
             step = step / 2
         else:
@@ -177,11 +169,7 @@ def price(model: Model, hessian: np.ndarray, count: float) -> float:
         else:
             p, variance = effect.p[effect.free], effect.prior[effect.free]
             block = hessian[span, span] * np.sqrt(np.outer(variance, variance))
-            total += (
-                0.5 * np.sum(p**2 / variance)
-                + 0.5 * np.linalg.slogdet(np.eye(len(p)) + block)[1]
-                + 0.5 * np.log(count)
-            )
+            total += 0.5 * np.sum(p**2 / variance) + 0.5 * np.linalg.slogdet(np.eye(len(p)) + block)[1] + 0.5 * np.log(count)
     if filters_noise(model):
         total += COLOUR_ORDERS * np.log(count)
     return total
@@ -214,14 +202,10 @@ def smooth_spectrum(data: Data, residual: np.ndarray, orders: int = COLOUR_ORDER
     cepstrum = sp_fft.ifft(log_power)
     cepstrum[0] = 0.0
     cepstrum[orders + 1 : bins - orders] = 0.0
-    turn = np.exp(
-        2j * np.pi * np.arange(bins) * 0.5 / bins
-    )  # a cell's middle lies half a cell above its edge
+    turn = np.exp(2j * np.pi * np.arange(bins) * 0.5 / bins)  # a cell's middle lies half a cell above its edge
     wide = np.zeros(n, complex)
     keep = np.arange(-orders, orders + 1)
-    wide[keep % n] = cepstrum[keep % bins] * np.where(
-        keep >= 0, np.conj(turn[keep % bins]), turn[-keep % bins]
-    )
+    wide[keep % n] = cepstrum[keep % bins] * np.where(keep >= 0, np.conj(turn[keep % bins]), turn[-keep % bins])
     return np.exp(np.clip(sp_fft.fft(wide).real, -6, 6))
 
 

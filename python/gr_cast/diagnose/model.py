@@ -58,9 +58,7 @@ class Model:
     def prior_precision(self) -> np.ndarray:
         parts = [np.zeros(len(self.base))]
         for e in self.effects:
-            parts.append(
-                np.zeros(int(e.free.sum())) if e.prior is None else 1.0 / np.maximum(e.prior[e.free], 1e-30)
-            )
+            parts.append(np.zeros(int(e.free.sum())) if e.prior is None else 1.0 / np.maximum(e.prior[e.free], 1e-30))
         return np.concatenate(parts)
 
 
@@ -97,9 +95,7 @@ def _run(scene, base, effects, chain: Chain, first: int, snapshots=None) -> Chai
 def _steps(effects) -> list:
     before = [i for i, e in enumerate(effects) if stage_of(e) <= CHANNEL_AFTER]
     around = [i for i, e in enumerate(effects) if CHANNEL_AFTER < stage_of(e) <= ENVIRONMENT]
-    after = [
-        i for i, e in enumerate(effects) if stage_of(e) > ENVIRONMENT and not FAMILIES[e.family].noise_like
-    ]
+    after = [i for i, e in enumerate(effects) if stage_of(e) > ENVIRONMENT and not FAMILIES[e.family].noise_like]
     return [*before, "channel", *around, "gain", *after]
 
 
@@ -141,9 +137,7 @@ def effect_columns(scene, model: Model, index: int, chain: Chain, before: Chain)
     family = FAMILIES[effect.family]
     if hasattr(family, "columns"):
         return list(
-            family.columns(
-                scene, effect, chain, before, lambda c, e, extra=None: _rest(scene, model, index, c, e, extra)
-            )
+            family.columns(scene, effect, chain, before, lambda c, e, extra=None: _rest(scene, model, index, c, e, extra))
         )
     rows = []
     for k in np.flatnonzero(effect.free):

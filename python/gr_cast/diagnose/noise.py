@@ -99,11 +99,7 @@ def pulsed(fit, near: float | None = None):
         return 0.0, None
     if near is not None:
         gain, p = _fold(e, use, near, n, total, count, scales=(0.5, 0.1))
-        return (
-            (0.0, None)
-            if p is None
-            else (gain, start(FAMILIES["pulsed_interference"], p, free=[False] * 4, trials=2e4))
-        )
+        return (0.0, None) if p is None else (gain, start(FAMILIES["pulsed_interference"], p, free=[False] * 4, trials=2e4))
     q = np.where(use, np.minimum(e / mean, 8.0), 0.0)
     q = np.where(use, q - q.sum() / count, 0.0)
     pad = 4
@@ -117,11 +113,7 @@ def pulsed(fit, near: float | None = None):
         comb[ok] += spectrum[at[ok]]
         if h in (1, 2, 4, 8, 16):
             surprise = -gamma.logsf(comb, h)  # of so much power in h harmonics of white noise
-            periods += [
-                (surprise[i], pad * n / f[i])
-                for i in _peaks(surprise, 2, 3)
-                if surprise[i] > np.log(len(f)) + 4
-            ]
+            periods += [(surprise[i], pad * n / f[i]) for i in _peaks(surprise, 2, 3) if surprise[i] > np.log(len(f)) + 4]
     periods = [p for _, p in sorted(periods, reverse=True)[:4]]
     top = (0.0, None)
     for period in periods:
@@ -154,11 +146,7 @@ def _fold(e, use, period, n, total, count, scales=(1.0, 0.15)):
                 np.cumsum(np.concatenate([[0], folded, folded])),
                 np.cumsum(np.concatenate([[0], hits, hits])),
             )
-            lengths = (
-                np.unique(np.geomspace(1, bins // 2, 24).astype(int))
-                if bins > 64
-                else np.arange(1, bins // 2 + 1)
-            )
+            lengths = np.unique(np.geomspace(1, bins // 2, 24).astype(int)) if bins > 64 else np.arange(1, bins // 2 + 1)
             for length in lengths:
                 e_on, n_on = e2[length : length + bins] - e2[:bins], h2[length : length + bins] - h2[:bins]
                 gain = _two_levels(n_on, e_on, count, total)

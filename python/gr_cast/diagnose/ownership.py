@@ -49,9 +49,7 @@ def kind_of(finding, effect: Effect) -> tuple:
 
 
 def link_of(finding, effect: Effect) -> str:
-    source = (
-        finding.scene.taps[effect.aux["tap"]].source if "tap" in effect.aux else effect.aux.get("source", 0)
-    )
+    source = finding.scene.taps[effect.aux["tap"]].source if "tap" in effect.aux else effect.aux.get("source", 0)
     return f"{finding.scene.transmitters[source]}>{finding.observation.receiver}"
 
 
@@ -79,12 +77,8 @@ def voices(findings, members, trust: float = 1.0) -> list[Voice]:
             aux = {k: v for k, v in template.aux.items() if k != "nats"}
             effect = replace(template, aux=aux)
             forced = refit(finding.data, finding.fit.model.adding(effect))
-            index = next(
-                i for i, e in enumerate(forced.model.effects) if e.family == effect.family and e.aux == aux
-            )
-            out.append(
-                _voice(finding, forced, index, max(0.0, forced.likelihood - finding.fit.likelihood), False)
-            )
+            index = next(i for i, e in enumerate(forced.model.effects) if e.family == effect.family and e.aux == aux)
+            out.append(_voice(finding, forced, index, max(0.0, forced.likelihood - finding.fit.likelihood), False))
     return out
 
 
@@ -131,14 +125,10 @@ def owners(findings, effect: Effect) -> list[tuple[str, str, set[str]]]:
     if family.level == "environment":
         return [("environment", "environment", everything)]
     out = []
-    levels = (
-        ("rx",) if effect.family in ALWAYS_RX else ("tx",) if effect.family in ALWAYS_TX else ("tx", "rx")
-    )
+    levels = ("rx",) if effect.family in ALWAYS_RX else ("tx",) if effect.family in ALWAYS_TX else ("tx", "rx")
     for level in levels:
         names = (
-            {tx for f in findings for tx in f.scene.transmitters}
-            if level == "tx"
-            else {f.observation.receiver for f in findings}
+            {tx for f in findings for tx in f.scene.transmitters} if level == "tx" else {f.observation.receiver for f in findings}
         )
         for name in sorted(names):
             mine = {
@@ -182,9 +172,7 @@ def owner(findings, members) -> tuple[dict, set[str]]:
         if rest and effect.family not in ALWAYS_TX | ALWAYS_RX:
             name["alternatives"] = [{"level": level, "name": other} for level, other, _ in rest]
         return name, best[2]
-    scores = sorted(
-        ((weigh(effect.family, heard, g), level, name, g) for level, name, g in options), key=lambda s: -s[0]
-    )
+    scores = sorted(((weigh(effect.family, heard, g), level, name, g) for level, name, g in options), key=lambda s: -s[0])
     best = scores[0]
     found = {"level": best[1], "name": best[2]}
     close = [s for s in scores[1:] if s[0] > best[0] - 3.0]

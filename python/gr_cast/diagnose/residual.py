@@ -107,9 +107,7 @@ def _place_in_code(fit) -> Leftover | None:
     cells = np.add.reduceat(energy, np.arange(0, period, size))
     count = np.add.reduceat((hits > 0).astype(float), np.arange(0, period, size))
     both = [(energy.sum(), float((hits > 0).sum()), 1), (cells, count, len(cells))]
-    log_p = [
-        float(np.min(_gamma_cells(np.atleast_1d(e), np.atleast_1d(c))[0])) + np.log(m) for e, c, m in both
-    ]
+    log_p = [float(np.min(_gamma_cells(np.atleast_1d(e), np.atleast_1d(c))[0])) + np.log(m) for e, c, m in both]
     excess = max(0.0, float(energy.sum() - (hits > 0).sum()))
     return Leftover(test="place in the code", p_value=_bonferroni(min(log_p), 1), nats=excess, where={})
 

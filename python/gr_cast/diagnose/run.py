@@ -56,9 +56,7 @@ class Finding:
         effect = self.fit.model.effects[index]
         key = id(effect.p)
         if key not in self.gains:
-            model = replace(
-                self.fit.model, effects=tuple(e for e in self.fit.model.effects if "nats" not in e.aux)
-            )
+            model = replace(self.fit.model, effects=tuple(e for e in self.fit.model.effects if "nats" not in e.aux))
             at = next(i for i, e in enumerate(model.effects) if e.p is effect.p)
             without = refit(self.data, model.without(at))
             self.gains[key] = (float(self.fit.evidence - without.evidence), [])
@@ -67,10 +65,7 @@ class Finding:
 
 def nmse(data, y: np.ndarray, inside: np.ndarray) -> float:
     """Residual power on the samples `inside` over recorded power."""
-    return float(
-        np.mean(np.abs(data.y[inside] - y[inside]) ** 2)
-        / np.mean(np.abs(data.y[data.use + data.vault > 0]) ** 2)
-    )
+    return float(np.mean(np.abs(data.y[inside] - y[inside]) ** 2) / np.mean(np.abs(data.y[data.use + data.vault > 0]) ** 2))
 
 
 def parts_of(observation) -> list:
@@ -90,9 +85,7 @@ def examine(case, observation, *, deadline: float) -> list[Finding]:
     for k, part in enumerate(parts):
         if findings and time.monotonic() > deadline:
             break
-        until = time.monotonic() + (deadline - time.monotonic()) * (
-            0.6 if k == 0 and len(parts) > 1 else 1 / (len(parts) - k)
-        )
+        until = time.monotonic() + (deadline - time.monotonic()) * (0.6 if k == 0 and len(parts) > 1 else 1 / (len(parts) - k))
         findings.append(_examine_part(case, part, findings[0] if findings else None, until))
     return findings
 
@@ -180,8 +173,7 @@ def _compare(finding: Finding) -> None:
             finding.ambiguous.append(
                 {
                     "families": families,
-                    "why": f"{' and '.join(families)} explain this recording equally well "
-                    f"({apart:.1f} nats apart).",
+                    "why": f"{' and '.join(families)} explain this recording equally well ({apart:.1f} nats apart).",
                     "record_next": ambiguity.record_next(fit, equal[0].fit),
                 }
             )
@@ -191,8 +183,7 @@ def _settle(fit: Fit) -> Fit:
     """Let every number of what was found move (a drift, a Doppler), and note the floor that noise is told
     against."""
     effects = tuple(
-        replace(e, free=np.ones(len(e.p), bool)) if e.family in SETTLED and not e.fixed else e
-        for e in fit.model.effects
+        replace(e, free=np.ones(len(e.p), bool)) if e.family in SETTLED and not e.fixed else e for e in fit.model.effects
     )
     if any(a is not b for a, b in zip(effects, fit.model.effects, strict=True)):
         freed = refit(fit.data, replace(fit.model, effects=effects))
@@ -212,9 +203,7 @@ def _settle(fit: Fit) -> Fit:
 def _floor(finding: Finding) -> None:
     """Compare the noise with the twin's, on samples that the rails do not touch."""
     fit, told = finding.fit, finding.data.noise_power
-    if told is None or filters_noise(
-        fit.model
-    ):  # a filter's own gain is unknown, and with it the floor before it
+    if told is None or filters_noise(fit.model):  # a filter's own gain is unknown, and with it the floor before it
         return
     inside = off_the_rails(fit)
     shape = np.ones(fit.data.scene.count) if fit.data.variance is None else fit.data.variance
@@ -246,12 +235,8 @@ def _floor(finding: Finding) -> None:
         power = np.abs(fit.chain.wanted[inside]) ** 2
         power = power / max(power.mean(), 1e-300)
         strength, likelihood = noise.told_floor(energy, power)
-        lead = (
-            float(-n * np.log(ratio) - n) - likelihood
-        )  # of a raised floor over noise that follows the signal
-        other = start(
-            FAMILIES["signal_dependent_noise"], [strength], free=[False], aux={"nats": float(nats - lead)}
-        )
+        lead = float(-n * np.log(ratio) - n) - likelihood  # of a raised floor over noise that follows the signal
+        other = start(FAMILIES["signal_dependent_noise"], [strength], free=[False], aux={"nats": float(nats - lead)})
         if abs(lead) < ambiguity.ALIKE_NATS:
             finding.ambiguous.append(
                 {
@@ -404,8 +389,6 @@ def diagnose(case, *, budget_s: float = BUDGET_S) -> Diagnosis:
         findings += examine(case, observation, deadline=time.monotonic() + share)
     from .verdict import conclude
 
-    document = conclude(
-        case, findings, [predict_only(case, o, findings) for o in case.observations if o.vault]
-    )
+    document = conclude(case, findings, [predict_only(case, o, findings) for o in case.observations if o.vault])
     document["seconds"] = round(time.monotonic() - begun, 3)
     return Diagnosis(case=case, document=document, findings=findings)

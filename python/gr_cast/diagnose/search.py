@@ -71,13 +71,9 @@ def _gram_of_courses(data: Data, rows, residual, sigma2, units, orders) -> Gram:
             h_cc[:, i, :, j] = (basis * e) @ basis.T
             h_cc[:, j, :, i] = h_cc[:, i, :, j].T
     others = np.vstack([rows, residual[None]]).view(complex)
-    cross = np.array(
-        [[basis @ blocks(white[i], other) for other in others] for i in range(k)]
-    )  # (k, others, orders)
+    cross = np.array([[basis @ blocks(white[i], other) for other in others] for i in range(k)])  # (k, others, orders)
     cross = 2 / sigma2 * cross.transpose(2, 0, 1).reshape(orders * k, -1)
-    return Gram(
-        h_cc=2 / sigma2 * h_cc.reshape(orders * k, orders * k), h_cj=cross[:, :-1], slope=cross[:, -1]
-    )
+    return Gram(h_cc=2 / sigma2 * h_cc.reshape(orders * k, orders * k), h_cj=cross[:, :-1], slope=cross[:, -1])
 
 
 def score(fit: Fit, effect: Effect, grams: dict | None = None) -> Score:
@@ -184,8 +180,7 @@ def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2) ->
     white = replace(data, variance=None, spectrum=None)
     noisy = any(FAMILIES[e.family].noise_like and not e.fixed for e in model.effects)
     shaped = noisy or any(
-        stage_of(e) in (RX_GAIN, RX_FILTER) or e.family == "quantization" and e.p[2] < 0.7
-        for e in model.effects
+        stage_of(e) in (RX_GAIN, RX_FILTER) or e.family == "quantization" and e.p[2] < 0.7 for e in model.effects
     )
     if not noisy or near is None:
         fit = solve(white, model)
@@ -257,11 +252,7 @@ ONCE = {
 def _worth_trying(scores: list[Score]) -> list[Score]:
     """The simple families that promise most, flexible ones where they promise more, and the laws of noise."""
     options = [s for s in scores if s.net > 0]
-    simple = [
-        s
-        for s in options
-        if not FAMILIES[s.effect.family].flexible and not FAMILIES[s.effect.family].noise_like
-    ]
+    simple = [s for s in options if not FAMILIES[s.effect.family].flexible and not FAMILIES[s.effect.family].noise_like]
     best = simple[0].net if simple else 0.0
     flexible = [s for s in options if FAMILIES[s.effect.family].flexible and s.net > best + FEW_NATS]
     noises = [s for s in options if FAMILIES[s.effect.family].noise_like and s.net > best]

@@ -21,11 +21,7 @@ def _group(findings: list[Finding]) -> list[list[tuple[Finding, int]]]:
                 continue
             kind, place = kind_of(finding, effect), _place(finding, effect)
             for other, where, members in groups:
-                if (
-                    other == kind
-                    and abs(where - place) < SAME_DELAY_SAMPLES
-                    and all(f is not finding for f, _ in members)
-                ):
+                if other == kind and abs(where - place) < SAME_DELAY_SAMPLES and all(f is not finding for f, _ in members):
                     members.append((finding, i))
                     break
             else:
@@ -40,11 +36,7 @@ def _place(finding: Finding, effect) -> float:
     if effect.family == "tone_interference":
         return float(effect.p[2]) / 4
     if effect.family == "sample_loss":
-        return (
-            (finding.observation.first + float(effect.p[0])) / 50
-            if finding.observation.first
-            else float(effect.p[0]) / 50
-        )
+        return (finding.observation.first + float(effect.p[0])) / 50 if finding.observation.first else float(effect.p[0]) / 50
     if effect.family == "gain_step":
         return float(effect.p[1]) * 100
     return 0.0
@@ -97,10 +89,9 @@ def _fit_numbers(findings, vault) -> dict:
         told = f.data.noise_power
         floor.append((told if told else f.fit.sigma2) / float(np.mean(np.abs(f.data.y) ** 2)))
     names = ("twin_nmse_db", "corrected_nmse_db", "noise_floor_db")
-    return {
-        name: round(float(10 * np.log10(np.mean(v))), 4)
-        for name, v in zip(names, (twin, corrected, floor), strict=True)
-    } | {"split": "vault"}
+    return {name: round(float(10 * np.log10(np.mean(v))), 4) for name, v in zip(names, (twin, corrected, floor), strict=True)} | {
+        "split": "vault"
+    }
 
 
 def _entry(findings, members) -> dict | None:
@@ -117,10 +108,7 @@ def _entry(findings, members) -> dict | None:
     values, constants = numbers(finding, index)
     if len(members) > 1:
         every = {f.observation.name: numbers(f, i)[0] for f, i in members}
-        values = {
-            name: _pooled({r: v[name] for r, v in every.items() if name in v}, values[name])
-            for name in values
-        }
+        values = {name: _pooled({r: v[name] for r, v in every.items() if name in v}, values[name]) for name in values}
     plain = {k: v["value"] for k, v in numbers(finding, index)[0].items()}
     where = {
         "delay_s": None,
@@ -128,9 +116,7 @@ def _entry(findings, members) -> dict | None:
         "frequency_hz": [-scene.sample_rate_hz / 2, scene.sample_rate_hz / 2],
         "amplitude": None,
         **{k: [float(a) for a in v] for k, v in family.where(scene, effect, plain).items()},
-        "recording": finding.observation.name
-        if len(members) == 1
-        else sorted({f.observation.name for f, _ in members}),
+        "recording": finding.observation.name if len(members) == 1 else sorted({f.observation.name for f, _ in members}),
     }
     others = finding.rivals_of(index)
     evidence = {

@@ -98,9 +98,7 @@ class View:
             spectrum = np.conj(sp_fft.fft(source.samples))
             folded = np.zeros((segments, size), complex)
             index = self.scene.wrap(size) + (np.arange(n) // length) * size
-            folded = np.bincount(index, signal.real, segments * size) + 1j * np.bincount(
-                index, signal.imag, segments * size
-            )
+            folded = np.bincount(index, signal.real, segments * size) + 1j * np.bincount(index, signal.imag, segments * size)
             c = sp_fft.ifft(sp_fft.fft(folded.reshape(segments, size), axis=1) * spectrum, axis=1)
             return c, np.arange(size)
         last = max(p.delay for p in self.scene.taps)

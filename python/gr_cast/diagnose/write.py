@@ -33,8 +33,7 @@ def corrected_twin(diagnosis) -> dict:
     """The twin's document with the found physics in `effects`; what a user's file names stay as they are."""
     document = copy.deepcopy(diagnosis.case.document)
     found = [
-        {k: e[k] for k in ("family", "owner", "parameters", "model") if e.get(k)}
-        | {"parameters": e["parameters"]}
+        {k: e[k] for k in ("family", "owner", "parameters", "model") if e.get(k)} | {"parameters": e["parameters"]}
         for e in diagnosis.document["effects"]
     ]
     document["effects"] = list(document.get("effects") or []) + found
@@ -47,9 +46,7 @@ def maps(diagnosis) -> dict[str, np.ndarray]:
         name = finding.observation.name
         for label, fit in (("before", finding.twin), ("after", finding.fit)):
             energy, count = time_frequency(fit)
-            out[f"{name}_time_frequency_{label}"] = (energy / np.maximum(count, 1e-9) * fit.sigma2).astype(
-                np.float32
-            )
+            out[f"{name}_time_frequency_{label}"] = (energy / np.maximum(count, 1e-9) * fit.sigma2).astype(np.float32)
     return out
 
 

@@ -9,6 +9,7 @@ from .base import RX_LO, Family, start
 
 class CarrierFrequencyOffset(Family):
     name = "carrier_frequency_offset"
+    level = "tx"
     stage = RX_LO
 
     def apply(self, chain, effect):
@@ -32,7 +33,4 @@ class CarrierFrequencyOffset(Family):
         return start(self, [parameters.get("offset_hz", 0.0) * scene.duration_s + 0.5 * drift, drift])
 
     def describe(self, number):
-        return (
-            f"The carrier lies {number('offset_hz')} off at the start and drifts by "
-            f"{number('drift_hz_per_s')}."
-        )
+        return f"The carrier lies {number('offset_hz')} off at the start and drifts by {number('drift_hz_per_s')}."

@@ -82,7 +82,4 @@ class DiffuseTail(Family):
         return {"delay_s": [first, first + 3 * values["decay_s"]]}
 
     def describe(self, number):
-        return (
-            f"A diffuse tail that the twin leaves out: {number('power_db')} in all, falling by e in "
-            f"{number('decay_s')}."
-        )
+        return f"A diffuse tail that the twin leaves out: {number('power_db')} in all, falling by e in {number('decay_s')}."

@@ -31,9 +31,7 @@ class ExtraPath(Family):
             for delay, doppler, trials in view.echoes(i, count=2):
                 still = abs(doppler) < 0.3
                 yield start(self, [0, 0, delay, 0.0], free=[1, 1, 1, 0], aux={"source": i}, trials=trials)
-                yield start(
-                    self, [0, 0, delay, 0.0 if still else doppler], aux={"source": i}, trials=trials * 4
-                )
+                yield start(self, [0, 0, delay, 0.0 if still else doppler], aux={"source": i}, trials=trials * 4)
 
     def values(self, scene, effect, p):
         rate = scene.sample_rate_hz
@@ -47,9 +45,7 @@ class ExtraPath(Family):
 
     def parse(self, scene, parameters, model):
         doppler = parameters.get("doppler_hz", 0.0) * scene.duration_s
-        a = 10 ** (parameters["gain_db"] / 20) * np.exp(
-            1j * (parameters.get("phase_rad", 0.0) + np.pi * doppler)
-        )
+        a = 10 ** (parameters["gain_db"] / 20) * np.exp(1j * (parameters.get("phase_rad", 0.0) + np.pi * doppler))
         return start(
             self,
             [a.real, a.imag, parameters["delay_s"] * scene.sample_rate_hz, doppler],

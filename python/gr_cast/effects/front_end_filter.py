@@ -46,9 +46,7 @@ class FrontEndFilter(Family):
             i = effect.aux["source"]
             taps = self.impulse_response(effect, effect.p)
             lags = range(effect.aux["low"], effect.aux["high"] + 1)
-            chain.waves[i] = sum(
-                tap * np.roll(chain.waves[i], lag) for tap, lag in zip(taps, lags, strict=True) if tap
-            )
+            chain.waves[i] = sum(tap * np.roll(chain.waves[i], lag) for tap, lag in zip(taps, lags, strict=True) if tap)
             return
         taps, low = self.impulse_response(effect, effect.p), effect.aux["low"]
         full = np.convolve(chain.y, taps)
@@ -65,9 +63,7 @@ class FrontEndFilter(Family):
             free=np.ones(size, bool),
             aux={**effect.aux, "low": low, "high": high},
         )
-        mine = np.isin(
-            lags, np.delete(np.arange(effect.aux["low"], effect.aux["high"] + 1), -effect.aux["low"])
-        )
+        mine = np.isin(lags, np.delete(np.arange(effect.aux["low"], effect.aux["high"] + 1), -effect.aux["low"]))
         return effect.aux.get("side"), whole, np.flatnonzero(np.repeat(mine, 2))
 
     def columns(self, scene, effect, chain, before, rest):
@@ -112,6 +108,5 @@ class FrontEndFilter(Family):
 
     def describe(self, number):
         return (
-            f"The front end filters the signal: {number('ripple_db')} between the strongest and the "
-            "weakest of the occupied band."
+            f"The front end filters the signal: {number('ripple_db')} between the strongest and the weakest of the occupied band."
         )

@@ -41,9 +41,7 @@ class IqImbalance(Family):
         }
 
     def parse(self, scene, parameters, model):
-        ratio = 10 ** (parameters.get("gain_imbalance_db", 0.0) / 20) * np.exp(
-            1j * parameters.get("phase_imbalance_rad", 0.0)
-        )
+        ratio = 10 ** (parameters.get("gain_imbalance_db", 0.0) / 20) * np.exp(1j * parameters.get("phase_imbalance_rad", 0.0))
         beta = (1 - ratio) / (1 + ratio)
         return start(
             self,

@@ -25,9 +25,7 @@ class NoiseFamily(Family):
         return None
 
     def parse(self, scene, parameters, model):
-        return start(
-            self, model.get("p", []), free=[False] * len(model.get("p", [])), aux=model.get("aux", {})
-        )
+        return start(self, model.get("p", []), free=[False] * len(model.get("p", [])), aux=model.get("aux", {}))
 
     def model(self, effect):
         return {
@@ -60,10 +58,7 @@ class SignalDependentNoise(NoiseFamily):
         return {"slope_db": 10 / np.log(10) * p[0]}
 
     def describe(self, number):
-        return (
-            f"Noise grows with the signal: at mean wanted power it is {number('slope_db')} relative to "
-            "the floor."
-        )
+        return f"Noise grows with the signal: at mean wanted power it is {number('slope_db')} relative to the floor."
 
 
 class PulsedInterference(NoiseFamily):
@@ -90,10 +85,7 @@ class PulsedInterference(NoiseFamily):
         }
 
     def describe(self, number):
-        return (
-            f"Pulses every {number('period_s')}, on for {number('duty_cycle')} of it, "
-            f"{number('power_dbc')} while on."
-        )
+        return f"Pulses every {number('period_s')}, on for {number('duty_cycle')} of it, {number('power_dbc')} while on."
 
 
 class ImpulsiveNoise(NoiseFamily):
@@ -139,7 +131,4 @@ class NarrowbandInterference(NoiseFamily):
         return {"frequency_hz": [f - b / 2, f + b / 2]}
 
     def describe(self, number):
-        return (
-            f"Interference {number('bandwidth_hz')} wide at {number('frequency_hz')} from the carrier, "
-            f"{number('power_dbc')}."
-        )
+        return f"Interference {number('bandwidth_hz')} wide at {number('frequency_hz')} from the carrier, {number('power_dbc')}."

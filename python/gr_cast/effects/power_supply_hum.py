@@ -28,9 +28,7 @@ class PowerSupplyHum(Family):
     def parse(self, scene, parameters, model):
         phase = model.get("phase_rad", 0.0)
         m = parameters["depth"]
-        return start(
-            self, [m * np.cos(phase), m * np.sin(phase), parameters["frequency_hz"] * scene.duration_s]
-        )
+        return start(self, [m * np.cos(phase), m * np.sin(phase), parameters["frequency_hz"] * scene.duration_s])
 
     def model(self, effect):
         return {"phase_rad": float(np.arctan2(effect.p[1], effect.p[0]))}

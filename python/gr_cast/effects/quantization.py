@@ -56,9 +56,7 @@ class Quantization(Family):
         if sigma >= 0.7:
             return None
         y = scene.notes["before the lattice"]
-        v = variance_of_quantizer(y.real, step, origin, sigma) + variance_of_quantizer(
-            y.imag, step, origin, sigma
-        )
+        v = variance_of_quantizer(y.real, step, origin, sigma) + variance_of_quantizer(y.imag, step, origin, sigma)
         v = np.maximum(v, 0.02 * v.mean())
         return v / v.mean()
 
@@ -66,9 +64,7 @@ class Quantization(Family):
         return {"step": p[0]}
 
     def parse(self, scene, parameters, model):
-        return start(
-            self, [parameters["step"], model.get("origin", 0.0), model.get("sigma", 1.0)], free=[False] * 3
-        )
+        return start(self, [parameters["step"], model.get("origin", 0.0), model.get("sigma", 1.0)], free=[False] * 3)
 
     def model(self, effect):
         return {"origin": float(effect.p[1]), "sigma": float(effect.p[2])}

@@ -7,6 +7,7 @@ from .base import CLOCK, Family, start
 
 class SampleClockOffset(Family):
     name = "sample_clock_offset"
+    level = "tx"
     stage = CLOCK
 
     def apply(self, chain, effect):

@@ -23,17 +23,13 @@ class SampleLoss(Family):
 
     def starts(self, view):
         for joint, lost, later in view.jumps():
-            yield start(
-                self, [joint, lost], free=[False, False], aux={"later": later}, trials=view.scene.count
-            )
+            yield start(self, [joint, lost], free=[False, False], aux={"later": later}, trials=view.scene.count)
 
     def values(self, scene, effect, p):
         return {"time_s": p[0] / scene.sample_rate_hz, "samples": float(round(p[1]))}
 
     def parse(self, scene, parameters, model):
-        return start(
-            self, [parameters["time_s"] * scene.sample_rate_hz, parameters["samples"]], free=[False, False]
-        )
+        return start(self, [parameters["time_s"] * scene.sample_rate_hz, parameters["samples"]], free=[False, False])
 
     def hidden(self, effect):
         return 1

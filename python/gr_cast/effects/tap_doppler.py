@@ -17,9 +17,7 @@ class TapDoppler(TapFamily):
         k, extra = effect.aux["tap"], effect.p[0]
         path = chain.paths[k]
         gain = path.gain * np.exp(1j * (effect.p[1] - np.pi * extra))
-        chain.paths[k] = replace(
-            path, gain=gain, doppler=path.doppler + extra, drift=path.drift + chain.scene.drift_of(extra)
-        )
+        chain.paths[k] = replace(path, gain=gain, doppler=path.doppler + extra, drift=path.drift + chain.scene.drift_of(extra))
 
     def starts(self, view):
         for k in view.tap_order():

@@ -32,7 +32,4 @@ class TapGainError(TapFamily):
         return start(self, p, aux={"tap": self.find(scene, parameters, model)})
 
     def describe(self, number):
-        return (
-            f"The twin's path at {number('delay_s')} is off by {number('error_db')} and "
-            f"{number('error_rad')}."
-        )
+        return f"The twin's path at {number('delay_s')} is off by {number('error_db')} and {number('error_rad')}."

@@ -13,9 +13,7 @@ class ToneInterference(Family):
 
     def apply(self, chain, effect):
         re, im, cycles = effect.p
-        chain.y = chain.y + chain.scene.rms * complex(re, im) * np.exp(
-            2j * np.pi * cycles * (chain.scene.u - 0.5)
-        )
+        chain.y = chain.y + chain.scene.rms * complex(re, im) * np.exp(2j * np.pi * cycles * (chain.scene.u - 0.5))
 
     def starts(self, view):
         for cycles in view.lines(count=2):
@@ -36,7 +34,4 @@ class ToneInterference(Family):
         return {"frequency_hz": [f - width, f + width]}
 
     def describe(self, number):
-        return (
-            f"A tone at {number('frequency_hz')} from the carrier, {number('power_dbc')} relative to "
-            "the wanted signal."
-        )
+        return f"A tone at {number('frequency_hz')} from the carrier, {number('power_dbc')} relative to the wanted signal."
