@@ -36,6 +36,7 @@ constexpr std::size_t n_slices = 8;
 namespace cost
 {
 constexpr double tap = 0.078; // of one sample
+constexpr double wake_threads = 60000;
 double transform(double n_bins) { return 2200 * n_bins * std::log2(n_bins) / (2048 * 11); }
 double product(double n_bins) { return 220 * n_bins / 2048; }
 } // namespace cost
@@ -346,24 +347,27 @@ double emulator::sparse_cost(const piece& p) const
 }
 
 // The planner: every output in its cheaper way, if what that saves pays for the inputs' transforms.
-void emulator::choose(pieces& all, uint64_t first, std::size_t n) const
+// Returns the cost of all.
+double emulator::choose(pieces& all, uint64_t first, std::size_t n) const
 {
-    if (!d_may_be_dense)
-        return;
     const double n_blocks = (n + d_dense.block() - 1) / d_dense.block();
-    double saved = 0;
+    const double transforms = n_blocks * d_config.n_inputs * cost::transform(d_dense.n_bins());
+    double sparse = 0, mixed = transforms;
     for (auto& of_output : all)
         for (piece& p : of_output) {
-            const double gain = sparse_cost(p) - dense_cost(p, first);
-            p.dense =
-                !p.made_by->is_copy && !p.made_by->paths.empty() && (gain > 0 || !d_may_be_sparse);
-            saved += p.dense ? gain : 0;
+            const double direct = sparse_cost(p);
+            const double fast = d_may_be_dense ? dense_cost(p, first) : direct;
+            p.dense = d_may_be_dense && !p.made_by->is_copy && !p.made_by->paths.empty() &&
+                      (fast < direct || !d_may_be_sparse);
+            sparse += direct;
+            mixed += p.dense ? fast : direct;
         }
-    const double transforms = n_blocks * d_config.n_inputs * cost::transform(d_dense.n_bins());
-    if (saved < transforms && d_may_be_sparse)
-        for (auto& of_output : all)
-            for (piece& p : of_output)
-                p.dense = false;
+    if (mixed < sparse || !d_may_be_sparse)
+        return mixed;
+    for (auto& of_output : all)
+        for (piece& p : of_output)
+            p.dense = false;
+    return sparse;
 }
 
 void emulator::process(const sample* const* in, sample* const* out, std::size_t n)
@@ -382,11 +386,20 @@ void emulator::process(const sample* const* in, sample* const* out, std::size_t 
     }
 }
 
+// On all threads, where there is more to do than waking them costs.
+void emulator::share(unsigned n_jobs, const std::function<void(unsigned)>& job)
+{
+    if (d_worth_sharing)
+        return d_threads.run(n_jobs, job);
+    for (unsigned k = 0; k < n_jobs; k++)
+        job(k);
+}
+
 void emulator::round(const sample* const* in, sample* const* out, std::size_t n)
 {
     const uint64_t first = d_position;
     pieces all = cut(first + n);
-    choose(all, first, n);
+    d_worth_sharing = choose(all, first, n) > cost::wake_threads;
     std::vector<const sample*> x(in, in + d_config.n_inputs);
     if (d_fixed_point)
         x = quantize_inputs(in, n);
@@ -400,7 +413,7 @@ std::vector<const sample*> emulator::quantize_inputs(const sample* const* in, st
     const std::size_t past = d_config.n_taps - 1;
     std::vector<const sample*> x(d_config.n_inputs);
     d_quantized.resize(d_config.n_inputs);
-    d_threads.run(d_config.n_inputs, [&](unsigned i) {
+    share(d_config.n_inputs, [&](unsigned i) {
         d_quantized[i].resize(past + n);
         sample* made = d_quantized[i].data();
         const auto& f = *d_fixed_point;
@@ -418,7 +431,7 @@ void emulator::finish_outputs(sample* const* out, uint64_t first, std::size_t n)
     const auto noisy = [](float power) { return power > 0; };
     if (!d_fixed_point && std::none_of(d_noise_power.begin(), d_noise_power.end(), noisy))
         return;
-    d_threads.run(d_config.n_outputs, [&](unsigned j) {
+    share(d_config.n_outputs, [&](unsigned j) {
         if (noisy(d_noise_power[j]))
             add_noise(d_isa, d_config.seed, j, first, std::sqrt(d_noise_power[j]), out[j], n);
         if (d_fixed_point)
@@ -440,7 +453,7 @@ void emulator::run_sparse(const pieces& all, const sample* const* in, sample* co
                           uint64_t first, std::size_t n)
 {
     const std::size_t tile = tile_length(n, d_threads.size());
-    d_threads.run((n + tile - 1) / tile, [&](unsigned t) {
+    share((n + tile - 1) / tile, [&](unsigned t) {
         const uint64_t tile_begin = first + t * tile,
                        tile_end = std::min<uint64_t>(tile_begin + tile, first + n);
         std::vector<const sample*> x(d_config.n_inputs);
@@ -498,7 +511,7 @@ void emulator::run_dense(const pieces& all, const sample* const* in, sample* con
 
     const std::size_t stride = d_dense.stride();
     d_spectra.resize(max_blocks * d_config.n_inputs * stride);
-    d_threads.run(max_blocks * d_config.n_inputs, [&](unsigned k) {
+    share(max_blocks * d_config.n_inputs, [&](unsigned k) {
         const int b = k / d_config.n_inputs, i = k % d_config.n_inputs;
         if (needed[b])
             d_dense.transform(in[i] + b * block, std::min(block, n - b * block),
@@ -521,14 +534,14 @@ void emulator::run_dense(const pieces& all, const sample* const* in, sample* con
             products[k].results[b] = product(k, b);
     }
     const std::size_t bins = d_dense.n_bins() / n_slices;
-    d_threads.run(n_slices, [&](unsigned slice) {
+    share(n_slices, [&](unsigned slice) {
         multiply_spectra(d_isa, d_spectra.data(), stride, d_config.n_inputs, products.data(),
                          products.size(), slice * bins, (slice + 1) * bins);
     });
 
     // Ramps add to what their piece's own filter left: one thread does a piece's jobs of a block in
     // turn.
-    d_threads.run(jobs.size() * max_blocks, [&](unsigned k) {
+    share(jobs.size() * max_blocks, [&](unsigned k) {
         const int b = k % max_blocks;
         std::size_t job = k / max_blocks;
         if (jobs[job].of_ramp || b >= jobs[job].n_blocks)
@@ -576,8 +589,8 @@ void emulator::make_filters(const std::vector<recipe*>& without)
         for (ramp& slope : r->ramps)
             add(slope.filter, slope.paths);
     }
-    d_threads.run(jobs.size(),
-                  [&](unsigned k) { d_dense.fill(*jobs[k].filter, *jobs[k].paths, jobs[k].used); });
+    share(jobs.size(),
+          [&](unsigned k) { d_dense.fill(*jobs[k].filter, *jobs[k].paths, jobs[k].used); });
 }
 
 int emulator::n_active_links() const

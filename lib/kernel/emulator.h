@@ -156,6 +156,7 @@ private:
     const config d_config;
     const isa d_isa;
     thread_pool d_threads;
+    bool d_worth_sharing = false; // the round at hand, among threads
     const bool d_may_be_sparse, d_may_be_dense;
     overlap_save d_dense;
     spectrum d_spectra;        // of the round at hand: [block][input][bin]
@@ -179,7 +180,8 @@ private:
     pieces cut(uint64_t end);
     double sparse_cost(const piece& p) const;
     double dense_cost(const piece& p, uint64_t first) const;
-    void choose(pieces& all, uint64_t first, std::size_t n) const;
+    double choose(pieces& all, uint64_t first, std::size_t n) const;
+    void share(unsigned n_jobs, const std::function<void(unsigned)>& job);
     path make_path(int input, const link& l, const tap& t) const;
     std::vector<const sample*> quantize_inputs(const sample* const* in, std::size_t n);
     void finish_outputs(sample* const* out, uint64_t first, std::size_t n);
