@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .emulate import emulate, scenario_bulk_delay, scenario_updates
+from .emulate import emulate, scenario_updates
 from .errors import CastError
 from .recording import Recording
 from .scenario import LinkTaps, Scenario, base_loss_db, link_name, taps_at, zarr_file
@@ -53,9 +53,7 @@ class LinkCheck:
 
 def play_reference(scenario: Scenario, samples: np.ndarray, sample_rate_hz: float) -> np.ndarray:
     """What the second of two nodes hears of the first, by the NumPy emulator."""
-    bulk = scenario_bulk_delay(scenario, sample_rate_hz)  # of filters for delays between samples
-    sent = np.append(samples, samples[:bulk])  # whole periods go on
-    return emulate(np.stack([sent, np.zeros_like(sent)]), scenario_updates(scenario, sample_rate_hz), 2)[1, bulk:]
+    return emulate(np.stack([samples, np.zeros_like(samples)]), scenario_updates(scenario, sample_rate_hz), 2)[1]
 
 
 def chosen_links(scenario: Scenario, count: int) -> list[tuple[str, str]]:
@@ -83,11 +81,12 @@ def check_link(
     play: Play = play_reference,
     seed: int = 0,
 ) -> LinkCheck:
-    """Freeze a link at an instant, play a code over it with noise at 30 dB, sound it, and compare."""
+    """Freeze a link at an instant on the 10 ns grid, play a code over it with noise at 30 dB, sound it, and compare."""
     if key not in scenario.links:
         raise CastError(f"{scenario.name}: link {link_name(key)}: there is none")
     delay_s, gain = taps_at(scenario, key, np.array([time_s]))
     gain = gain * amplitude_from_db(-base_loss_db(scenario, key))
+    delay_s = np.rint(delay_s / GRID_STEP_S) * GRID_STEP_S  # where the hardware's filters have them
     if not gain.any():
         raise CastError(f"{scenario.name}: link {link_name(key)}: has no taps at {time_s:g} s")
     frozen = Scenario(
