@@ -41,7 +41,8 @@ def test_another_module_can_link_the_library(prefix, tmp_path):
         "add_executable(user user.cc)\ntarget_link_libraries(user gnuradio::gnuradio-cast)\n"
     )
     (tmp_path / "user.cc").write_text(
-        "#include <gnuradio/cast/glfsr_source.h>\nint main() { return gr::cast::glfsr_source::make(8)->mask() == 0x8E ? 0 : 1; }\n"
+        "#include <gnuradio/cast/glfsr_source.h>\n"
+        "int main() { return gr::cast::glfsr_source::make(8)->mask() == 0x8E ? 0 : 1; }\n"
     )
     run("cmake", "-S", tmp_path, "-B", tmp_path / "build", f"-DCMAKE_PREFIX_PATH={prefix}", "-G", "Ninja")
     run("cmake", "--build", tmp_path / "build")
