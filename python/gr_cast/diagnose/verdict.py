@@ -17,7 +17,7 @@ def _group(findings: list[Finding]) -> list[list[tuple[Finding, int]]]:
     groups: list[tuple[tuple, float, list]] = []
     for finding in findings:
         for i, effect in enumerate(finding.fit.model.effects):
-            if effect.fixed:
+            if effect.fixed or _part_of_fading(finding, effect):
                 continue
             kind, place = kind_of(finding, effect), _place(finding, effect)
             for other, where, members in groups:
@@ -27,6 +27,14 @@ def _group(findings: list[Finding]) -> list[list[tuple[Finding, int]]]:
             else:
                 groups.append((kind, place, [(finding, i)]))
     return [members for _, _, members in groups]
+
+
+def _part_of_fading(finding: Finding, effect) -> bool:
+    """Whether an effect is the mean, or a strong moment, of a tap that fades, and no cause of its own."""
+    taps = [e.aux["tap"] for e in finding.fit.model.effects if e.family == "tap_fading" and not e.fixed]
+    if effect.family == "tap_gain_error":
+        return effect.aux["tap"] in taps
+    return effect.family == "extra_path" and any(abs(finding.scene.taps[k].delay - effect.p[2]) < 1.0 for k in taps)
 
 
 def _place(finding: Finding, effect) -> float:
