@@ -222,7 +222,7 @@ pmt::pmt_t channel_emulator_impl::describe() const
     add("active_links", pmt::from_long(d_emulator.n_active_links()));
     add("active_taps", pmt::from_long(d_emulator.n_active_taps()));
     add("plan", pmt::intern(d_emulator.plan()));
-    add("samples", pmt::from_uint64(d_emulator.n_processed()));
+    add("samples", pmt::from_uint64(d_samples));
     add("real_time_factor", pmt::from_double(d_real_time_factor));
     add("late_updates", pmt::from_uint64(d_emulator.n_late()));
     add("refused_updates", pmt::from_uint64(d_refused));
@@ -233,7 +233,7 @@ pmt::pmt_t channel_emulator_impl::describe() const
 void channel_emulator_impl::publish_status(clock::time_point now)
 {
     const double seconds = std::chrono::duration<double>(now - d_reported_at).count();
-    const uint64_t samples = d_emulator.n_processed() - d_reported_samples;
+    const uint64_t samples = d_samples - d_reported_samples;
     d_reported_at = now;
     d_reported_samples += samples;
     d_real_time_factor = seconds > 0 ? double(samples) / d_sample_rate_hz / seconds : 0;
@@ -248,7 +248,7 @@ bool channel_emulator_impl::start()
                    d_emulator.n_active_links(), d_emulator.n_active_taps(), d_emulator.plan());
     d_emulator.seek(nitems_written(0)); // not 0 where a running flowgraph was reconfigured
     d_reported_at = clock::now();
-    d_reported_samples = d_emulator.n_processed();
+    d_samples = d_reported_samples = d_emulator.n_processed();
     publish_status(d_reported_at);
     return true;
 }
@@ -273,6 +273,7 @@ int channel_emulator_impl::work(int noutput_items, gr_vector_const_void_star& in
     for (void* items : output_items)
         out.push_back(static_cast<gr_complex*>(items));
     d_emulator.process(in.data(), out.data(), noutput_items);
+    d_samples = d_emulator.n_processed();
     const auto now = clock::now();
     if (now - d_reported_at >= std::chrono::seconds(1))
         publish_status(now);

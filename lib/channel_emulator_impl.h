@@ -53,6 +53,7 @@ private:
     stream_clock d_clock;
     clock::time_point d_reported_at;
     uint64_t d_reported_samples = 0;
+    uint64_t d_samples = 0;        // of this run, or of the last one after it has stopped
     double d_real_time_factor = 0; // over the last report
 
     void schedule(kernel::link_update update);
