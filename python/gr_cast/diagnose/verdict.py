@@ -147,7 +147,7 @@ def _entry(findings, members) -> dict | None:
 def confidence(nats: float) -> float:
     """Share of effects with this evidence that are true when the whole list is trusted
     (tests/bench/bench_confidence.py)."""
-    return round(float(0.60 + 0.37 * (1 - np.exp(-max(nats, 0) / 20))), 3)
+    return round(float(0.60 + 0.34 * (1 - np.exp(-max(nats, 0) / 20))), 3)
 
 
 def _doubted(effects: list[dict], verdict: str, ambiguous: list[dict]) -> None:
