@@ -19,11 +19,6 @@ class Waveform:
     name: str = ""
     sample_rate_hz: float | None = None  # None: whatever the radio's rate is
 
-    @property
-    def is_bpsk(self) -> bool:
-        """True for ±1 samples, which the BPSK correlator takes."""
-        return bool(np.all((self.samples == 1) | (self.samples == -1)))
-
 
 # The positional parameters of a code's short name, `glfsr:8` or `zadoff_chu:255:7`.
 _SHORT_NAME_KEYS = {
