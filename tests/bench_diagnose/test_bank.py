@@ -16,6 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
 from diagnose_bank import build, closed_form, compose, flow, scenes, score, truth, tune, waveforms, world
 from diagnose_bank.impairments import FAMILIES
 from gr_cast import codes
+from gr_cast.diagnose import gate
 
 pytestmark = pytest.mark.timeout(120)
 FORMULAS = [key for key, family in FAMILIES.items() if family.name in closed_form.NAMES]
@@ -53,15 +54,11 @@ def _twin_residual_db(folder, twin, delay):
         for tap in twin["links"][0]["taps"]:
             period = np.fft.ifft(spectrum * np.exp(-2j * np.pi * f * (d + tap["delay_s"] * rate)))
             weight = 10 ** (tap["gain_db"] / 20) * np.exp(1j * tap["phase_rad"])
-            model = model + weight * np.resize(period, len(y)) * np.exp(
-                2j * np.pi * tap["doppler_hz"] / rate * n
-            )
+            model = model + weight * np.resize(period, len(y)) * np.exp(2j * np.pi * tap["doppler_hz"] / rate * n)
         gain = np.vdot(model, y) / np.vdot(model, model)
         return 10 * np.log10(np.mean(np.abs(y - gain * model) ** 2))
 
-    return minimize_scalar(
-        left, bounds=(delay - 0.3, delay + 0.3), method="bounded", options={"xatol": 1e-5}
-    ).fun
+    return minimize_scalar(left, bounds=(delay - 0.3, delay + 0.3), method="bounded", options={"xatol": 1e-5}).fun
 
 
 @pytest.fixture(scope="module")
@@ -126,9 +123,7 @@ def test_noise_floor_rises_by_its_change():
     parameters = truth.effect(cause, scene, [scene], 500.0, network=False)["parameters"]
     added = world.play(scene, [cause]) - world.play(scene, noise=False)
     change = 10 * np.log10(np.mean(np.abs(added) ** 2) / scene.context.noise)
-    assert change == pytest.approx(
-        parameters["change_db"]["value"], abs=4 * 4.343 / np.sqrt(scene.context.count)
-    )
+    assert change == pytest.approx(parameters["change_db"]["value"], abs=4 * 4.343 / np.sqrt(scene.context.count))
 
 
 def test_pulses_hold_their_power_and_duty_cycle():
@@ -148,9 +143,7 @@ def test_pulses_hold_their_power_and_duty_cycle():
     starts = np.flatnonzero(np.diff(on.astype(int)) == 1)
     assert on.mean() == pytest.approx(parameters["duty_cycle"]["value"], rel=0.2)
     assert power == pytest.approx(parameters["power_dbc"]["value"], abs=0.8)
-    assert np.median(np.diff(starts)) / scene.context.rate == pytest.approx(
-        parameters["period_s"]["value"], rel=0.01
-    )
+    assert np.median(np.diff(starts)) / scene.context.rate == pytest.approx(parameters["period_s"]["value"], rel=0.01)
 
 
 def test_lambda_of_an_echo_is_its_energy_over_the_noise():
@@ -158,16 +151,9 @@ def test_lambda_of_an_echo_is_its_energy_over_the_noise():
     scene = _scene_for(FAMILIES["extra_path"], rng)
     scene = replace(scene, context=replace(scene.context, taps=scene.context.taps[:1]))
     draw = {**FAMILIES["extra_path"].draw(rng, scene.context), "doppler_hz": 0.0}
-    cause = world.Cause(
-        key="extra_path", owner={"level": "link", "name": "tx1>rx1"}, strength=0.05, draw=draw
-    )
+    cause = world.Cause(key="extra_path", owner={"level": "link", "name": "tx1>rx1"}, strength=0.05, draw=draw)
     c = scene.context
-    energy = (
-        c.count
-        * abs(0.05 * c.gain * scene.amplitude) ** 2
-        * np.mean(np.abs(c.waveform.samples) ** 2)
-        / c.noise
-    )
+    energy = c.count * abs(0.05 * c.gain * scene.amplitude) ** 2 * np.mean(np.abs(c.waveform.samples) ** 2) / c.noise
     # what looks like gain or bulk delay is taken away from it
     assert 0.5 * energy < world.strength_lambda(scene, [cause], cause) < 1.05 * energy
 
@@ -201,9 +187,7 @@ def _repeat(record):
     """A diagnosis that says exactly the truth."""
     effects = []
     for e in record["effects"] if record["kind"] not in ("outside", "ambiguous") else []:
-        parameters = {
-            k: {"value": p["value"], "std": abs(p["value"]) / 10 + 1e-12} for k, p in e["parameters"].items()
-        }
+        parameters = {k: {"value": p["value"], "std": abs(p["value"]) / 10 + 1e-12} for k, p in e["parameters"].items()}
         parameters |= e["values"]
         said = {
             "family": e["family"],
@@ -214,9 +198,7 @@ def _repeat(record):
         }
         effects.append(said)
     a = record["ambiguous"]
-    undecided = (
-        [{"families": a["family_sets"][0], "record_next": a["record_next"][0], "why": ""}] if a else []
-    )
+    undecided = [{"families": a["family_sets"][0], "record_next": a["record_next"][0], "why": ""}] if a else []
     floor = np.mean([10 ** (f["noise_floor_db"] / 10) for f in record["fit"]])
     return {
         "cast_diagnosis": 1,
@@ -289,3 +271,13 @@ def test_even_periods_hold_nothing_at_half_the_sample_rate():
             x = make(np.random.default_rng(seed)).samples
             if len(x) % 2 == 0:
                 assert abs(np.fft.fft(x)[len(x) // 2]) < 1e-4 * np.linalg.norm(x)
+
+
+@pytest.mark.parametrize("datatype", ["ci16_le", "ci8", "cu8"])
+def test_a_file_types_own_step_is_no_quantisation(datatype):
+    noise = flow.gaussian(30_000, 0.02, 5)
+    stored = build.files.decoded(build.files.encoded(noise, datatype), datatype)
+    assert not [effect for effect, _ in gate.discrete(stored, datatype) if effect.family == "quantization"]
+    coarse = np.round(noise.real * 16) / 16 + 1j * np.round(noise.imag * 16) / 16
+    (found,) = [extra for effect, extra in gate.discrete(coarse, "cf32_le") if effect.family == "quantization"]
+    assert found["step"] < 1e-3

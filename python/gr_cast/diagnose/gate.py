@@ -20,7 +20,8 @@ def lattice(y: np.ndarray, datatype: str) -> tuple[float, float, float] | None:
     values = np.concatenate([y.real, y.imag])
     base = native_step(datatype)
     unit = base if base else max(np.abs(values).max(), 1e-30) * 2**-22
-    levels = np.unique(np.round(values / unit).astype(np.int64))
+    # cu8 lies on half steps: rounding to even would fold them in pairs
+    levels = np.unique(np.floor(values / unit + 0.25).astype(np.int64))
     if not 2 <= len(levels) <= max(64, len(values) // 16):
         return None
     gaps = np.diff(levels)
