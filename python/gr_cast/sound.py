@@ -281,11 +281,16 @@ def _result(
         detected = energy > frame_noise * gamma.isf(options.false_alarm_rate, found)
     gain_db = float(db_from_power(taps.total_power)) if found else None
     spread = np.sqrt(np.sum(4 * taps.power * taps.gain_std**2 / taps.gain.shape[1])) if found else 0.0
+    # Phases are those at the first sample: an offset that is a little off turns them from the middle of the recording on.
+    middle = frame_time_s.mean() * recording.sample_rate_hz + len(frame_samples) / 2
+    turned_rad = 2 * np.pi * offset.std_cycles_per_sample * middle if offset.cycles_per_sample else 0.0
     rest = frame_samples - columns @ frame_gain.T
     residual = np.sum(np.abs(rest) ** 2) / np.sum(np.abs(frame_samples) ** 2)
     return Sounding(
         sample_rate_hz=recording.sample_rate_hz,
-        taps=replace(taps, delay_samples=taps.delay_samples + response_start),
+        taps=replace(
+            taps, delay_samples=taps.delay_samples + response_start, phase_std_rad=np.hypot(taps.phase_std_rad, turned_rad)
+        ),
         offset=offset,
         noise_power=noise_power,
         period_samples=template.window if template.circular else len(frame_samples),
