@@ -222,6 +222,9 @@ def _floor(finding: Finding) -> None:
     follows = any(e.family == "signal_dependent_noise" for e in fit.model.effects)
     if follows:
         doubt_db += 0.3
+    for e in fit.model.effects:
+        if e.family == "iq_imbalance":  # noise passes the unequal gains too
+            doubt_db += abs(FAMILIES[e.family].values(fit.data.scene, e, e.p)["gain_imbalance_db"])
     if any(e.prior is not None and FAMILIES[e.family].flexible for e in fit.model.effects):
         doubt_db += 1.0  # what a random course leaves over is not the floor's
     if nats < 0.5 * np.log(n) + 8 or abs(10 * np.log10(ratio)) < doubt_db:
