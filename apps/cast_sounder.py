@@ -6,6 +6,7 @@ import argparse
 import signal
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import _program
@@ -159,7 +160,7 @@ def _read(path, raw_format=None, rate=None) -> recording.Recording:
             raise CastError(f"{path}: --format: is for raw samples, this recording is SigMF")
         if rate is not None and file.sample_rate_hz is not None and abs(rate / file.sample_rate_hz - 1) > 1e-9:
             raise CastError(f"{path}: --rate: got {rate:g} Hz, the recording says {file.sample_rate_hz:g} Hz")
-        return file
+        return file if rate is None else replace(file, sample_rate_hz=rate)  # SigMF may leave the rate out
     if raw_format is None or rate is None:
         raise CastError(f"{path}: raw samples need both --format and --rate")
     return recording.read_raw(path, raw_format=raw_format, sample_rate_hz=rate)

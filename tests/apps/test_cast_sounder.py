@@ -67,6 +67,17 @@ def test_raw_samples_are_sounded_with_their_rate(tmp_path, raw_format):
     assert tap["gain_db"] == pytest.approx(20 * np.log10(0.5), abs=1e-3)
 
 
+def test_a_rate_fills_in_for_metadata_without_one(tmp_path):
+    recording.write(tmp_path / "x", air(codes.glfsr(8), 31, 40), sample_rate_hz=1e6)
+    meta = json.loads((tmp_path / "x.sigmf-meta").read_text())
+    del meta["global"]["core:sample_rate"]
+    (tmp_path / "x.sigmf-meta").write_text(json.dumps(meta))
+    assert "sample rate: missing" in sounder("process", tmp_path / "x", "--code", "glfsr:8", "--output", tmp_path / "o").stderr
+    done("process", tmp_path / "x", "--code", "glfsr:8", "--rate", "2e6", "--output", tmp_path / "o")
+    (tap,) = json.loads((tmp_path / "o" / "result.json").read_text())["taps"]
+    assert tap["delay_s"] == pytest.approx(31 / 2e6, abs=1e-9)
+
+
 def test_a_waveform_file_serves_as_the_code(tmp_path):
     recording.write(tmp_path / "wave", codes.zadoff_chu(139, 5), sample_rate_hz=1e6)
     recording.write(tmp_path / "heard", air(codes.zadoff_chu(139, 5), 17, 30), sample_rate_hz=1e6)
