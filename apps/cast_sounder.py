@@ -106,6 +106,8 @@ def _spec_and_waveform(args, metadata: dict):
     if args.code is None and isinstance(metadata.get("cast:waveform"), dict):
         spec = metadata["cast:waveform"]
         if "file" in spec:
+            if not isinstance(spec["file"], str):
+                raise CastError(f"cast:waveform: file: got {spec['file']!r}, needs a SigMF stem")
             return spec, transmit.waveform_from_file(spec["file"], repeat=bool(spec.get("repeat", True)))
         return spec, transmit.waveform_from_spec(spec)
     if args.code is None:
@@ -184,6 +186,7 @@ def _sound_file(args, file: recording.Recording, path, modelled_taps=()) -> dict
 def _run(args) -> None:
     from gr_cast import scenario as scenarios
     from gr_cast.blocks.flowgraphs import EmulatedSounding, waveform_source
+    from gr_cast.blocks.network import emulated_network
 
     args.code = args.code or "glfsr:8"
     spec, waveform = _spec_and_waveform(args, {})
@@ -195,6 +198,11 @@ def _run(args) -> None:
         raise CastError(f"--rate, --noise, --offset: got {args.rate} Hz, {args.noise} dB, {args.offset} Hz: not all finite")
     scenario = scenarios.load(args.scenario)
     links = _links(args, scenario)
+    _options(args, {}, 0.0)
+    if args.seed < 0:
+        raise CastError(f"--seed: got {args.seed}, needs 0 or more")
+    for transmitter in {tx for tx, _ in links}:  # refused before anything is replaced
+        emulated_network(scenario, [transmitter], [rx for tx, rx in links if tx == transmitter], args.rate)
     folder = result.output_folder(args.output)
     records = folder / "recordings"
     records.mkdir(exist_ok=True)
@@ -207,6 +215,7 @@ def _run(args) -> None:
         recording.data_path(stem).unlink(missing_ok=True)
         recording.meta_path(stem).unlink(missing_ok=True)
     fields = {"cast:waveform": spec, "cast:scenario": args.scenario, "cast:noise_power_db": args.noise, "cast:seed": args.seed,
+              "cast:emulated_offset_hz": args.offset,
               "core:hw": "embedded emulator"}  # fmt: skip
     began = time.monotonic()
     for transmitter in sorted({tx for tx, _ in links}, key=path_loss.natural_order):
@@ -311,8 +320,14 @@ def _rx(args) -> None:
     fields = {"cast:waveform": spec, "cast:transmitter": args.transmitter, "cast:receiver": args.node,
               "cast:rx_gain_db": args.gain,
               "cast:clock_source": args.clock_source, "cast:time_source": args.time_source, "cast:antenna": args.antenna,
+              "cast:subdevice": args.subdevice,
               "core:hw": f"USRP by UHD, arguments {args.args!r}"}  # fmt: skip
-    told = {"cast:tx_gain_db": args.tx_gain, "cast:tx_amplitude": args.tx_amplitude, "cast:tx_power_dbm": args.tx_power}
+    told = {
+        "cast:tx_gain_db": args.tx_gain,
+        "cast:tx_amplitude": args.tx_amplitude,
+        "cast:tx_power_dbm": args.tx_power,
+        "cast:rx_full_scale_dbm": args.rx_full_scale,
+    }
     fields |= {field: value for field, value in told.items() if value is not None}
     stem = result.output_folder(args.output) / "recording"
     datatype = recording.RAW_FORMATS[args.format]

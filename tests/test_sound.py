@@ -133,12 +133,59 @@ def test_a_waveform_sent_once_gives_its_delay_and_gain():
     assert np.abs(result.taps.gain[:, 0]) == pytest.approx([0.5, 0.05], rel=0.05)
 
 
+def test_unknown_samples_at_the_head_of_a_waveform_make_no_false_taps():
+    random = np.random.default_rng(9)
+    known = (random.choice([-1, 1], 5000) + 1j * random.choice([-1, 1], 5000)) / np.sqrt(2)
+    samples = 1e-3 * (random.standard_normal(6000) + 1j * random.standard_normal(6000))
+    samples[300:5300] += known
+    sent = known.astype(np.complex64)
+    sent[:1000] = np.nan
+    waveform = transmit.Waveform(samples=sent, repeat=False, name="headless")
+    result = sound(Recording(samples=samples.astype(np.complex64), sample_rate_hz=10e6), waveform)
+    assert result.taps.delay_samples == pytest.approx([300.0], abs=0.01)
+    assert 10 * np.log10(result.noise_power) == pytest.approx(10 * np.log10(2e-6), abs=1.5)
+
+
+def test_a_gap_in_a_waveform_sent_once_leaves_its_longest_run():
+    random = np.random.default_rng(10)
+    qpsk = (random.choice([-1, 1], 8000) + 1j * random.choice([-1, 1], 8000)) / np.sqrt(2)
+    sent = transmit.Waveform(samples=qpsk.astype(np.complex64), repeat=False, name="burst")
+    whole = np.concatenate([np.zeros(700), sent.samples, np.zeros(700)])
+    whole = whole + 0.01 * (random.standard_normal(len(whole)) + 1j * random.standard_normal(len(whole)))
+    captures = ({"core:sample_start": 0}, {"core:sample_start": 6000, "cast:lost_samples": 100})
+    record = Recording(samples=np.delete(whole, slice(6000, 6100)).astype(np.complex64), sample_rate_hz=10e6, captures=captures)
+    result = sound(record, sent)
+    assert result.path_gain_db == pytest.approx(0.0, abs=0.1)
+    assert result.taps.delay_samples == pytest.approx([700.0], abs=0.02)
+
+
+def test_digital_silence_is_no_noise():
+    samples = air({3: 0.0}, 100, -20.0).samples.copy()
+    samples[: 255 * 60] = 0
+    result = sound(Recording(samples=samples, sample_rate_hz=50e6), WAVEFORM)
+    assert len(result.taps.power) == 1
+    assert 10 * np.log10(result.noise_power) == pytest.approx(-20.0, abs=0.3)
+
+
+def test_a_constant_envelope_and_a_weak_converter_do_not_clip():
+    chirp = transmit.Waveform(samples=codes.zadoff_chu(255, 1), name="zc")
+    exact = Recording(samples=np.tile(chirp.samples, 20), sample_rate_hz=1e6)
+    random = np.random.default_rng(3)
+    steps = np.rint(random.standard_normal((255 * 20, 2)) * 1.2).clip(-3, 3) / 128
+    weak = Recording(samples=(steps[:, 0] + 1j * steps[:, 1]).astype(np.complex64), sample_rate_hz=1e6, datatype="ci8")
+    short = Recording(samples=air({0: 0.0}, 1, -20.0).samples, sample_rate_hz=1e6)
+    for record, sent in ((exact, chirp), (weak, WAVEFORM), (short, WAVEFORM)):
+        assert not any("clipping" in warning for warning in sound(record, sent).warnings)
+
+
 @pytest.mark.parametrize(
     ("record", "waveform", "words"),
     [
         (Recording(samples=np.ones(999, "c8"), sample_rate_hz=None), WAVEFORM, "rate"),
         (Recording(samples=np.ones(200, "c8"), sample_rate_hz=1e6), WAVEFORM, "no whole period"),
         (Recording(samples=np.zeros(600, "c8"), sample_rate_hz=1e6), WAVEFORM, "every sample is zero"),
+        (Recording(samples=np.eye(1, 600, 599)[0].astype("c8"), sample_rate_hz=1e6), WAVEFORM, "whole periods is zero"),
+        (air({0: 0.0}, 4), transmit.Waveform(samples=np.ones(64, "c8"), name="dc"), "no bandwidth"),
         (air({0: 0.0}, 4), transmit.Waveform(samples=WAVEFORM.samples, sample_rate_hz=1e6, name="w"), "resample"),
     ],
 )

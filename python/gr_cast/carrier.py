@@ -22,10 +22,10 @@ class CarrierOffset:
     cycles_per_sample: float
     std_cycles_per_sample: float
     found: bool
-    limited: bool  # the search ended at its own edge
+    searched: float  # cycles per sample to either side
 
 
-NO_OFFSET = CarrierOffset(cycles_per_sample=0.0, std_cycles_per_sample=np.inf, found=False, limited=False)
+NO_OFFSET = CarrierOffset(cycles_per_sample=0.0, std_cycles_per_sample=np.inf, found=False, searched=np.inf)
 
 
 def _delay_doppler(periods: Periods, template: Template, offset: float) -> np.ndarray:
@@ -62,9 +62,8 @@ def find_offset(
     threshold = detection_threshold(false_alarm_rate, trials, template.rms_bandwidth_rad)
     if peak / (template.energy * take) < threshold * noise:
         return NO_OFFSET
-    limited = abs(offset) > max_offset or reach == _MAX_HYPOTHESES // 2 < max_offset / spacing
-    offset, std = refine_offset(periods, template, offset)
-    return CarrierOffset(cycles_per_sample=offset, std_cycles_per_sample=std, found=True, limited=limited)
+    offset, std = refine_offset(periods, template, offset, known_over=take * length)
+    return CarrierOffset(cycles_per_sample=offset, std_cycles_per_sample=std, found=True, searched=reach * spacing)
 
 
 def _noise_by_differences(periods: Periods, template: Template) -> float | None:
@@ -77,39 +76,54 @@ def _noise_by_differences(periods: Periods, template: Template) -> float | None:
     return float(np.mean(np.abs(second - turn * first) ** 2) / 2)
 
 
-def refine_offset(periods: Periods, template: Template, offset: float) -> tuple[float, float]:
-    """Maximum-likelihood offset near `offset` from the response at the strongest delay, period by period, and its
-    standard deviation (Rife and Boorstyn 1974)."""
+def refine_offset(periods: Periods, template: Template, offset: float, *, known_over: float) -> tuple[float, float]:
+    """Maximum-likelihood offset from the response at the strongest delay, period by period, and its standard deviation;
+    `offset` keeps that response coherent over the first `known_over` samples."""
     turned = remove_offset(periods.samples, offset, periods.start_sample)
     responses = template.matched_filter(turned.T)
     strongest = int(np.argmax(np.sum(np.abs(responses) ** 2, axis=1)))
-    if len(turned) == 1:  # one period alone: sample by sample, the waveform wiped off
-        track, time = turned[0] * np.conj(template.columns([strongest])[:, 0]), np.arange(template.window)
+    if len(turned) < 8:  # too few to tell noise from offset: sample by sample, the waveform wiped off
+        track = (turned * np.conj(template.columns([strongest])[:, 0])).reshape(-1)
+        time, step = (periods.start_sample[:, None] + np.arange(template.window)).reshape(-1), 1
     else:
-        track, time = responses[strongest], periods.start_sample
-    change, std = strongest_frequency(track, time, template.window if len(turned) > 1 else 1)
+        track, time, step = responses[strongest], periods.start_sample, template.window
+    change, std = strongest_frequency(track, time, step, known_over)
     if len(turned) == 1 and abs(change) < 4 * std:
         change = 0.0  # within one period an echo turns the phase as much: a doubtful offset is not corrected
     return offset + change, std
 
 
-def strongest_frequency(track: np.ndarray, time: np.ndarray, step: float) -> tuple[float, float]:
-    """Frequency (cycles per sample) of one exponential in noise near 0, at times in samples about `step` apart."""
+def strongest_frequency(track: np.ndarray, time: np.ndarray, step: float, known_over: float) -> tuple[float, float]:
+    """Frequency (cycles per sample) of one exponential in noise near 0, at times in samples about `step` apart.
+
+    0 is good enough to stay coherent over `known_over` samples; the span grows from there, fourfold a time, so that the
+    search never reaches a sidelobe. Also gives the standard deviation (Rife and Boorstyn 1974).
+    """
     time = time.astype(float) - time[0]
-    span = time[-1] + step
-
-    def minus_power(change):
-        return -(np.abs(np.sum(track * np.exp(-2j * np.pi * change * time))) ** 2)
-
-    width = 0.5 / span
-    grid = np.arange(-8, 9) * width / 2
-    start = grid[np.argmin([minus_power(change) for change in grid])]
-    best = minimize_scalar(minus_power, bounds=(start - width, start + width), method="bounded", options={"xatol": 1e-5 * width})
-    steady = track * np.exp(-2j * np.pi * best.x * time)
+    end = time[-1] + step
+    span, frequency = min(known_over, end), 0.0
+    while True:
+        frequency = _peak_frequency(track[time < span], time[time < span], frequency, 0.5 / span)
+        if span >= end:
+            break
+        span = min(4 * span, end)
+    steady = track * np.exp(-2j * np.pi * frequency * time)
     amplitude = np.mean(steady)
     noise = max(float(np.mean(np.abs(steady - amplitude) ** 2)), 1e-12 * abs(amplitude) ** 2)
     spread = max(float(np.sum((time - time.mean()) ** 2)), 1.0)
-    return float(best.x), float(np.sqrt(noise / (2 * abs(amplitude) ** 2 * spread)) / (2 * np.pi))
+    return frequency, float(np.sqrt(noise / (2 * abs(amplitude) ** 2 * spread)) / (2 * np.pi))
+
+
+def _peak_frequency(track: np.ndarray, time: np.ndarray, near: float, reach: float) -> float:
+    """The frequency within `near` ± `reach` at which the track adds up to most."""
+
+    def minus_power(frequency):
+        return -(np.abs(np.sum(track * np.exp(-2j * np.pi * frequency * time))) ** 2)
+
+    grid = near + np.linspace(-reach, reach, 9)
+    start = grid[np.argmin([minus_power(frequency) for frequency in grid])]
+    bounds = (start - reach / 4, start + reach / 4)
+    return float(minimize_scalar(minus_power, bounds=bounds, method="bounded", options={"xatol": 1e-5 * reach}).x)
 
 
 def find_offset_once(
@@ -146,12 +160,12 @@ def find_offset_once(
         return NO_OFFSET, start
     low, high = max(start, 0), min(start + len(known), len(samples))
     track = samples[low:high] * np.conj(known[low - start : high - start])
-    change, std = strongest_frequency(track * np.exp(-2j * np.pi * offset * np.arange(len(track))), np.arange(len(track)), 1)
+    time = np.arange(len(track))
+    change, std = strongest_frequency(track * np.exp(-2j * np.pi * offset * time), time, 1, size)
     total = offset + change
     if abs(total) < 4 * std or max_offset == 0:
         total = 0.0
-    limited = reach == _MAX_HYPOTHESES // 2 < max_offset / spacing
-    return CarrierOffset(cycles_per_sample=total, std_cycles_per_sample=std, found=True, limited=limited), start
+    return CarrierOffset(cycles_per_sample=total, std_cycles_per_sample=std, found=True, searched=reach * spacing), start
 
 
 def _window_energy(samples: np.ndarray, size: int) -> np.ndarray:

@@ -11,13 +11,14 @@ class Template:
     """A known waveform s, delayed at will by band-limited interpolation, as seen through a window of samples.
 
     `samples` (n,): one period where `circular`, and then the window is one period; otherwise the waveform sent once,
-    NaN counted as zero, and `window` samples are observed, delay 0 putting the first sample at the window's first.
+    NaN counted as zero, and `window` samples are observed, of which delay 0 puts sample `skip` at the window's first.
     """
 
-    def __init__(self, samples: np.ndarray, *, circular: bool = True, window: int | None = None):
+    def __init__(self, samples: np.ndarray, *, circular: bool = True, window: int | None = None, skip: int = 0):
         self.circular = circular
         self.window = len(samples) if circular else window
-        self.grid = len(samples) if circular else next_fast_len(len(samples) + window)
+        self.grid = len(samples) if circular else next_fast_len(len(samples) + window + skip)
+        self._seen = slice(skip, skip + self.window)
         self.spectrum = fft(np.nan_to_num(np.asarray(samples, np.complex128)), self.grid)
         self.frequency = fftfreq(self.grid)  # cycles per sample
         power = np.abs(self.spectrum) ** 2
@@ -33,19 +34,21 @@ class Template:
 
     def columns(self, delays) -> np.ndarray:
         """s(n − delay) for each delay (samples): (window, len(delays)) complex128."""
-        return ifft(self.spectrum[:, None] * self._turns(delays), axis=0)[: self.window]
+        return ifft(self.spectrum[:, None] * self._turns(delays), axis=0)[self._seen]
 
     def slopes(self, delays) -> np.ndarray:
         """d/d(delay) of `columns`, per sample."""
         turns = -2j * np.pi * self.frequency[:, None] * self._turns(delays)
         if self.grid % 2 == 0:
             turns[self.grid // 2] = -np.pi * np.sin(np.pi * np.asarray(delays))
-        return ifft(self.spectrum[:, None] * turns, axis=0)[: self.window]
+        return ifft(self.spectrum[:, None] * turns, axis=0)[self._seen]
 
     def matched_filter(self, samples: np.ndarray, oversampling: int = 1) -> np.ndarray:
         """Σ_n r[n]·s*(n − τ) for τ = 0, 1/oversampling, … < grid; input (window, …), output (grid·oversampling, …)."""
         shape = (-1,) + (1,) * (samples.ndim - 1)
-        spectrum = fft(samples, self.grid, axis=0) * np.conj(self.spectrum).reshape(shape)
+        placed = np.zeros((self.grid, *samples.shape[1:]), complex)
+        placed[self._seen] = samples
+        spectrum = fft(placed, axis=0) * np.conj(self.spectrum).reshape(shape)
         if oversampling == 1:
             return ifft(spectrum, axis=0)
         padded = np.zeros((self.grid * oversampling, *samples.shape[1:]), complex)

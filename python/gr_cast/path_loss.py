@@ -20,7 +20,7 @@ def natural_order(name: str):
 def link_of(recording: Recording, file_name: str) -> tuple[str, str]:
     """(transmitter, receiver) of a recording, from its metadata, or from a name such as tx3_rx7."""
     transmitter, receiver = (recording.metadata.get(f"cast:{end}") for end in ("transmitter", "receiver"))
-    if transmitter is not None and receiver is not None:
+    if transmitter and receiver:
         return str(transmitter), str(receiver)
     named = re.search(r"tx([A-Za-z0-9]+)[_-]rx([A-Za-z0-9]+)", file_name)
     if named is None:

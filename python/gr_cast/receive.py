@@ -44,18 +44,20 @@ def whole_periods(recording: Recording, length: int) -> Periods:
     return Periods(samples=np.concatenate(pieces), start_sample=np.concatenate(starts))
 
 
-def clipped_fraction(samples: np.ndarray) -> float:
+def clipped_fraction(samples: np.ndarray, datatype: str = "cf32_le") -> float:
     """Share of samples whose I or Q sits at the largest value of the recording, where that value is a rail.
 
     Noise meets its own maximum once, a converter at its limit all the time. Two levels alone are no rail but a signal
-    of constant envelope, so some values just below the largest are asked for.
+    of constant envelope, so some values just below the largest are asked for. Integer samples clip at full scale alone.
     """
     parts = np.abs(np.ascontiguousarray(samples, np.complex64).view(np.float32)).reshape(-1, 2)
     rail = parts.max()
+    if (datatype != "cf32_le" and rail < 0.95) or np.ptp(np.abs(samples)) < 1e-3 * rail:
+        return 0.0
     at_rail = parts >= rail * (1 - 1e-6)
     share = float(np.mean(at_rail.any(axis=1)))
     spread = float(np.mean((parts > 0.5 * rail) & (parts < 0.99 * rail)))
-    return share if share > 1e-3 and spread > share / 10 else 0.0
+    return share if share > 1e-3 and at_rail.sum() >= 10 and spread > share / 10 else 0.0
 
 
 def remove_offset(samples: np.ndarray, offset_cycles_per_sample: float, start_sample: np.ndarray | int = 0) -> np.ndarray:

@@ -10,7 +10,7 @@ from .carrier import NO_OFFSET, CarrierOffset, find_offset, find_offset_once
 from .cir import DB_PER_NEPER, FLOAT32_ROUNDING, Taps, estimate_taps
 from .correlate import Template
 from .errors import CastError
-from .receive import clipped_fraction, remove_offset, whole_periods
+from .receive import clipped_fraction, contiguous_runs, remove_offset, whole_periods
 from .recording import Recording
 from .transmit import Waveform
 from .units import db_from_power
@@ -112,6 +112,11 @@ def sound(recording: Recording, waveform: Waveform, options: SoundingOptions | N
     return _sound_once(recording, waveform, options)
 
 
+def _refuse_a_tone(template: Template, waveform: Waveform) -> None:
+    if template.rms_bandwidth_rad < 1e-6:
+        raise CastError(f"{waveform.name}: a tone or a constant has no bandwidth: no delay can be read from it")
+
+
 def _max_offset(recording: Recording, options: SoundingOptions) -> float:
     """Largest carrier offset to search, cycles per sample."""
     if not options.correct_offset:
@@ -127,9 +132,10 @@ def _noise_of_differences(samples: np.ndarray) -> float | None:
 
     The median over the pairs, so that a switch-on or a burst does not count; for n samples it is 1 − 1/(3n) of the mean.
     """
-    if len(samples) < 4:
+    on = samples[np.any(samples, axis=1)]  # digital silence is no noise
+    if len(on) < 4:
         return None
-    pairs = np.mean(np.abs(np.diff(samples, axis=0)) ** 2, axis=1) / 2
+    pairs = np.mean(np.abs(np.diff(on, axis=0)) ** 2, axis=1) / 2
     rounding = FLOAT32_ROUNDING * float(np.mean(np.abs(samples) ** 2))
     return max(float(np.median(pairs) / (1 - 1 / (3 * samples.shape[1]))), rounding)
 
@@ -161,7 +167,10 @@ def _sound_periodic(recording: Recording, waveform: Waveform, options: SoundingO
     average = options.average or max(1, count // 1500)
     if average > count:
         raise CastError(f"average: got {average} periods, the recording holds {count} whole ones")
+    if not np.any(periods.samples):
+        raise CastError("recording: every sample of its whole periods is zero")
     template = Template(waveform.samples)
+    _refuse_a_tone(template, waveform)
     offset = find_offset(periods, template, max_offset=_max_offset(recording, options)) if options.correct_offset else NO_OFFSET
     samples = remove_offset(periods.samples, offset.cycles_per_sample, periods.start_sample)
 
@@ -227,19 +236,24 @@ def _averaging_loss_db(track: np.ndarray, average: int, noise: float) -> float:
 def _sound_once(recording: Recording, waveform: Waveform, options: SoundingOptions) -> Sounding:
     first, end = _longest_known_run(waveform.samples)
     known = waveform.samples[first:end]
-    offset, start = find_offset_once(recording.samples, known, max_offset=_max_offset(recording, options))
+    _refuse_a_tone(Template(known), waveform)
+    # Across a gap nothing is coherent with a waveform sent once: the longest run without one is sounded.
+    begin, stop, lost = max(contiguous_runs(recording), key=lambda run: run[1] - run[0])
+    samples = recording.samples[begin:stop]
+    offset, start = find_offset_once(samples, known, max_offset=_max_offset(recording, options))
     # Delays from a quarter of the spread before the strongest path to the spread after it are searched. Only samples
     # take part that no unknown part of the waveform reaches over any of them.
     spread = int(min(np.ceil(options.max_spread_s * recording.sample_rate_hz), len(known) // 4))
     early = spread // 4
     low = start - early if first == 0 else start + spread
     high = start + len(known) + (spread if end == len(waveform.samples) else -early)
-    low, high = max(0, low), min(len(recording.samples), high)
+    low, high = max(0, low), min(len(samples), high)
     if high - low < 16:
         raise CastError(f"recording: {max(high - low, 0)} samples meet known samples of {waveform.name}, needs 16 or more")
-    window = remove_offset(recording.samples[low:high], offset.cycles_per_sample, low)
+    window = remove_offset(samples[low:high], offset.cycles_per_sample, begin + lost + low)
     lead = start - early - low  # window sample that delay 0 puts known[0] at
-    template = Template(np.concatenate([np.zeros(max(lead, 0)), known])[max(-lead, 0) :], circular=False, window=high - low)
+    padded = np.concatenate([np.zeros(max(lead, 0)), known])
+    template = Template(padded, circular=False, window=high - low, skip=max(-lead, 0))
     searched = early + spread + 1
     taps = estimate_taps(
         window,
@@ -256,11 +270,11 @@ def _sound_once(recording: Recording, waveform: Waveform, options: SoundingOptio
         offset=offset,
         noise_power=taps.noise_variance,
         periods_per_frame=1,
-        frame_time_s=np.array([low / recording.sample_rate_hz]),
+        frame_time_s=np.array([(begin + lost + low) / recording.sample_rate_hz]),
         frame_samples=window[:, None],
         observed=window[:, None],
         searched=searched,
-        response_start=start - early - first,
+        response_start=begin + lost + start - early - first,
         warnings=_carrier_warnings(offset, recording, options),
     )
 
@@ -321,14 +335,15 @@ def _response(template: Template, observed: np.ndarray) -> np.ndarray:
 
 def _carrier_warnings(offset: CarrierOffset, recording: Recording, options: SoundingOptions) -> list[str]:
     searched_hz = _max_offset(recording, options) * recording.sample_rate_hz
-    if offset.limited:
-        return [f"carrier offset at the edge of the search (±{searched_hz:g} Hz): widen it with --max-offset"]
+    reached_hz = offset.searched * recording.sample_rate_hz
+    if reached_hz < 0.99 * searched_hz:
+        return [f"carrier offset searched to ±{reached_hz:.3g} Hz, not ±{searched_hz:.3g} Hz: the waveform is too long for more"]
     return []
 
 
 def _recording_warnings(recording: Recording) -> list[str]:
     warnings = []
-    clipped = clipped_fraction(recording.samples)
+    clipped = clipped_fraction(recording.samples, recording.datatype)
     if clipped:
         warnings.append(f"clipping: {100 * clipped:.2g} % of the samples sit at the largest value; lower the receive gain")
     if recording.gaps:
