@@ -57,7 +57,7 @@ def find_offset(
         if power[row, column] > best[0]:
             best = (power[row, column], step * spacing + fftfreq(power.shape[1])[column] / length)
     peak, offset = best
-    noise = _noise_by_differences(some, template) or float(np.mean(np.abs(some.samples) ** 2))
+    noise = _noise_by_differences(some) or float(np.mean(np.abs(some.samples) ** 2))
     trials = length * take * (2 * reach + 1)
     threshold = detection_threshold(false_alarm_rate, trials, template.rms_bandwidth_rad)
     if peak / (template.energy * take) < threshold * noise:
@@ -66,7 +66,7 @@ def find_offset(
     return CarrierOffset(cycles_per_sample=offset, std_cycles_per_sample=std, found=True, searched=reach * spacing)
 
 
-def _noise_by_differences(periods: Periods, template: Template) -> float | None:
+def _noise_by_differences(periods: Periods) -> float | None:
     """Noise power per sample from what changes between one period and the next but one turn of the carrier."""
     if len(periods.samples) < 4:
         return None

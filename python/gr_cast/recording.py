@@ -160,19 +160,25 @@ def _read_samples(path: Path, datatype: str, start: int, count: int | None, allo
     return samples
 
 
+def sha512_of(path: Path) -> str:
+    """Hexadecimal SHA-512 of a file, read in pieces."""
+    digest = hashlib.sha512()
+    with open(path, "rb") as file:
+        while chunk := file.read(1 << 22):
+            digest.update(chunk)
+    return digest.hexdigest()
+
+
 def _check_whole(path: Path, fields: dict) -> None:
     """Refuse a file whose content is not the one that the metadata vouches for (cut, or changed)."""
     expected = fields.get("core:sha512")
     if expected is None:
         return
-    digest = hashlib.sha512()
     try:
-        with open(path, "rb") as file:
-            while chunk := file.read(1 << 22):
-                digest.update(chunk)
+        found = sha512_of(path)
     except FileNotFoundError:
         raise CastError(f"{path}: no such file") from None
-    if digest.hexdigest() != str(expected).lower():
+    if found != str(expected).lower():
         raise CastError(f"{path}: truncated or changed: its SHA-512 differs from core:sha512 of the metadata")
 
 

@@ -235,13 +235,10 @@ def _finished(job: BatchJob, todo: list[int], dask: str | None, workers: int):
 
 def _seal(job: BatchJob, receiver: str) -> None:
     stem = Path(job.folder) / receiver
-    digest = hashlib.sha512()
-    with open(job.part(receiver), "rb") as file:
-        while piece := file.read(1 << 22):
-            digest.update(piece)
+    checksum = recording.sha512_of(job.part(receiver))
     os.replace(job.part(receiver), recording.data_path(stem))
     fields = {
-        "core:sha512": digest.hexdigest(),
+        "core:sha512": checksum,
         "cast:receiver": receiver,
         "cast:scenario": job.scenario.name,
     }

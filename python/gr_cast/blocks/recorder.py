@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A SigMF recording that is readable at any moment, with a capture at every gap that the receiver reports."""
 
-import hashlib
-
 import numpy as np
 import pmt
 from gnuradio import gr
 
 from ..errors import CastError
-from ..recording import data_path, meta_path, metadata, write_metadata
+from ..recording import data_path, meta_path, metadata, sha512_of, write_metadata
 
 _ITEM = {"cf32_le": np.complex64, "ci16_le": np.dtype((np.int16, 2))}
 _TIME = pmt.intern("rx_time")
@@ -102,11 +100,7 @@ class SigmfRecorder:
     def finish(self) -> None:
         """Close the data and write the metadata with its checksum; OSError where the disk refused samples."""
         self._writer.file.close()
-        digest = hashlib.sha512()
-        with open(data_path(self.stem), "rb") as file:
-            while chunk := file.read(1 << 22):
-                digest.update(chunk)
-        self._write(**{"core:sha512": digest.hexdigest()})
+        self._write(**{"core:sha512": sha512_of(data_path(self.stem))})
         if self._writer.failure:
             self._writer.failure.filename = str(data_path(self.stem))
             raise self._writer.failure
