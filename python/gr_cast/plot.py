@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pictures of soundings, codes, path losses and scenarios. Each function returns a matplotlib figure; `save` writes it whole."""
+"""Pictures of soundings, codes, path losses, scenarios and comparisons, each a matplotlib figure; `save` writes it whole."""
 
 from pathlib import Path
 
@@ -11,6 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from . import scenario as sc
+from .compare import SeriesComparison
+from .compare_cir import ResponseComparison
 from .files import written_aside
 from .sound import Sounding
 from .units import db_from_amplitude, db_from_power
@@ -189,3 +191,52 @@ def _power_over_time(axes, scenario: sc.Scenario, keys) -> None:
     axes.set(xlabel="time (s)", ylabel="power of all taps (dB)", title="power over time")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8)
+
+
+def series_comparison_figure(comparison: SeriesComparison, label: str) -> Figure:
+    """Both series over time, B over A with the line of equality, and ρ over the lag."""
+    c = comparison
+    figure = new_figure(11, 6)
+    grid = figure.add_gridspec(2, 2, height_ratios=[3, 2.6])
+    over_time, scatter, lags = figure.add_subplot(grid[0, :]), figure.add_subplot(grid[1, 0]), figure.add_subplot(grid[1, 1])
+    for series, color, name in ((c.a, MEASURED, "A"), (c.b, MODELLED, "B")):
+        over_time.plot(series.time_s - series.time_s[0], series.value, color=color, lw=1, label=f"{name}: {series.name}")
+    over_time.set(xlabel="time from each series' first sample (s)", ylabel=label)
+    over_time.legend(fontsize=8)
+    rho = "not defined" if c.rho is None else f"{c.rho:.4f}"
+    if c.rho_interval:
+        rho += f" ({c.rho_interval[0]:.3f} to {c.rho_interval[1]:.3f})"
+    over_time.set_title(f"similarity ρ {rho}   bias {c.bias:+.3g}   RMSE {c.rmse:.3g}", loc="left", fontsize=11)
+    size = min(c.a.value.size, c.b.value.size)
+    x, y = c.a.value[:size], c.b.value[:size]
+    ends = [min(x.min(), y.min()), max(x.max(), y.max())]
+    scatter.plot(ends, ends, color=FLOOR, lw=1, ls="--", label="A = B")
+    scatter.plot(x, y, ".", color=MEASURED, ms=3)
+    scatter.set(xlabel="A", ylabel="B")
+    scatter.legend(fontsize=8)
+    lags.stem(np.arange(-c.max_lag, c.max_lag + 1), np.nan_to_num(c.rho_at_lag), basefmt=" ")
+    lags.set(xlabel="lag of B behind A (samples)", ylabel="normalised cross-correlation")
+    for axes in (over_time, scatter, lags):
+        axes.grid(alpha=0.25)
+    return figure
+
+
+def response_comparison_figure(comparison: ResponseComparison) -> Figure:
+    """The taps of A and B over delay; those without a partner stand out."""
+    c = comparison
+    figure = new_figure(9, 4.5)
+    axes = figure.subplots()
+    floor_db = min(c.a.gain_db.min(), c.b.gain_db.min()) - 6
+    for response, alone, color, marker, name in (
+        (c.a, c.only_a, MEASURED, "o", "A"), (c.b, c.only_b, MODELLED, "s", "B"),
+    ):  # fmt: skip
+        delay_us = response.delay_s * 1e6
+        axes.vlines(delay_us, floor_db, response.gain_db, color=color, lw=1.2, alpha=0.7)
+        axes.plot(delay_us, response.gain_db, marker, color=color, mfc="none", ms=8, mew=1.6, label=f"{name}: {response.name}")
+        for k in alone:
+            axes.annotate(f"only in {name}", (delay_us[k], response.gain_db[k]), (6, 5), textcoords="offset points", fontsize=8)
+    axes.set(xlabel="delay (µs)", ylabel="gain (dB)", ylim=(floor_db, None))
+    axes.set_title(f"path loss A {-c.a.path_gain_db:.2f} dB, B {-c.b.path_gain_db:.2f} dB", loc="left", fontsize=11)
+    axes.legend(fontsize=8)
+    axes.grid(alpha=0.25)
+    return figure
