@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Forward models against closed formulas."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gr_cast.diagnose.model import Model, jacobian, predict
@@ -25,7 +27,8 @@ def scene(taps, repeat=True):
     n = np.arange(PERIOD) if repeat else np.arange(-PAD, COUNT + PAD)
     x = at(n)
     known = np.ones(len(x), bool)
-    source = Source(name="w", samples=x, repeat=repeat, known=known, power=float(np.mean(np.abs(x) ** 2)))
+    power, peak = float(np.mean(np.abs(x) ** 2)), float(np.abs(x).max())
+    source = Source(name="w", samples=x, repeat=repeat, known=known, power=power, peak=peak)
     return Scene(
         name="r",
         sample_rate_hz=RATE_HZ,
@@ -162,3 +165,51 @@ def test_a_diagnosis_read_back_into_a_twin_keeps_its_numbers(name):
     effect = family.parse(world, CONTRACT[name], {})
     values = family.values(world, effect, effect.p)
     assert {k: values[k] for k in CONTRACT[name]} == pytest.approx(CONTRACT[name])
+
+
+FOUND = {
+    "lo_leakage": ([0.03, -0.01], {"source": 0}),
+    "pa_nonlinearity": ([-0.1, 0.02, 0.03, 0.01, -0.02, 0.0], {"source": 0, "peak": 0.3, "orders": (1,), "lags": (2,)}),
+    "extra_path": ([0.1, -0.05, 20.3, 1.2], {"source": 0}),
+    "diffuse_tail": ([0.1, 0.02, -0.03, 0.01], {"source": 0, "first": 1.0}),
+    "second_transmitter": ([0.1, 0.2, 3.3, 4.0], {"code": "other"}),
+    "front_end_filter": ([0.05, 0.01, 0.02, 0.0], {"low": -1, "high": 1, "side": "rx"}),
+    "gain_drift": ([0.1, -1.2], {"relaxes": True}),
+    "power_supply_hum": ([0.04, 0.03, -17.0], {}),
+    "dc_offset": ([0.04, 0.03, -1.0], {"decays": True}),
+    "tone_interference": ([0.04, 0.03, 517.25], {}),
+}
+
+
+@pytest.mark.parametrize("name", list(FOUND))
+def test_what_a_diagnosis_writes_predicts_what_it_found(name):
+    world = scene([ONE[0], Path(source=0, delay=9.0, gain=0.5)])
+    world.rms, world.extra = 3.0, {"other": replace(world.sources[0], samples=np.conj(world.sources[0].samples))}
+    family, (p, aux) = FAMILIES[name], FOUND[name]
+    found = start(family, p, aux=aux)
+    told = {**family.values(world, found, found.p), **family.constants(world, found)}
+    read = family.parse(world, told, family.model(world, found))
+    base = Model(base=np.array([0.0, 1.0, 0.0]))
+    plain, want, got = (predict(world, m).y for m in (base, base.adding(found), base.adding(read)))
+    assert np.abs(want - plain).max() > 0.01 * np.abs(plain).max()
+    assert np.abs(got - want).max() < 1e-9 * np.abs(want).max()
+
+
+def test_the_law_of_wandering_is_that_of_a_wiener_process():
+    family = FAMILIES["phase_noise"]
+    world = scene(ONE)
+    law = family.parse(world, {"linewidth_hz": 40.0}, {"highest_hz": 2e5})
+    rng, lag = np.random.default_rng(3), 300
+    steps = [np.diff(world.course(family.played(world, law, rng).p)[::lag]) for _ in range(200)]
+    assert np.var(steps) == pytest.approx(2 * np.pi * 40.0 * lag / RATE_HZ, rel=0.1)
+
+
+def test_a_fading_tap_is_drawn_with_its_k_factor_and_doppler():
+    family, world = FAMILIES["tap_fading"], scene(ONE)
+    told = {"delay_s": 0.0, "k_factor_db": 12.0, "doppler_spread_hz": 2e4}
+    law = family.parse(world, told, {})
+    rng = np.random.default_rng(3)
+    drawn = [family.played(world, law, rng) for _ in range(100)]
+    values = [family.values(world, e, e.p) for e in drawn]
+    assert np.mean([10 ** (-v["k_factor_db"] / 10) for v in values]) == pytest.approx(10**-1.2, rel=0.1)
+    assert np.mean([v["doppler_spread_hz"] for v in values]) == pytest.approx(2e4, rel=0.1)

@@ -23,7 +23,10 @@ EDGE = 24  # samples at either end that a filter's memory makes uncertain
 def _source(name: str, samples: np.ndarray, amplitude: float, repeat: bool) -> Source:
     known = np.isfinite(samples)
     clean = np.where(known, samples, 0).astype(complex) * amplitude
-    return Source(name=name, samples=clean, repeat=repeat, known=known, power=float(np.mean(np.abs(clean[known]) ** 2)))
+    power = np.abs(clean[known]) ** 2
+    return Source(
+        name=name, samples=clean, repeat=repeat, known=known, power=float(power.mean()), peak=float(np.sqrt(power.max()))
+    )
 
 
 def _window(source: Source, delay: int, count: int) -> Source:
@@ -36,7 +39,7 @@ def _window(source: Source, delay: int, count: int) -> Source:
     if last > first:
         at = slice(first + delay + PAD, last + delay + PAD)
         samples[at], known[at] = source.samples[first:last], source.known[first:last]
-    return Source(name=source.name, samples=samples, repeat=False, known=known, power=source.power)
+    return replace(source, samples=samples, repeat=False, known=known)
 
 
 def _response(taps, length: int, rate: float) -> np.ndarray:
@@ -139,7 +142,7 @@ def build(case, observation, *, near: tuple[int, bool] | None = None):
     links = [case.links[(tx, observation.receiver)] for tx in names]
     if len({s.repeat for s in sources}) > 1:  # one kind of search for all: repeat what repeats until the recording ends
         sources = [s if not s.repeat else _unrolled(s, n) for s in sources]
-    twin = _twin_effects(case, observation, n)
+    twin = _twin_effects(case, observation)
     turn = np.exp(-2j * np.pi * _twin_offset_hz(case, observation, links) * np.arange(n) / rate)
     taps = [link.taps for link in links]
     told = any(e["family"] == "spectral_inversion" for e in twin)
@@ -180,7 +183,9 @@ def build(case, observation, *, near: tuple[int, bool] | None = None):
         for w in case.waveforms.values()
         if w.name not in on_air and not _is_on_air(case, w.name)
     }
+    scene.rms = float(np.sqrt(np.mean(np.abs(y) ** 2)))
     data = _data(case, observation, scene, y)
+    scene.floor = data.noise_power or scene.floor
     base = np.array([float(delay) if repeat else 0.0, 1.0, 0.0, *(1.0, 0.0) * len(scene.free_ports)])
     model = Model(base=base)
     for entry in twin:
@@ -195,13 +200,11 @@ def build(case, observation, *, near: tuple[int, bool] | None = None):
     if abs(overlap) < 1e-9:
         overlap = np.sqrt(np.mean(np.abs(y) ** 2) / max(np.mean(np.abs(chain.y) ** 2), 1e-30)) * 1e-3
     model = Model(base=np.concatenate([[base[0], overlap.real, overlap.imag], base[3:]]), effects=model.effects)
-    scene.rms = float(np.sqrt(np.mean(np.abs(y) ** 2)))
     return scene, data, model
 
 
 def _unrolled(source: Source, n: int) -> Source:
-    samples = np.resize(source.samples, n)
-    return Source(name=source.name, samples=samples, repeat=False, known=np.resize(source.known, n), power=source.power)
+    return replace(source, samples=np.resize(source.samples, n), repeat=False, known=np.resize(source.known, n))
 
 
 def _seen(source: Source, scene: Scene, n: int) -> Source:
@@ -212,7 +215,7 @@ def _is_on_air(case, name: str) -> bool:
     return any(name == w for o in case.observations for w, _ in o.on_air.values())
 
 
-def _twin_effects(case, observation, n):
+def _twin_effects(case, observation) -> list[dict]:
     names = {
         observation.receiver,
         *observation.on_air,
@@ -223,15 +226,18 @@ def _twin_effects(case, observation, n):
 
 
 def _plain(parameter, recording_name):
+    """The value of an entry's parameter; one that differs by recording is the mean of all in a new recording."""
     if isinstance(parameter, dict) and "per_recording" in parameter:
-        parameter = parameter["per_recording"].get(recording_name, {})
+        every = parameter["per_recording"]
+        told = [every[recording_name]] if recording_name in every else every.values()
+        return float(np.mean([v["value"] for v in told]))
     return parameter.get("value") if isinstance(parameter, dict) else parameter
 
 
 def _twin_offset_hz(case, observation, links) -> float:
     """Carrier offset that the twin already knows, with the Doppler of the strongest tap."""
     total = 0.0
-    for entry in _twin_effects(case, observation, 0):
+    for entry in _twin_effects(case, observation):
         if entry["family"] == "carrier_frequency_offset":
             total += _plain(entry["parameters"].get("offset_hz", 0.0), observation.name) or 0.0
     strongest = max((t for link in links for t in link.taps), key=lambda t: t.gain_db)
@@ -245,10 +251,18 @@ def _parse(scene, entry, later: float = 0.0):
     values = {k: v for k, v in values.items() if v is not None}
     if family.name == "carrier_frequency_offset":
         values["offset_hz"] = values.get("offset_hz", 0.0) + values.get("drift_hz_per_s", 0.0) * later
-    effect = family.parse(scene, values, entry.get("model") or {})
+    effect = family.parse(scene, values, {**(entry.get("model") or {}), **_owned(scene, entry["owner"])})
     stds = [v.get("std", 0.0) for v in entry["parameters"].values() if isinstance(v, dict) and "value" in v]
-    free = effect.free & (any(s > 0 for s in stds))
+    free = effect.free & (family.random or any(s > 0 for s in stds))
     return replace(effect, fixed=True, free=free)
+
+
+def _owned(scene, owner: dict) -> dict:
+    """Where an owner's effect stands in a scene: its side, and the number of its transmitter."""
+    tx, _, rx = owner["name"].partition(">")
+    return {"side": "tx" if tx in scene.transmitters and not rx else "rx"} | (
+        {"source": scene.transmitters.index(tx)} if tx in scene.transmitters else {}
+    )
 
 
 def split(n: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
@@ -263,6 +277,15 @@ def split(n: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
     return select, vault
 
 
+def told_noise_db(case, observation) -> float | None:
+    """The noise power that the twin tells of a recording, with the changes of the floor that it knows of."""
+    told = case.noise_db.get(observation.receiver)
+    if told is None:
+        return None
+    known = (e for e in _twin_effects(case, observation) if e["family"] == "noise_floor")
+    return told + sum(_plain(e["parameters"]["change_db"], observation.name) for e in known)
+
+
 def _data(case, observation, scene, y) -> Data:
     n = len(y)
     spread = max(p.delay for p in scene.taps)
@@ -270,7 +293,7 @@ def _data(case, observation, scene, y) -> Data:
     edge = min(EDGE, n // 40)
     valid[:edge] = valid[n - edge :] = False
     select, vault = split(n)
-    noise = case.noise_db.get(observation.receiver)
+    noise = told_noise_db(case, observation)
     if observation.vault:
         select, vault = np.zeros(n, bool), np.ones(n, bool)
     return Data(

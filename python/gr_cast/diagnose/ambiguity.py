@@ -126,13 +126,13 @@ def _predicted(fit: Fit, experiment: str):
     if experiment == "absolute_calibration":
         model = replace(model, base=np.concatenate([model.base[:1], [scene.rms, 0.0], model.base[3:]]))
     elif experiment == "mute_transmitter":
-        scene.sources = [replace(s, samples=np.zeros_like(s.samples), power=0.0) for s in scene.sources]
+        scene.sources = [replace(s, samples=np.zeros_like(s.samples), power=0.0, peak=0.0) for s in scene.sources]
     elif experiment == "offset_carrier":
         model = model.adding(
             replace(start(FAMILIES["carrier_frequency_offset"], [200.0 * scene.duration_s + 3.3, 0.0]), fixed=True)
         )
     elif experiment == "second_power":
-        scene.sources = [replace(s, samples=0.5 * s.samples) for s in scene.sources]
+        scene.sources = [replace(s, samples=0.5 * s.samples, power=0.25 * s.power, peak=0.5 * s.peak) for s in scene.sources]
     elif experiment == "other_code_length":
         scene.sources = [_other(s, rng, len(s.samples) // 2 * 2 + 7 if s.repeat else 0, shaped=False) for s in scene.sources]
     elif experiment == "shaped_waveform":
@@ -156,7 +156,7 @@ def _other(source: Source, rng, period: int, *, shaped: bool) -> Source:
     if shaped:
         samples = rng.normal(size=size) + 1j * rng.normal(size=size)
     samples *= np.sqrt(source.power / np.mean(np.abs(samples) ** 2))
-    return replace(source, samples=samples, known=np.ones(size, bool))
+    return replace(source, samples=samples, known=np.ones(size, bool), peak=float(np.abs(samples).max()))
 
 
 def noise_experiment(told: float, excess: float) -> str:

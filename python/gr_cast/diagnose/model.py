@@ -87,6 +87,8 @@ def _run(scene, base, effects, chain: Chain, first: int, snapshots=None) -> Chai
         elif step == "gain":
             chain.y = chain.y * complex(base[1], base[2])
             chain.wanted = chain.wanted * complex(base[1], base[2])
+            if chain.noise is not None:
+                chain.y = chain.y + chain.noise(chain)
         else:
             FAMILIES[effects[step].family].apply(chain, effects[step])
     return chain
@@ -99,10 +101,12 @@ def _steps(effects) -> list:
     return [*before, "channel", *around, "gain", *after]
 
 
-def predict(scene, model: Model) -> Chain:
+def predict(scene, model: Model, noise=None) -> Chain:
     """The chain at its end: `y` (count,) is the predicted recording, `wanted` its part from the wanted
-    transmitters."""
-    return _run(scene, model.base, model.effects, _start_chain(scene, model.base), 0)
+    transmitters; `noise(chain)` (count,) comes in front of the receiver."""
+    chain = _start_chain(scene, model.base)
+    chain.noise = noise
+    return _run(scene, model.base, model.effects, chain, 0)
 
 
 def jacobian(scene, model: Model) -> tuple[Chain, np.ndarray]:

@@ -8,7 +8,8 @@ import numpy as np
 
 from ..effects import FAMILIES, Effect
 from ..effects.base import start
-from . import align, ambiguity, gate, noise, residual
+from ..effects.signal_dependent_noise import told_floor
+from . import align, ambiguity, gate, residual
 from .fit import Fit, filters_noise, gain_of_receiver, misfit
 from .model import predict
 from .search import refit, search
@@ -239,7 +240,7 @@ def _floor(finding: Finding) -> None:
     if ratio > 1 and not follows:
         power = np.abs(fit.chain.wanted[inside]) ** 2
         power = power / max(power.mean(), 1e-300)
-        strength, likelihood = noise.told_floor(energy, power)
+        strength, likelihood = told_floor(energy, power)
         lead = float(-n * np.log(ratio) - n) - likelihood  # of a raised floor over noise that follows the signal
         other = start(FAMILIES["signal_dependent_noise"], [strength], free=[False], aux={"nats": float(nats - lead)})
         if abs(lead) < ambiguity.ALIKE_NATS:

@@ -200,12 +200,9 @@ def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2) ->
 
 def _again(fit: Fit, effect: Effect) -> Effect:
     """A noise effect with its strength fitted to the residual; others as they are."""
-    if effect.fixed or effect.family not in noise.FINDERS:
+    if effect.fixed or effect.family not in noise.TESTED:
         return effect
-    if effect.family == "pulsed_interference":
-        _, found = noise.pulsed(fit, near=effect.p[1])
-    else:
-        _, found = noise.FINDERS[effect.family](fit)
+    _, found = FAMILIES[effect.family].find(noise.view_of(fit), near=effect)
     return effect if found is None else replace(found, trials=effect.trials)
 
 

@@ -140,7 +140,7 @@ def _entry(findings, members) -> dict | None:
         "evidence": evidence,
         "confidence": confidence(gain),
         "sentence": family.describe(_Words(values, constants)),
-        "model": family.model(effect),
+        "model": family.model(scene, effect),
     }
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import fft as sp_fft
 
 from ..effects import FAMILIES, stage_of
-from ..effects.base import RX_GAIN, RX_LO
+from ..effects.base import RX_GAIN, RX_LO, peaks
 from ..effects.chain import PAD
 
 
@@ -74,7 +74,7 @@ class View:
         spectrum = np.abs(sp_fft.rfft(a, 4 * len(a)))
         k = np.arange(len(spectrum)) / 4 * self.scene.count / n
         spectrum[(k < 0.8) | (k > self.hum_bins)] = 0.0
-        return [float(k[i]) for i in _peaks(spectrum, count, 6)]
+        return [float(k[i]) for i in peaks(spectrum, count, 6)]
 
     @property
     def hum_bins(self) -> float:
@@ -84,7 +84,7 @@ class View:
     def lines(self, count: int) -> list[float]:
         spectrum = np.abs(sp_fft.fft(self.residual, 2 * self.scene.count))
         found = []
-        for i in _peaks(spectrum, count, 4):
+        for i in peaks(spectrum, count, 4):
             k = i if i < self.scene.count else i - 2 * self.scene.count
             found.append(k / 2)
         return found
@@ -272,14 +272,3 @@ class View:
         before, after = (moved, w) if later else (w, moved)
         cost = (np.abs(y - before) ** 2 - np.abs(y - after) ** 2)[low:high] * self.weight[low:high]
         return low + int(np.argmin(np.concatenate([[0.0], np.cumsum(cost)])))
-
-
-def _peaks(spectrum: np.ndarray, count: int, apart: int) -> list[int]:
-    spectrum, found = spectrum.copy(), []
-    for _ in range(count):
-        i = int(np.argmax(spectrum))
-        if spectrum[i] <= 0:
-            break
-        found.append(i)
-        spectrum[max(0, i - apart) : i + apart + 1] = 0.0
-    return found

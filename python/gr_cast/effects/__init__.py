@@ -10,23 +10,21 @@ from .extra_path import ExtraPath
 from .front_end_filter import FrontEndFilter
 from .gain_drift import GainDrift
 from .gain_step import GainStep
+from .impulsive_noise import ImpulsiveNoise
 from .iq_imbalance import IqImbalance
 from .lo_leakage import LoLeakage
 from .missing_path import MissingPath
-from .noise_families import (
-    ImpulsiveNoise,
-    NarrowbandInterference,
-    NoiseFloor,
-    PulsedInterference,
-    SignalDependentNoise,
-)
+from .narrowband_interference import NarrowbandInterference
+from .noise_floor import NoiseFloor
 from .pa_nonlinearity import PaNonlinearity
 from .phase_noise import PhaseNoise
 from .power_supply_hum import PowerSupplyHum
+from .pulsed_interference import PulsedInterference
 from .quantization import Quantization
 from .sample_clock_offset import SampleClockOffset
 from .sample_loss import SampleLoss
 from .second_transmitter import SecondTransmitter
+from .signal_dependent_noise import SignalDependentNoise
 from .spectral_inversion import SpectralInversion
 from .tap_delay_error import TapDelayError
 from .tap_doppler import TapDoppler

@@ -66,6 +66,8 @@ class Family:
     noise_like = False  # changes the noise, not the prediction
     reach = 0.5
     flexible = False  # fits much: tried after the simple ones
+    random = False  # its numbers are a law: what a twin has of it runs another course in every recording
+    follows_carrier: dict[str, int] = {}  # numbers (of parameters or model) that grow with that power of the carrier
 
     def apply(self, chain, effect: Effect) -> None:
         """Put the effect on the chain (replace its attributes)."""
@@ -109,9 +111,13 @@ class Family:
         """Numbers that were chosen by search and not fitted."""
         return 0
 
-    def model(self, effect: Effect) -> dict:
-        """What the forward model needs beside the contract's parameters."""
+    def model(self, scene, effect: Effect) -> dict:
+        """What the forward model needs beside the contract's parameters; `parse` reads it back."""
         return {}
+
+    def played(self, scene, effect: Effect, rng) -> Effect:
+        """The effect as a twin plays it: what is random is drawn anew from its law, with the generator `rng`."""
+        return effect
 
     def where(self, scene, effect: Effect, values: dict) -> dict:
         return {}
@@ -129,6 +135,15 @@ def complex_pair(p) -> complex:
     return complex(p[0], p[1])
 
 
+def rms_of(scene, effect: Effect) -> float:
+    """The wanted signal's rms that levels of `effect` are relative to: now, or where a twin's effect was measured."""
+    return float(effect.aux.get("rms", scene.rms))
+
+
+def said_rms(model: dict) -> dict:
+    return {"rms": float(model["wanted_rms"])} if "wanted_rms" in model else {}
+
+
 def shifted(signal: np.ndarray, lag: int) -> np.ndarray:
     """The signal `lag` samples later (earlier if negative), zeros where nothing is known."""
     out = np.zeros_like(signal)
@@ -137,3 +152,15 @@ def shifted(signal: np.ndarray, lag: int) -> np.ndarray:
     else:
         out[:lag] = signal[-lag:]
     return out
+
+
+def peaks(spectrum: np.ndarray, count: int, apart: int) -> list[int]:
+    """Indices of the strongest values, each more than `apart` from the others."""
+    spectrum, found = spectrum.copy(), []
+    for _ in range(count):
+        i = int(np.argmax(spectrum))
+        if spectrum[i] <= 0:
+            break
+        found.append(i)
+        spectrum[max(0, i - apart) : i + apart + 1] = 0.0
+    return found

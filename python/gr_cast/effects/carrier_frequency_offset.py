@@ -11,6 +11,7 @@ class CarrierFrequencyOffset(Family):
     name = "carrier_frequency_offset"
     level = "tx"
     stage = RX_LO
+    follows_carrier = {"offset_hz": 1, "drift_hz_per_s": 1}
 
     def apply(self, chain, effect):
         v = chain.u - 0.5

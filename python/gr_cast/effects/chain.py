@@ -9,16 +9,18 @@ can be kept and the rest of the chain run again: this is how derivatives are tak
 """
 
 import copy
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import fft as sp_fft
 
-from .basis import cosines
+from .basis import cosines, course_of
 
 TAU = 2 * np.pi
 PAD = 1024  # samples of silence or of wrap-around kept around a waveform that is sent once
 OVERSAMPLING = 8
+MOST_COSINES = 128  # of a course that is their plain sum
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,19 +38,15 @@ class Path:
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """A waveform as the channel sees it: one period, or a window of the recording's length with silence
-    around it."""
+    """A waveform as the channel sees it: one period, or a window around the recording, from its sample `origin` on."""
 
     name: str
     samples: np.ndarray  # (p,) complex128, unknown samples are 0
     repeat: bool
     known: np.ndarray  # (p,) bool
-    power: float  # mean power over the known samples
-
-    @property
-    def offset(self) -> int:
-        """Index in `samples` of the recording's first sample at delay 0."""
-        return 0 if self.repeat else PAD
+    power: float  # mean power over the known samples of the whole waveform
+    peak: float  # largest magnitude of the whole waveform
+    origin: int = -PAD
 
 
 @dataclass(kw_only=True)
@@ -57,7 +55,7 @@ class Scene:
 
     name: str
     sample_rate_hz: float
-    count: int  # samples of the recording
+    count: int  # samples here
     sources: list[Source]
     taps: list[Path]
     transmitters: list[str]
@@ -68,10 +66,14 @@ class Scene:
     extra: dict[str, Source] = field(default_factory=dict)  # waveforms not on the air in the twin
     notes: dict = field(default_factory=dict)  # what effects keep between calls
     rms: float = 1.0  # of the wanted signal at the receiver
+    floor: float = 1e-12  # the noise power that the twin tells
+    first: int = 0  # number of the first sample here
+    span: int = 0  # samples that "over the recording" means; 0: those that are here
 
     def __post_init__(self):
-        self.index = np.arange(self.count, dtype=float)
-        self.u = self.index / self.count
+        self.span = self.span or self.count
+        self.index = self.first + np.arange(self.count, dtype=float)
+        self.u = self.index / self.span
         self._wraps, self._spectra, self._courses = {}, {}, None
         response = sum(np.abs(sp_fft.fft(resampled_spectrum(s.samples))) for s in self.sources)
         self.occupied = response > 0.1 * response.max()
@@ -88,17 +90,22 @@ class Scene:
             self._courses = cosines(self.u, orders)
         return self._courses[:orders]
 
+    def course(self, coefficients: np.ndarray) -> np.ndarray:
+        """(n,) the smooth course of these coefficients."""
+        orders = len(coefficients)
+        return coefficients @ self.cosines(orders) if orders <= MOST_COSINES else course_of(coefficients, self.u)
+
     def drift_of(self, doppler: float) -> float:
         """Samples that a real path's delay grows over the recording when its Doppler is `doppler` cycles."""
         return -doppler * self.sample_rate_hz / self.carrier_hz if self.carrier_hz else 0.0
 
     @property
     def duration_s(self) -> float:
-        return self.count / self.sample_rate_hz
+        return self.span / self.sample_rate_hz
 
     def wrap(self, period: int) -> np.ndarray:
         if period not in self._wraps:
-            self._wraps[period] = np.arange(self.count) % period
+            self._wraps[period] = (self.first + np.arange(self.count)) % period
         return self._wraps[period]
 
 
@@ -160,6 +167,7 @@ class Chain:
     shift: np.ndarray | None = None  # (n,) whole samples that the recording is ahead
     u: np.ndarray | None = None  # (n,) time as a share of the recording, with its jumps
     y: np.ndarray | None = None
+    noise: Callable[["Chain"], np.ndarray] | None = None  # (n,) noise in front of the receiver, where it is played
     wanted: np.ndarray | None = None  # what of y comes from the wanted transmitters
 
     def copy(self) -> "Chain":
@@ -197,10 +205,10 @@ class Chain:
     def sample(self, source: Source, spectrum: np.ndarray, stretch: float) -> np.ndarray:
         """The signal of `spectrum` at the recording's samples; `stretch` samples are gained over the
         recording."""
-        size = len(spectrum)
-        if abs(stretch) < 1e-7:
+        size, most = len(spectrum), abs(stretch) * max(1.0, float(np.abs(self.u[[0, -1]]).max()))
+        if most < 1e-7:
             return self._gather(source, sp_fft.ifft(spectrum))
-        if abs(stretch) < 0.05:  # a Taylor series is exact enough, and smooth for derivatives
+        if most < 0.05:  # a Taylor series is exact enough, and smooth for derivatives
             f = TAU * 1j * frequencies(size)
             shift = stretch * self.u
             out, factor, bins = 0.0, 1.0, spectrum
@@ -209,16 +217,19 @@ class Chain:
                 bins, factor = bins * f, factor * shift / (order + 1)
             return out
         index = self.scene.index if self.shift is None else self.scene.index + self.shift
-        position = (index + source.offset + stretch * self.u) * OVERSAMPLING
+        position = (index - (0 if source.repeat else source.origin) + stretch * self.u) * OVERSAMPLING
         return cubic(oversampled(spectrum, OVERSAMPLING), position, source.repeat)
 
     def _gather(self, source: Source, table: np.ndarray) -> np.ndarray:
         """The samples of a table that fall on the recording's samples, with its jumps."""
         scene = self.scene
+        first = scene.first - source.origin
         if self.shift is None:
-            return table[scene.wrap(len(table))] if source.repeat else table[PAD : PAD + scene.count]
+            return table[scene.wrap(len(table))] if source.repeat else table[first : first + scene.count]
         index = np.arange(scene.count) + self.shift
-        return table[index % len(table)] if source.repeat else table[np.clip(index + PAD, 0, len(table) - 1)]
+        if source.repeat:
+            return table[(index + scene.first) % len(table)]
+        return table[np.clip(index + first, 0, len(table) - 1)]
 
 
 def reach(scene: Scene, low: int, high: int) -> np.ndarray:

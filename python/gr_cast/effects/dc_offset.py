@@ -4,7 +4,7 @@ wanted rms, ln(τ/T)."""
 
 import numpy as np
 
-from .base import RX_DC, Family, complex_pair, db, start
+from .base import RX_DC, Family, complex_pair, db, rms_of, said_rms, start
 
 
 class DcOffset(Family):
@@ -12,7 +12,7 @@ class DcOffset(Family):
     stage = RX_DC
 
     def apply(self, chain, effect):
-        level = complex_pair(effect.p) * chain.scene.rms
+        level = complex_pair(effect.p) * rms_of(chain.scene, effect)
         shape = np.exp(-chain.scene.u / np.exp(effect.p[2])) if effect.aux.get("decays") else 1.0
         chain.y = chain.y + level * shape
 
@@ -22,7 +22,7 @@ class DcOffset(Family):
             yield start(self, [0.0, 0.0, np.log(tau)], aux={"decays": True}, trials=3)
 
     def values(self, scene, effect, p):
-        found = {"level_dbc": db(complex_pair(p))}
+        found = {"level_dbc": db(complex_pair(p) * rms_of(scene, effect) / scene.rms)}
         if effect.aux.get("decays"):
             found["decay_s"] = float(np.exp(p[2])) * scene.duration_s
         return found
@@ -31,10 +31,10 @@ class DcOffset(Family):
         level = 10 ** (parameters.get("level_dbc", -200.0) / 20) * np.exp(1j * model.get("phase_rad", 0.0))
         decays = "decay_s" in parameters
         tail = np.log(parameters["decay_s"] / scene.duration_s) if decays else 0.0
-        return start(self, [level.real, level.imag, tail], free=[True, True, decays], aux={"decays": decays})
+        return start(self, [level.real, level.imag, tail], free=[True, True, decays], aux={"decays": decays, **said_rms(model)})
 
-    def model(self, effect):
-        return {"phase_rad": float(np.angle(complex_pair(effect.p)))}
+    def model(self, scene, effect):
+        return {"phase_rad": float(np.angle(complex_pair(effect.p))), "wanted_rms": rms_of(scene, effect)}
 
     def describe(self, number):
         return f"The receiver adds DC, {number('level_dbc')} relative to the wanted signal."

@@ -74,7 +74,7 @@ class DiffuseTail(Family):
             },
         )
 
-    def model(self, effect):
+    def model(self, scene, effect):
         return {"first": float(effect.aux["first"]), "taps": [float(v) for v in effect.p]}
 
     def where(self, scene, effect, values):

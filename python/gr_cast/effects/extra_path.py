@@ -12,6 +12,7 @@ class ExtraPath(Family):
     name = "extra_path"
     level = "link"
     stage = LINK
+    follows_carrier = {"doppler_hz": 1}
 
     def apply(self, chain, effect):
         re, im, delay, doppler = effect.p

@@ -96,10 +96,10 @@ class FrontEndFilter(Family):
     def parse(self, scene, parameters, model):
         taps = model.get("taps", [])
         low = int(model.get("low", 0))
-        aux = {"low": low, "high": low + len(taps) // 2, "side": model.get("side", "rx"), "source": 0}
+        aux = {"low": low, "high": low + len(taps) // 2, "side": model.get("side", "rx"), "source": model.get("source", 0)}
         return start(self, taps, aux=aux)
 
-    def model(self, effect):
+    def model(self, scene, effect):
         return {
             "side": effect.aux.get("side", "rx"),
             "low": effect.aux["low"],

@@ -35,13 +35,15 @@ class GainDrift(Family):
 
     def parse(self, scene, parameters, model):
         relaxes = "time_constant_s" in parameters
-        tau = np.log(parameters["time_constant_s"] / scene.duration_s) if relaxes else 0.0
-        return start(
-            self,
-            [parameters["total_db"] * np.log(10) / 20, tau],
-            free=[True, relaxes],
-            aux={"relaxes": relaxes},
-        )
+        told_s, tau_s = model.get("duration_s", scene.duration_s), parameters.get("time_constant_s", np.inf)
+        # "Over the recording" is over the one in which it was measured.
+        share = np.expm1(-scene.duration_s / tau_s) / np.expm1(-told_s / tau_s) if relaxes else scene.duration_s / told_s
+        tau = np.log(tau_s / scene.duration_s) if relaxes else 0.0
+        total = parameters["total_db"] * np.log(10) / 20 * share
+        return start(self, [total, tau], free=[True, relaxes], aux={"relaxes": relaxes})
+
+    def model(self, scene, effect):
+        return {"duration_s": scene.duration_s}
 
     def describe(self, number):
         return f"The gain drifts by {number('total_db')} over the recording."

@@ -26,10 +26,14 @@ class LoLeakage(Family):
 
     def parse(self, scene, parameters, model):
         level = 10 ** (parameters.get("level_dbc", -200.0) / 20) * np.exp(1j * model.get("phase_rad", 0.0))
-        return start(self, [level.real, level.imag], aux={"source": model.get("source", 0)})
+        i = model.get("source", 0)
+        if "sent_power" in model:  # the leak stays what it was, whatever is sent
+            level *= np.sqrt(model["sent_power"] / scene.sources[i].power)
+        return start(self, [level.real, level.imag], aux={"source": i})
 
-    def model(self, effect):
-        return {"phase_rad": float(np.angle(complex_pair(effect.p)))}
+    def model(self, scene, effect):
+        sent_power = scene.sources[effect.aux["source"]].power
+        return {"phase_rad": float(np.angle(complex_pair(effect.p))), "sent_power": sent_power}
 
     def describe(self, number):
         return f"The transmitter's oscillator leaks, {number('level_dbc')} relative to its signal."

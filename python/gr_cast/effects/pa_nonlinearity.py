@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Power amplifier: a memory polynomial x·(1 + Σ a_k·|x|^2k) + Σ_m x(n−m)·Σ b_mk·|x(n−m)|^2k, |x| relative
-to its largest.
+to the largest amplitude that was sent when it was found.
 
 Morgan et al., "A generalized memory polynomial model", IEEE TSP 2006, eq. 4. Internal: real and imaginary
 parts.
@@ -31,13 +31,13 @@ def bent(x: np.ndarray, peak: float, orders) -> dict[int, np.ndarray]:
     return terms
 
 
-def kept(scene, i: int, x: np.ndarray, orders) -> dict[int, np.ndarray]:
+def kept(scene, i: int, x: np.ndarray, peak: float, orders) -> dict[int, np.ndarray]:
     """`bent` of a source's wave, kept for the wave that was asked for last."""
     held = scene.notes.get(("bent", i))
-    if held is None or held[0] is not x or not set(orders) <= set(held[1]):
-        held = (x, bent(x, np.abs(scene.sources[i].samples).max(), orders))
+    if held is None or held[0] is not x or held[1] != peak or not set(orders) <= set(held[2]):
+        held = (x, peak, bent(x, peak, orders))
         scene.notes["bent", i] = held
-    return held[1]
+    return held[2]
 
 
 class PaNonlinearity(Family):
@@ -49,7 +49,7 @@ class PaNonlinearity(Family):
     def apply(self, chain, effect):
         i, orders, lags = effect.aux["source"], effect.aux["orders"], effect.aux.get("lags", ())
         x = chain.waves[i]
-        terms = kept(chain.scene, i, x, orders)
+        terms = kept(chain.scene, i, x, effect.aux["peak"], orders)
         c = effect.p[::2] + 1j * effect.p[1::2]
         out, k = x, 0
         for order in orders:
@@ -68,7 +68,7 @@ class PaNonlinearity(Family):
             family=self.name,
             p=np.zeros(size),
             free=np.ones(size, bool),
-            aux={"source": effect.aux["source"], "orders": orders, "lags": lags},
+            aux={**effect.aux, "orders": orders, "lags": lags},
         )
         every = [(0, o) for o in orders] + [(lag, o) for lag in lags for o in (0, *orders)]
         mine = [(0, o) for o in effect.aux["orders"]] + [
@@ -80,7 +80,7 @@ class PaNonlinearity(Family):
     def columns(self, scene, effect, chain, before, rest):
         i, orders, lags = effect.aux["source"], effect.aux["orders"], effect.aux.get("lags", ())
         x = before.waves[i]
-        terms = kept(scene, i, x, orders)
+        terms = kept(scene, i, x, effect.aux["peak"], orders)
         unit = {}
         for order in {0, *orders} if lags else orders:
             c = rest(before.copy(), effect, extra=(i, PROBE * terms[order]))
@@ -95,9 +95,9 @@ class PaNonlinearity(Family):
         return 2 * (len(orders) + len(lags) * (1 + len(orders)))
 
     def starts(self, view):
-        for i in range(len(view.scene.sources)):
+        for i, source in enumerate(view.scene.sources):
             for orders in ORDERS:
-                aux = {"source": i, "orders": orders}
+                aux = {"source": i, "peak": source.peak, "orders": orders}
                 yield start(self, np.zeros(self._shape(orders, ())), aux=aux)
             for orders, lags in (
                 ((1,), (1,)),
@@ -106,7 +106,7 @@ class PaNonlinearity(Family):
                 ((1, 2, 3), (-1, 1, 2)),
                 ((1, 2, 3, 4), (-3, -2, -1, 1, 2, 3)),
             ):
-                aux = {"source": i, "orders": orders, "lags": lags}
+                aux = {"source": i, "peak": source.peak, "orders": orders, "lags": lags}
                 yield start(self, np.zeros(self._shape(orders, lags)), aux=aux)
 
     def curve(self, effect, p):
@@ -127,6 +127,7 @@ class PaNonlinearity(Family):
     def parse(self, scene, parameters, model):
         aux = {
             "source": model.get("source", 0),
+            "peak": model.get("peak", scene.sources[model.get("source", 0)].peak),
             "orders": tuple(model.get("orders", (1,))),
             "lags": tuple(model.get("lags", ())),
         }
@@ -135,10 +136,11 @@ class PaNonlinearity(Family):
         bend = 10 ** (-parameters.get("compression_db", 0.0) / 20) - 1
         return start(self, [bend, 0.0], aux=aux)
 
-    def model(self, effect):
+    def model(self, scene, effect):
         return {
             "orders": list(effect.aux["orders"]),
             "lags": list(effect.aux.get("lags", ())),
+            "peak": effect.aux["peak"],
             "coefficients": [float(v) for v in effect.p],
         }
 

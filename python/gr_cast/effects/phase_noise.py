@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Phase noise: y·exp(jφ(t)), φ on a cosine basis (offset and mean frequency left to others). Internal:
-coefficients in rad."""
+coefficients in rad.
+
+A twin holds its law. Free wandering, Var φ(t) = 2π·linewidth·t, has coefficients of variance 2π·linewidth·T/(πk)² on T
+seconds (Karhunen-Loève expansion of a Wiener process); a held oscillator wanders evenly up to a highest frequency.
+"""
 
 from dataclasses import replace
 
@@ -15,12 +19,14 @@ class PhaseNoise(Family):
     stage = RX_LO
     flexible = True
     linear = True
+    random = True
+    follows_carrier = {"linewidth_hz": 2, "rms_rad": 1}
 
     def at(self, effect):
         return RX_LO
 
     def course(self, scene, effect, p):
-        return p @ scene.cosines(len(p))
+        return scene.course(p)
 
     def apply(self, chain, effect):
         chain.y = chain.y * np.exp(1j * self.course(chain.scene, effect, effect.p))
@@ -63,7 +69,22 @@ class PhaseNoise(Family):
         return course - np.polyval(np.polyfit(u, course, 1), u)
 
     def parse(self, scene, parameters, model):
-        return start(self, np.zeros(1), free=[False])
+        highest = model.get("highest_hz", course_orders(scene)[-1] / 2 / scene.duration_s)
+        k = np.arange(1, 1 + max(1, round(2 * highest * scene.duration_s)))
+        if model.get("law") == "flat":
+            prior = np.full(len(k), parameters["rms_rad"] ** 2 / len(k))
+        elif "linewidth_hz" in (told := {**model, **parameters}):
+            prior = 2 * told["linewidth_hz"] * scene.duration_s / np.pi / k**2
+        else:
+            prior = parameters.get("rms_rad", 0.0) ** 2 / k**2 / np.sum(1.0 / k**2)
+        return start(self, np.zeros(len(k)), prior=prior, aux={"law": model.get("law", "free")})
+
+    def model(self, scene, effect):
+        law = {"law": effect.aux.get("law", "free"), "highest_hz": len(effect.p) / 2 / scene.duration_s}
+        return law | ({"linewidth_hz": np.pi / 2 / scene.duration_s * effect.prior[0]} if law["law"] == "free" else {})
+
+    def played(self, scene, effect, rng):
+        return effect.moved(rng.normal(size=len(effect.p)) * np.sqrt(effect.prior))
 
     def describe(self, number):
         return f"The oscillator's phase wanders: {number('rms_rad')} rms after offset and mean are taken out."

@@ -26,12 +26,14 @@ class PowerSupplyHum(Family):
         return {"frequency_hz": abs(p[2]) / scene.duration_s, "depth": float(np.hypot(p[0], p[1]))}
 
     def parse(self, scene, parameters, model):
-        phase = model.get("phase_rad", 0.0)
-        m = parameters["depth"]
-        return start(self, [m * np.cos(phase), m * np.sin(phase), parameters["frequency_hz"] * scene.duration_s])
+        m, cycles = parameters["depth"], parameters["frequency_hz"] * scene.duration_s
+        phase = model.get("phase_rad", 0.0) + np.pi * cycles
+        return start(self, [m * np.cos(phase), -m * np.sin(phase), cycles])
 
-    def model(self, effect):
-        return {"phase_rad": float(np.arctan2(effect.p[1], effect.p[0]))}
+    def model(self, scene, effect):
+        cycles = abs(effect.p[2])
+        phase = np.arctan2(-np.sign(effect.p[2]) * effect.p[1], effect.p[0]) - np.pi * cycles  # at t = 0
+        return {"phase_rad": float((phase + np.pi) % (2 * np.pi) - np.pi)}
 
     def describe(self, number):
         return f"The gain hums at {number('frequency_hz')} with a depth of {number('depth')}."

@@ -44,7 +44,10 @@ class Quantization(Family):
     def apply(self, chain, effect):
         step, origin, sigma = effect.p
         chain.scene.notes["before the lattice"] = chain.y
-        if sigma < 0.7:
+        if sigma == 0:  # the noise is in the signal
+            lattice = lambda x: (np.round(x / step - origin) + origin) * step  # noqa: E731
+            chain.y = lattice(chain.y.real) + 1j * lattice(chain.y.imag)
+        elif sigma < 0.7:
             chain.y = mean_of_quantizer(chain.y.real, step, origin, sigma) + 1j * mean_of_quantizer(
                 chain.y.imag, step, origin, sigma
             )
@@ -66,8 +69,11 @@ class Quantization(Family):
     def parse(self, scene, parameters, model):
         return start(self, [parameters["step"], model.get("origin", 0.0), model.get("sigma", 1.0)], free=[False] * 3)
 
-    def model(self, effect):
+    def model(self, scene, effect):
         return {"origin": float(effect.p[1]), "sigma": float(effect.p[2])}
+
+    def played(self, scene, effect, rng):
+        return effect.moved(np.array([*effect.p[:2], 0.0]))
 
     def describe(self, number):
         return f"The converter is coarse: I and Q lie on a lattice of {number('step')} of full scale."

@@ -20,10 +20,10 @@ class SampleClockOffset(Family):
             yield start(self, [drift], trials=20)
 
     def values(self, scene, effect, p):
-        return {"offset_ppm": p[0] / scene.count * 1e6}
+        return {"offset_ppm": p[0] / scene.span * 1e6}
 
     def parse(self, scene, parameters, model):
-        return start(self, [parameters.get("offset_ppm", 0.0) * 1e-6 * scene.count])
+        return start(self, [parameters.get("offset_ppm", 0.0) * 1e-6 * scene.span])
 
     def describe(self, number):
         return f"The sample clocks differ: the received waveform runs fast by {number('offset_ppm')}."

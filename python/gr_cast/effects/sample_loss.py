@@ -19,7 +19,7 @@ class SampleLoss(Family):
         else:
             shift = np.where(chain.scene.index >= joint, int(round(lost)), 0)
         chain.shift = shift if chain.shift is None else chain.shift + shift
-        chain.u = (chain.scene.index + chain.shift) / chain.scene.count
+        chain.u = (chain.scene.index + chain.shift) / chain.scene.span
 
     def starts(self, view):
         for joint, lost, later in view.jumps():

@@ -11,6 +11,7 @@ from .chain import TAU, frequencies
 class SecondTransmitter(Family):
     name = "second_transmitter"
     level = "environment"
+    follows_carrier = {"offset_hz": 1}
     stage = ENVIRONMENT
 
     def apply(self, chain, effect):
@@ -40,12 +41,12 @@ class SecondTransmitter(Family):
         a = 10 ** (parameters["gain_db"] / 20) * np.exp(1j * model.get("phase_rad", 0.0))
         return start(
             self,
-            [a.real, a.imag, parameters["delay_s"] * scene.sample_rate_hz, model.get("doppler", 0.0)],
+            [a.real, a.imag, parameters["delay_s"] * scene.sample_rate_hz, model.get("offset_hz", 0.0) * scene.duration_s],
             aux={"code": parameters["code"]},
         )
 
-    def model(self, effect):
-        return {"phase_rad": float(np.angle(complex_pair(effect.p))), "doppler": float(effect.p[3])}
+    def model(self, scene, effect):
+        return {"phase_rad": float(np.angle(complex_pair(effect.p))), "offset_hz": float(effect.p[3]) / scene.duration_s}
 
     def describe(self, number):
         return (

@@ -12,6 +12,7 @@ from .tap import TapFamily
 
 class TapDoppler(TapFamily):
     name = "tap_doppler"
+    follows_carrier = {"doppler_hz": 1}
 
     def apply(self, chain, effect):
         k, extra = effect.aux["tap"], effect.p[0]

@@ -17,9 +17,11 @@ class TapFading(TapFamily):
     name = "tap_fading"
     flexible = True
     linear = True
+    random = True
+    follows_carrier = {"doppler_spread_hz": 1}
 
     def course(self, scene, effect, p):
-        return 1 + (p[::2] + 1j * p[1::2]) @ scene.cosines(len(p) // 2)
+        return 1 + scene.course(p[::2] + 1j * p[1::2])
 
     def apply(self, chain, effect):
         k = effect.aux["tap"]
@@ -69,7 +71,15 @@ class TapFading(TapFamily):
         }
 
     def parse(self, scene, parameters, model):
-        return start(self, np.zeros(2), free=[False] * 2, aux={"tap": self.find(scene, parameters, model)})
+        most = max(1.0, 2 * parameters["doppler_spread_hz"] * scene.duration_s)
+        k = np.arange(1, 1 + int(np.ceil(most)))
+        # Scattering all around: a Doppler density of 1/√(1 − (f/f_max)²) (Clarke 1968), here between its cosines.
+        share = np.diff(np.arcsin(np.minimum(np.arange(len(k) + 1) / most, 1.0)))
+        prior = 10 ** (-parameters["k_factor_db"] / 10) * share / share.sum() / 2
+        return start(self, np.zeros(2 * len(k)), prior=np.repeat(prior, 2), aux={"tap": self.find(scene, parameters, model)})
+
+    def played(self, scene, effect, rng):
+        return effect.moved(rng.normal(size=len(effect.p)) * np.sqrt(effect.prior))
 
     def describe(self, number):
         return (

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from .base import AIR, Family, complex_pair, db, start
+from .base import AIR, Family, complex_pair, db, rms_of, said_rms, start
 
 
 class ToneInterference(Family):
@@ -13,21 +13,23 @@ class ToneInterference(Family):
 
     def apply(self, chain, effect):
         re, im, cycles = effect.p
-        chain.y = chain.y + chain.scene.rms * complex(re, im) * np.exp(2j * np.pi * cycles * (chain.scene.u - 0.5))
+        chain.y = chain.y + rms_of(chain.scene, effect) * complex(re, im) * np.exp(2j * np.pi * cycles * (chain.scene.u - 0.5))
 
     def starts(self, view):
         for cycles in view.lines(count=2):
             yield start(self, [0.0, 0.0, cycles], trials=2 * view.scene.count)
 
     def values(self, scene, effect, p):
-        return {"frequency_hz": p[2] / scene.duration_s, "power_dbc": db(complex_pair(p))}
+        return {"frequency_hz": p[2] / scene.duration_s, "power_dbc": db(complex_pair(p) * rms_of(scene, effect) / scene.rms)}
 
     def parse(self, scene, parameters, model):
-        c = 10 ** (parameters["power_dbc"] / 20) * np.exp(1j * model.get("phase_rad", 0.0))
-        return start(self, [c.real, c.imag, parameters["frequency_hz"] * scene.duration_s])
+        cycles = parameters["frequency_hz"] * scene.duration_s
+        c = 10 ** (parameters["power_dbc"] / 20) * np.exp(1j * (model.get("phase_rad", 0.0) + np.pi * cycles))
+        return start(self, [c.real, c.imag, cycles], aux=said_rms(model))
 
-    def model(self, effect):
-        return {"phase_rad": float(np.angle(complex_pair(effect.p)))}
+    def model(self, scene, effect):
+        phase_rad = np.angle(complex_pair(effect.p) * np.exp(-1j * np.pi * effect.p[2]))  # at t = 0
+        return {"phase_rad": float(phase_rad), "wanted_rms": rms_of(scene, effect)}
 
     def where(self, scene, effect, values):
         f, width = values["frequency_hz"], 1 / scene.duration_s

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the families of the noise share: they change its variance over time or frequency, never the prediction.
+
+`variance(scene, effect, wanted)` is the noise power of each sample relative to the floor (n,), `spectrum(…)` that of
+each FFT bin. Strengths are found by maximum likelihood: with e = |r|²/σ² of circular Gaussian noise every family
+compares −Σ ln v − Σ e/v for its shape v against v = 1.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft as sp_fft
+
+from .base import NOISE, Family, rms_of, said_rms, start
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseView:
+    """The residual of a fit as noise. All of n samples: `use` bool, `energy` |residual|² over what the receiver's gain
+    and quantiser make of even noise, `wanted_power`, and `weighted`, the complex residual with its weight."""
+
+    use: np.ndarray
+    energy: np.ndarray
+    wanted_power: np.ndarray
+    weighted: np.ndarray
+
+
+class NoiseFamily(Family):
+    stage = NOISE
+    noise_like = True
+    strengths = 0  # numbers that `find` chooses
+
+    def apply(self, chain, effect):
+        pass
+
+    def variance(self, scene, effect, wanted):
+        return None
+
+    def spectrum(self, scene, effect):
+        return None
+
+    def find(self, view: NoiseView, near=None):
+        """(gain in nats over an even floor, effect), or (0, None); `near`: this effect as it was found before."""
+        return 0.0, None
+
+    def added(self, scene, effect, wanted, draw) -> np.ndarray:
+        """(n,) complex noise that the effect puts over the floor; draw() is circular white noise of power 1, (n,)."""
+        shape, spectrum = self.variance(scene, effect, wanted), self.spectrum(scene, effect)
+        noise = np.sqrt(effect.aux["_floor"]) * draw()
+        if spectrum is not None:
+            noise = sp_fft.ifft(sp_fft.fft(noise) * np.sqrt(spectrum - 1))
+        return noise if shape is None else noise * np.sqrt(shape - 1)
+
+    def levels(self, scene, parameters, model, floor: float, rms: float) -> list[float]:
+        """Internal numbers of the contract's parameters, over a noise power `floor` and a wanted signal of `rms`."""
+        raise NotImplementedError
+
+    def parse(self, scene, parameters, model):
+        aux = {"_floor": model.get("floor", scene.floor), **said_rms(model)}
+        p = self.levels(scene, parameters, model, aux["_floor"], aux.get("rms", scene.rms))
+        return start(self, p, free=[False] * len(p), aux=aux)
+
+    def model(self, scene, effect):
+        return {"floor": effect.aux["_floor"], "wanted_rms": rms_of(scene, effect)}
+
+
+def profile(energy: np.ndarray, shape: np.ndarray) -> float:
+    """ln L of a variance shape with the level at its best."""
+    return float(-np.log(shape).sum() - len(energy) * (np.log(np.mean(energy / shape)) + 1))
+
+
+def two_levels(n_on, e_on, n, e):
+    """Gain in ln L of two levels over one, for `n_on` samples of energy `e_on` out of all; arrays."""
+    n_off, e_off = n - n_on, e - e_on
+    ok = (n_on > 0) & (n_off > 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        gain = n * np.log(e / n) - n_on * np.log(e_on / n_on) - n_off * np.log(e_off / n_off)
+    return np.where(ok & (e_on * n_off > e_off * n_on), gain, 0.0)

@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The noise floor at another level than the twin's. Internal: change in dB (found in `diagnose.run`, beside the
+twin's own figure)."""
+
+import numpy as np
+
+from .noise_family import NoiseFamily
+
+
+class NoiseFloor(NoiseFamily):
+    name = "noise_floor"
+
+    def values(self, scene, effect, p):
+        return {"change_db": p[0]}
+
+    def levels(self, scene, parameters, model, floor, rms):
+        return [parameters["change_db"]]
+
+    def added(self, scene, effect, wanted, draw):
+        return np.zeros(scene.count)  # the floor itself is another one
+
+    def describe(self, number):
+        return f"The noise floor is {number('change_db')} from what the twin says."

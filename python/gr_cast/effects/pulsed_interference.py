@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pulses: on for a share of each period. Internal: ln of power while on over the floor; period and start in samples,
+duty."""
+
+import numpy as np
+from scipy import fft as sp_fft
+from scipy.stats import gamma
+
+from .base import peaks, start
+from .noise_family import NoiseFamily, two_levels
+
+
+class PulsedInterference(NoiseFamily):
+    name = "pulsed_interference"
+    strengths = 4
+    level = "environment"
+
+    @staticmethod
+    def gate(scene, effect):
+        _, period, first, duty = effect.p
+        return ((scene.index - first) / period) % 1.0 < duty
+
+    def variance(self, scene, effect, wanted):
+        return 1 + np.exp(effect.p[0]) * self.gate(scene, effect)
+
+    def values(self, scene, effect, p):
+        floor = effect.aux["_floor"]
+        return {
+            "period_s": p[1] / scene.sample_rate_hz,
+            "duty_cycle": p[3],
+            "power_dbc": 10 * np.log10(np.exp(p[0]) * floor / scene.rms**2),
+        }
+
+    def levels(self, scene, parameters, model, floor, rms):
+        rate = scene.sample_rate_hz
+        strength = np.log(10 ** (parameters["power_dbc"] / 10) * rms**2 / floor)
+        return [strength, parameters["period_s"] * rate, model.get("first_s", 0.0) * rate, parameters["duty_cycle"]]
+
+    def model(self, scene, effect):
+        return {**super().model(scene, effect), "first_s": effect.p[2] / scene.sample_rate_hz}
+
+    def describe(self, number):
+        return f"Pulses every {number('period_s')}, on for {number('duty_cycle')} of it, {number('power_dbc')} while on."
+
+    def find(self, view, near=None):
+        use, n = view.use, len(view.use)
+        e = np.where(use, view.energy, 0.0)
+        total, count = e.sum(), use.sum()
+        mean = total / count
+        if n < 2000:
+            return 0.0, None
+        if near is not None:
+            gain, p = _fold(e, use, near.p[1], n, total, count, scales=(0.5, 0.1))
+            return (0.0, None) if p is None else (gain, start(self, p, free=[False] * 4, trials=2e4))
+        q = np.where(use, np.minimum(e / mean, 8.0), 0.0)
+        q = np.where(use, q - q.sum() / count, 0.0)
+        pad = 4
+        spectrum = np.abs(sp_fft.rfft(q, pad * n)) ** 2
+        spectrum /= np.median(spectrum[1:]) / np.log(2)
+        f = np.arange(6 * pad, min(n // 8, 4000) * pad)
+        periods, comb = [], np.zeros(len(f))
+        for h in range(1, 17):
+            at = f * h
+            ok = at < len(spectrum)
+            comb[ok] += spectrum[at[ok]]
+            if h in (1, 2, 4, 8, 16):
+                surprise = -gamma.logsf(comb, h)  # of so much power in h harmonics of white noise
+                periods += [(surprise[i], pad * n / f[i]) for i in peaks(surprise, 2, 3) if surprise[i] > np.log(len(f)) + 4]
+        periods = [p for _, p in sorted(periods, reverse=True)[:4]]
+        top = (0.0, None)
+        for period in periods:
+            for divisor in (1, 2, 3, 4, 5, 6):
+                found = _fold(e, use, period / divisor, n, total, count)
+                if found[0] > top[0] * 1.001:
+                    top = found
+        gain, p = top
+        if p is None:
+            return 0.0, None
+        return gain, start(self, p, free=[False] * 4, trials=2e4)
+
+
+def _fold(e, use, period, n, total, count, scales=(1.0, 0.15)):
+    """Best two-level window of the energy folded at periods near `period`: (gain, [ln ratio, period, first,
+    duty])."""
+    best = (0.0, None)
+    width = 64
+    step = period * period / n / width
+    for scale in scales:
+        centre = period if best[1] is None else best[1][1]
+        for k in range(-8, 9):
+            p = centre + k * step * scale
+            if p < 4:
+                continue
+            bins = int(min(width if scale == 1.0 else 256, max(8, p)))
+            at = ((np.arange(n) / p) % 1.0 * bins).astype(int)
+            folded, hits = np.bincount(at, e, bins), np.bincount(at, use, bins)
+            e2, h2 = (
+                np.cumsum(np.concatenate([[0], folded, folded])),
+                np.cumsum(np.concatenate([[0], hits, hits])),
+            )
+            lengths = np.unique(np.geomspace(1, bins // 2, 24).astype(int)) if bins > 64 else np.arange(1, bins // 2 + 1)
+            for length in lengths:
+                e_on, n_on = e2[length : length + bins] - e2[:bins], h2[length : length + bins] - h2[:bins]
+                gain = two_levels(n_on, e_on, count, total)
+                i = int(np.argmax(gain))
+                if gain[i] > best[0]:
+                    off = (total - e_on[i]) / (count - n_on[i])
+                    ratio = e_on[i] / n_on[i] / off - 1
+                    best = (float(gain[i]), [np.log(max(ratio, 1e-3)), p, i / bins * p, length / bins])
+    return best

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Noise that follows the wanted power. Internal: ln of its power at mean wanted power over the floor."""
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from .base import start
+from .noise_family import NoiseFamily, profile
+
+
+class SignalDependentNoise(NoiseFamily):
+    name = "signal_dependent_noise"
+    strengths = 1
+
+    def variance(self, scene, effect, wanted):
+        power = np.abs(wanted) ** 2
+        return 1 + np.exp(effect.p[0]) * power / (effect.aux["rms"] ** 2 if "rms" in effect.aux else np.mean(power))
+
+    def values(self, scene, effect, p):
+        return {"slope_db": 10 / np.log(10) * p[0]}
+
+    def levels(self, scene, parameters, model, floor, rms):
+        return [np.log(10) / 10 * parameters["slope_db"]]
+
+    def describe(self, number):
+        return f"Noise grows with the signal: at mean wanted power it is {number('slope_db')} relative to the floor."
+
+    def find(self, view, near=None):
+        energy, w = view.energy[view.use], view.wanted_power[view.use]
+        w = w / max(w.mean(), 1e-300)
+        flat = profile(energy, np.ones_like(energy))
+        best = minimize_scalar(
+            lambda k: -profile(energy, 1 + np.exp(k) * w),
+            bounds=(-7, 7),
+            method="bounded",
+            options={"xatol": 1e-3},
+        )
+        return -best.fun - flat, start(self, [best.x], free=[False])
+
+
+def told_floor(energy: np.ndarray, power: np.ndarray) -> tuple[float, float]:
+    """(ln strength, ln L) of noise 1 + k·power, `energy` and `power` relative to a floor that is known and
+    to their mean."""
+
+    def cost(k):
+        v = 1 + np.exp(k) * power
+        return float(np.log(v).sum() + (energy / v).sum())
+
+    best = minimize_scalar(cost, bounds=(-9, 7), method="bounded", options={"xatol": 1e-3})
+    return float(best.x), -float(best.fun)
