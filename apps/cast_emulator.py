@@ -11,8 +11,11 @@ from pathlib import Path
 
 import _program
 import numpy as np
+from gr_cast import recording
+from gr_cast.diagnose.case import read_twin
 from gr_cast.emulate import FixedPoint, noise_power_from_snr
 from gr_cast.errors import CastError
+from gr_cast.playback import Conditions, Playback
 from gr_cast.scenario import load
 
 
@@ -105,6 +108,68 @@ def batch(args) -> None:
     )  # fmt: skip
 
 
+def play(args) -> None:
+    """Play a twin with its effects, as a diagnosis writes it, and record what its receivers get: also of recordings that
+    nobody has made yet, at other powers, on other carriers, for longer."""
+    twin = read_twin(args.twin)
+    observations = {o.name: o for o in twin.observations}
+    chosen = args.recording or list(observations)
+    faults = [f"--recording: got {name!r}, the twin has {', '.join(observations)}" for name in chosen if name not in observations]
+    transmitters = list(dict.fromkeys(tx for o in twin.observations for tx in o.on_air))
+    amplitude = {}
+    for text in args.amplitude:
+        node, _, value = text.rpartition("=")
+        if node and node not in transmitters:
+            faults.append(f"--amplitude: no transmitter {node!r}; the twin has {', '.join(transmitters)}")
+        try:
+            amplitude |= {name: float(value) for name in ([node] if node else transmitters)}
+        except ValueError:
+            faults.append(f"--amplitude: got {text!r}, needs NODE=NUMBER or NUMBER")
+    stems = {name: Path(args.output) / name for name in chosen}
+    faults += [
+        f"{stem}: a recording of that name exists; nothing is overwritten, choose another folder"
+        for stem in stems.values()
+        if recording.meta_path(stem).exists()
+    ]
+    if args.duration is not None and not 0 < args.duration < np.inf:
+        faults.append(f"--duration: got {args.duration}, needs more than 0 s")
+    if faults:
+        raise CastError(*faults)
+    conditions = Conditions(
+        amplitude=amplitude, center_frequency_hz=args.carrier, carrier_offset_hz=args.carrier_offset, gain_db=args.gain_db,
+        noise_power_db=-np.inf if args.no_noise else args.noise_power_db, seed=args.seed,
+    )  # fmt: skip
+    playbacks = {name: Playback(twin, observations[name], _count(twin, observations[name], args), conditions) for name in chosen}
+    for name, playback in playbacks.items():
+        for line in playback.warnings:
+            print(f"warning: {name}: {line}", file=sys.stderr)
+    for name, playback in playbacks.items():
+        stems[name].parent.mkdir(parents=True, exist_ok=True)
+        recording.write_stream(
+            stems[name], _shown(playback, name), sample_rate_hz=twin.sample_rate_hz,
+            center_frequency_hz=args.carrier or observations[name].center_frequency_hz,
+            fields={"cast:twin": Path(args.twin).name, "cast:receiver": observations[name].receiver, "cast:seed": args.seed},
+        )  # fmt: skip
+
+
+def _count(twin, observation, args) -> int:
+    """Samples to play: as asked for, else a waveform sent once, else 0.1 s."""
+    sent = [twin.waveforms[w] for w, _ in observation.on_air.values()]
+    if args.duration is None and not any(w.repeat for w in sent):
+        return max(len(w.samples) for w in sent)
+    return max(1, round((args.duration or 0.1) * twin.sample_rate_hz))
+
+
+def _shown(playback, name: str):
+    """The chunks of a playback, with progress."""
+    done = 0
+    for chunk in playback.chunks():
+        yield chunk
+        done += len(chunk)
+        end = "" if done < playback.count else "\n"
+        print(f"\r{name}: {done}/{playback.count} samples", end=end, file=sys.stderr, flush=True)
+
+
 def ask(args) -> None:
     """Send one command to a running emulator and print its answer."""
     import zmq
@@ -174,12 +239,31 @@ def main(argv=None) -> int:
     command.add_argument("--dask", metavar="ADDRESS", help="a Dask scheduler, such as tcp://host:8786")
     command.set_defaults(function=batch)
 
+    command = commands.add_parser("play", help=play.__doc__.split(",")[0], description=play.__doc__)
+    command.add_argument("--twin", required=True, metavar="FILE", help="twin.yaml or twin_corrected.yaml")
+    command.add_argument("--output", required=True, metavar="DIR", help="folder of the played recordings")
+    command.add_argument("--recording", action="append", metavar="NAME", help="of the twin's recordings; all without it")
+    command.add_argument("--duration", type=float, metavar="S", help="default: a waveform sent once, else 0.1 s")
+    command.add_argument(
+        "--amplitude", action="append", default=[], metavar="[NODE=]A", help="of a transmitter, or of all, for the twin's own"
+    )
+    command.add_argument("--carrier", type=float, metavar="HZ", help="another carrier: offsets and Dopplers grow with it")
+    command.add_argument(
+        "--carrier-offset", type=float, default=0.0, metavar="HZ", help="the transmitter tuned so far from the receiver"
+    )
+    command.add_argument("--gain-db", type=float, help="of the receiver; without it as measured by the diagnosis, else 0 dB")
+    command.add_argument("--noise-power-db", type=float, help="for the twin's own, dB re 1 (samples squared)")
+    command.add_argument("--no-noise", action="store_true", help="no noise and no random interference")
+    command.add_argument("--seed", type=int, default=0, help="of noise, phase noise and fading")
+    command.set_defaults(function=play)
+
     command = commands.add_parser("ask", help=ask.__doc__, description=ask.__doc__)
     command.add_argument("address", help="of the emulator's --control, such as tcp://localhost:5555")
     command.add_argument("command", help='JSON, such as {"command": "status"}')
     command.set_defaults(function=ask)
 
-    args = parser.parse_args(argv)
+    argv = sys.argv[1:] if argv is None else argv
+    args = parser.parse_args(["play", *argv] if "--twin" in argv[:1] else argv)
     args.function(args)
     return 0
 

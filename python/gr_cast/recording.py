@@ -262,6 +262,21 @@ def to_raw(samples: np.ndarray, datatype: str) -> np.ndarray:
     return np.clip(np.rint(interleaved * full_scale + zero), limits.min, limits.max).astype(kind)
 
 
+def write_stream(path: str | Path, chunks, *, sample_rate_hz: float, **about) -> Path:
+    """`write` of chunks of samples, (n,) complex each, that need not fit in memory together."""
+    digest = hashlib.sha512()
+    document = metadata(sample_rate_hz=sample_rate_hz, **about)
+    with written_aside(data_path(path)) as aside:
+        with open(aside, "wb") as file:
+            for chunk in chunks:
+                raw = to_raw(chunk, "cf32_le").tobytes()
+                digest.update(raw)
+                file.write(raw)
+    document["global"]["core:sha512"] = digest.hexdigest()
+    write_metadata(path, document)
+    return stem_of(path)
+
+
 def write(path: str | Path, samples: np.ndarray, *, sample_rate_hz: float, datatype: str = "cf32_le", **about) -> Path:
     """Write samples (n,) complex as a SigMF pair with its SHA-512, whole or not at all; returns the stem.
 

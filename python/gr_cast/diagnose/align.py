@@ -20,7 +20,8 @@ LOWEST_LAG, HIGHEST_LAG = (
 EDGE = 24  # samples at either end that a filter's memory makes uncertain
 
 
-def _source(name: str, samples: np.ndarray, amplitude: float, repeat: bool) -> Source:
+def source_of(name: str, samples: np.ndarray, amplitude: float, repeat: bool) -> Source:
+    """A waveform (n,) as sent with an amplitude; unknown samples, NaN, are 0."""
     known = np.isfinite(samples)
     clean = np.where(known, samples, 0).astype(complex) * amplitude
     power = np.abs(clean[known]) ** 2
@@ -136,13 +137,12 @@ def build(case, observation, *, near: tuple[int, bool] | None = None):
     rate, n = case.sample_rate_hz, len(observation.samples)
     y = observation.samples.astype(complex)
     names = list(observation.on_air)
-    sources = [
-        _source(w, case.waveforms[w].samples, amplitude, case.waveforms[w].repeat) for w, amplitude in observation.on_air.values()
-    ]
+    sent = [(case.waveforms[w], amplitude) for w, amplitude in observation.on_air.values()]
+    sources = [source_of(w.name, w.samples, amplitude, w.repeat) for w, amplitude in sent]
     links = [case.links[(tx, observation.receiver)] for tx in names]
     if len({s.repeat for s in sources}) > 1:  # one kind of search for all: repeat what repeats until the recording ends
         sources = [s if not s.repeat else _unrolled(s, n) for s in sources]
-    twin = _twin_effects(case, observation)
+    twin = twin_effects(case, observation)
     turn = np.exp(-2j * np.pi * _twin_offset_hz(case, observation, links) * np.arange(n) / rate)
     taps = [link.taps for link in links]
     told = any(e["family"] == "spectral_inversion" for e in twin)
@@ -179,7 +179,7 @@ def build(case, observation, *, near: tuple[int, bool] | None = None):
     )
     on_air = {w for w, _ in observation.on_air.values()}
     scene.extra = {
-        w.name: _seen(_source(w.name, w.samples, 1.0, w.repeat), scene, n)
+        w.name: _seen(source_of(w.name, w.samples, 1.0, w.repeat), scene, n)
         for w in case.waveforms.values()
         if w.name not in on_air and not _is_on_air(case, w.name)
     }
@@ -189,7 +189,7 @@ def build(case, observation, *, near: tuple[int, bool] | None = None):
     base = np.array([float(delay) if repeat else 0.0, 1.0, 0.0, *(1.0, 0.0) * len(scene.free_ports)])
     model = Model(base=base)
     for entry in twin:
-        model = model.adding(_parse(scene, entry, later))
+        model = model.adding(effect_of(scene, entry, later))
     if flip:
         model = model.adding(start(FAMILIES["spectral_inversion"], []))
     chain = predict(scene, model)
@@ -215,7 +215,8 @@ def _is_on_air(case, name: str) -> bool:
     return any(name == w for o in case.observations for w, _ in o.on_air.values())
 
 
-def _twin_effects(case, observation) -> list[dict]:
+def twin_effects(case, observation) -> list[dict]:
+    """The twin's entries of `effects` that have a part in a recording."""
     names = {
         observation.receiver,
         *observation.on_air,
@@ -225,7 +226,7 @@ def _twin_effects(case, observation) -> list[dict]:
     return [e for e in case.effects if e["owner"]["name"] in names]
 
 
-def _plain(parameter, recording_name):
+def plain(parameter, recording_name):
     """The value of an entry's parameter; one that differs by recording is the mean of all in a new recording."""
     if isinstance(parameter, dict) and "per_recording" in parameter:
         every = parameter["per_recording"]
@@ -237,17 +238,17 @@ def _plain(parameter, recording_name):
 def _twin_offset_hz(case, observation, links) -> float:
     """Carrier offset that the twin already knows, with the Doppler of the strongest tap."""
     total = 0.0
-    for entry in _twin_effects(case, observation):
+    for entry in twin_effects(case, observation):
         if entry["family"] == "carrier_frequency_offset":
-            total += _plain(entry["parameters"].get("offset_hz", 0.0), observation.name) or 0.0
+            total += plain(entry["parameters"].get("offset_hz", 0.0), observation.name) or 0.0
     strongest = max((t for link in links for t in link.taps), key=lambda t: t.gain_db)
     return total + strongest.doppler_hz
 
 
-def _parse(scene, entry, later: float = 0.0):
+def effect_of(scene, entry, later: float = 0.0):
     """A twin's entry as an effect on a recording that begins `later` seconds into it."""
     family = FAMILIES[entry["family"]]
-    values = {k: _plain(v, scene.name) for k, v in entry["parameters"].items()}
+    values = {k: plain(v, scene.name) for k, v in entry["parameters"].items()}
     values = {k: v for k, v in values.items() if v is not None}
     if family.name == "carrier_frequency_offset":
         values["offset_hz"] = values.get("offset_hz", 0.0) + values.get("drift_hz_per_s", 0.0) * later
@@ -282,8 +283,8 @@ def told_noise_db(case, observation) -> float | None:
     told = case.noise_db.get(observation.receiver)
     if told is None:
         return None
-    known = (e for e in _twin_effects(case, observation) if e["family"] == "noise_floor")
-    return told + sum(_plain(e["parameters"]["change_db"], observation.name) for e in known)
+    known = (e for e in twin_effects(case, observation) if e["family"] == "noise_floor")
+    return told + sum(plain(e["parameters"]["change_db"], observation.name) for e in known)
 
 
 def _data(case, observation, scene, y) -> Data:

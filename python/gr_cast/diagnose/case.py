@@ -147,12 +147,21 @@ class _Reader:
 
 def read_case(folder: str | Path) -> Case:
     """Read and check a case folder. Raises CastError with one line per fault."""
-    folder = Path(folder)
-    path = folder / TWIN_FILE
+    return _read(Path(folder) / TWIN_FILE, recorded=True)
+
+
+def read_twin(path: str | Path) -> Case:
+    """Read and check a twin alone: its waveforms lie beside it, its recordings need not exist and hold no samples here.
+    Raises CastError with one line per fault."""
+    return _read(Path(path), recorded=False)
+
+
+def _read(path: Path, recorded: bool) -> Case:
+    folder = path.parent
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise CastError(f"{path}: no such file (a case is a folder with a {TWIN_FILE})") from None
+        raise CastError(f"{path}: no such file{f' (a case is a folder with a {TWIN_FILE})' if recorded else ''}") from None
     except (NotADirectoryError, IsADirectoryError, PermissionError, UnicodeDecodeError) as error:
         raise CastError(f"{path}: cannot be read: {error}") from None
     except (yaml.YAMLError, RecursionError) as error:
@@ -175,7 +184,7 @@ def read_case(folder: str | Path) -> Case:
     waveforms = _waveforms(r, folder, r.entries(document, "waveforms", dict), rate)
     nodes = _nodes(r, r.entries(document, "nodes", dict), document)
     links = _links(r, r.entries(document, "links", list), nodes)
-    observations = _observations(r, folder, document, nodes, links, rate, carrier)
+    observations = _observations(r, folder, document, nodes, links, rate, carrier, recorded)
     noise = _noise(r, r.entries(document, "noise", dict), nodes)
     effects = _effects(r, document.get("effects") or [], nodes, links)
     r.faults.raise_if_any()
@@ -283,7 +292,7 @@ def _links(r: _Reader, entries: list, nodes: dict) -> dict[tuple[str, str], Link
     return links
 
 
-def _observations(r: _Reader, folder: Path, document: dict, nodes, links, rate, carrier) -> list[Observation]:
+def _observations(r: _Reader, folder: Path, document: dict, nodes, links, rate, carrier, recorded) -> list[Observation]:
     found, names = [], set()
     entries = r.entries(document, "recordings", list)
     waveforms = document.get("waveforms") if isinstance(document.get("waveforms"), dict) else {}
@@ -326,9 +335,11 @@ def _observations(r: _Reader, folder: Path, document: dict, nodes, links, rate, 
         frequency = entry.get("center_frequency_hz", carrier)
         if frequency is not None and not _number(frequency):
             r.faults.add(f"{place}.center_frequency_hz", f"got {frequency!r}, needs a number of Hz or null")
-        taken = _read_sigmf(r, place, folder / file, rate, False) if file else None
+        taken = recording.Recording(samples=np.zeros(0, np.complex64), sample_rate_hz=rate)
+        if recorded:
+            taken = _read_sigmf(r, place, folder / file, rate, False) if file else None
         if taken is not None:
-            if not np.any(taken.samples):
+            if recorded and not np.any(taken.samples):
                 r.faults.add(place, f"{file}: every sample is zero")
             found.append(
                 Observation(
@@ -341,7 +352,7 @@ def _observations(r: _Reader, folder: Path, document: dict, nodes, links, rate, 
                     vault=use == "vault",
                 )
             )
-    if found and all(o.vault for o in found):
+    if recorded and found and all(o.vault for o in found):
         r.faults.add("recordings", "every recording is for the vault, none is left to fit")
     return found
 

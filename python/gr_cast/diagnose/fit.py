@@ -189,6 +189,10 @@ def with_noise(fit: Fit, model: Model) -> Data:
             )
             variance = v if variance is None else variance if v is None else variance * v
             spectrum = s if spectrum is None else spectrum if s is None else spectrum * s
+        elif effect.fixed and family.random:
+            told = fit.data.noise_power or fit.sigma2
+            v = 1 + family.unfollowed(effect) * np.abs(fit.chain.wanted) ** 2 / told
+            variance = v if variance is None else variance * v
     return replace(fit.data, variance=variance, spectrum=spectrum)
 
 

@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from ..recording import data_path, meta_path
+from ..units import db_from_amplitude
 from .residual import time_frequency
 
 
@@ -30,12 +32,21 @@ def _clean(value):
 
 
 def corrected_twin(diagnosis) -> dict:
-    """The twin's document with the found physics in `effects`; what a user's file names stay as they are."""
+    """The twin's document with the found physics in `effects`, runnable by `playback`.
+
+    A twin does not claim a recording's gain, but levels of full scale (rails, lattice, noise) hold only with it:
+    `model.gain_db` of an effect is the gain that was measured in each of its recordings.
+    """
     document = copy.deepcopy(diagnosis.case.document)
-    found = [
-        {k: e[k] for k in ("family", "owner", "parameters", "model") if e.get(k)} | {"parameters": e["parameters"]}
-        for e in diagnosis.document["effects"]
-    ]
+    gains = {}
+    for finding in diagnosis.findings:
+        gains.setdefault(finding.observation.name, []).append(db_from_amplitude(abs(complex(*finding.fit.model.base[1:3]))))
+    found = []
+    for e in diagnosis.document["effects"]:
+        names = e["where"]["recording"]
+        measured = {n: np.mean(gains[n]) for n in ([names] if isinstance(names, str) else names)}
+        model = {**e["model"], "gain_db": measured}
+        found.append({"family": e["family"], "owner": e["owner"], "parameters": e["parameters"], "model": model})
     document["effects"] = list(document.get("effects") or []) + found
     return _clean(document)
 
@@ -62,6 +73,12 @@ def write(diagnosis, folder: Path, html: str) -> None:
         )
         text = yaml.safe_dump(corrected_twin(diagnosis), sort_keys=False, allow_unicode=True)
         (aside / "twin_corrected.yaml").write_text(text, encoding="utf-8")
+        for waveform in diagnosis.case.document["waveforms"].values():
+            if "file" in waveform:  # the corrected twin needs them beside it
+                for path in (meta_path, data_path):
+                    target = path(aside / waveform["file"])
+                    target.parent.mkdir(parents=True, exist_ok=True)
+                    shutil.copyfile(path(diagnosis.case.folder / waveform["file"]), target)
         (aside / "report.html").write_text(html, encoding="utf-8")
         np.savez_compressed(aside / "residual.npz", **maps(diagnosis))
         aside.chmod(0o755)

@@ -115,6 +115,10 @@ class Family:
         """What the forward model needs beside the contract's parameters; `parse` reads it back."""
         return {}
 
+    def unfollowed(self, effect: Effect) -> float:
+        """Power, relative to the wanted signal, of a random course that is too fast for its coefficients."""
+        return 0.0
+
     def played(self, scene, effect: Effect, rng) -> Effect:
         """The effect as a twin plays it: what is random is drawn anew from its law, with the generator `rng`."""
         return effect

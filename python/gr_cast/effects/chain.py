@@ -72,11 +72,22 @@ class Scene:
 
     def __post_init__(self):
         self.span = self.span or self.count
-        self.index = self.first + np.arange(self.count, dtype=float)
-        self.u = self.index / self.span
-        self._wraps, self._spectra, self._courses = {}, {}, None
+        self._spectra = {}
+        self._number_samples()
         response = sum(np.abs(sp_fft.fft(resampled_spectrum(s.samples))) for s in self.sources)
         self.occupied = response > 0.1 * response.max()
+
+    def _number_samples(self):
+        self.index = self.first + np.arange(self.count, dtype=float)
+        self.u = self.index / self.span
+        self._wraps, self._courses = {}, None
+
+    def stretch(self, first: int, count: int, sources: list[Source], extra: dict[str, Source]) -> "Scene":
+        """Other samples of the same recording, `count` from number `first` on, with what was sent around them."""
+        other = copy.copy(self)
+        other.first, other.count, other.sources, other.extra, other._spectra = first, count, sources, extra, {}
+        other._number_samples()
+        return other
 
     def spectrum_of(self, code: str) -> np.ndarray:
         """Spectrum of a waveform that is not on the air in the twin."""

@@ -83,6 +83,10 @@ class PhaseNoise(Family):
         law = {"law": effect.aux.get("law", "free"), "highest_hz": len(effect.p) / 2 / scene.duration_s}
         return law | ({"linewidth_hz": np.pi / 2 / scene.duration_s * effect.prior[0]} if law["law"] == "free" else {})
 
+    def unfollowed(self, effect):
+        # Σ 1/k² beyond the last cosine; a held oscillator has nothing there.
+        return effect.prior[0] / (len(effect.prior) + 0.5) if effect.aux["law"] == "free" else 0.0
+
     def played(self, scene, effect, rng):
         return effect.moved(rng.normal(size=len(effect.p)) * np.sqrt(effect.prior))
 
