@@ -4,7 +4,6 @@
 
 import argparse
 import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -96,7 +95,7 @@ def create(args) -> int:
     python = Path(os.environ.get("CAST_RAYTRACER") or sc.data_folder() / "raytracer/bin/python")
     if python.exists() and Path(sys.prefix) != python.parent.parent:
         # On in the Python that has the ray tracer and Dask: GNU Radio's own stays as it is.
-        return subprocess.call([str(python), "-W", "ignore", __file__, *args.argv])
+        os.execv(python, [str(python), "-W", "ignore", __file__, *args.argv])
     path = Path(args.spec)
     if not path.exists() and (sc.examples_folder() / f"{args.spec}.yaml").exists():
         path = sc.examples_folder() / f"{args.spec}.yaml"

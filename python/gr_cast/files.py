@@ -1,22 +1,73 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Files that are whole or not there: written aside, then renamed."""
 
+import fcntl
 import json
 import os
+import shutil
 from contextlib import contextmanager
 from pathlib import Path
+
+from .errors import CastError
+
+_ASIDE = ".aside-"
 
 
 @contextmanager
 def written_aside(path: str | Path):
-    """Gives a path beside `path` to write to; renames it to `path` when all went well, removes it otherwise."""
+    """Gives a path beside `path` to write a file or folder to; puts it in the place of `path` when all went well,
+    removes it otherwise."""
     path = Path(path)
-    aside = path.with_name(f".{os.getpid()}.{path.name}")  # the suffix stays: writers go by it
+    aside = path.with_name(f"{_ASIDE}{os.getpid()}.{path.name}")  # the suffix stays: writers go by it
+    _remove(aside)  # of a killed process that had the same number
     try:
         yield aside
-        os.replace(aside, path)
+        _put(aside, path)
+    except OSError as error:
+        # A write that fails, on a full disk say, does not know its file.
+        raise error if error.filename else OSError(error.errno, error.strerror or str(error), str(path)) from None
     finally:
-        aside.unlink(missing_ok=True)
+        _remove(aside)
+
+
+def _put(aside: Path, path: Path) -> None:
+    if not (aside.is_dir() and path.is_dir()):
+        os.replace(aside, path)
+        return
+    before = path.with_name(f"{_ASIDE}{os.getpid()}.before.{path.name}")  # nothing replaces a folder in one step
+    os.replace(path, before)
+    try:
+        os.replace(aside, path)
+    except OSError:
+        os.replace(before, path)
+        raise
+    _remove(before)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+
+
+@contextmanager
+def locked(folder: Path):
+    """One process at a time works in `folder`. Raises CastError if it is taken."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    except BlockingIOError:
+        raise CastError(f"{folder}: another run is at work here: wait for its end, or choose another folder") from None
+    finally:
+        os.close(handle)
+
+
+def sweep(folder: Path) -> None:
+    """Remove what killed writers left aside. Only for a folder that is `locked`."""
+    for left in folder.glob(f"{_ASIDE}*"):
+        _remove(left)
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -1,7 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The eight steps, with a tracer of one line of sight in the place of the ray tracer."""
 
+import contextlib
+import functools
 import json
+import os
+import signal
+import sys
 
 import numpy as np
 import pytest
@@ -46,7 +51,8 @@ def yard(tmp_path, monkeypatch):
     (tmp_path / "yard.yaml").write_text(SPEC)
     monkeypatch.setenv("CAST_CATALOGUE", str(tmp_path / "catalogue"))
     monkeypatch.setattr(trace, "run", line_of_sight)
-    monkeypatch.setattr(pipeline.tasks, "run", lambda function, inputs, **_: enumerate(map(function, inputs)))
+    one_process = functools.partial(pipeline.tasks.run, processes=1)  # others would not have this tracer
+    monkeypatch.setattr(pipeline.tasks, "run", lambda *work, **_: one_process(*work))
     return tmp_path
 
 
@@ -92,6 +98,55 @@ def test_a_run_that_is_killed_takes_up_every_finished_task_and_ends_the_same(yar
     assert len(calls) == len(set(calls)) + 1  # only the task that died was traced again
     assert resumed["install"]["summary"]["sha256"] == whole["install"]["summary"]["sha256"]
     assert resumed["install"]["summary"]["version"] == 1  # the same content is the same version
+
+
+def dies_at_write(number):
+    """Kill this process, as kill -9 does, just before its write of that number: file, folder, renaming or removal."""
+    seen = 0
+
+    def watch(event, arguments):
+        nonlocal seen
+        writes = event == "open" and bool(arguments[2] & (os.O_WRONLY | os.O_RDWR))
+        if writes or event in ("os.mkdir", "os.rename", "os.remove", "os.rmdir"):
+            seen += 1
+            if seen == number:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+    sys.addaudithook(watch)
+
+
+def in_a_process_of_its_own(work) -> bool:
+    """Whether `work` came to its end."""
+    child = os.fork()
+    if child == 0:
+        with contextlib.suppress(BaseException):
+            work()
+            os._exit(0)
+        os._exit(1)
+    return os.waitpid(child, 0)[1] == 0
+
+
+def test_killed_at_any_write_and_started_again_it_ends_the_same_and_nothing_half_done_is_seen(yard):
+    """The scenario is installed a second time over a first one with another hold, so that old results have to go."""
+    short = SPEC.replace("duration_s: 1.5", "duration_s: 0.2")
+    (yard / "before.yaml").write_text(short)
+    (yard / "after.yaml").write_text(short.replace("step_s: 0.1", "step_s: 0.05"))
+    before, after = (spec.read(yard / f"{name}.yaml") for name in ("before", "after"))
+    whole = pipeline.create(after, run(yard / "whole"))["install"]["summary"]["sha256"]
+    work, catalogue = yard / "work", yard / "catalogue"
+    first = pipeline.create(before, run(work))["install"]["summary"]["sha256"]
+    number, finished = 1, False
+    while not finished:
+        pipeline.create(before, run(work))
+        finished = in_a_process_of_its_own(
+            lambda number=number: (dies_at_write(number), pipeline.create(after, run(work)))
+        )
+        if "yard" in sc.catalogue_entries():
+            assert pipeline.content_hash(sc.load("yard"))[:12] in (whole, first), f"half a scenario after write {number}"
+        assert pipeline.create(after, run(work))["install"]["summary"]["sha256"] == whole, f"killed at write {number}"
+        assert not [path for folder in (work, catalogue) for path in folder.rglob(".aside-*")]
+        number += int(os.environ.get("CAST_KILL_EVERY", 17))  # 1: at every write, minutes
+    assert number > 100
 
 
 def test_a_changed_section_redoes_its_step_and_what_follows_and_makes_a_new_version(yard):

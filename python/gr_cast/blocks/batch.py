@@ -7,15 +7,13 @@ cluster, with the same result to the last bit; what is done is kept, and a run t
 
 import hashlib
 import json
-import multiprocessing
 import os
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
-from .. import recording
+from .. import recording, tasks
 from ..emulate import FixedPoint, filter_length, scenario_updates
 from ..errors import CastError, Faults
 from ..files import write_json
@@ -111,7 +109,7 @@ def run_batch(
     todo = _prepare(job)
     done = job.n_chunks - len(todo)
     progress(done, job.n_chunks)
-    for _ in _finished(job, todo, dask, workers):
+    for _ in tasks.run(make_chunk, job, todo, dask=dask, processes=workers):
         done += 1
         progress(done, job.n_chunks)
     for receiver in job.receivers:
@@ -150,7 +148,7 @@ def _job(scenario, transmit, folder, receivers, chunk_samples, noise_power, seed
         scenario=scenario,
         transmit={node: str(Path(stem).resolve()) for node, stem in transmit.items()},
         receivers=tuple(receivers or scenario.nodes),
-        folder=str(folder),
+        folder=str(folder.resolve()),  # workers of a cluster stand elsewhere
         sample_rate_hz=next(iter(rates.values())),
         n_samples=max(_length(stem) for stem in transmit.values()),
         chunk_samples=chunk_samples,
@@ -206,31 +204,6 @@ def _prepare(job: BatchJob) -> list[int]:
                 file.truncate(job.n_samples * _ITEM.itemsize)
         write_json(plan, _fingerprint(job))
     return [chunk for chunk in range(job.n_chunks) if not job.mark(chunk).exists()]
-
-
-def _finished(job: BatchJob, todo: list[int], dask: str | None, workers: int):
-    """Chunks as they get done, on whatever does them."""
-    if dask:
-        try:
-            from dask.distributed import Client
-            from dask.distributed import as_completed as as_dask_completes
-        except ImportError:
-            raise CastError(
-                "--dask: the package dask.distributed (Debian: python3-distributed) is missing"
-            ) from None
-        with Client(dask) as client:
-            spread = client.scatter(job, broadcast=True)
-            for future in as_dask_completes(
-                client.map(lambda chunk, job: make_chunk(job, chunk), todo, job=spread)
-            ):
-                yield future.result()
-    elif workers > 1:
-        with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-            for future in as_completed([pool.submit(make_chunk, job, chunk) for chunk in todo]):
-                yield future.result()
-    else:
-        for chunk in todo:
-            yield make_chunk(job, chunk)
 
 
 def _seal(job: BatchJob, receiver: str) -> None:

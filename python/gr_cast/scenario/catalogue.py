@@ -35,7 +35,7 @@ def catalogue_entries() -> dict[str, Path]:
     """Every scenario of the catalogue: id (the file's stem) to its path. An installed one comes before a shipped one."""
     entries = {}
     for folder in (shipped_folder(), installed_folder()):
-        for path in sorted(folder.glob("*")) if folder.is_dir() else []:
+        for path in sorted(folder.glob("[!.]*")) if folder.is_dir() else []:
             if path.suffix in _READERS:
                 entries[path.stem] = path
     return entries

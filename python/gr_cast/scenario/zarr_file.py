@@ -7,15 +7,13 @@ link. A link that does not change is stored once; so are two directions that are
 
 import json
 import math
-import os
-import shutil
 import zlib
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import CastError
-from ..files import write_json
+from ..files import write_json, written_aside
 from .model import LinkTaps, Scenario
 
 VERSION = 1
@@ -84,15 +82,10 @@ def read_array(folder: Path, name: str) -> np.ndarray:
 def write(path: str | Path, scenario: Scenario, **attributes) -> None:
     """Write a scenario as a Zarr folder, whole or not at all; `attributes` go beside its own."""
     path = Path(path)
-    aside = path.with_name(f".{os.getpid()}.{path.name}")
-    try:
-        aside.mkdir(parents=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with written_aside(path) as aside:
+        aside.mkdir()
         _write_group(aside, scenario, attributes)
-        if path.is_dir():
-            shutil.rmtree(path)
-        os.replace(aside, path)
-    finally:
-        shutil.rmtree(aside, ignore_errors=True)
 
 
 def _write_group(folder: Path, scenario: Scenario, attributes: dict) -> None:

@@ -13,18 +13,19 @@ import resource
 import shutil
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from ... import __version__
-from ...errors import CastError
-from ...files import write_json, written_aside
-from ...units import db_from_amplitude
+from ... import __version__, tasks
+from ...errors import CastError, Faults
+from ...files import locked, sweep, write_json, write_text, written_aside
+from ...units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
 from .. import catalogue, zarr_file
-from ..model import LinkTaps, Scenario, link_name, path_gain_matrix_db
-from . import geometry, materials, mesh_files, nodes, osm, paths, reduce, tasks, trace
+from ..model import MAX_DELAY_S, LinkTaps, Scenario, link_name, path_gain_matrix_db
+from . import geometry, materials, mesh_files, nodes, osm, paths, reduce, trace
 from .spec import Spec
 
 STEPS = ("environment", "model", "materials", "nodes", "sampling", "parsing", "approximation", "install")
@@ -50,39 +51,51 @@ class Run:
 def create(spec: Spec, run: Run, only: str | None = None) -> dict:
     """Do every step that is not done yet, or up to `only`; returns the record of all steps (also in steps.json)."""
     run.folder.mkdir(parents=True, exist_ok=True)
-    record = _read_record(run.folder)
-    fingerprint = hashlib.sha256(f"{__version__}".encode()).hexdigest()
-    for step in STEPS:
-        fingerprint = _fingerprint(fingerprint, spec, step)
-        done = record.get(step, {})
-        # The catalogue is another place, and may have changed: installing is always looked at again.
-        if step != "install" and done.get("fingerprint") == fingerprint and (run.folder / done["result"]).exists():
-            run.tell(f"{step}: done before, taken up")
-        else:
-            folder = run.folder / step
-            if (folder / "fingerprint").is_file() and (folder / "fingerprint").read_text() != fingerprint:
-                shutil.rmtree(folder)
-            folder.mkdir(exist_ok=True)
-            (folder / "fingerprint").write_text(fingerprint)
-            start = time.monotonic()
-            result, summary = globals()[f"_{step}"](spec, run, folder)
-            seconds = time.monotonic() - start
-            peak_mib = (
-                max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-                / 1024
-            )
-            record[step] = {
-                "fingerprint": fingerprint, "result": str(result.relative_to(run.folder)), "seconds": round(seconds, 3),
-                "peak_mib": round(peak_mib), "summary": summary,
-            }  # fmt: skip
-            write_json(run.folder / "steps.json", record)
-            run.tell(
-                f"{step}: {seconds:.1f} s, peak {peak_mib:.0f} MiB: "
-                + ", ".join(f"{k} {v}" for k, v in summary.items())
-            )
-        if step == only:
-            break
+    with locked(run.folder):
+        sweep(run.folder)
+        record = _read_record(run.folder)
+        fingerprint = hashlib.sha256(f"{__version__}".encode()).hexdigest()
+        for step in STEPS:
+            fingerprint = _fingerprint(fingerprint, spec, step)
+            done = record.get(step, {})
+            # The catalogue is another place, and may have changed: installing is always looked at again.
+            if step != "install" and done.get("fingerprint") == fingerprint and (run.folder / done["result"]).exists():
+                run.tell(f"{step}: done before, taken up")
+            else:
+                record[step] = _do(spec, run, step, fingerprint)
+                write_json(run.folder / "steps.json", record)
+            if step == only:
+                break
     return record
+
+
+def _do(spec: Spec, run: Run, step: str, fingerprint: str) -> dict:
+    """Do one step, on top of what a run with the same fingerprint left of it; returns its record."""
+    folder = run.folder / step
+    mark = folder / "fingerprint"
+    if folder.exists() and not (mark.is_file() and mark.read_text() == fingerprint):
+        shutil.rmtree(folder)
+    folder.mkdir(exist_ok=True)
+    sweep(folder)
+    if not mark.exists():
+        write_text(mark, fingerprint)
+    start = time.monotonic()
+    _forget_peak()
+    result, summary = globals()[f"_{step}"](spec, run, folder)
+    seconds = time.monotonic() - start
+    peak_mib = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) / 1024
+    about = ", ".join(f"{key} {value}" for key, value in summary.items())
+    run.tell(f"{step}: {seconds:.1f} s, peak {peak_mib:.0f} MiB: {about}")
+    return {
+        "fingerprint": fingerprint, "result": str(result.relative_to(run.folder)), "seconds": round(seconds, 3),
+        "peak_mib": round(peak_mib), "summary": summary,
+    }  # fmt: skip
+
+
+def _forget_peak() -> None:
+    """Peak memory counts from here on, so that a step is not told the peak of one before it (Linux)."""
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
 
 
 def _read_record(folder: Path) -> dict:
@@ -161,8 +174,8 @@ def _nodes(spec: Spec, run: Run, folder: Path):
     return path, {"nodes": len(tracks), "moving": len(moving), "instants": len(times_s), "step_m": round(farthest_m, 4)}
 
 
-def _trace_task(job) -> trace.Traced:
-    return trace.run(*job)
+def _trace_task(scene, task: trace.Task) -> trace.Traced:
+    return trace.run(*scene, task)
 
 
 def _task(spec: Spec, name: str, pairs, time_s: float) -> trace.Task:
@@ -207,9 +220,9 @@ def _sampling(spec: Spec, run: Run, folder: Path):
         jobs += [_task(spec, f"step_{index:05d}", pairs, time_s) for index, time_s in enumerate(times_s)]
         jobs += [_task(spec, f"check_{index:05d}", pairs, time_s) for index, time_s in enumerate(checks_s)]
     todo = [job for job in jobs if not (folder / f"{job.name}.pickle").exists()]
-    for done, (index, table) in enumerate(
-        tasks.run(_trace_task, [(solids, settings, job) for job in todo], dask=run.dask, processes=1)
-    ):
+    # One process: the tracer has threads of its own.
+    traced = tasks.run(_trace_task, (solids, settings), todo, dask=run.dask, processes=1)
+    for done, (index, table) in enumerate(traced):
         _save(folder / f"{todo[index].name}.pickle", table)
         run.progress("sampling", len(jobs) - len(todo) + done + 1, len(jobs))
     tables = [_load(run, f"sampling/{job.name}.pickle") for job in jobs]
@@ -237,8 +250,11 @@ def _parsing(spec: Spec, run: Run, folder: Path):
                 guess = paths.at(moving[pair], np.array([time_s]), spec.carrier_hz)
                 errors_db += paths.difference_db(truth, guess, spec.bandwidth_hz).tolist()
     links |= moving
+    late = _beyond_reach(spec, links)
     changes = sum(paths.births_and_deaths(link) for link in moving.values())
     summary = {"links": len(links), "moving links": len(moving), "paths that appear or vanish": changes}
+    if late:
+        summary["paths beyond the last tap, lost"] = late
     if errors_db:
         summary |= {
             "interpolation median dB": round(float(np.median(errors_db)), 2),
@@ -248,13 +264,35 @@ def _parsing(spec: Spec, run: Run, folder: Path):
     return folder / "links.npz", summary
 
 
-def _reduce_tasks(jobs) -> list[reduce.Reduced]:
-    return [reduce.reduce(job) for job in jobs]
+def _beyond_reach(spec: Spec, links: dict) -> int:
+    """How many paths come later than the last tap. Raises CastError for links of which nothing is left, and without links."""
+    if not links:
+        raise CastError(
+            "sampling: no pair of nodes has a path: set sampling.refraction to let walls through, or raise sampling.max_depth"
+        )
+    late, faults = 0, Faults("parsing")
+    for (tx, rx), link in links.items():
+        delay_s = np.where(link.gain != 0, link.delay_s, np.inf)
+        late += int((np.isfinite(delay_s) & (delay_s > MAX_DELAY_S)).sum())
+        first_s = delay_s.min(axis=1)
+        worst = int(np.argmax(np.where(np.isfinite(first_s), first_s, 0.0)))
+        if MAX_DELAY_S < first_s[worst] < np.inf:
+            faults.add(
+                link_name((spec.nodes[tx].name, spec.nodes[rx].name)),
+                f"at {link.time_s[worst]:g} s its first path takes {1e6 * first_s[worst]:.2f} us "
+                f"({first_s[worst] * SPEED_OF_LIGHT_M_PER_S:.0f} m), the last tap is at {1e6 * MAX_DELAY_S:.2f} us",
+            )
+    faults.raise_if_any()
+    return late
+
+
+def _reduce_links(about: dict, links: list[paths.LinkPaths]) -> list[reduce.Reduced]:
+    return [reduce.reduce(reduce.Job(link=link, **about)) for link in links]
 
 
 def _approximation(spec: Spec, run: Run, folder: Path):
     links = paths.read(run.folder / "parsing/links.npz")
-    clock_s = np.arange(round(spec.duration_s / spec.update_s) + 1) * spec.update_s
+    clock_s = np.arange(int(spec.duration_s / spec.update_s + 1e-6) + 1) * spec.update_s
     pairs = sorted(links)
     groups = [pairs[start : start + _LINKS_PER_TASK] for start in range(0, len(pairs), _LINKS_PER_TASK)]
     files = [folder / f"links_{index:05d}.pickle" for index in range(len(groups))]
@@ -266,8 +304,8 @@ def _approximation(spec: Spec, run: Run, folder: Path):
         clock_s=clock_s,
         hold_s=spec.hold_s,
     )
-    jobs = [[reduce.Job(link=links[pair], **about) for pair in groups[index]] for index in todo]
-    for done, (index, reduced) in enumerate(tasks.run(_reduce_tasks, jobs, dask=run.dask)):
+    inputs = [[links[pair] for pair in groups[index]] for index in todo]
+    for done, (index, reduced) in enumerate(tasks.run(_reduce_links, about, inputs, dask=run.dask)):
         _save(files[todo[index]], dict(zip(groups[todo[index]], reduced, strict=True)))
         run.progress("approximation", len(files) - len(todo) + done + 1, len(files))
     every: dict = {}
@@ -347,13 +385,30 @@ def content_hash(made: Scenario) -> str:
 
 
 def _install(spec: Spec, run: Run, folder: Path):
-    made = scenario(spec, run)
     target = catalogue.installed_folder() / f"{spec.id}.zarr"
-    version, content = 1, content_hash(made)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with locked(target.parent):
+        sweep(target.parent)
+        made = scenario(spec, run)
+        content = content_hash(made)
+        version = _write(spec, run, made, content, target)
+    matrix = path_gain_matrix_db(made)
+    finite = matrix[np.isfinite(matrix)]
+    size_mb = sum(file.stat().st_size for file in target.rglob("*") if file.is_file()) / 1e6
+    summary = {
+        "id": spec.id, "version": version, "sha256": content[:12], "megabytes": round(size_mb, 2),
+        "path loss dB": f"{-finite.max():.1f} to {-finite.min():.1f}",
+    }  # fmt: skip
+    write_json(folder / "installed.json", summary | {"path": str(target)})
+    return folder / "installed.json", summary
+
+
+def _write(spec: Spec, run: Run, made: Scenario, content: str, target: Path) -> int:
+    """Write the scenario to the catalogue; the same content keeps its version, which is returned."""
+    version = 1
     if target.exists():
         about = zarr_file.attributes(target)
         version = about.get("version", 0) + (about.get("content_sha256") != content)
-    target.parent.mkdir(parents=True, exist_ok=True)
     radios = {
         node.name: {"antenna": node.antenna, "power_dbm": node.power_dbm, "noise_figure_db": node.noise_figure_db}
         for node in spec.nodes
@@ -365,12 +420,4 @@ def _install(spec: Spec, run: Run, folder: Path):
         paths_file=str((run.folder / "parsing/links.npz").resolve()), bandwidth_hz=spec.bandwidth_hz,
         delays_moved_s=_delays_moved_s(spec, run), hold_s=spec.hold_s,
     )  # fmt: skip
-    matrix = path_gain_matrix_db(made)
-    finite = matrix[np.isfinite(matrix)]
-    size_mb = sum(file.stat().st_size for file in target.rglob("*") if file.is_file()) / 1e6
-    summary = {
-        "id": spec.id, "version": version, "sha256": content[:12], "megabytes": round(size_mb, 2),
-        "path loss dB": f"{-finite.max():.1f} to {-finite.min():.1f}",
-    }  # fmt: skip
-    write_json(folder / "installed.json", summary | {"path": str(target)})
-    return folder / "installed.json", summary
+    return version

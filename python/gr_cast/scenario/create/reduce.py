@@ -47,6 +47,8 @@ def reduce(job: Job) -> Reduced:
     for start in range(0, len(clock_s), per_hold):
         part = slice(start, min(start + per_hold, len(clock_s)))
         paths_s, paths = at(job.link, clock_s[part], job.carrier_hz)
+        here = (paths != 0).any(axis=0)  # of all paths of a long way, most are elsewhere
+        paths_s, paths = paths_s[:, here], paths[:, here]
         shifts_s.append(best_shift_s(paths_s, paths, job.bandwidth_hz))
         paths_s = paths_s + shifts_s[-1]
         if job.method == "kmeans":

@@ -7,6 +7,7 @@ specular, delay and its rate are computed anew in double precision from the mirr
 
 import os
 import tempfile
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -105,6 +106,7 @@ def _tracer():
 
 
 _scenes: dict = {}  # one scene per process: building it costs seconds
+_one_at_a_time = threading.Lock()  # a worker of a cluster may have threads; they share the scene
 
 
 def _scene(rt, solids: Sequence[Solid], settings: Settings):
@@ -154,13 +156,14 @@ def _write_ply(path: Path, solid: Solid) -> None:
 def run(solids: Sequence[Solid], settings: Settings, task: Task) -> Traced:
     """Trace one task's pairs. The same task gives the same table, wherever it runs."""
     rt = _tracer()
-    scene, solver = _scene(rt, solids, settings)
     planes_of = surfaces(solids)
     parts = []
     patterns = {(task.antennas[a], task.antennas[b]) for a, b in task.pairs}
-    for tx_pattern, rx_pattern in sorted(patterns):
-        pairs = [(a, b) for a, b in task.pairs if (task.antennas[a], task.antennas[b]) == (tx_pattern, rx_pattern)]
-        parts.append(_solve(rt, scene, solver, settings, task, planes_of, pairs, (tx_pattern, rx_pattern)))
+    with _one_at_a_time:
+        scene, solver = _scene(rt, solids, settings)
+        for tx_pattern, rx_pattern in sorted(patterns):
+            pairs = [(a, b) for a, b in task.pairs if (task.antennas[a], task.antennas[b]) == (tx_pattern, rx_pattern)]
+            parts.append(_solve(rt, scene, solver, settings, task, planes_of, pairs, (tx_pattern, rx_pattern)))
     joined = [np.concatenate(columns) for columns in zip(*parts, strict=True)]
     table = dict(zip(("tx", "rx", "surfaces", "delay_s", "rate_before", "rate_after", "gain"), joined, strict=True))
     # Which order the tracer finds paths in is no part of the result.
