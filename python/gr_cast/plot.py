@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from . import scenario as sc
+from .cellular.experiment import QUANTITIES, Course
 from .compare import SeriesComparison
 from .compare_cir import ResponseComparison
 from .files import written_aside
@@ -239,4 +240,26 @@ def response_comparison_figure(comparison: ResponseComparison) -> Figure:
     axes.set_title(f"path loss A {-c.a.path_gain_db:.2f} dB, B {-c.b.path_gain_db:.2f} dB", loc="left", fontsize=11)
     axes.legend(fontsize=8)
     axes.grid(alpha=0.25)
+    return figure
+
+
+def cellular_figure(courses: list[Course], title: str, offered_bps: float) -> Figure:
+    """SINR and what UDP and TCP deliver over time, a colour per terminal; the first course is drawn thick, others thin."""
+    figure = new_figure(10, 8)
+    rows = figure.subplots(len(QUANTITIES), 1, sharex=True)
+    figure.suptitle(title, x=0.01, ha="left", fontsize=11)
+    for axes, (quantity, label) in zip(rows, QUANTITIES.items(), strict=True):
+        scale = 1.0 if quantity == "sinr_db" else 1e-6
+        for index, course in enumerate(courses):
+            for column, terminal in enumerate(course.terminals):
+                axes.plot(
+                    course.time_s, scale * getattr(course, quantity)[:, column], color=f"C{column}", lw=(2.4, 1.0)[index > 0],
+                    alpha=(0.45, 1.0)[index > 0], label=f"{terminal}, {course.name}",
+                )  # fmt: skip
+        if quantity != "sinr_db":
+            axes.axhline(offered_bps * 1e-6, color=FLOOR, lw=1, ls=":")
+        axes.set_ylabel(label.replace("bit/s", "Mbit/s"))
+        axes.grid(alpha=0.3)
+    rows[-1].set_xlabel("time (s)")
+    rows[-1].legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.25), ncols=3, frameon=False)
     return figure

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from .. import recording, tasks
-from ..emulate import FixedPoint, filter_length, scenario_updates
+from ..emulate import FixedPoint, filter_length
 from ..errors import CastError, Faults
 from ..files import write_json
 from ..scenario import Scenario
-from .cast_python import emulator_kernel
+from .network import scenario_kernel
 
 _ITEM = np.dtype(np.complex64)
 
@@ -54,19 +54,12 @@ def make_chunk(job: BatchJob, chunk: int) -> int:
     begin = chunk * job.chunk_samples
     end = min(begin + job.chunk_samples, job.n_samples)
     nodes = job.scenario.nodes
-    n_taps = filter_length(job.sample_rate_hz)
-    past = n_taps - 1
+    past = filter_length(job.sample_rate_hz) - 1
     # An output for every node, wanted or not: a node's noise is the same whoever else receives.
-    kernel = emulator_kernel(len(nodes), len(nodes), n_taps, seed=job.seed)
     wanted = [nodes.index(node) for node in job.receivers]
-    for update in scenario_updates(job.scenario, job.sample_rate_hz, until_s=end / job.sample_rate_hz):
-        if update.rx not in wanted:
-            continue
-        delays = np.flatnonzero(update.taps)
-        link = (update.tx, update.rx)
-        kernel.set_sparse_taps(*link, delays, update.taps[delays], update.at_sample, update.ramp_samples)
-        if update.base_loss_db is not None:
-            kernel.set_base_loss(*link, update.base_loss_db, update.at_sample)
+    kernel = scenario_kernel(
+        job.scenario, job.sample_rate_hz, end / job.sample_rate_hz, seed=job.seed, receivers=wanted
+    )
     for index in wanted:
         kernel.set_noise_power(index, job.noise_power)
     if job.fixed_point:

@@ -3,9 +3,10 @@
 
 import numpy as np
 
+from ..emulate import filter_length, scenario_updates
 from ..errors import CastError
 from ..scenario import Scenario, link_name, played_gain
-from .cast_python import channel_emulator
+from .cast_python import channel_emulator, emulator_kernel
 
 _SAMPLE_TOLERANCE = 1e-6  # delays this near to a whole sample are on it
 
@@ -40,3 +41,31 @@ def emulated_network(
                 transmitters.index(tx), receivers.index(rx), delays[step].tolist(), gain[step].tolist(), start
             )
     return emulator
+
+
+def scenario_kernel(
+    scenario: Scenario, sample_rate_hz: float, until_s: float, *, seed: int = 0, receivers: list[int] | None = None
+) -> emulator_kernel:
+    """The emulator without a scheduler, from and to every node, with all that a scenario plays until `until_s` queued.
+
+    Only links to `receivers` (numbers of nodes; all without it) are.
+    """
+    nodes = len(scenario.nodes)
+    kernel = emulator_kernel(nodes, nodes, filter_length(sample_rate_hz), seed=seed)
+    for update in scenario_updates(scenario, sample_rate_hz, until_s=until_s):
+        if receivers is not None and update.rx not in receivers:
+            continue
+        delays = np.flatnonzero(update.taps)
+        link = (update.tx, update.rx)
+        kernel.set_sparse_taps(*link, delays, update.taps[delays], update.at_sample, update.ramp_samples)
+        if update.base_loss_db is not None:
+            kernel.set_base_loss(*link, update.base_loss_db, update.at_sample)
+    return kernel
+
+
+def play(scenario: Scenario, inputs: np.ndarray, sample_rate_hz: float, noise_power: float, seed: int) -> np.ndarray:
+    """What every node receives of `inputs`, (nodes, samples) complex64 both, from the scenario's beginning on."""
+    kernel = scenario_kernel(scenario, sample_rate_hz, inputs.shape[1] / sample_rate_hz, seed=seed)
+    for node in range(len(scenario.nodes)):
+        kernel.set_noise_power(node, noise_power)
+    return kernel.process(inputs)

@@ -1,0 +1,164 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Base stations and terminals over a scenario: SINR and what 5 Mbit/s of UDP and TCP get through, over time."""
+
+import argparse
+import sys
+from pathlib import Path
+
+import _program
+import numpy as np
+from gr_cast import plot
+from gr_cast import scenario as sc
+from gr_cast.blocks.network import play
+from gr_cast.cellular import experiment
+from gr_cast.cellular.downlink import Cell, Downlink, Radio
+from gr_cast.errors import CastError
+from gr_cast.files import write_json
+from gr_cast.scenario.create import room
+from gr_cast.scenario.create.spec import read as read_spec
+
+CELLS = {1: ["12:34,37,41"], 2: ["10:33,34,41", "25:37,38,42"]}  # of the Arena: ceiling, standing, and two that walk
+COLOSSEUM_LOSS_DB = 57.55  # of the emulator itself (Bonati et al., DySPAN 2021)
+SHORT_S, FULL_S = 15.0, 37.0
+STEP_S = {1: 0.1, 2: 0.2}  # by stations: every station is sounded at every terminal
+PAPER = {"udp_bps": 0.994, "tcp_bps": 0.978, "sinr_db": 0.991}  # similarity of a testbed and its twin, one cell
+CHECKS = 3  # instants at which all stations are heard at once
+
+
+def _scenarios(args, duration_s: float) -> tuple[list[tuple[str, sc.Scenario]], list[Cell]]:
+    """The scenarios to compare, each with its name, and the cells on them."""
+    texts = args.cells or CELLS[args.stations]
+    if args.scenario:
+        made = sc.load(args.scenario)
+        return [(made.name, made)], experiment.parse_cells(texts, made.nodes)
+    spec = read_spec(sc.examples_folder() / "arena.yaml")
+    cells = experiment.parse_cells(texts, tuple(node.name for node in spec.nodes))
+    pairs = [(cell.station, node) for cell in cells for other in cells for node in other.terminals]
+    place, twin = (room.scenario(spec, pairs, duration_s, four_taps=four_taps) for four_taps in (False, True))
+    return [("place", place), ("twin", twin)], cells
+
+
+def _with_loss(scenario: sc.Scenario, loss_db: float) -> sc.Scenario:
+    return sc.with_base_loss(scenario, scenario.base_loss_db + loss_db) if loss_db else scenario
+
+
+def _sound(downlink: Downlink, name: str, time_s: np.ndarray) -> list[dict]:
+    """The SINR at each instant; after Ctrl-C those that were measured."""
+    sinrs = []
+    try:
+        for sinr in experiment.sinr_over_time(downlink, time_s):
+            sinrs.append(sinr)
+            end = "\n" if len(sinrs) == len(time_s) else ""
+            print(f"\r{name}: {time_s[len(sinrs) - 1]:.2f} of {time_s[-1]:.2f} s sounded", end=end, file=sys.stderr, flush=True)
+    except KeyboardInterrupt:
+        print(file=sys.stderr)
+    return sinrs
+
+
+def _superposition(downlink: Downlink, time_s: np.ndarray) -> list[dict]:
+    rows = []
+    for instant in time_s[np.linspace(0, len(time_s) - 1, CHECKS).astype(int)]:
+        for terminal, (measured_db, summed_db) in downlink.superposition(float(instant)).items():
+            rows.append({
+                "time_s": float(instant), "terminal": terminal, "interference_and_noise_db": measured_db,
+                "sum_of_parts_db": summed_db,
+            })  # fmt: skip
+    return rows
+
+
+def model(args) -> int:
+    duration_s = (FULL_S if args.full else SHORT_S) if args.duration is None else args.duration
+    step_s = STEP_S[args.stations] if args.step is None else args.step
+    if not (0 < step_s <= duration_s <= 3600):
+        raise CastError(f"--step and --duration: got {step_s} and {duration_s} s, needs 0 < step <= duration <= 3600 s")
+    if not 0 < args.offered <= 1e9:
+        raise CastError(f"--offered: got {args.offered} bit/s, needs more than 0 and at most 1e9 bit/s")
+    radio = Radio(blocks=args.blocks, tx_power_dbm=args.tx_power_dbm, noise_figure_db=args.noise_figure_db)
+    scenarios, cells = _scenarios(args, duration_s)
+    time_s = np.arange(round(duration_s / step_s)) * step_s
+    output = Path(args.output)
+    output.mkdir(parents=True, exist_ok=True)
+    courses, checks, files = [], [], []
+    for number, (name, scenario) in enumerate(scenarios):
+        # Each has noise of its own, as two measurements have.
+        downlink = Downlink(_with_loss(scenario, args.setup_loss_db), cells, radio, play, seed=args.seed + number)
+        sinrs = _sound(downlink, name, time_s)
+        if not sinrs:
+            break
+        courses.append(experiment.course(name, cells, radio, time_s, sinrs, args.offered))
+        files += experiment.write_series(output / (name if len(scenarios) > 1 else "series"), courses[-1])
+        if len(sinrs) < len(time_s):
+            break
+        if len(cells) > 1:
+            checks += [row | {"run": name} for row in _superposition(downlink, time_s)]
+    if not courses:
+        return 130
+    complete = len(courses) == len(scenarios) and len(courses[-1].time_s) == len(time_s)
+    _report(args, output, scenarios, cells, radio, courses, checks, files, complete)
+    return 0 if complete else 130
+
+
+def _report(args, output: Path, scenarios, cells, radio, courses, checks, files, complete: bool) -> None:
+    rows = [row for course in courses for row in experiment.summary(course, args.offered)]
+    print(f"{experiment.MODEL}\n")
+    print(f"{'run':>8s} {'terminal':>8s} {'SINR mean':>9s} {'min':>6s} {'max':>6s} {'CQI':>4s} {'UDP Mbit/s':>10s} {'loss %':>6s}"
+          f" {'TCP Mbit/s':>10s}")  # fmt: skip
+    for row in rows:
+        print(f"{row['run'][:8]:>8s} {row['terminal']:>8s} {row['sinr_db_mean']:9.2f} {row['sinr_db_min']:6.2f}"
+              f" {row['sinr_db_max']:6.2f} {row['cqi_median']:4.0f} {row['udp_bps_mean'] / 1e6:10.3f}"
+              f" {100 * row['udp_loss']:6.1f} {row['tcp_bps_mean'] / 1e6:10.3f}")  # fmt: skip
+    worst_db = max((abs(row["interference_and_noise_db"] - row["sum_of_parts_db"]) for row in checks), default=None)
+    if worst_db is not None:
+        print(f"\nall stations at once: interference and noise within {worst_db:.2f} dB of the sum of their parts")
+    similar = experiment.similarities(*courses) if complete and len(courses) == 2 and len(courses[0].time_s) > 1 else []
+    if similar:
+        _print_similarities(similar, [name for name, _ in scenarios])
+    document = {
+        "cast_cellular": 1, "modelled": True, "model": experiment.MODEL, "complete": complete,
+        "scenarios": [{"run": name, "scenario": scenario.name, "about": scenario.description} for name, scenario in scenarios],
+        "cells": [{"station": cell.station, "terminals": list(cell.terminals)} for cell in cells],
+        "radio": {"resource_blocks": radio.blocks, "tx_power_dbm": radio.tx_power_dbm,
+                  "noise_figure_db": radio.noise_figure_db, "setup_loss_db": args.setup_loss_db},
+        "offered_bps": args.offered, "seed": args.seed, "terminals": rows, "superposition": checks, "similarity": similar,
+        "similarity_in_the_paper": PAPER, "series": files,
+    }  # fmt: skip
+    write_json(output / "cellular.json", document)
+    title = f"{' and '.join(cell.station for cell in cells)}: modelled downlink, {args.offered / 1e6:g} Mbit/s offered"
+    plot.save(plot.cellular_figure(courses, title, args.offered), output / "cellular.png")
+    print(f"picture: {output / 'cellular.png'}, figures: {output / 'cellular.json'}")
+
+
+def _print_similarities(rows: list[dict], names: list[str]) -> None:
+    print(f"\nsimilarity of {names[0]} and {names[1]}; bias is {names[1]} less {names[0]}")
+    print(f"{'terminal':>10s} {'of':>8s} {'rho':>6s} {'95 %':>14s} {'paper':>6s} {'bias':>8s} {'rmse':>8s}")
+    for row in rows:
+        scale, unit = (1, "dB") if row["quantity"] == "sinr_db" else (1e-6, "Mbit/s")
+        rho = "–" if row["rho"] is None else f"{row['rho']:.3f}"
+        interval = "{:.3f} … {:.3f}".format(*row["rho_interval"]) if row["rho_interval"] else ""
+        print(f"{row['terminal']:>10s} {row['quantity']:>8s} {rho:>6s} {interval:>14s} {PAPER[row['quantity']]:6.3f}"
+              f" {scale * row['bias']:8.3f} {scale * row['rmse']:8.3f}   {unit}")  # fmt: skip
+
+
+def main(argv=None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--output", required=True, metavar="DIR", help="picture, JSON and series")
+    parser.add_argument("--stations", type=int, choices=(1, 2), default=1, help="base stations, three terminals each (default 1)")
+    parser.add_argument("--cells", nargs="+", metavar="STATION:TERMINAL,…", help="instead: nodes by name, or number from 1")
+    parser.add_argument("--scenario", metavar="ID", help="catalogue id or file; without it the Arena in closed form")
+    parser.add_argument("--full", action="store_true", help=f"{FULL_S:g} s, as long as in the paper")
+    parser.add_argument("--duration", type=float, metavar="S", help=f"seconds (default {SHORT_S:g})")
+    parser.add_argument("--step", type=float, metavar="S", help="seconds between soundings (default 0.1; two stations 0.2)")
+    parser.add_argument("--offered", type=float, default=5e6, metavar="BPS", help="to every terminal (default 5e6)")
+    parser.add_argument("--blocks", type=int, default=50, help="LTE resource blocks: 6, 15, 25, 50 or 100 (default 50)")
+    parser.add_argument("--tx-power-dbm", type=float, default=20.0, help="of a station (default 20)")
+    parser.add_argument("--noise-figure-db", type=float, default=5.0, help="of a terminal (default 5)")
+    parser.add_argument(
+        "--setup-loss-db", type=float, default=COLOSSEUM_LOSS_DB, help="on top of the scenario (default: Colosseum's, 57.55)"
+    )
+    parser.add_argument("--seed", type=int, default=1, help="of the noise")
+    return model(parser.parse_args(argv))
+
+
+if __name__ == "__main__":
+    _program.run(main)
