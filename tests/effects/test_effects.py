@@ -9,6 +9,7 @@ from gr_cast.diagnose.model import Model, jacobian, predict
 from gr_cast.effects import FAMILIES
 from gr_cast.effects.base import start
 from gr_cast.effects.chain import PAD, Path, Scene, Source
+from gr_cast.effects.columns import Courses, Dense, Lags, gram
 from gr_cast.effects.quantization import mean_of_quantizer, variance_of_quantizer
 
 RATE_HZ, COUNT, PERIOD = 1e6, 3000, 97
@@ -126,7 +127,8 @@ def test_derivatives_are_those_of_the_prediction():
     ):
         model = model.adding(start(FAMILIES[name], p, aux=aux))
     world = scene(taps)
-    chain, rows = jacobian(world, model)
+    chain, blocks = jacobian(world, model)
+    rows = np.concatenate([b.full() for b in blocks])
     vector, step = model.vector(), 1e-5
     for k in range(len(vector)):
         moved = vector.copy()
@@ -213,3 +215,18 @@ def test_a_fading_tap_is_drawn_with_its_k_factor_and_doppler():
     values = [family.values(world, e, e.p) for e in drawn]
     assert np.mean([10 ** (-v["k_factor_db"] / 10) for v in values]) == pytest.approx(10**-1.2, rel=0.1)
     assert np.mean([v["doppler_spread_hz"] for v in values]) == pytest.approx(2e4, rel=0.1)
+
+
+def test_inner_products_of_derivatives_are_those_of_their_rows():
+    rng = np.random.default_rng(3)
+    noise = lambda *shape: rng.normal(size=shape) + 1j * rng.normal(size=shape)  # noqa: E731
+    blocks = [
+        Dense(signals=noise(3, COUNT)),
+        Lags(signals=noise(2, COUNT), entries=((0, -2), (1, 0), (1, 5)), window=rng.random(COUNT)),
+        Courses(signals=noise(2, COUNT), orders=7),
+        Courses(signals=noise(1, COUNT), orders=4),
+    ]
+    rows = np.concatenate([b.full() for b in blocks])
+    want = (np.conj(rows) @ rows.T).real
+    miss = np.abs(gram(blocks) - want) / np.abs(want).max()
+    assert miss[:9, :9].max() < 1e-8 and miss.max() < 2e-3  # courses are taken over short blocks

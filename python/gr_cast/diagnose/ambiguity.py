@@ -14,7 +14,7 @@ from ..effects.base import start
 from ..effects.chain import Source
 from .fit import Fit
 from .model import predict
-from .search import candidates, plausible, refit
+from .search import candidates, plausible, refit_or_known
 
 ALIKE_NATS = 3.0  # in ln L: two fits that differ by less are alike
 NEAR_NATS = 25.0  # predicted evidence within which a rival is worth a fit
@@ -38,10 +38,10 @@ class Rival:
     fit: Fit | None
 
 
-def rivals(fit: Fit, index: int) -> tuple[float, list[Rival]]:
-    """(evidence lost without effect `index`, its rivals, the nearest first)."""
+def rivals(fit: Fit, index: int, known=()) -> tuple[float, list[Rival]]:
+    """(evidence lost without effect `index`, its rivals, the nearest first). `known`: fits that the search made."""
     effect = fit.model.effects[index]
-    bare = refit(fit.data, fit.model.without(index))
+    bare = refit_or_known(fit.data, fit.model.without(index), known)
     lost = fit.evidence - bare.evidence
     found = []
     for s in candidates(bare):
@@ -54,7 +54,7 @@ def rivals(fit: Fit, index: int) -> tuple[float, list[Rival]]:
         if len([r for r in found if r.fit]) >= 3:
             break
         near = bare if FAMILIES[s.effect.family].noise_like else None
-        other = refit(fit.data, bare.model.adding(s.effect), near=near)
+        other = refit_or_known(fit.data, bare.model.adding(s.effect), known, near=near)
         if plausible(other.model):
             found.append(
                 Rival(
@@ -121,7 +121,7 @@ def _free_gain(a, b):
 def _predicted(fit: Fit, experiment: str):
     """The chain that a model predicts in an experiment."""
     scene, model = copy.copy(fit.data.scene), fit.model
-    scene.__dict__.update(_wraps={}, _spectra={}, _courses=None, notes={})
+    scene.__dict__.update(_wraps={}, _spectra={}, notes={})
     rng = np.random.default_rng(7)
     if experiment == "absolute_calibration":
         model = replace(model, base=np.concatenate([model.base[:1], [scene.rms, 0.0], model.base[3:]]))

@@ -7,7 +7,8 @@ Evidence takes off ½·ln N for every free number (Schwarz 1978), the Occam fact
 places tried.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import fft as sp_fft
@@ -15,8 +16,10 @@ from scipy import linalg
 
 from ..effects import FAMILIES, stage_of
 from ..effects.base import RX_FILTER, RX_GAIN
+from ..effects.columns import Dense, Lags, against, gram
 from .model import Model, jacobian, predict
 
+LARGE = 60  # parameters from which a matrix is inverted by Cholesky's method
 COLOUR_ORDERS = 10  # cepstral coefficients of a receiver's noise colour
 
 
@@ -36,9 +39,19 @@ class Data:
 
     def whitened(self, signal: np.ndarray) -> np.ndarray:
         """Signals (…, n) divided by the noise's shape, zero where a sample is not used."""
-        if self.spectrum is not None:
-            signal = sp_fft.ifft(sp_fft.fft(signal * (self.use > 0), axis=-1) / np.sqrt(self.spectrum), axis=-1)
-        return signal * self.root
+        return self._even(signal) * self.root
+
+    def white(self, columns):
+        """Derivatives as `whitened` makes them; of lags the signals alone are filtered, before the shift."""
+        signals = self._even(columns.signals)
+        if isinstance(columns, Lags):
+            return replace(columns, signals=signals, window=self.root)
+        return replace(columns, signals=signals * self.root)
+
+    def _even(self, signal):
+        if self.spectrum is None:
+            return signal
+        return sp_fft.ifft(sp_fft.fft(signal * (self.use > 0), axis=-1) / np.sqrt(self.spectrum), axis=-1)
 
     @property
     def root(self) -> np.ndarray:
@@ -63,19 +76,15 @@ class Fit:
     chain: object
     residual: np.ndarray
     sigma2: float
-    rows: np.ndarray  # whitened derivatives, (parameters, 2n) float
+    columns: list  # whitened derivatives
     hessian: np.ndarray
     likelihood: float
     evidence: float
+    notes: dict = field(default_factory=dict, compare=False)  # what was worked out about it once
 
-    @property
+    @cached_property
     def covariance(self) -> np.ndarray:
         return invert(self.hessian + np.diag(self.model.prior_precision()))
-
-
-def real_rows(rows: np.ndarray) -> np.ndarray:
-    """Complex (k, n) as float (k, 2n)."""
-    return np.ascontiguousarray(rows).view(float)
 
 
 def invert(matrix: np.ndarray, blind: float = 0.0) -> np.ndarray:
@@ -83,6 +92,12 @@ def invert(matrix: np.ndarray, blind: float = 0.0) -> np.ndarray:
     information are
     left out, others without information get a large variance."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-30))
+    if len(matrix) > LARGE and not blind:  # held by priors: sure to be positive
+        try:
+            factor = linalg.cho_factor(matrix * np.outer(scale, scale) + 1e-12 * np.eye(len(matrix)))
+            return linalg.cho_solve(factor, np.eye(len(matrix))) * np.outer(scale, scale)
+        except linalg.LinAlgError:
+            pass
     values, vectors = linalg.eigh(matrix * np.outer(scale, scale))
     inverse = np.where(values > blind, 1 / np.maximum(values, 1e-12), 0.0)
     return (vectors * inverse) @ vectors.T * np.outer(scale, scale)
@@ -96,14 +111,15 @@ def misfit(data: Data, y: np.ndarray) -> float:
 def solve(data: Data, model: Model, *, iterations: int = 8, tolerance: float = 0.05) -> Fit:
     """The model at the nearest optimum of the likelihood, from where it stands."""
     prior = model.prior_precision()
-    chain, rows = jacobian(data.scene, model)
+    chain, blocks = jacobian(data.scene, model)
     cost = misfit(data, chain.y)
     n = data.count
     for _ in range(iterations if len(prior) < 40 else min(iterations, 3)):
-        white = real_rows(data.whitened(rows))
+        white = [data.white(b) for b in blocks]
         sigma2 = cost / n
-        hessian = 2 / sigma2 * (white @ white.T)
-        slope = 2 / sigma2 * (white @ real_rows(data.whitened(data.y - chain.y)[None])[0]) - prior * model.vector()
+        hessian = 2 / sigma2 * gram(white)
+        left = Dense(signals=data.whitened(data.y - chain.y)[None])
+        slope = 2 / sigma2 * against(white, left)[:, 0] - prior * model.vector()
         if not (np.isfinite(hessian).all() and np.isfinite(slope).all()):
             break
         step = invert(hessian + np.diag(prior)) @ slope
@@ -121,8 +137,8 @@ def solve(data: Data, model: Model, *, iterations: int = 8, tolerance: float = 0
         else:
             break
         model, cost = trial, trial_cost
-        chain, rows = jacobian(data.scene, model)
-    return _finish(data, model, chain, rows)
+        chain, blocks = jacobian(data.scene, model)
+    return _finish(data, model, chain, blocks)
 
 
 def _limited(model: Model, step: np.ndarray) -> np.ndarray:
@@ -135,13 +151,13 @@ def _limited(model: Model, step: np.ndarray) -> np.ndarray:
     return model.vector() + np.clip(step, -limit, limit)
 
 
-def _finish(data: Data, model: Model, chain, rows) -> Fit:
-    white = real_rows(data.whitened(rows))
+def _finish(data: Data, model: Model, chain, blocks) -> Fit:
+    white = [data.white(b) for b in blocks]
     residual = data.y - chain.y
     r = data.whitened(residual)
     n = data.count
     sigma2 = max(float(np.vdot(r, r).real) / n, 1e-30)
-    hessian = np.nan_to_num(2 / sigma2 * (white @ white.T))
+    hessian = np.nan_to_num(2 / sigma2 * gram(white))
     likelihood = -n * (np.log(sigma2) + 1) - data.log_shape()
     return Fit(
         model=model,
@@ -149,7 +165,7 @@ def _finish(data: Data, model: Model, chain, rows) -> Fit:
         chain=chain,
         residual=residual,
         sigma2=sigma2,
-        rows=white,
+        columns=white,
         hessian=hessian,
         likelihood=likelihood,
         evidence=likelihood - price(model, hessian, n),

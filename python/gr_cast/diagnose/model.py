@@ -9,6 +9,7 @@ import numpy as np
 from ..effects import CHANNEL_AFTER, FAMILIES, Effect, stage_of
 from ..effects.base import ENVIRONMENT
 from ..effects.chain import Chain
+from ..effects.columns import Dense
 
 STEP = 1e-5  # of a finite difference; every internal parameter is scaled to be of order 1
 
@@ -33,6 +34,12 @@ class Model:
     @property
     def families(self) -> tuple[str, ...]:
         return tuple(sorted(e.family + str(e.aux.get("side", "")) for e in self.found))
+
+    @property
+    def signature(self) -> tuple:
+        """What makes two models the same but for their numbers: families, what they act on, what is free."""
+        told = [(e.family, str(sorted(e.aux.items(), key=str)), tuple(e.free), round(_place(e))) for e in self.effects]
+        return tuple(sorted(told, key=str))
 
     def vector(self) -> np.ndarray:
         """Every free number: the base, then the free parameters of each effect in order."""
@@ -60,6 +67,12 @@ class Model:
         for e in self.effects:
             parts.append(np.zeros(int(e.free.sum())) if e.prior is None else 1.0 / np.maximum(e.prior[e.free], 1e-30))
         return np.concatenate(parts)
+
+
+def _place(effect: Effect) -> float:
+    """Where a free effect stands among several of its kind: the number that is searched for."""
+    searched = {"extra_path": 2, "second_transmitter": 2, "tone_interference": 2, "sample_loss": 0}
+    return float(effect.p[searched[effect.family]]) if effect.family in searched else 0.0
 
 
 def _start_chain(scene, base) -> Chain:
@@ -109,8 +122,8 @@ def predict(scene, model: Model, noise=None) -> Chain:
     return _run(scene, model.base, model.effects, chain, 0)
 
 
-def jacobian(scene, model: Model) -> tuple[Chain, np.ndarray]:
-    """The prediction and its derivatives (parameters, count) by the vector of the model."""
+def jacobian(scene, model: Model) -> tuple[Chain, list]:
+    """The prediction and its derivatives by the vector of the model, one set for the base and one per effect."""
     snapshots: list[Chain] = []
     chain = _run(scene, model.base, model.effects, _start_chain(scene, model.base), 0, snapshots)
     steps = _steps(model.effects)
@@ -120,10 +133,11 @@ def jacobian(scene, model: Model) -> tuple[Chain, np.ndarray]:
         rows.append(_difference(scene, model, chain.y, gain_step, snapshots, base_index=k))
     for k in range(3, len(model.base)):
         rows.append(_difference(scene, model, chain.y, 0, base_index=k))
+    blocks = [Dense(signals=np.array(rows))]
     for i, effect in enumerate(model.effects):
         if effect.free.any():
-            rows.extend(effect_columns(scene, model, i, chain, snapshots[steps.index(i)]))
-    return chain, np.array(rows)
+            blocks.append(effect_columns(scene, model, i, chain, snapshots[steps.index(i)]))
+    return chain, blocks
 
 
 def _difference(scene, model, y, first, snapshots=None, base_index=0) -> np.ndarray:
@@ -134,28 +148,19 @@ def _difference(scene, model, y, first, snapshots=None, base_index=0) -> np.ndar
     return (_run(scene, base, model.effects, chain, first).y - y) / step
 
 
-def effect_columns(scene, model: Model, index: int, chain: Chain, before: Chain) -> list[np.ndarray]:
+def effect_columns(scene, model: Model, index: int, chain: Chain, before: Chain):
     """Derivatives of the prediction by the free parameters of one effect; `before` is the chain in front of
     its step."""
     effect = model.effects[index]
     family = FAMILIES[effect.family]
     if hasattr(family, "columns"):
-        return list(
-            family.columns(scene, effect, chain, before, lambda c, e, extra=None: _rest(scene, model, index, c, e, extra))
-        )
+        return family.columns(scene, effect, chain, before, lambda c, e, extra=None: _rest(scene, model, index, c, e, extra))
     rows = []
     for k in np.flatnonzero(effect.free):
         p = effect.p.copy()
         p[k] += STEP
         rows.append((_rest(scene, model, index, before.copy(), effect.moved(p)).y - chain.y) / STEP)
-    return rows
-
-
-def derivative_units(scene, model: Model, index: int, chain: Chain, before: Chain):
-    """`Family.units` of one effect of a model."""
-    effect = model.effects[index]
-    rest = lambda c, e, extra=None: _rest(scene, model, index, c, e, extra)  # noqa: E731
-    return FAMILIES[effect.family].units(scene, effect, chain, before, rest)
+    return Dense(signals=np.array(rows))
 
 
 def _rest(scene, model, index, chain, effect, extra=None) -> Chain:

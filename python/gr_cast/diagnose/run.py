@@ -12,7 +12,7 @@ from ..effects.signal_dependent_noise import told_floor
 from . import align, ambiguity, gate, residual
 from .fit import Fit, filters_noise, gain_of_receiver, misfit
 from .model import predict
-from .search import refit, search
+from .search import refit, refit_or_known, search
 
 BUDGET_S = 240.0
 SETTLED = {"carrier_frequency_offset", "extra_path"}  # a drift or Doppler of 0 has an error too
@@ -59,7 +59,7 @@ class Finding:
         if key not in self.gains:
             model = replace(self.fit.model, effects=tuple(e for e in self.fit.model.effects if "nats" not in e.aux))
             at = next(i for i, e in enumerate(model.effects) if e.p is effect.p)
-            without = refit(self.data, model.without(at))
+            without = refit_or_known(self.data, model.without(at), self.fits)
             self.gains[key] = (float(self.fit.evidence - without.evidence), [])
         return self.gains[key]
 
@@ -166,7 +166,7 @@ def _compare(finding: Finding) -> None:
     for i, effect in enumerate(fit.model.effects):
         if effect.fixed:
             continue
-        finding.gains[id(effect.p)] = _, rivals = ambiguity.rivals(fit, i)
+        finding.gains[id(effect.p)] = _, rivals = ambiguity.rivals(fit, i, finding.fits)
         equal = [r for r in rivals if ambiguity.alike(effect, r)]
         if equal:
             families = list(dict.fromkeys([effect.family, *(r.effect.family for r in equal)]))[:3]

@@ -10,10 +10,10 @@ from scipy import fft as sp_fft
 
 from ..effects import FAMILIES, Effect, stage_of
 from ..effects.base import RX_FILTER, RX_GAIN, start
-from ..effects.basis import cosines
+from ..effects.columns import Dense, against, gram, inner, single
 from . import noise
-from .fit import COLOUR_ORDERS, Data, Fit, invert, misfit, real_rows, smooth_spectrum, solve, with_noise
-from .model import Model, _run, _start_chain, _steps, derivative_units, effect_columns, predict
+from .fit import COLOUR_ORDERS, Data, Fit, invert, misfit, smooth_spectrum, solve, with_noise
+from .model import Model, _run, _start_chain, _steps, effect_columns, predict
 from .view import View
 
 MARGIN = 5.0  # nats of evidence that an effect must bring beyond its price
@@ -21,6 +21,7 @@ BEAM = 2
 REFITS = 3
 MOST_EFFECTS = 4
 SEEN = 1e-5  # share of a derivative that must be left when what other parameters can do is taken out
+CLEAR_NATS = 300.0  # a signal that promises more is fitted before the law of the noise is asked for
 FEW_NATS = 10.0  # a flexible family is tried when no simple one comes this near
 
 
@@ -30,95 +31,45 @@ class Score:
     effect: Effect
 
 
-@dataclass(frozen=True, kw_only=True)
-class Gram:
-    """Inner products of an effect's derivatives: among themselves, with those of the fit, with the residual
-    (in nats)."""
-
-    h_cc: np.ndarray
-    h_cj: np.ndarray
-    slope: np.ndarray
-
-    def part(self, index) -> "Gram":
-        return Gram(h_cc=self.h_cc[np.ix_(index, index)], h_cj=self.h_cj[index], slope=self.slope[index])
-
-
-def _gram(data: Data, rows, residual, sigma2, columns) -> Gram:
-    c = real_rows(data.whitened(np.array(columns))).astype(np.float32)
-    return Gram(
-        h_cc=(2 / sigma2 * (c @ c.T)).astype(float),
-        h_cj=2 / sigma2 * (c @ rows.T.astype(np.float32)).astype(float),
-        slope=2 / sigma2 * (c @ residual.astype(np.float32)).astype(float),
-    )
-
-
-def _gram_of_courses(data: Data, rows, residual, sigma2, units, orders) -> Gram:
-    """The same for units × cosines, from sums over blocks in which the cosines hardly move."""
-    n = data.scene.count
-    edges = np.unique(np.linspace(0, n, min(n // 8, 16 * orders) + 1).astype(int))[:-1]
-    middle = (edges + np.append(edges[1:], n)) / 2 / n
-    basis = cosines(middle, orders)  # (orders, blocks)
-    white = data.whitened(units)
-    k = len(units)
-
-    def blocks(a, b):
-        return np.add.reduceat((np.conj(a) * b).real, edges)
-
-    h_cc = np.zeros((orders, k, orders, k))
-    for i in range(k):
-        for j in range(i, k):
-            e = blocks(white[i], white[j])
-            h_cc[:, i, :, j] = (basis * e) @ basis.T
-            h_cc[:, j, :, i] = h_cc[:, i, :, j].T
-    others = np.vstack([rows, residual[None]]).view(complex)
-    cross = np.array([[basis @ blocks(white[i], other) for other in others] for i in range(k)])  # (k, others, orders)
-    cross = 2 / sigma2 * cross.transpose(2, 0, 1).reshape(orders * k, -1)
-    return Gram(h_cc=2 / sigma2 * h_cc.reshape(orders * k, orders * k), h_cj=cross[:, :-1], slope=cross[:, -1])
-
-
-def score(fit: Fit, effect: Effect, grams: dict | None = None) -> Score:
+def score(fit: Fit, effect: Effect) -> Score:
     """Predicted gain in evidence of adding an effect, by one Gauss-Newton step from its start (Rao's score
     test)."""
-    data, scene, family = fit.data, fit.data.scene, FAMILIES[effect.family]
-    n, sigma2, grams = data.count, fit.sigma2, {} if grams is None else grams
-    nest = family.nest(scene, effect)
-    saved, gram = 0.0, None
-    rows, inverse = (
-        fit.rows,
-        grams.setdefault("inverse", invert(fit.hessian + np.diag(fit.model.prior_precision()))),
-    )
-    residual = grams.setdefault("residual", real_rows(data.whitened(fit.residual[None]))[0])
+    data, family = fit.data, FAMILIES[effect.family]
+    n, sigma2 = data.count, fit.sigma2
+    if "columns" not in fit.notes:
+        fit.notes["columns"] = [single(b) for b in fit.columns]
+        fit.notes["residual"] = single(Dense(signals=data.whitened(fit.residual[None])))
+    blocks, residual, inverse, saved = fit.notes["columns"], fit.notes["residual"], fit.covariance, 0.0
+    nest = family.nest(data.scene, effect)
     key = (effect.family, nest[0]) if nest else None
-    if key not in grams or nest is None:
+    if key is None or key not in fit.notes:
         probe = nest[1] if nest else effect
-        model = fit.model.adding(probe)
-        index = next(i for i, e in enumerate(model.effects) if e is probe)
-        snapshots = []
-        chain = _run(scene, model.base, model.effects, _start_chain(scene, model.base), 0, snapshots)
-        before = snapshots[_steps(model.effects).index(index)]
+        chain, columns = _derivatives(fit, probe)
         change = chain.y - fit.chain.y
         if float(np.vdot(change, change).real) > 1e-12 * float(np.vdot(fit.chain.y, fit.chain.y).real):
             # The start is elsewhere: gain and phase are set free there, the rest of the model stands still.
-            residual = real_rows(data.whitened((data.y - chain.y)[None]))[0]
-            rows = real_rows(data.whitened(np.stack([chain.y, 1j * chain.y])))
-            saved = misfit(data, fit.chain.y) / sigma2 - float(residual @ residual) / sigma2
-            inverse = invert(2 / sigma2 * rows @ rows.T)
-        units = derivative_units(scene, model, index, chain, before)
-        if units is not None:
-            gram = _gram_of_courses(data, rows, residual, sigma2, *units)
-        elif probe.free.any():
-            gram = _gram(data, rows, residual, sigma2, effect_columns(scene, model, index, chain, before))
+            residual = Dense(signals=data.whitened((data.y - chain.y)[None]))
+            blocks = [Dense(signals=data.whitened(np.stack([chain.y, 1j * chain.y])))]
+            inverse = invert(2 / sigma2 * gram(blocks))
+            saved = misfit(data, fit.chain.y) / sigma2 - float(inner(residual, residual)[0, 0]) / sigma2
+        part = None
+        if columns is not None:
+            columns = single(data.white(columns))
+            cross = against(blocks, columns).T
+            part = 2 / sigma2 * inner(columns, columns), 2 / sigma2 * cross, 2 / sigma2 * inner(columns, residual)[:, 0]
         if nest:
-            grams[key] = gram
+            fit.notes[key] = part
     if nest:
-        gram = grams[key].part(nest[2])
-    b_j = 2 / sigma2 * rows @ residual if saved else np.zeros(len(rows))
+        h_cc, h_cj, slope = fit.notes[key]
+        part = h_cc[np.ix_(nest[2], nest[2])], h_cj[nest[2]], slope[nest[2]]
+    b_j = 2 / sigma2 * against(blocks, residual)[:, 0] if saved else np.zeros(len(inverse))
     gain = saved + 0.5 * b_j @ inverse @ b_j
     p, prior, occam = effect.p.copy(), None, 0.0
-    if gram is not None:
-        schur = gram.h_cc - gram.h_cj @ inverse @ gram.h_cj.T
-        slope = gram.slope - gram.h_cj @ inverse @ b_j
-        scale = np.diag(gram.h_cc)
+    if part is not None:
+        h_cc, h_cj, slope = part
+        schur = h_cc - h_cj @ inverse @ h_cj.T
+        slope = slope - h_cj @ inverse @ b_j
+        scale = np.diag(h_cc)
         live = np.diag(schur) > SEEN * np.maximum(scale, 1e-9 * scale.max() + 1e-300)
         free = np.flatnonzero(effect.free)[live]
         if live.any():
@@ -139,13 +90,25 @@ def score(fit: Fit, effect: Effect, grams: dict | None = None) -> Score:
     found = replace(effect, p=p)
     if stage_of(effect) == RX_FILTER:
         net = gain - cost - np.log(effect.trials)
-        colour = grams.setdefault("colour", _colour_gain(fit))
+        if "colour" not in fit.notes:
+            fit.notes["colour"] = _colour_gain(fit)
+        colour = fit.notes["colour"]
         gain += colour if net > 0 else min(colour, 0.0)
     if prior is not None:
         full = effect.prior.copy()
         full[free] = prior
         found = replace(found, prior=full)
     return Score(net=float(gain - cost - np.log(effect.trials)), effect=found)
+
+
+def _derivatives(fit: Fit, probe: Effect):
+    """(chain, derivatives or None) of the model with one more effect, at its start."""
+    scene, model = fit.data.scene, fit.model.adding(probe)
+    index = next(i for i, e in enumerate(model.effects) if e is probe)
+    snapshots = []
+    chain = _run(scene, model.base, model.effects, _start_chain(scene, model.base), 0, snapshots)
+    before = snapshots[_steps(model.effects).index(index)]
+    return chain, effect_columns(scene, model, index, chain, before) if probe.free.any() else None
 
 
 def _colour_gain(fit: Fit) -> float:
@@ -198,6 +161,12 @@ def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2) ->
     return fit
 
 
+def refit_or_known(data: Data, model: Model, known, near: Fit | None = None) -> Fit:
+    """`refit`, or a fit of the same effects in `known`, where that is made already."""
+    same = [f for f in known if f.model.signature == model.signature]
+    return max(same, key=lambda f: f.evidence) if same else refit(data, model, near=near)
+
+
 def _again(fit: Fit, effect: Effect) -> Effect:
     """A noise effect with its strength fitted to the residual; others as they are."""
     if effect.fixed or effect.family not in noise.TESTED:
@@ -207,9 +176,17 @@ def _again(fit: Fit, effect: Effect) -> Effect:
 
 
 def candidates(fit: Fit) -> list[Score]:
-    """Every family's score on a fit, best first, at most two starts of a family."""
+    """Every family's score on a fit, best first, at most two starts of a family; worked out once for a fit."""
+    if "candidates" not in fit.notes:
+        fit.notes["candidates"] = _candidates(fit)
+        for heavy in [k for k in fit.notes if k != "candidates"]:
+            del fit.notes[heavy]
+    return fit.notes["candidates"]
+
+
+def _candidates(fit: Fit) -> list[Score]:
     view = View(fit)
-    scores, grams = [], {}
+    scores = []
     have = {(e.family, str(sorted((k, str(v)) for k, v in e.aux.items()))) for e in fit.model.effects}
     for family in FAMILIES.values():
         if family.noise_like:
@@ -222,8 +199,9 @@ def candidates(fit: Fit) -> list[Score]:
                 continue
             if effect.family in ONCE and any(e.family == effect.family for e in fit.model.effects):
                 continue
-            scores.append(score(fit, effect, grams))
-    scores += [Score(net=net, effect=effect) for net, effect in noise.starts(fit)]
+            scores.append(score(fit, effect))
+    if max((s.net for s in scores), default=0.0) < CLEAR_NATS:  # else what is left is not the noise's yet
+        scores += [Score(net=net, effect=effect) for net, effect in noise.starts(fit)]
     scores.sort(key=lambda s: -s.net)
     kept, per_family = [], {}
     for s in scores:
@@ -292,7 +270,7 @@ def search(data: Data, model: Model, *, deadline: float = np.inf) -> list[Fit]:
         if not beam or all(f.evidence < leader - 1e-9 for f in beam):
             break
     ranked = sorted(done.values(), key=lambda f: -f.evidence)
-    return [eliminate(data, ranked[0]), *ranked[1:]]
+    return [eliminate(data, ranked[0], ranked), *ranked]
 
 
 def plausible(model: Model) -> bool:
@@ -326,14 +304,14 @@ def _gross_offsets(data: Data, model: Model) -> list[Model]:
     return found
 
 
-def eliminate(data: Data, fit: Fit) -> Fit:
+def eliminate(data: Data, fit: Fit, known=()) -> Fit:
     """Take out, one by one, every effect that no longer pays its price."""
     while fit.model.found:
         worst = None
         for i, effect in enumerate(fit.model.effects):
             if effect.fixed or "read" in effect.aux:
                 continue
-            less = refit(data, fit.model.without(i))
+            less = refit_or_known(data, fit.model.without(i), known)
             if less.evidence > fit.evidence - MARGIN and (worst is None or less.evidence > worst.evidence):
                 worst = less
         if worst is None:

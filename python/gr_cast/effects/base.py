@@ -94,11 +94,6 @@ class Family:
         parts of one."""
         return None
 
-    def units(self, scene, effect: Effect, chain, before, rest):
-        """Where derivatives are slow courses on a few signals: (those signals (k, n), courses (orders));
-        else None."""
-        return None
-
     def limits(self, effect: Effect) -> np.ndarray:
         """Largest step of each parameter in one iteration of a fit."""
         return np.full(len(effect.p), self.reach)
@@ -146,16 +141,6 @@ def rms_of(scene, effect: Effect) -> float:
 
 def said_rms(model: dict) -> dict:
     return {"rms": float(model["wanted_rms"])} if "wanted_rms" in model else {}
-
-
-def shifted(signal: np.ndarray, lag: int) -> np.ndarray:
-    """The signal `lag` samples later (earlier if negative), zeros where nothing is known."""
-    out = np.zeros_like(signal)
-    if lag >= 0:
-        out[lag:] = signal[: len(signal) - lag]
-    else:
-        out[:lag] = signal[-lag:]
-    return out
 
 
 def peaks(spectrum: np.ndarray, count: int, apart: int) -> list[int]:

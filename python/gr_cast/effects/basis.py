@@ -1,14 +1,34 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Smooth random courses in time: a cosine basis on the recording, with the variance of each cosine as
-prior."""
+"""Smooth random courses in time on a cosine basis √2·cos(πkn/L), k = 1 …, n the sample, L the next length with a fast
+FFT: every sum over the basis is one FFT, and no matrix of cosines is ever made.
+"""
 
 import numpy as np
 from scipy import fft as sp_fft
 from scipy.interpolate import CubicSpline
+from scipy.linalg import hankel, toeplitz
+
+GRAIN = 64  # L is a multiple of it, so that a signal can be summed over short blocks before its slow cosines are taken
+FINE = 16  # blocks for each cosine: a block then holds a 32nd of a turn
+
+
+def course_length(count: int) -> int:
+    """L: half the period of the slowest cosine, in samples."""
+    return GRAIN * sp_fft.next_fast_len(-(-count // GRAIN))
+
+
+def course(p: np.ndarray, count: int) -> np.ndarray:
+    """(count,) Σ p_k·√2·cos(πkn/L) of real or complex coefficients."""
+    if np.iscomplexobj(p):
+        return course(p.real, count) + 1j * course(p.imag, count)
+    length = course_length(count)
+    spectrum = np.zeros(length + 1)
+    spectrum[1 : len(p) + 1] = p * (np.sqrt(2) * length)
+    return sp_fft.irfft(spectrum, 2 * length)[:count]
 
 
 def course_of(coefficients: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Σ c_k·√2·cos(πku) at `u` (n,), real or complex, by splines over a grid 16 times finer than its fastest cosine."""
+    """`course` at any `u` = n/L (m,), real or complex, by splines over a grid 16 times finer than its fastest cosine."""
     orders = len(coefficients)
     size = sp_fft.next_fast_len(16 * orders)
     low, high = int(np.floor(u.min() * size)) - 16, int(np.ceil(u.max() * size)) + 16
@@ -21,12 +41,32 @@ def course_of(coefficients: np.ndarray, u: np.ndarray) -> np.ndarray:
     return course if np.iscomplexobj(coefficients) else course.real
 
 
-def cosines(u: np.ndarray, orders: int) -> np.ndarray:
-    """(orders, n) the cosines √2·cos(πku) for k = 1 … orders, of mean power 1."""
-    k = np.arange(1, orders + 1)[:, None]
-    return np.sqrt(2) * np.cos(np.pi * k * u[None, :])
+def _cosine_sums(signal: np.ndarray, orders: int) -> np.ndarray:
+    """(orders + 1,) Σ_n signal·cos(πkn/L) for k = 0 … orders of a real signal (n,)."""
+    length = course_length(len(signal))
+    block = 1
+    while block < GRAIN and length // (2 * block) >= FINE * orders:
+        block *= 2
+    whole = np.zeros(length)
+    whole[: len(signal)] = signal
+    sums = sp_fft.rfft(whole.reshape(-1, block).sum(1), 2 * length // block)[: orders + 1]
+    k = np.arange(orders + 1)
+    # The cosine at a block's middle, times its mean over the block relative to that.
+    middle = np.exp(-0.5j * np.pi * k * (block - 1) / length)
+    return (sums * middle).real * np.sinc(k * block / (2 * length))
+
+
+def weights(signal: np.ndarray, orders: int) -> np.ndarray:
+    """(orders,) Σ_n signal·√2·cos(πkn/L) of a real signal (n,)."""
+    return np.sqrt(2) * _cosine_sums(signal, orders)[1:]
+
+
+def products(energy: np.ndarray, first: int, second: int) -> np.ndarray:
+    """(first, second) Σ_n energy·2·cos(πkn/L)·cos(πln/L): from 2·cos a·cos b = cos(a − b) + cos(a + b)."""
+    e = _cosine_sums(energy, first + second)
+    return toeplitz(e[:first], e[:second]) + hankel(e[2 : first + 2], e[first + 1 : first + second + 1])
 
 
 def course_orders(scene) -> tuple[int, ...]:
     """Numbers of cosines worth trying on a recording."""
-    return tuple(size for size in (6, 24, 80) if size < scene.count / 100) or (3,)
+    return tuple(size for size in (6, 24, 96) if size < scene.count / 100) or (3,)

@@ -15,12 +15,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import fft as sp_fft
 
-from .basis import cosines, course_of
+from .basis import course, course_length, course_of
 
 TAU = 2 * np.pi
 PAD = 1024  # samples of silence or of wrap-around kept around a waveform that is sent once
 OVERSAMPLING = 8
-MOST_COSINES = 128  # of a course that is their plain sum
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +33,7 @@ class Path:
     doppler: float = 0.0
     drift: float = 0.0  # samples that the delay grows over the recording
     track: np.ndarray | None = None  # (n,) complex factor over time
+    shape: np.ndarray | None = None  # taps at whole samples from `delay` on, instead of one
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +80,7 @@ class Scene:
     def _number_samples(self):
         self.index = self.first + np.arange(self.count, dtype=float)
         self.u = self.index / self.span
-        self._wraps, self._courses = {}, None
+        self._wraps = {}
 
     def stretch(self, first: int, count: int, sources: list[Source], extra: dict[str, Source]) -> "Scene":
         """Other samples of the same recording, `count` from number `first` on, with what was sent around them."""
@@ -95,16 +95,11 @@ class Scene:
             self._spectra[code] = sp_fft.fft(self.extra[code].samples)
         return self._spectra[code]
 
-    def cosines(self, orders: int) -> np.ndarray:
-        """(orders, n) the basis of smooth courses, kept for the largest number asked for."""
-        if self._courses is None or len(self._courses) < orders:
-            self._courses = cosines(self.u, orders)
-        return self._courses[:orders]
-
     def course(self, coefficients: np.ndarray) -> np.ndarray:
         """(n,) the smooth course of these coefficients."""
-        orders = len(coefficients)
-        return coefficients @ self.cosines(orders) if orders <= MOST_COSINES else course_of(coefficients, self.u)
+        if self.first == 0 and self.span == self.count:
+            return course(coefficients, self.count)
+        return course_of(coefficients, self.index / course_length(self.span))
 
     def drift_of(self, doppler: float) -> float:
         """Samples that a real path's delay grows over the recording when its Doppler is `doppler` cycles."""
@@ -198,7 +193,7 @@ class Chain:
             if i not in spectra:
                 spectra[i] = sp_fft.fft(self.waves[i])
             f = frequencies(len(self.waves[i]))
-            response = sum(p.gain * np.exp((-1j * TAU) * f * (p.delay + self.delay)) for p in paths)
+            response = sum(self._response(p, f) for p in paths)
             signal = self.sample(scene.sources[i], spectra[i] * response, self.clock - drift)
             if doppler:
                 signal = signal * np.exp(1j * TAU * doppler * self.u)
@@ -209,9 +204,14 @@ class Chain:
             for path in self.paths:
                 if path.source == i:
                     tone = np.exp(1j * TAU * path.doppler * self.u) if path.doppler else 1.0
-                    y += self.ports.get(i, 1.0) * leak * path.gain * tone
+                    gain = path.gain if path.shape is None else path.gain * path.shape.sum()
+                    y += self.ports.get(i, 1.0) * leak * gain * tone
         self.y = y
         self.wanted = self.y
+
+    def _response(self, path: Path, f: np.ndarray) -> np.ndarray:
+        turn = path.gain * np.exp((-1j * TAU) * f * (path.delay + self.delay))
+        return turn if path.shape is None else turn * sp_fft.fft(path.shape, len(f))
 
     def sample(self, source: Source, spectrum: np.ndarray, stretch: float) -> np.ndarray:
         """The signal of `spectrum` at the recording's samples; `stretch` samples are gained over the

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from .base import LINK, Family, shifted, start
+from .base import LINK, Family, start
 from .chain import Path
+from .columns import Lags
 
 PROBE = 1e-5  # size of the tap that is added to measure a derivative
 SIZES = (8, 16, 32, 64)
@@ -23,8 +24,8 @@ class DiffuseTail(Family):
     def apply(self, chain, effect):
         taps = effect.p[::2] + 1j * effect.p[1::2]
         first = effect.aux["first"]
-        for k in np.flatnonzero(taps):
-            chain.paths.append(Path(source=effect.aux["source"], delay=first + k, gain=taps[k]))
+        if taps.any():
+            chain.paths.append(Path(source=effect.aux["source"], delay=first, gain=1.0, shape=taps))
 
     def nest(self, scene, effect):
         size = 2 * max(s for s in SIZES if s <= max(scene.count // 12, SIZES[0]))
@@ -38,8 +39,7 @@ class DiffuseTail(Family):
         one = before.copy()
         one.paths.append(Path(source=effect.aux["source"], delay=effect.aux["first"], gain=PROBE))
         unit = (rest(one, effect).y - chain.y) / PROBE
-        c = np.array([shifted(unit, k) for k in range(len(effect.p) // 2)])
-        return np.stack([c, 1j * c], 1).reshape(len(effect.p), -1)
+        return Lags(signals=unit[None], entries=tuple((0, k) for k in range(len(effect.p) // 2)))
 
     def starts(self, view):
         for i in range(len(view.scene.sources)):

@@ -7,7 +7,8 @@ Internal: real and imaginary parts of the taps from aux low to aux high, the mai
 
 import numpy as np
 
-from .base import RX_FILTER, TX_FILTER, Effect, Family, shifted, start
+from .base import RX_FILTER, TX_FILTER, Effect, Family, start
+from .columns import Lags
 
 SIZES = (
     (0, 1),
@@ -69,8 +70,7 @@ class FrontEndFilter(Family):
     def columns(self, scene, effect, chain, before, rest):
         lags = np.delete(np.arange(effect.aux["low"], effect.aux["high"] + 1), -effect.aux["low"])
         steady = chain.wanted if effect.aux.get("side") == "tx" else before.y
-        c = np.array([shifted(steady, lag) for lag in lags])
-        return np.stack([c, 1j * c], 1).reshape(2 * len(lags), -1)
+        return Lags(signals=steady[None], entries=tuple((0, int(lag)) for lag in lags))
 
     def starts(self, view):
         for low, high in SIZES:

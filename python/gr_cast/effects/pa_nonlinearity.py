@@ -9,8 +9,9 @@ parts.
 import numpy as np
 from scipy import fft as sp_fft
 
-from .base import TX_PA, Effect, Family, db, shifted, start
+from .base import TX_PA, Effect, Family, db, start
 from .chain import oversampled
+from .columns import Lags
 
 PROBE = 1e-5  # size of the wave that is added to measure a derivative
 ORDERS = ((1,), (1, 2), (1, 2, 3), (1, 2, 3, 4))
@@ -81,14 +82,11 @@ class PaNonlinearity(Family):
         i, orders, lags = effect.aux["source"], effect.aux["orders"], effect.aux.get("lags", ())
         x = before.waves[i]
         terms = kept(scene, i, x, effect.aux["peak"], orders)
-        unit = {}
-        for order in {0, *orders} if lags else orders:
-            c = rest(before.copy(), effect, extra=(i, PROBE * terms[order]))
-            unit[order] = (c.y - chain.y) / PROBE
-        c = [unit[order] for order in orders]
-        c += [shifted(unit[order], lag) for lag in lags for order in (0, *orders)]
-        c = np.array(c)
-        return np.stack([c, 1j * c], 1).reshape(len(effect.p), -1)
+        bends = (0, *orders) if lags else orders
+        units = [(rest(before.copy(), effect, extra=(i, PROBE * terms[o])).y - chain.y) / PROBE for o in bends]
+        entries = [(bends.index(o), 0) for o in orders]
+        entries += [(bends.index(o), lag) for lag in lags for o in (0, *orders)]
+        return Lags(signals=np.array(units), entries=tuple(entries))
 
     @staticmethod
     def _shape(orders, lags):

@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from .base import RX_LO, Family, start
-from .basis import cosines, course_orders
+from .basis import course_orders
+from .columns import Courses
 
 
 class PhaseNoise(Family):
@@ -32,9 +33,6 @@ class PhaseNoise(Family):
         chain.y = chain.y * np.exp(1j * self.course(chain.scene, effect, effect.p))
         chain.wanted = chain.y
 
-    def units(self, scene, effect, chain, before, rest):
-        return 1j * chain.wanted[None], len(effect.p)
-
     def nest(self, scene, effect):
         size = course_orders(scene)[-1]
         return (
@@ -44,7 +42,7 @@ class PhaseNoise(Family):
         )
 
     def columns(self, scene, effect, chain, before, rest):
-        return 1j * chain.wanted * scene.cosines(len(effect.p))
+        return Courses(signals=1j * chain.wanted[None], orders=len(effect.p))
 
     def starts(self, view):
         for size in course_orders(view.scene):
@@ -64,9 +62,8 @@ class PhaseNoise(Family):
 
     @staticmethod
     def detrended(scene, p):
-        u = scene.u[:: max(1, scene.count // 4096)]
-        course = p @ cosines(u, len(p))
-        return course - np.polyval(np.polyfit(u, course, 1), u)
+        phase = scene.course(p)
+        return phase - np.polyval(np.polyfit(scene.u, phase, 1), scene.u)
 
     def parse(self, scene, parameters, model):
         highest = model.get("highest_hz", course_orders(scene)[-1] / 2 / scene.duration_s)

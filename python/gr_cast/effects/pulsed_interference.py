@@ -83,7 +83,7 @@ def _fold(e, use, period, n, total, count, scales=(1.0, 0.15)):
     """Best two-level window of the energy folded at periods near `period`: (gain, [ln ratio, period, first,
     duty])."""
     best = (0.0, None)
-    width = 64
+    width, held = 64, {}
     step = period * period / n / width
     for scale in scales:
         centre = period if best[1] is None else best[1][1]
@@ -92,8 +92,9 @@ def _fold(e, use, period, n, total, count, scales=(1.0, 0.15)):
             if p < 4:
                 continue
             bins = int(min(width if scale == 1.0 else 256, max(8, p)))
-            at = ((np.arange(n) / p) % 1.0 * bins).astype(int)
-            folded, hits = np.bincount(at, e, bins), np.bincount(at, use, bins)
+            first, energy, used = _blocks(e, use, int(p / (4 * bins)), held)
+            at = (((first + 0.5 * (first[1] - first[0] - 1)) / p) % 1.0 * bins).astype(int)
+            folded, hits = np.bincount(at, energy, bins), np.bincount(at, used, bins)
             e2, h2 = (
                 np.cumsum(np.concatenate([[0], folded, folded])),
                 np.cumsum(np.concatenate([[0], hits, hits])),
@@ -108,3 +109,12 @@ def _fold(e, use, period, n, total, count, scales=(1.0, 0.15)):
                     ratio = e_on[i] / n_on[i] / off - 1
                     best = (float(gain[i]), [np.log(max(ratio, 1e-3)), p, i / bins * p, length / bins])
     return best
+
+
+def _blocks(e, use, size, held):
+    """(first samples, energies, used samples) of blocks of about `size`, kept in `held`."""
+    size = 1 << max(0, size.bit_length() - 1)
+    if size not in held:
+        first = np.arange(0, len(e), size)
+        held[size] = first, np.add.reduceat(e, first), np.add.reduceat(use.astype(float), first)
+    return held[size]

@@ -8,6 +8,7 @@ import numpy as np
 
 from .base import start
 from .basis import course_orders
+from .columns import Courses
 from .tap import TapFamily
 
 PROBE = 1e-5  # size of the path that is added to measure a derivative
@@ -37,16 +38,12 @@ class TapFading(TapFamily):
             np.arange(len(effect.p)),
         )
 
-    def units(self, scene, effect, chain, before, rest):
+    def columns(self, scene, effect, chain, before, rest):
         path = before.paths[effect.aux["tap"]]
         steady = before.copy()
         steady.paths.append(replace(path, gain=PROBE * path.gain))
         signal = (rest(steady, effect).y - chain.y) / PROBE
-        return np.stack([signal, 1j * signal]), len(effect.p) // 2
-
-    def columns(self, scene, effect, chain, before, rest):
-        units, orders = self.units(scene, effect, chain, before, rest)
-        return (units * scene.cosines(orders)[:, None, :]).reshape(len(effect.p), -1)
+        return Courses(signals=np.stack([signal, 1j * signal]), orders=len(effect.p) // 2)
 
     def starts(self, view):
         for k in view.tap_order():

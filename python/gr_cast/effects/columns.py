@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Derivatives of a prediction, kept in the form in which their inner products are cheap.
+
+`Dense` holds them row by row; `Lags` shifted copies of a few signals, each times 1 and j; `Courses` a few signals times the
+cosines of a slow course. The last two are written out only where many are to be compared with them.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from .basis import course, products, weights
+
+FEW = 8  # derivatives against which a whole table is cheaper than its chunks
+CHUNK = 1 << 18  # complex numbers that are worked on at once: what a cache holds
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dense:
+    """Derivatives as they are: (k, n) complex."""
+
+    signals: np.ndarray
+    paired = False
+
+    def __len__(self):
+        return len(self.signals)
+
+    @property
+    def height(self):
+        return len(self.signals)
+
+    def part(self, a: int, b: int) -> np.ndarray:
+        return self.signals[:, a:b]
+
+    @property
+    def table(self) -> np.ndarray:
+        return self.signals
+
+    def full(self) -> np.ndarray:
+        return self.signals
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lags:
+    """c and j·c for every c = signals[i] `lag` samples later, in `entries` (i, lag); zeros where nothing is known."""
+
+    signals: np.ndarray  # (u, n)
+    entries: tuple
+    window: np.ndarray | None = None  # (n,) factor after the shift
+    paired = True
+
+    def __len__(self):
+        return 2 * len(self.entries)
+
+    @property
+    def height(self):
+        return len(self.entries)
+
+    def part(self, a: int, b: int) -> np.ndarray:
+        """(entries, b − a) the shifted signals themselves."""
+        n = self.signals.shape[1]
+        out = np.zeros((len(self.entries), b - a), self.signals.dtype)
+        for row, (i, lag) in zip(out, self.entries, strict=True):
+            low, high = max(a - lag, 0), min(b - lag, n)
+            if high > low:
+                row[low + lag - a : high + lag - a] = self.signals[i, low:high]
+        if self.window is not None:
+            out *= self.window[a:b]
+        return out
+
+    @cached_property
+    def table(self) -> np.ndarray:
+        """All shifted signals, in single precision."""
+        n, size = self.signals.shape[1], max(512, CHUNK // self.height)
+        out = np.empty((self.height, n), np.complex64)
+        for first in range(0, n, size):
+            out[:, first : first + size] = self.part(first, min(first + size, n))
+        return out
+
+    def full(self) -> np.ndarray:
+        c = self.part(0, self.signals.shape[1])
+        return np.stack([c, 1j * c], 1).reshape(len(self), -1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Courses:
+    """signals[i] · √2·cos(πkn/L), k-major: all units of the slowest cosine first."""
+
+    signals: np.ndarray  # (u, n)
+    orders: int
+
+    def __len__(self):
+        return len(self.signals) * self.orders
+
+    def full(self) -> np.ndarray:
+        n = self.signals.shape[1]
+        basis = np.array([course(row, n) for row in np.eye(self.orders)])
+        return (basis[:, None] * self.signals[None]).reshape(len(self), n)
+
+
+def single(columns):
+    """The same in single precision, for comparisons that need no more."""
+    return replace(columns, signals=columns.signals.astype(np.complex64))
+
+
+def inner(a, b) -> np.ndarray:
+    """(len(a), len(b)) real parts of the inner products of two sets of derivatives."""
+    if isinstance(a, Courses):
+        if isinstance(b, Courses):
+            out = np.empty((a.orders, len(a.signals), b.orders, len(b.signals)))
+            for i, u in enumerate(a.signals):
+                for j, v in enumerate(b.signals):
+                    out[:, i, :, j] = products((np.conj(u) * v).real, a.orders, b.orders)
+        else:
+            out = np.empty((a.orders, len(a.signals), len(b)))
+            for i, u in enumerate(a.signals):
+                for j in range(b.height):
+                    row = b.table[j]
+                    product = np.conj(u) * row
+                    if b.paired:
+                        out[:, i, 2 * j] = weights(product.real, a.orders)
+                        out[:, i, 2 * j + 1] = -weights(product.imag, a.orders)
+                    else:
+                        out[:, i, j] = weights(product.real, a.orders)
+        return out.reshape(len(a), len(b))
+    if isinstance(b, Courses):
+        return inner(b, a).T
+    n = a.signals.shape[1]
+    size = max(512, CHUNK // (a.height + b.height + 1))
+    if min(a.height, b.height) <= FEW and a is not b:  # one pass over what was written out before
+        if a.height < b.height:
+            return _real(np.conj(a.table).astype(b.table.dtype) @ b.table.T, a.paired, b.paired)
+        return _real(np.conj(np.conj(b.table).astype(a.table.dtype) @ a.table.T).T, a.paired, b.paired)
+    total = np.zeros((a.height, b.height), complex)  # in double precision, whatever the parts
+    for first in range(0, n, size):
+        p = a.part(first, min(first + size, n))
+        q = p if a is b else b.part(first, min(first + size, n))
+        total += np.conj(p) @ q.T
+    return _real(total, a.paired, b.paired)
+
+
+def _real(products_, paired_a: bool, paired_b: bool) -> np.ndarray:
+    """Re⟨c, d⟩ for c, j·c against d, j·d where a side is paired."""
+    g = products_
+    left = np.stack([g.real, g.imag], 1).reshape(-1, g.shape[1]) if paired_a else g.real
+    if not paired_b:
+        return left
+    right = np.stack([-g.imag, g.real], 1).reshape(-1, g.shape[1]) if paired_a else -g.imag
+    return np.stack([left, right], 2).reshape(len(left), -1)
+
+
+def gram(blocks) -> np.ndarray:
+    """All inner products of a list of derivative sets."""
+    ends = np.cumsum([0, *(len(b) for b in blocks)])
+    out = np.empty((ends[-1], ends[-1]))
+    for i, a in enumerate(blocks):
+        for j in range(i, len(blocks)):
+            g = inner(a, blocks[j])
+            out[ends[i] : ends[i + 1], ends[j] : ends[j + 1]] = g
+            out[ends[j] : ends[j + 1], ends[i] : ends[i + 1]] = g.T
+    return out
+
+
+def against(blocks, other) -> np.ndarray:
+    """(parameters, len(other)) inner products of all derivatives with another set."""
+    return np.concatenate([inner(b, other) for b in blocks])
