@@ -14,6 +14,8 @@ namespace cast
 namespace
 {
 
+constexpr int samples_per_call = 32768; // where neighbours keep up
+
 const pmt::pmt_t taps_key = pmt::intern("taps");
 const pmt::pmt_t status_key = pmt::intern("status");
 const pmt::pmt_t rx_time_key = pmt::intern("rx_time");
@@ -54,7 +56,10 @@ channel_emulator_impl::channel_emulator_impl(const kernel::emulator::config& con
           gr::io_signature::make(config.n_outputs, config.n_outputs, sizeof(gr_complex))),
       d_sample_rate_hz(sample_rate_hz), d_name(name), d_emulator(config), d_clock{sample_rate_hz}
 {
-    set_history(config.n_taps);           // a tap reaches n_taps-1 samples back
+    // A tap reaches n_taps-1 samples back. A longer history makes the buffers before this block as
+    // long: a call that waits for all inputs and wakes all outputs must be worth it.
+    set_history(std::max(config.n_taps, samples_per_call));
+    set_min_output_buffer(2 * samples_per_call);
     set_tag_propagation_policy(TPP_DONT); // all-to-all would multiply every tag: see forward()
     message_port_register_out(status_key);
     message_port_register_in(taps_key);
@@ -67,9 +72,10 @@ channel_emulator_impl::channel_emulator_impl(const kernel::emulator::config& con
 void channel_emulator_impl::set_taps(int tx, int rx, const std::vector<gr_complex>& taps,
                                      std::optional<uint64_t> offset, uint64_t ramp)
 {
-    if (taps.size() > size_t(history()))
+    if (taps.size() > size_t(d_emulator.configuration().n_taps))
         throw std::invalid_argument("taps: got " + std::to_string(taps.size()) +
-                                    ", expected at most " + std::to_string(history()));
+                                    ", expected at most " +
+                                    std::to_string(d_emulator.configuration().n_taps));
     schedule({tx, rx, offset, kernel::taps_from_dense(taps), std::nullopt, std::nullopt, ramp});
 }
 
@@ -85,6 +91,15 @@ void channel_emulator_impl::enable_link(int tx, int rx, bool enabled,
                                         std::optional<uint64_t> offset)
 {
     schedule({tx, rx, offset, std::nullopt, enabled, std::nullopt, 0});
+}
+
+void channel_emulator_impl::set_horizon(std::optional<uint64_t> offset)
+{
+    {
+        std::lock_guard<std::mutex> lock(d_mutex);
+        d_horizon = offset.value_or(std::numeric_limits<uint64_t>::max());
+    }
+    d_horizon_moved.notify_all();
 }
 
 void channel_emulator_impl::clear()
@@ -264,8 +279,14 @@ bool channel_emulator_impl::stop()
 int channel_emulator_impl::work(int noutput_items, gr_vector_const_void_star& input_items,
                                 gr_vector_void_star& output_items)
 {
-    std::lock_guard<std::mutex> lock(d_mutex);
-    take_tags(nitems_written(0), nitems_written(0) + noutput_items);
+    std::unique_lock<std::mutex> lock(d_mutex);
+    const uint64_t begin = nitems_written(0);
+    // Not longer than the scheduler may be kept from seeing that the flowgraph stops.
+    if (!d_horizon_moved.wait_for(lock, std::chrono::milliseconds(20),
+                                  [&] { return begin < d_horizon; }))
+        return 0;
+    noutput_items = int(std::min<uint64_t>(noutput_items, d_horizon - begin));
+    take_tags(begin, begin + noutput_items);
     std::vector<const gr_complex*> in;
     for (const void* items : input_items)
         in.push_back(static_cast<const gr_complex*>(items) + history() - 1);

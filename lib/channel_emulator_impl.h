@@ -4,7 +4,9 @@
 #include "kernel/emulator.h"
 #include "link_update_pmt.h"
 #include <chrono>
+#include <condition_variable>
 #include <gnuradio/cast/channel_emulator.h>
+#include <limits>
 #include <mutex>
 
 namespace gr
@@ -24,6 +26,7 @@ public:
                          const std::vector<gr_complex>& gains, std::optional<uint64_t> offset,
                          uint64_t ramp) override;
     void enable_link(int tx, int rx, bool enabled, std::optional<uint64_t> offset) override;
+    void set_horizon(std::optional<uint64_t> offset) override;
     void clear() override;
     void set_base_loss(int tx, int rx, double base_loss_db,
                        std::optional<uint64_t> offset) override;
@@ -49,6 +52,8 @@ private:
     const std::string d_name;
     mutable std::mutex d_mutex; // between work() and the setters
     kernel::emulator d_emulator;
+    uint64_t d_horizon = std::numeric_limits<uint64_t>::max();
+    std::condition_variable d_horizon_moved;
     uint64_t d_refused = 0;
     stream_clock d_clock;
     clock::time_point d_reported_at;

@@ -92,6 +92,7 @@ std::vector<tap> taps_from_sparse(const std::vector<int>& delays, const std::vec
         throw std::invalid_argument("taps: got " + std::to_string(delays.size()) + " delays and " +
                                     std::to_string(gains.size()) + " gains, expected as many");
     std::vector<tap> sparse;
+    sparse.reserve(delays.size());
     for (std::size_t p = 0; p < delays.size(); p++)
         sparse.push_back({delays[p], gains[p]});
     return sparse;
@@ -254,6 +255,8 @@ path emulator::make_path(int input, const link& l, const tap& t) const
 std::shared_ptr<emulator::recipe> emulator::make_recipe(int output) const
 {
     auto made = std::make_shared<recipe>();
+    if (const auto& before = d_recipes[output])
+        made->paths.reserve(before->paths.size());
     for (int input = 0; input < d_config.n_inputs; input++) {
         const link& l = d_links[output * d_config.n_inputs + input];
         if (!l.enabled)
@@ -271,6 +274,9 @@ std::shared_ptr<emulator::recipe> emulator::make_recipe(int output) const
         for (const tap& t : l.slope)
             same->paths.push_back(make_path(input, l, t));
     }
+    made->filter = heard_by(made->paths);
+    for (ramp& slope : made->ramps)
+        slope.filter = heard_by(slope.paths);
     const auto& p = made->paths;
     made->is_copy = p.size() == 1 && made->ramps.empty() && p[0].gain == sample(1);
     made->born = d_position;
@@ -321,17 +327,15 @@ double emulator::dense_cost(const piece& p, uint64_t first) const
     const double n_blocks =
         (p.end - 1 - first) / d_dense.block() - (p.begin - first) / d_dense.block() + 1;
     double cost = 0, n_spectra = 0;
-    const auto add = [&](const std::vector<path>& paths) {
-        int n_used = 0;
-        for (std::size_t k = 0; k < paths.size(); k++)
-            n_used += k == 0 || paths[k].input != paths[k - 1].input;
+    const auto add = [&](const dense_filter& filter) {
+        const std::size_t n_used = filter.inputs.size();
         n_spectra += n_used;
         cost += n_blocks *
                 (cost::transform(d_dense.n_bins()) + n_used * cost::product(d_dense.n_bins()));
     };
-    add(r.paths);
+    add(r.filter);
     for (const ramp& slope : r.ramps)
-        add(slope.paths);
+        add(slope.filter);
     // Spectra of the taps serve until the next update; how long that is, the last one tells.
     const double life = std::max<double>({block, double(r.expected_life), double(p.end - r.born)});
     const double share = r.born == 0 ? 0 : std::min(1.0, double(p.end - p.begin) / life);
@@ -497,7 +501,7 @@ void emulator::run_dense(const pieces& all, const sample* const* in, sample* con
         for (const piece& p : all[j]) {
             if (!p.dense)
                 continue;
-            if (p.made_by->filter.inputs.empty())
+            if (p.made_by->filter.taps.empty())
                 without_filter.push_back(p.made_by.get());
             const int from = (p.begin - first) / block, to = (p.end - 1 - first) / block + 1;
             std::fill(needed + from, needed + to, true);
@@ -580,7 +584,7 @@ void emulator::make_filters(const std::vector<recipe*>& without)
     };
     std::vector<job> jobs;
     const auto add = [&](dense_filter& filter, const std::vector<path>& paths) {
-        filter = d_dense.make_filter(paths);
+        d_dense.reserve(filter);
         for (std::size_t used = 0; used < filter.inputs.size(); used++)
             jobs.push_back({&filter, &paths, int(used)});
     };

@@ -57,13 +57,15 @@ overlap_save::overlap_save(int n_taps)
 
 overlap_save::~overlap_save() = default;
 
-dense_filter overlap_save::make_filter(const std::vector<path>& paths) const
+dense_filter heard_by(const std::vector<path>& paths)
 {
     dense_filter made;
-    for (const path& p : paths)
-        if (made.inputs.empty() || made.inputs.back() != p.input)
-            made.inputs.push_back(p.input);
-    made.taps.resize(made.inputs.size() * d_n_bins);
+    for (std::size_t k = 0; k < paths.size(); k++)
+        if (made.inputs.empty() || made.inputs.back() != paths[k].input) {
+            made.inputs.push_back(paths[k].input);
+            made.first.push_back(k);
+        }
+    made.first.push_back(paths.size());
     return made;
 }
 
@@ -74,9 +76,8 @@ void overlap_save::fill(dense_filter& filter, const std::vector<path>& paths, in
     bins.resize(d_n_bins);
     const float scale =
         1.0f / float(d_n_bins); // FFTW's transforms do not normalise; a power of two is exact
-    for (const path& p : paths)
-        if (p.input == filter.inputs[used])
-            response[p.delay] += p.gain * scale;
+    for (std::size_t k = filter.first[used]; k < filter.first[used + 1]; k++)
+        response[paths[k].delay] += paths[k].gain * scale;
     fftwf_execute_dft(d_plans->forward, fftw(response.data()), fftw(bins.data()));
     for (std::size_t t = 0; t < d_n_bins / bins_per_tile; t++)
         std::copy_n(bins.data() + t * bins_per_tile, bins_per_tile,

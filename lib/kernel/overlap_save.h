@@ -32,8 +32,12 @@ using spectrum = std::vector<sample, cache_aligned<sample>>;
 // The filters of one output as spectra, of the inputs that it hears.
 struct dense_filter {
     std::vector<int> inputs;
-    spectrum taps; // [tile][input heard][bin]
+    std::vector<std::size_t> first; // path of each input heard, and one past the last
+    spectrum taps;                  // [tile][input heard][bin]; empty until needed
 };
+
+// What `paths`, in order of input, are heard from; no spectra yet.
+dense_filter heard_by(const std::vector<path>& paths);
 
 class overlap_save
 {
@@ -47,9 +51,11 @@ public:
     // Samples that one block brings forth.
     std::size_t block() const { return d_n_bins - (d_n_taps - 1); }
 
-    // Reserves the filter of `paths`, which are in order of input; fill() then makes each input's
-    // part.
-    dense_filter make_filter(const std::vector<path>& paths) const;
+    // Room for the spectra of what is heard; fill() then makes each input's part.
+    void reserve(dense_filter& filter) const
+    {
+        filter.taps.resize(filter.inputs.size() * d_n_bins);
+    }
     void fill(dense_filter& filter, const std::vector<path>& paths, int used) const;
 
     // Samples between the spectra of two inputs: not a multiple of 4096 bytes, where caches would

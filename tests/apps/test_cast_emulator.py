@@ -210,6 +210,23 @@ def test_recordings_in_give_recordings_out(scenario, tmp_path):
     np.testing.assert_allclose(y.samples, channel(x), rtol=1e-5)
 
 
+def test_a_scenario_that_moves_is_played_to_the_sample_however_fast_its_recording_runs(tmp_path):
+    (tmp_path / "moving.yaml").write_text(
+        "cast_scenario: 1\nname: moving\nnodes: [a, b]\nduration_s: 12\n"
+        "links: [{tx: a, rx: b, taps: [{delay_s: 0.0, gain_db: 0.0, doppler_hz: 50.0}]}]\n"
+    )
+    rate_hz, update_samples = 1e5, 100
+    recording.write(tmp_path / "x", np.ones(1_200_000, np.complex64), sample_rate_hz=rate_hz)
+    ports = ["--port", f"a:tx=file:{tmp_path / 'x'}", "--port", f"b:rx=file:{tmp_path / 'y'}"]
+    done = start(PROGRAM, "run", tmp_path / "moving.yaml", "--rate", rate_hz, *ports)
+    assert done.wait(60) == 0, done.stderr.read()
+    done.stderr.close()
+    y = recording.read(tmp_path / "y").samples
+    turns = np.repeat(np.exp(2j * np.pi * 50 * 1e-3 * np.arange(len(y) // update_samples)), update_samples)
+    assert len(y) == 1_200_000
+    np.testing.assert_allclose(y, turns, atol=1e-5)
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

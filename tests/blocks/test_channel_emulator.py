@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The block against the NumPy reference, in real flowgraphs."""
 
+import time
+
 import numpy as np
 import pmt
 import pytest
@@ -250,3 +252,34 @@ def test_parameters_out_of_range_are_refused(arguments):
         blocks.channel_emulator(*arguments)
     with pytest.raises(ValueError):
         blocks.channel_emulator(1, 1).set_taps(0, 1, [1])
+
+
+def test_no_sample_passes_the_horizon_until_it_moves():
+    emulator = blocks.channel_emulator(1, 1)
+    emulator.set_sparse_taps(0, 0, [0], [1])
+    emulator.set_horizon(70_001)
+    top = gr.top_block()
+    sink = stock.vector_sink_c()
+    top.connect(stock.vector_source_c(np.arange(100_000).tolist()), emulator, sink)
+    top.start()
+    limit = time.monotonic() + 30
+    while emulator.nitems_written(0) < 70_001 and time.monotonic() < limit:
+        time.sleep(0.01)
+    time.sleep(0.1)  # long enough to run on, if it would
+    at_horizon = emulator.nitems_written(0)
+    emulator.set_sparse_taps(0, 0, [0], [2], 70_001)
+    emulator.set_horizon(None)
+    top.wait()
+    assert at_horizon == 70_001 and emulator.late_updates() == 0
+    np.testing.assert_array_equal(np.real(sink.data()), np.arange(100_000) * np.repeat([1, 2], [70_001, 29_999]))
+
+
+def test_a_flowgraph_that_waits_at_the_horizon_stops_when_told():
+    emulator = blocks.channel_emulator(1, 1)
+    emulator.set_horizon(0)
+    top = gr.top_block()
+    top.connect(stock.null_source(8), emulator, stock.null_sink(8))
+    top.start()
+    top.stop()
+    top.wait()
+    assert emulator.nitems_written(0) == 0

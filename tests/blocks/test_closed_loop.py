@@ -2,8 +2,10 @@
 """Scenario → emulate → sound → the same scenario."""
 
 import numpy as np
+from gnuradio import blocks, gr
 from gr_cast import recording, transmit
 from gr_cast.blocks.flowgraphs import EmulatedSounding, waveform_source
+from gr_cast.blocks.network import emulated_network
 from gr_cast.scenario import LinkTaps, Scenario
 from gr_cast.sound import sound
 
@@ -42,3 +44,18 @@ def test_a_random_scenario_of_ten_nodes_comes_back_within_the_sounders_uncertain
     z = np.concatenate(z)
     assert np.sqrt(np.mean(z**2)) < 1.15, "the reported deviations hold"
     assert np.abs(z).max() < 5
+
+
+def test_taps_that_move_in_straight_lines_do_so_on_the_emulator_too():
+    still = LinkTaps(delay_s=np.array([[0.0]]), gain=np.array([[0.5]]))
+    moving = LinkTaps(delay_s=np.zeros((2, 1)), gain=np.array([[0.0], [1.0]], complex))
+    scenario = Scenario(
+        name="ramp", nodes=["a", "b", "c"], links={("a", "b"): still, ("c", "b"): moving},
+        time_s=np.array([0.0, 1e-3]), interpolation="linear", base_loss_db=6.0,
+    )  # fmt: skip
+    top, sink = gr.top_block(), blocks.vector_sink_c()
+    emulator = emulated_network(scenario, ["c"], ["b"], 1e6)
+    top.connect(blocks.vector_source_c([1] * 2000), emulator, sink)
+    top.run()
+    expected = np.minimum(np.arange(2000) / 1000, 1) * 10 ** (-6.0 / 20)
+    np.testing.assert_allclose(sink.data(), expected, atol=1e-6)

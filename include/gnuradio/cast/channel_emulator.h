@@ -75,6 +75,10 @@ public:
     virtual void enable_link(int tx, int rx, bool enabled,
                              std::optional<uint64_t> offset = std::nullopt) = 0;
 
+    //! No sample from this one on is made until a later horizon is set; absent: no horizon. Who
+    //! schedules updates piece by piece sets it where the next piece begins, and none comes late.
+    virtual void set_horizon(std::optional<uint64_t> offset) = 0;
+
     //! From the next sample on no link has taps, and no update is pending.
     virtual void clear() = 0;
 

@@ -47,6 +47,7 @@ void set_all(emulator& e, uint64_t offset, const py::array_t<int, py::array::c_s
                                     " links, taps)");
     for (int link = 0; link < n_links; link++) {
         std::vector<gr::cast::kernel::tap> taps;
+        taps.reserve(delays.shape(1));
         for (py::ssize_t p = 0; p < delays.shape(1); p++)
             taps.push_back({delays.at(link, p), gains.at(link, p)});
         e.schedule(
@@ -127,6 +128,8 @@ void bind_channel_emulator(py::module& m)
         .def("enable_link", &channel_emulator::enable_link, py::arg("tx"), py::arg("rx"),
              py::arg("enabled"), py::arg("offset") = py::none(), release(),
              "Switch a link off or on again; it keeps its taps.")
+        .def("set_horizon", &channel_emulator::set_horizon, py::arg("offset"), release(),
+             "No sample from this one on is made until a later horizon is set; None: no horizon.")
         .def("clear", &channel_emulator::clear, release(),
              "No link has taps from the next sample on, no update is pending.")
         .def("set_base_loss", &channel_emulator::set_base_loss, py::arg("tx"), py::arg("rx"),

@@ -2,20 +2,23 @@
 """A running emulator: ports, a scenario that plays, and what is asked of both while samples flow."""
 
 import threading
+import time
 
 import numpy as np
 import pmt
 from gnuradio import gr
 
-from ..emulate import FixedPoint, LinkUpdate, filter_length, fir_taps, scenario_bulk_delay, scenario_updates
+from ..emulate import FixedPoint, filter_length, fir_taps, scenario_bulk_delay, scenario_updates
 from ..errors import CastError, Faults
 from ..scenario import Scenario
 from .cast_python import channel_emulator
+from .network import send_update
 from .ports import Port, connect_sink, source_block
 from .recorder import SigmfRecorder
 from .usrp import RadioSettings
 
 _AHEAD_S = 2.0  # scenario time that is queued before its samples come
+_LOOK_S = 0.02  # between looks at what is to be queued
 
 
 class Emulation(gr.top_block):
@@ -84,6 +87,7 @@ class Emulation(gr.top_block):
             )
         with self._lock:
             self.scenario = scenario
+            self.emulator.set_horizon(0)  # nothing passes until its first taps are there
             self.emulator.clear()
             self._off.clear()
             self._begin = self.status()["samples"]
@@ -139,12 +143,11 @@ class Emulation(gr.top_block):
         waiter = threading.Thread(target=self._wait, args=(ended,), daemon=True)
         waiter.start()
         due = report_s
-        passed = 0.0
-        while not ended.wait(0.1):
-            passed += 0.1
+        begin = time.monotonic()
+        while not ended.wait(_LOOK_S):
             with self._lock:
                 self._queue()
-            if report and passed >= due:
+            if report and time.monotonic() - begin >= due:
                 due += report_s
                 report(self.status())
         self.stop()
@@ -163,23 +166,17 @@ class Emulation(gr.top_block):
         return self.nodes.index(name)
 
     def _queue(self) -> None:
-        """Hand the emulator the updates that come soon: a long scenario is not queued whole."""
-        now_s = self.status()["scenario_time_s"]
-        until_s = now_s + _AHEAD_S
+        """Hand the emulator the updates that come soon: a long scenario is not queued whole, and nobody runs ahead of it."""
+        if self._queued_s > self.scenario.time_s[-1]:
+            return
+        until_s = self.status()["scenario_time_s"] + _AHEAD_S
         if until_s <= self._queued_s + _AHEAD_S / 2:
             return
         for update in scenario_updates(self.scenario, self.sample_rate_hz, self._queued_s, until_s):
-            self._send(update)
+            send_update(self.emulator, update, self._begin)
         self._queued_s = until_s
-
-    def _send(self, update: LinkUpdate) -> None:
-        offset = None if update.at_sample == 0 else self._begin + update.at_sample
-        delays = np.flatnonzero(update.taps)
-        self.emulator.set_sparse_taps(
-            update.tx, update.rx, delays.tolist(), update.taps[delays].tolist(), offset, update.ramp_samples
-        )
-        if update.base_loss_db is not None:
-            self.emulator.set_base_loss(update.tx, update.rx, update.base_loss_db, offset)
+        is_whole = until_s > self.scenario.time_s[-1]
+        self.emulator.set_horizon(None if is_whole else self._begin + int(until_s * self.sample_rate_hz))
 
 
 def _check_ports(scenario: Scenario, ports: list[Port]) -> None:

@@ -1,14 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A scenario on the channel emulator: chosen transmitters in, chosen receivers out."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from ..emulate import filter_length, scenario_updates
+from ..emulate import LinkUpdate, filter_length, scenario_updates, split_delay
 from ..errors import CastError
-from ..scenario import Scenario, link_name, played_gain
+from ..scenario import Scenario, link_name
 from .cast_python import channel_emulator, emulator_kernel
 
-_SAMPLE_TOLERANCE = 1e-6  # delays this near to a whole sample are on it
+
+def send_update(emulator: channel_emulator | emulator_kernel, update: LinkUpdate, begin: int = 0) -> None:
+    """Hand the emulator an update of a scenario whose sample 0 is sample `begin` of the streams."""
+    offset = None if update.at_sample == 0 else begin + update.at_sample
+    delays = np.flatnonzero(update.taps)
+    emulator.set_sparse_taps(
+        update.tx, update.rx, delays.tolist(), update.taps[delays].tolist(), offset, update.ramp_samples
+    )
+    if update.base_loss_db is not None:
+        emulator.set_base_loss(update.tx, update.rx, update.base_loss_db, offset)
 
 
 def emulated_network(
@@ -16,30 +27,24 @@ def emulated_network(
 ) -> channel_emulator:
     """A `channel_emulator` with the links of the scenario among these nodes, base loss included.
 
-    Delays must fall on whole samples: CastError names the link and the nearest ones otherwise.
+    Delays must fall on whole samples, for a code may fill the whole band: CastError names the link otherwise.
     """
-    links = {
-        (tx, rx): scenario.links[(tx, rx)] for tx in transmitters for rx in receivers if (tx, rx) in scenario.links
-    }
-    last = max((int(np.ceil(taps.delay_s.max() * sample_rate_hz)) for taps in links.values()), default=0)
-    emulator = channel_emulator(
-        len(transmitters), len(receivers), n_taps=last + 1, sample_rate_hz=sample_rate_hz, n_threads=n_threads, name=scenario.name
-    )
-    for (tx, rx), taps in links.items():
-        gain = played_gain(scenario, (tx, rx))
-        delays = np.rint(taps.delay_s * sample_rate_hz).astype(int)
-        off = np.abs(taps.delay_s * sample_rate_hz - delays) * (taps.gain != 0)
-        if off.max() > _SAMPLE_TOLERANCE:
+    links = {key: taps for key, taps in scenario.links.items() if key[0] in transmitters and key[1] in receivers}
+    for key, taps in links.items():
+        whole, fraction = split_delay(taps.delay_s * sample_rate_hz)
+        off = fraction * (taps.gain != 0)
+        if off.max() > 0:
             row, tap = np.unravel_index(np.argmax(off), off.shape)
             raise CastError(
-                f"{scenario.name}: link {link_name((tx, rx))}: tap {tap + 1}: delay {taps.delay_s[row, tap]:.6g} s is "
-                f"{taps.delay_s[row, tap] * sample_rate_hz:.4f} samples at {sample_rate_hz:g} Hz; choose another rate"
+                f"{scenario.name}: link {link_name(key)}: tap {tap + 1}: delay {taps.delay_s[row, tap]:.6g} s is "
+                f"{whole[row, tap] + fraction[row, tap]:.4f} samples at {sample_rate_hz:g} Hz; choose another rate"
             )
-        for step in range(len(gain)):
-            start = int(np.rint(scenario.time_s[step] * sample_rate_hz))
-            emulator.set_sparse_taps(
-                transmitters.index(tx), receivers.index(rx), delays[step].tolist(), gain[step].tolist(), start
-            )
+    emulator = channel_emulator(
+        len(transmitters), len(receivers), filter_length(sample_rate_hz), sample_rate_hz, n_threads, scenario.name
+    )
+    for update in scenario_updates(replace(scenario, links=links), sample_rate_hz):
+        tx, rx = transmitters.index(scenario.nodes[update.tx]), receivers.index(scenario.nodes[update.rx])
+        send_update(emulator, replace(update, tx=tx, rx=rx))
     return emulator
 
 
@@ -55,11 +60,7 @@ def scenario_kernel(
     for update in scenario_updates(scenario, sample_rate_hz, until_s=until_s):
         if receivers is not None and update.rx not in receivers:
             continue
-        delays = np.flatnonzero(update.taps)
-        link = (update.tx, update.rx)
-        kernel.set_sparse_taps(*link, delays, update.taps[delays], update.at_sample, update.ramp_samples)
-        if update.base_loss_db is not None:
-            kernel.set_base_loss(*link, update.base_loss_db, update.at_sample)
+        send_update(kernel, update)
     return kernel
 
 
