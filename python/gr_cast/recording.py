@@ -130,7 +130,31 @@ def to_complex(raw: np.ndarray, datatype: str) -> np.ndarray:
     return ((raw.astype(np.float32) - np.float32(zero)) / np.float32(full_scale)).view(np.complex64)
 
 
-def _read_samples(path: Path, datatype: str, start: int, count: int | None, allow_nan: bool) -> np.ndarray:
+@dataclass(frozen=True, kw_only=True)
+class Stored:
+    """The samples of a file too long for the memory: a slice of it is read, as complex64 of full scale 1.0."""
+
+    path: Path
+    datatype: str
+    count: int
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __getitem__(self, span: slice) -> np.ndarray:
+        start, stop, _ = span.indices(self.count)
+        item = np.dtype(DATATYPES[self.datatype][0])
+        raw = np.fromfile(self.path, item, 2 * max(0, stop - start), offset=2 * item.itemsize * start)
+        return to_complex(raw, self.datatype)
+
+
+def pieces(samples, size: int = 1 << 20):
+    """The samples in order, `size` of them at a time."""
+    for start in range(0, len(samples), size):
+        yield samples[start : start + size]
+
+
+def _count_samples(path: Path, datatype: str) -> int:
     try:
         size = path.stat().st_size
     except FileNotFoundError:
@@ -145,18 +169,26 @@ def _read_samples(path: Path, datatype: str, start: int, count: int | None, allo
         )
     if total == 0:
         raise CastError(f"{path}: holds no samples")
+    return total
+
+
+def _read_samples(path: Path, datatype: str, start: int, count: int | None, allow_nan: bool, longest=None):
+    total = _count_samples(path, datatype)
     if start >= total:
         raise CastError(f"{path}: start: got sample {start}, the file holds {total} samples")
     stop = total if count is None else min(total, start + count)
-    raw = np.fromfile(path, item, 2 * (stop - start), offset=2 * item.itemsize * start)
-    samples = to_complex(raw, datatype)
+    samples = Stored(path=path, datatype=datatype, count=total)
+    if longest is None or stop - start <= longest:
+        samples = samples[start:stop]
     if datatype == "cf32_le":
-        bad = ~np.isfinite(samples)
-        if allow_nan:
-            bad &= ~np.isnan(samples)
-        if bad.any():
-            first = start + int(np.argmax(bad))
-            raise CastError(f"{path}: {int(bad.sum())} samples are NaN or infinite, the first at index {first}")
+        bad, first, at = 0, None, start
+        for piece in pieces(samples):
+            wrong = np.isinf(piece) if allow_nan else ~np.isfinite(piece)
+            if first is None and wrong.any():
+                first = at + int(np.argmax(wrong))
+            bad, at = bad + int(wrong.sum()), at + len(piece)
+        if bad:
+            raise CastError(f"{path}: {bad} samples are NaN or infinite, the first at index {first}")
     return samples
 
 
@@ -182,17 +214,20 @@ def _check_whole(path: Path, fields: dict) -> None:
         raise CastError(f"{path}: truncated or changed: its SHA-512 differs from core:sha512 of the metadata")
 
 
-def read(path: str | Path, *, start: int = 0, count: int | None = None, allow_nan: bool = False) -> Recording:
+def read(
+    path: str | Path, *, start: int = 0, count: int | None = None, allow_nan: bool = False, longest: int | None = None
+) -> Recording:
     """Read a SigMF recording by its stem, .sigmf-meta or .sigmf-data path.
 
-    `start` and `count` (samples) read a part; `allow_nan` lets NaN stand for unknown samples of a waveform.
+    `start` and `count` (samples) read a part; `allow_nan` lets NaN stand for unknown samples of a waveform. The samples
+    of a whole file with more than `longest` are checked and stay on disk (`Stored`).
     Raises CastError with every fault of the metadata, or for missing, truncated, empty or non-finite data.
     """
     document = read_metadata(path)
     fields = document["global"]
     data = data_path(path)
     _check_whole(data, fields)
-    samples = _read_samples(data, fields["core:datatype"], start, count, allow_nan)
+    samples = _read_samples(data, fields["core:datatype"], start, count, allow_nan, longest)
     captures = document["captures"]
     beyond = [c["core:sample_start"] for c in captures if c["core:sample_start"] >= start + len(samples) and count is None]
     if beyond:

@@ -17,6 +17,10 @@ LOWEST_LAG, HIGHEST_LAG = (
     -10,
     26,
 )  # samples around the taps that a model reaches where a waveform has unknown parts
+LONGEST_PART = 120_000  # samples that are fitted at once
+MOST_PARTS = 8
+LEAST_PART = 1000  # known samples that make a part worth a look
+LONGEST_SCAN = 1 << 21  # samples in which a waveform that is shorter than the recording is looked for
 EDGE = 24  # samples at either end that a filter's memory makes uncertain
 
 
@@ -70,9 +74,9 @@ def _segment_correlations(y, templates, repeat, segment, lags=None):
     return out
 
 
-def find_delay(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: float) -> tuple[int, float]:
+def find_delay(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: float, centre: int = 0) -> tuple[int, float]:
     """Whole-sample delay of the twin's prediction in `y`, and the share of the recording's energy that it
-    holds.
+    holds. `centre`: the delay of a waveform sent once that began with the recording.
 
     Segments are added without phase, so that a carrier offset does no harm; of several segment lengths the
     one that explains most is taken.
@@ -90,7 +94,7 @@ def find_delay(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: fl
     best = (-np.inf, 0)
     lengths = [n // 32, *([1024, 128] if repeat else []), *([16] if n < 4000 else [])]
     for segment in sorted({max(8, length) for length in lengths}, reverse=True):
-        if segment > n or (n // segment) * size > 6e7:
+        if segment > n or (n // segment) * size > 1e8:
             continue
         rows = _segment_correlations(y, templates, repeat, segment)
         share = sum(rows) / (segment * power * energy)
@@ -104,7 +108,7 @@ def find_delay(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: fl
     if not repeat:
         delay = delay - size if delay > n else delay
         if len(sources[0].samples) >= n and n > 4000:
-            near = find_near(y, sources, 0, reach=2048)
+            near = find_near(y, sources, centre, reach=2048)
             if near[1] > 1.05 * share:
                 delay, share = near
     return delay, share
@@ -131,30 +135,69 @@ def find_near(y: np.ndarray, sources: list[Source], centre: int, reach: int, seg
     return centre + d - reach, float(total[d] - np.median(total)) / max(energy, 1e-300)
 
 
+def parts_of(case, observation) -> list:
+    """A long recording in overlapping parts that are fitted one by one, a short one whole; the part of which most is
+    known comes first."""
+    low, high = 0, len(observation.samples)
+    waves = [case.waveforms[w] for w, _ in observation.on_air.values()]
+    if high <= LONGEST_PART:
+        return [observation.part(low, high)]
+    if not any(w.repeat for w in waves) and max(len(w.samples) for w in waves) < high // 2:
+        delay, _ = locate(case, observation.part(0, min(high, LONGEST_SCAN)))
+        low = max(low, delay - LEAST_PART)
+        high = min(high, delay + max(len(w.samples) for w in waves) + LEAST_PART)
+    size = min(high - low, LONGEST_PART)
+    count = min(-(-(high - low) // size), MOST_PARTS)
+    parts = [observation.part(int(f), int(f) + size) for f in np.linspace(low, high - size, count)]
+    known = [min(_known(w, part.first, size) for w in waves) for part in parts]
+    order = sorted(range(count), key=lambda k: -known[k])
+    return [parts[k] for k in order if known[k] >= min(LEAST_PART, max(known))]
+
+
+def _known(waveform, first: int, size: int) -> int:
+    """Samples of a stretch of the recording in which a waveform that began with it is known."""
+    if waveform.repeat or len(waveform.samples) < first + size:
+        return size
+    return int(np.isfinite(waveform.samples[first : first + size]).sum())
+
+
+def _on_air(case, observation) -> tuple[list[Source], list]:
+    """Waveforms and links of a recording."""
+    sent = [(case.waveforms[w], amplitude) for w, amplitude in observation.on_air.values()]
+    sources = [source_of(w.name, w.samples, amplitude, w.repeat) for w, amplitude in sent]
+    if len({s.repeat for s in sources}) > 1:  # one kind of search for all: repeat what repeats until the recording ends
+        sources = [s if not s.repeat else _unrolled(s, len(observation.samples)) for s in sources]
+    return sources, [case.links[(tx, observation.receiver)] for tx in observation.on_air]
+
+
+def locate(case, observation) -> tuple[int, bool]:
+    """(delay in samples, whether the spectrum is inverted) of the twin's prediction in a recording."""
+    sources, links = _on_air(case, observation)
+    rate, n, y = case.sample_rate_hz, len(observation.samples), observation.samples.astype(complex)
+    turn = np.exp(-2j * np.pi * _twin_offset_hz(case, observation, links) * np.arange(n) / rate)
+    taps, centre = [link.taps for link in links], -observation.first
+    told = _told_inverted(case, observation)
+    delay, share = find_delay((np.conj(y) if told else y) * turn, sources, taps, rate, centre)
+    if told:
+        return delay, False
+    other, other_share = find_delay(np.conj(y) * turn, sources, taps, rate, centre)
+    flip = other_share > 1.2 * share + 0.01
+    return (other if flip else delay), flip
+
+
+def _told_inverted(case, observation) -> bool:
+    return any(e["family"] == "spectral_inversion" for e in twin_effects(case, observation))
+
+
 def build(case, observation, *, near: tuple[int, bool] | None = None):
     """Scene, data and first model of one recording; `near`: (delay in samples, inverted) where they are
     known before."""
     rate, n = case.sample_rate_hz, len(observation.samples)
     y = observation.samples.astype(complex)
     names = list(observation.on_air)
-    sent = [(case.waveforms[w], amplitude) for w, amplitude in observation.on_air.values()]
-    sources = [source_of(w.name, w.samples, amplitude, w.repeat) for w, amplitude in sent]
-    links = [case.links[(tx, observation.receiver)] for tx in names]
-    if len({s.repeat for s in sources}) > 1:  # one kind of search for all: repeat what repeats until the recording ends
-        sources = [s if not s.repeat else _unrolled(s, n) for s in sources]
-    twin = twin_effects(case, observation)
-    turn = np.exp(-2j * np.pi * _twin_offset_hz(case, observation, links) * np.arange(n) / rate)
-    taps = [link.taps for link in links]
-    told = any(e["family"] == "spectral_inversion" for e in twin)
-    flip = False
-    if near is not None:
-        delay, flip = near
-    else:
-        delay, share = find_delay((np.conj(y) if told else y) * turn, sources, taps, rate)
-        if not told:
-            other, other_share = find_delay(np.conj(y) * turn, sources, taps, rate)
-            flip = other_share > 1.2 * share + 0.01
-            delay = other if flip else delay
+    sources, links = _on_air(case, observation)
+    twin, told = twin_effects(case, observation), _told_inverted(case, observation)
+    delay, flip = locate(case, observation) if near is None else near
     repeat = sources[0].repeat
     if repeat:
         delay %= len(sources[0].samples)
@@ -266,16 +309,12 @@ def _owned(scene, owner: dict) -> dict:
     )
 
 
-def split(n: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """(select, vault) masks: the vault is scattered short runs, one sample in eight; select is every eighth
-    of 64 blocks
-    and the end."""
-    run = 16 if n > 4000 else 4
+def split(valid: np.ndarray, seed: int = 1) -> np.ndarray:
+    """(n,) bool, the vault: one of the samples in eight, in scattered short runs; shorter where few are `valid`."""
+    n = len(valid)
+    run = 16 if valid.sum() > 4000 else 4
     runs = -(-n // run)
-    vault = np.repeat(np.random.default_rng(seed).random(runs) < 1 / 8, run)[:n]
-    block = np.minimum(np.arange(n) * 64 // n, 63)
-    select = ((block % 8 == 5) | (block == 63)) & ~vault
-    return select, vault
+    return np.repeat(np.random.default_rng(seed).random(runs) < 1 / 8, run)[:n]
 
 
 def told_noise_db(case, observation) -> float | None:
@@ -293,15 +332,12 @@ def _data(case, observation, scene, y) -> Data:
     valid = reach(scene, LOWEST_LAG - 8, int(np.ceil(spread)) + HIGHEST_LAG + 8)
     edge = min(EDGE, n // 40)
     valid[:edge] = valid[n - edge :] = False
-    select, vault = split(n)
+    vault = np.ones(n, bool) if observation.vault else split(valid)
     noise = told_noise_db(case, observation)
-    if observation.vault:
-        select, vault = np.zeros(n, bool), np.ones(n, bool)
     return Data(
         scene=scene,
         y=y,
         use=(valid & ~vault).astype(float),
-        select=select & valid,
         vault=vault & valid,
         noise_power=None if noise is None else 10 ** (noise / 10),
     )

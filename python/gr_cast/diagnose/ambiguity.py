@@ -38,20 +38,21 @@ class Rival:
     fit: Fit | None
 
 
-def rivals(fit: Fit, index: int, known=()) -> tuple[float, list[Rival]]:
-    """(evidence lost without effect `index`, its rivals, the nearest first). `known`: fits that the search made."""
+def rivals(fit: Fit, index: int, known=()) -> tuple[Fit, list[Rival]]:
+    """(the fit without effect `index`, the rivals of that effect, the nearest first). `known`: fits that the search
+    made."""
     effect = fit.model.effects[index]
     bare = refit_or_known(fit.data, fit.model.without(index), known)
     lost = fit.evidence - bare.evidence
     found = []
-    for s in candidates(bare):
+    for s in candidates(bare) if not fit.data.late else ():
         if _same(effect, s.effect) or s.net < 0:
             continue
         if s.net < lost - NEAR_NATS or FAMILIES[s.effect.family].flexible:
             if not found:
                 found.append(Rival(effect=s.effect, evidence=lost - s.net, likelihood=lost - s.net, fit=None))
             continue
-        if len([r for r in found if r.fit]) >= 3:
+        if len([r for r in found if r.fit]) >= 3 or fit.data.late:
             break
         near = bare if FAMILIES[s.effect.family].noise_like else None
         other = refit_or_known(fit.data, bare.model.adding(s.effect), known, near=near)
@@ -64,7 +65,7 @@ def rivals(fit: Fit, index: int, known=()) -> tuple[float, list[Rival]]:
                     fit=other,
                 )
             )
-    return lost, sorted(found, key=lambda r: r.evidence)
+    return bare, sorted(found, key=lambda r: r.evidence)
 
 
 def _same(a: Effect, b: Effect) -> bool:
@@ -121,7 +122,7 @@ def _free_gain(a, b):
 def _predicted(fit: Fit, experiment: str):
     """The chain that a model predicts in an experiment."""
     scene, model = copy.copy(fit.data.scene), fit.model
-    scene.__dict__.update(_wraps={}, _spectra={}, notes={})
+    scene.forget()
     rng = np.random.default_rng(7)
     if experiment == "absolute_calibration":
         model = replace(model, base=np.concatenate([model.base[:1], [scene.rms, 0.0], model.base[3:]]))

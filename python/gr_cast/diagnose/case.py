@@ -14,6 +14,7 @@ from ..effects import FAMILIES
 from ..errors import CastError, Faults
 
 VERSION = 1
+LONGEST_IN_MEMORY = 1 << 22  # samples; longer files stay on disk and are read in parts
 TWIN_FILE = "twin.yaml"
 UNKNOWNS = ("delay", "phase", "gain")
 _TOP = {
@@ -58,7 +59,7 @@ class Waveform:
     """Samples (n,) complex64 of one period or of the whole, NaN where not known."""
 
     name: str
-    samples: np.ndarray
+    samples: np.ndarray | recording.Stored
     repeat: bool
     built_in: bool
 
@@ -70,7 +71,7 @@ class Observation:
     name: str
     receiver: str
     on_air: dict[str, tuple[str, float]]
-    samples: np.ndarray
+    samples: np.ndarray | recording.Stored
     datatype: str
     center_frequency_hz: float | None
     vault: bool
@@ -203,7 +204,7 @@ def _read(path: Path, recorded: bool) -> Case:
 
 def _read_sigmf(r: _Reader, place: str, stem: Path, rate: float, allow_nan: bool):
     try:
-        taken = recording.read(stem, allow_nan=allow_nan)
+        taken = recording.read(stem, allow_nan=allow_nan, longest=LONGEST_IN_MEMORY)
     except CastError as error:
         for fault in error.faults:
             r.faults.add(place, fault)
@@ -240,7 +241,7 @@ def _waveforms(r: _Reader, folder: Path, entries: dict, rate: float) -> dict[str
             file = _file_name(r, place, entry)
             taken = _read_sigmf(r, place, folder / file, rate, True) if file else None
             if taken is not None:
-                if not np.nansum(np.abs(taken.samples)) > 0:
+                if not any(np.nansum(np.abs(piece)) > 0 for piece in recording.pieces(taken.samples)):
                     r.faults.add(place, "holds no known sample other than zero")
                 found[name] = Waveform(name=name, samples=taken.samples, repeat=bool(repeat), built_in=False)
     return found
@@ -339,7 +340,7 @@ def _observations(r: _Reader, folder: Path, document: dict, nodes, links, rate, 
         if recorded:
             taken = _read_sigmf(r, place, folder / file, rate, False) if file else None
         if taken is not None:
-            if recorded and not np.any(taken.samples):
+            if recorded and not any(piece.any() for piece in recording.pieces(taken.samples)):
                 r.faults.add(place, f"{file}: every sample is zero")
             found.append(
                 Observation(

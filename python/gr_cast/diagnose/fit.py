@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Least squares of a model on a recording (Gauss-Newton with halved steps), and the evidence for it.
+"""Least squares of a model on a recording (Gauss-Newton with damped steps), and the evidence for it.
 
 Noise is circular with power σ²·v[n] per sample; ln L = −Σ |r|²/(σ²v) − Σ ln(π σ² v) (Kay, Estimation
 Theory, ch. 15).
@@ -7,6 +7,7 @@ Evidence takes off ½·ln N for every free number (Schwarz 1978), the Occam fact
 places tried.
 """
 
+import time
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -20,22 +21,27 @@ from ..effects.columns import Dense, Lags, against, gram
 from .model import Model, jacobian, predict
 
 LARGE = 60  # parameters from which a matrix is inverted by Cholesky's method
+DAMPINGS = (0.0, 1e-6, 1e-4, 1e-2, 1.0, 100.0)  # shares of the curvature, tried in turn (Marquardt 1963)
 COLOUR_ORDERS = 10  # cepstral coefficients of a receiver's noise colour
 
 
 @dataclass(frozen=True, kw_only=True)
 class Data:
-    """A recording with its scene. `use` (n,) 0 or 1: samples to fit; `variance` (n,) and `spectrum` (n,):
-    shape of the noise."""
+    """A recording with its scene. `use` (n,) 0 or 1: samples to fit; `vault` (n,) bool: samples that nothing is
+    fitted to or chosen on; `variance` (n,) and `spectrum` (n,): shape of the noise."""
 
     scene: object
     y: np.ndarray
     use: np.ndarray
-    select: np.ndarray
     vault: np.ndarray
     noise_power: float | None = None  # the twin's
     variance: np.ndarray | None = None
     spectrum: np.ndarray | None = None
+    deadline: float = np.inf  # on time.monotonic(): from then on fits stay where they are
+
+    @property
+    def late(self) -> bool:
+        return time.monotonic() > self.deadline
 
     def whitened(self, signal: np.ndarray) -> np.ndarray:
         """Signals (…, n) divided by the noise's shape, zero where a sample is not used."""
@@ -115,6 +121,8 @@ def solve(data: Data, model: Model, *, iterations: int = 8, tolerance: float = 0
     cost = misfit(data, chain.y)
     n = data.count
     for _ in range(iterations if len(prior) < 40 else min(iterations, 3)):
+        if data.late:
+            break
         white = [data.white(b) for b in blocks]
         sigma2 = cost / n
         hessian = 2 / sigma2 * gram(white)
@@ -122,18 +130,16 @@ def solve(data: Data, model: Model, *, iterations: int = 8, tolerance: float = 0
         slope = 2 / sigma2 * against(white, left)[:, 0] - prior * model.vector()
         if not (np.isfinite(hessian).all() and np.isfinite(slope).all()):
             break
-        step = invert(hessian + np.diag(prior)) @ slope
-        gain = 0.5 * slope @ step
-        if gain < tolerance:
-            break
         objective = n * np.log(cost) + 0.5 * np.sum(prior * model.vector() ** 2)
-        for _ in range(6):
+        for damping in DAMPINGS:
+            step = invert(hessian + np.diag(prior + damping * np.diag(hessian))) @ slope
+            if not damping and 0.5 * slope @ step < tolerance:
+                return _finish(data, model, chain, blocks)
             trial = model.at(_limited(model, step))
             y = predict(data.scene, trial).y
             trial_cost = misfit(data, y)
             if np.isfinite(trial_cost) and n * np.log(trial_cost) + 0.5 * np.sum(prior * trial.vector() ** 2) < objective:
                 break
-            step = step / 2
         else:
             break
         model, cost = trial, trial_cost
@@ -146,7 +152,7 @@ def _limited(model: Model, step: np.ndarray) -> np.ndarray:
     limit = np.full(len(step), np.inf)
     limit[0] = 0.7
     for i, effect in enumerate(model.effects):
-        if effect.prior is None:
+        if effect.prior is None and not FAMILIES[effect.family].linear:
             limit[model.span(i)] = FAMILIES[effect.family].limits(effect)[effect.free]
     return model.vector() + np.clip(step, -limit, limit)
 

@@ -2,122 +2,97 @@
 """From a case to its diagnosis: every recording on its own, then all of them together."""
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..effects import FAMILIES, Effect
 from ..effects.base import start
 from ..effects.signal_dependent_noise import told_floor
-from . import align, ambiguity, gate, residual
+from . import align, ambiguity, gate, heldout, residual
+from .finding import Finding, Worth, nmse, worth
 from .fit import Fit, filters_noise, gain_of_receiver, misfit
 from .model import predict
-from .search import refit, refit_or_known, search
+from .search import refit, search
+from .verdict import conclude
 
 BUDGET_S = 240.0
-SETTLED = {"carrier_frequency_offset", "extra_path"}  # a drift or Doppler of 0 has an error too
-LONGEST_PART = 120_000  # samples that are fitted at once
-MOST_PARTS = 8
+# Shares of the time that is left: for the recordings, for the first part of a long one, for the search of a part.
+RECORDINGS, FIRST_PART, SEARCH = 0.8, 0.6, 0.7
+FINE_LATTICE = 10.0  # energy of its error over the noise, over the whole recording
 UNEXPLAINED_P = 1e-5
 UNEXPLAINED_NATS = 40.0
 UNEXPLAINED_SHARE = 0.01
 
 
-@dataclass(kw_only=True)
-class Finding:
-    """What one recording says: its best fit, the twin's fit, the standard deviations of discrete
-    parameters, what is left."""
-
-    observation: object
-    scene: object
-    data: object
-    twin: Fit
-    fits: list[Fit]
-    stds: dict = field(default_factory=dict)
-    left: list = field(default_factory=list)
-    ambiguous: list = field(default_factory=list)
-    gains: dict = field(default_factory=dict)  # effect → (evidence, rivals)
-
-    @property
-    def fit(self) -> Fit:
-        return self.fits[0]
-
-    def gain_of(self, index: int) -> float:
-        """Evidence that is lost without an effect."""
-        effect = self.fit.model.effects[index]
-        if "nats" in effect.aux:
-            return float(effect.aux["nats"])
-        return self._compared(index)[0]
-
-    def rivals_of(self, index: int) -> list:
-        return [] if "nats" in self.fit.model.effects[index].aux else self._compared(index)[1]
-
-    def _compared(self, index: int):
-        """What `_compare` found, made now where it was not asked before."""
-        effect = self.fit.model.effects[index]
-        key = id(effect.p)
-        if key not in self.gains:
-            model = replace(self.fit.model, effects=tuple(e for e in self.fit.model.effects if "nats" not in e.aux))
-            at = next(i for i, e in enumerate(model.effects) if e.p is effect.p)
-            without = refit_or_known(self.data, model.without(at), self.fits)
-            self.gains[key] = (float(self.fit.evidence - without.evidence), [])
-        return self.gains[key]
-
-
-def nmse(data, y: np.ndarray, inside: np.ndarray) -> float:
-    """Residual power on the samples `inside` over recorded power."""
-    return float(np.mean(np.abs(data.y[inside] - y[inside]) ** 2) / np.mean(np.abs(data.y[data.use + data.vault > 0]) ** 2))
-
-
-def parts_of(observation) -> list:
-    """A long recording in overlapping parts that are fitted one by one; a short one whole."""
-    n = len(observation.samples)
-    if n <= LONGEST_PART:
-        return [observation]
-    count = min(-(-n // LONGEST_PART), MOST_PARTS)
-    size = min(n, LONGEST_PART)
-    firsts = np.linspace(0, n - size, count).astype(int)
-    return [observation.part(int(f), int(f) + size) for f in firsts]
-
-
 def examine(case, observation, *, deadline: float) -> list[Finding]:
     """Search one recording: its first part in full, every other from what the first one showed."""
-    parts, findings = parts_of(observation), []
+    parts, findings = align.parts_of(case, observation), []
     for k, part in enumerate(parts):
-        if findings and time.monotonic() > deadline:
+        left = deadline - time.monotonic()
+        if findings and left < 0:
             break
-        until = time.monotonic() + (deadline - time.monotonic()) * (0.6 if k == 0 and len(parts) > 1 else 1 / (len(parts) - k))
-        findings.append(_examine_part(case, part, findings[0] if findings else None, until))
+        share = FIRST_PART if k == 0 and len(parts) > 1 else 1 / (len(parts) - k)
+        findings.append(_examine_part(case, part, findings[0] if findings else None, time.monotonic() + left * share))
     return findings
 
 
 def _examine_part(case, part, known: Finding | None, deadline: float) -> Finding:
+    begun = time.monotonic()
     if known is None:
         scene, data, model = align.build(case, part)
     else:
         scene, data, model = align.build(case, part, near=_expected(known, part))
+    data = replace(data, deadline=begun + SEARCH * (deadline - begun))
     plain = replace(model, effects=tuple(e for e in model.effects if e.fixed))
     stds = {}
     for effect, std in gate.discrete(part.samples.astype(complex), part.datatype):
         model = model.adding(effect)
         stds[effect.family] = std
-    twin = refit(data, plain)
-    model = _under_the_lattice(data, refit(data, model).model)
-    scene.rms = float(np.sqrt(np.mean(np.abs(refit(data, model).chain.wanted) ** 2)))
+    twin = first = refit(data, plain)
+    if model.effects != plain.effects:
+        model = _under_the_lattice(data, refit(data, model).model)
+        first = refit(data, model)
+    scene.rms = float(np.sqrt(np.mean(np.abs(first.chain.wanted) ** 2)))
+    have = LOCAL | {e.family for e in model.effects}
     for effect in known.fit.model.found if known else ():
-        if effect.family not in LOCAL and effect.family not in {e.family for e in model.effects}:
+        if effect.family not in have:
             model = model.adding(effect)
-    fits = search(data, model, deadline=deadline)
-    again = _under_the_lattice(data, fits[0].model)
-    if again is not fits[0].model:
-        fits[0] = refit(data, again)
-    finding = Finding(observation=part, scene=scene, data=data, twin=twin, fits=fits, stds=stds)
-    finding.fits[0] = _settle(finding.fit)
+    fit, *known_fits = search(data, model)
+    complete = not data.late
+    again = _under_the_lattice(data, fit.model)
+    if again is not fit.model:
+        fit = refit(data, again)
+    fit = _without_fine_lattice(_settle(_until(fit, deadline)))
+    finding = Finding(
+        observation=part,
+        scene=scene,
+        data=replace(data, deadline=deadline),
+        twin=twin,
+        fit=fit,
+        known=known_fits,
+        complete=complete,
+        stds=stds,
+    )
     if known is None:
         _compare(finding)
     _floor(finding)
     _look_for_rest(finding)
     return finding
+
+
+def _until(fit: Fit, deadline: float) -> Fit:
+    """A fit whose offspring have another deadline."""
+    return replace(fit, data=replace(fit.data, deadline=deadline))
+
+
+def _light(finding: Finding, deadline: float) -> None:
+    """Let go of what only the search needs, and give what comes after it a deadline of its own."""
+    finding.data = replace(finding.data, deadline=deadline)
+    finding.fit = replace(_until(finding.fit, deadline), columns=[], notes={})
+    finding.twin = replace(_until(finding.twin, deadline), columns=[], notes={})
+    finding.known = []
+    finding.scene.forget()
 
 
 def _under_the_lattice(data, model):
@@ -132,6 +107,15 @@ def _under_the_lattice(data, model):
         other = replace(model, effects=(*model.effects[:at], effect, *model.effects[at + 1 :]))
         tries.append((misfit(data, predict(data.scene, other).y), sigma, other))
     return min(tries, key=lambda t: t[:2])[2]
+
+
+def _without_fine_lattice(fit: Fit) -> Fit:
+    """The fit without a lattice that is there but too fine to change the recording: a converter's own."""
+    model = fit.model
+    for i, e in enumerate(model.effects):
+        if e.family == "quantization" and e.p[0] ** 2 / 6 * fit.data.count < FINE_LATTICE * fit.sigma2:
+            return replace(fit, model=model.without(i))
+    return fit
 
 
 def _coarse(model) -> bool:
@@ -166,7 +150,8 @@ def _compare(finding: Finding) -> None:
     for i, effect in enumerate(fit.model.effects):
         if effect.fixed:
             continue
-        finding.gains[id(effect.p)] = _, rivals = ambiguity.rivals(fit, i, finding.fits)
+        bare, rivals = ambiguity.rivals(fit, i, finding.known)
+        finding.worths[id(effect.p)] = worth(fit, bare, rivals)
         equal = [r for r in rivals if ambiguity.alike(effect, r)]
         if equal:
             families = list(dict.fromkeys([effect.family, *(r.effect.family for r in equal)]))[:3]
@@ -183,10 +168,11 @@ def _compare(finding: Finding) -> None:
 def _settle(fit: Fit) -> Fit:
     """Let every number of what was found move (a drift, a Doppler), and note the floor that noise is told
     against."""
+    scene = fit.data.scene
     effects = tuple(
-        replace(e, free=np.ones(len(e.p), bool)) if e.family in SETTLED and not e.fixed else e for e in fit.model.effects
+        e if e.fixed else replace(e, free=FAMILIES[e.family].settled(scene, e)) for e in fit.model.effects
     )
-    if any(a is not b for a, b in zip(effects, fit.model.effects, strict=True)):
+    if any((a.free != b.free).any() for a, b in zip(effects, fit.model.effects, strict=True)):
         freed = refit(fit.data, replace(fit.model, effects=effects))
         if freed.likelihood > fit.likelihood - 1.0:
             fit = freed
@@ -236,10 +222,14 @@ def _floor(finding: Finding) -> None:
         free=[False],
         aux={"nats": float(nats), "_floor": fit.sigma2},
     )
+    vault = fit.data.vault
+    unseen = np.abs(fit.residual[vault]) ** 2 / shape[vault] / told
+    held_out = heldout.of_variance(unseen, np.full(len(unseen), ratio))
     std = {"change_db": 10 / np.log(10) / np.sqrt(n)}
     if ratio > 1 and not follows:
         power = np.abs(fit.chain.wanted[inside]) ** 2
-        power = power / max(power.mean(), 1e-300)
+        mean = max(power.mean(), 1e-300)
+        power = power / mean
         strength, likelihood = told_floor(energy, power)
         lead = float(-n * np.log(ratio) - n) - likelihood  # of a raised floor over noise that follows the signal
         other = start(FAMILIES["signal_dependent_noise"], [strength], free=[False], aux={"nats": float(nats - lead)})
@@ -254,7 +244,11 @@ def _floor(finding: Finding) -> None:
             )
         elif lead < 0:
             floor, std = other, {"slope_db": 10 / np.log(10) / np.sqrt(n) * ratio / (ratio - 1)}
-    finding.fits[0] = replace(fit, model=fit.model.adding(floor))
+            nats -= lead
+            variance = 1 + np.exp(strength) * np.abs(fit.chain.wanted[vault]) ** 2 / mean
+            held_out = heldout.of_variance(unseen, variance)
+    finding.fit = replace(fit, model=fit.model.adding(floor))
+    finding.worths[id(floor.p)] = Worth(evidence=float(nats), held_out=held_out)
     finding.stds[floor.family] = std
 
 
@@ -281,7 +275,7 @@ def _look_for_rest(finding: Finding) -> None:
 def predict_only(case, observation, findings) -> tuple[float, float, float]:
     """(twin, corrected, noise) NMSE of a recording for the vault: what was found elsewhere, with its own
     delay and gain."""
-    part = parts_of(observation)[0]
+    part = align.parts_of(case, observation)[0]
     like = max(
         findings,
         key=lambda f: (
@@ -329,72 +323,17 @@ class Diagnosis:
     findings: list[Finding]
 
 
-def numbers(finding: Finding, index: int) -> tuple[dict, dict]:
-    """Contract parameters of one effect: {name: {value, std}} and constants."""
-    fit, effect = finding.fit, finding.fit.model.effects[index]
-    family, scene = FAMILIES[effect.family], finding.scene
-    values = family.values(scene, effect, effect.p)
-    variance = {name: 0.0 for name in values}
-    span = fit.model.span(index) if len(fit.model.vector()) == len(fit.hessian) else None
-    free = np.flatnonzero(effect.free)
-    if len(free) and span is not None:
-        cov = fit.covariance[span, span]
-        gradient = {name: np.zeros(len(free)) for name in values}
-        for j, k in enumerate(free):
-            h = 1e-4 * max(np.sqrt(cov[j, j]), 1e-12)
-            p = effect.p.copy()
-            p[k] += h
-            moved = family.values(scene, effect, p)
-            for name in values:
-                change = moved[name] - values[name]
-                if name.endswith("_rad"):
-                    change = (change + np.pi) % (2 * np.pi) - np.pi
-                gradient[name][j] = change / h
-        variance = {name: float(g @ cov @ g) for name, g in gradient.items()}
-    stds = finding.stds.get(effect.family, {})
-    out = {}
-    for name, value in values.items():
-        std = stds.get(name, np.sqrt(max(variance[name], 0.0)) * INFLATION)
-        if effect.prior is not None:
-            std = max(std, LEAST_OF_COURSES.get(name, 0.0) * (1.0 if name.endswith("_db") else abs(value)))
-        if not std:
-            std = default_std(effect.family, name, value, scene)
-        out[name] = {"value": float(value), "std": float(std)}
-    return out, family.constants(scene, effect)
-
-
-INFLATION = 1.1
-# What one realisation of a random course leaves open: a share of the number, or dB.
-LEAST_OF_COURSES = {
-    "rms_rad": 0.1,
-    "k_factor_db": 0.6,
-    "doppler_spread_hz": 0.2,
-    "decay_s": 0.15,
-    "power_db": 0.3,
-}
-
-
-def default_std(family: str, name: str, value: float, scene) -> float:
-    """For numbers found by search: the resolution of the search."""
-    if name == "delay_s":
-        return 0.0
-    if name == "time_s":
-        return 2.0 / scene.sample_rate_hz
-    if name == "samples":
-        return 0.0
-    return abs(value) * 0.05
-
-
 def diagnose(case, *, budget_s: float = BUDGET_S) -> Diagnosis:
-    """Diagnose a case within about `budget_s` seconds."""
+    """Diagnose a case within `budget_s` seconds: when they are over, the verdict is `unexplained` with what was found
+    so far."""
     begun = time.monotonic()
     fitted = [o for o in case.observations if not o.vault]
     findings = []
     for k, observation in enumerate(fitted):
-        share = (budget_s - (time.monotonic() - begun)) / (len(fitted) - k)
+        share = (RECORDINGS * budget_s - (time.monotonic() - begun)) / (len(fitted) - k)
         findings += examine(case, observation, deadline=time.monotonic() + share)
-    from .verdict import conclude
-
+        for finding in findings:
+            _light(finding, begun + budget_s)
     document = conclude(case, findings, [predict_only(case, o, findings) for o in case.observations if o.vault])
     document["seconds"] = round(time.monotonic() - begun, 3)
     return Diagnosis(case=case, document=document, findings=findings)

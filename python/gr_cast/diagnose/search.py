@@ -2,7 +2,6 @@
 """Which effects: score tests of every family on the residual, joint refits of the best, a small beam,
 backward elimination."""
 
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,7 +61,7 @@ def score(fit: Fit, effect: Effect) -> Score:
     if nest:
         h_cc, h_cj, slope = fit.notes[key]
         part = h_cc[np.ix_(nest[2], nest[2])], h_cj[nest[2]], slope[nest[2]]
-    b_j = 2 / sigma2 * against(blocks, residual)[:, 0] if saved else np.zeros(len(inverse))
+    b_j = 2 / sigma2 * against(blocks, residual)[:, 0]
     gain = saved + 0.5 * b_j @ inverse @ b_j
     p, prior, occam = effect.p.copy(), None, 0.0
     if part is not None:
@@ -77,10 +76,10 @@ def score(fit: Fit, effect: Effect) -> Score:
             if effect.prior is None:
                 step = invert(schur, SEEN) @ slope
                 gain += 0.5 * slope @ step
-                p[free] += step
             else:
                 more, occam, step, prior = _with_prior(schur, slope, effect.prior[free])
                 gain += more
+            if not family.linear:  # a linear one is fitted from its start, together with what it resembles
                 p[free] += step
     if effect.prior is None:
         cost = 0.5 * np.log(n) * (effect.free.sum() + family.hidden(effect))
@@ -234,7 +233,7 @@ def _worth_trying(scores: list[Score]) -> list[Score]:
     return simple[:REFITS] + flexible[:2] + noises[:2]
 
 
-def search(data: Data, model: Model, *, deadline: float = np.inf) -> list[Fit]:
+def search(data: Data, model: Model) -> list[Fit]:
     """Fits by falling evidence, the best first; every effect of the best has paid its price."""
     first = refit(data, model)
     beam = [first, *(refit(data, other) for other in _gross_offsets(data, model))]
@@ -245,10 +244,10 @@ def search(data: Data, model: Model, *, deadline: float = np.inf) -> list[Fit]:
     for _ in range(MOST_EFFECTS + 1):
         grown = []
         for fit in beam:
-            if time.monotonic() > deadline:
+            if data.late:
                 break
             for s in _worth_trying(candidates(fit)):
-                if time.monotonic() > deadline:
+                if data.late:
                     break
                 trial = refit(
                     data,
@@ -270,7 +269,21 @@ def search(data: Data, model: Model, *, deadline: float = np.inf) -> list[Fit]:
         if not beam or all(f.evidence < leader - 1e-9 for f in beam):
             break
     ranked = sorted(done.values(), key=lambda f: -f.evidence)
-    return [eliminate(data, ranked[0], ranked), *ranked]
+    return [eliminate(data, _polished(data, ranked[0]), ranked), *ranked]
+
+
+def _polished(data: Data, fit: Fit) -> Fit:
+    """The fit with the amplifier and the filter in the forms that suit each other: the memory of one imitates the
+    other, and only together the order of the two matters."""
+    if not {"pa_nonlinearity", "front_end_filter"} <= {e.family for e in fit.model.found}:
+        return fit
+    for family in ("pa_nonlinearity", "front_end_filter"):
+        i = next(i for i, e in enumerate(fit.model.effects) if e.family == family and not e.fixed)
+        rest = fit.model.without(i)
+        for form in FAMILIES[family].forms(data.scene, fit.model.effects[i]):
+            if not data.late:
+                fit = max(fit, refit(data, rest.adding(form)), key=lambda f: f.evidence)
+    return fit
 
 
 def plausible(model: Model) -> bool:
@@ -296,6 +309,7 @@ def _gross_offsets(data: Data, model: Model) -> list[Model]:
     if abs(cycles) < 1.0 or spectrum[k] < 2 * spectrum[0]:
         return []
     offset = start(FAMILIES["carrier_frequency_offset"], [cycles, 0.0], trials=len(product))
+    offset = replace(offset, free=FAMILIES[offset.family].settled(scene, offset))
     found = [model.adding(offset)]
     if scene.carrier_hz:
         gained = cycles / scene.duration_s / scene.carrier_hz * scene.count
@@ -309,7 +323,7 @@ def eliminate(data: Data, fit: Fit, known=()) -> Fit:
     while fit.model.found:
         worst = None
         for i, effect in enumerate(fit.model.effects):
-            if effect.fixed or "read" in effect.aux:
+            if effect.fixed or "read" in effect.aux or data.late:
                 continue
             less = refit_or_known(data, fit.model.without(i), known)
             if less.evidence > fit.evidence - MARGIN and (worst is None or less.evidence > worst.evidence):

@@ -4,8 +4,9 @@
 import numpy as np
 
 from ..effects import FAMILIES
+from . import heldout
+from .finding import Finding, nmse, numbers
 from .ownership import kind_of, owner
-from .run import Finding, nmse, numbers
 
 SAME_DELAY_SAMPLES = 0.7
 MOST_TRUSTED = 3  # effects in one recording; with more the list is not the whole truth
@@ -55,7 +56,7 @@ def conclude(case, findings: list[Finding], vault: list[tuple]) -> dict:
     effects = [entry for members in _group(findings) if (entry := _entry(findings, members))]
     left = [(f, rest) for f in findings for rest in f.left]
     ambiguous = _ambiguities(findings)
-    if left:
+    if left or not all(f.complete for f in findings):
         verdict = "unexplained"
     elif ambiguous:
         verdict = "ambiguous"
@@ -97,9 +98,9 @@ def _fit_numbers(findings, vault) -> dict:
         told = f.data.noise_power
         floor.append((told if told else f.fit.sigma2) / float(np.mean(np.abs(f.data.y) ** 2)))
     names = ("twin_nmse_db", "corrected_nmse_db", "noise_floor_db")
-    return {name: round(float(10 * np.log10(np.mean(v))), 4) for name, v in zip(names, (twin, corrected, floor), strict=True)} | {
-        "split": "vault"
-    }
+    numbers = {name: round(float(10 * np.log10(np.mean(v))), 4) for name, v in zip(names, (twin, corrected, floor), strict=True)}
+    gain = sum(heldout.log_likelihood(f.fit) - heldout.log_likelihood(f.twin) for f in findings)
+    return numbers | {"split": "vault", "heldout_gain_nats": round(float(gain), 2)}
 
 
 def _entry(findings, members) -> dict | None:
@@ -126,9 +127,9 @@ def _entry(findings, members) -> dict | None:
         **{k: [float(a) for a in v] for k, v in family.where(scene, effect, plain).items()},
         "recording": finding.observation.name if len(members) == 1 else sorted({f.observation.name for f, _ in members}),
     }
-    others = finding.rivals_of(index)
+    others = finding.worth_of(index).rivals
     evidence = {
-        "heldout_gain_nats": round(gain, 2),
+        "heldout_gain_nats": round(sum(f.worth_of(i).held_out for f, i in members), 2),
         "runner_up": others[0].effect.family if others else None,
         "runner_up_margin_nats": round(others[0].evidence, 2) if others else None,
     }

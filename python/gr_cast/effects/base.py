@@ -66,6 +66,7 @@ class Family:
     noise_like = False  # changes the noise, not the prediction
     reach = 0.5
     flexible = False  # fits much: tried after the simple ones
+    linear = False  # the prediction is linear in its numbers: no step is too long
     random = False  # its numbers are a law: what a twin has of it runs another course in every recording
     follows_carrier: dict[str, int] = {}  # numbers (of parameters or model) that grow with that power of the carrier
 
@@ -97,6 +98,10 @@ class Family:
     def limits(self, effect: Effect) -> np.ndarray:
         """Largest step of each parameter in one iteration of a fit."""
         return np.full(len(effect.p), self.reach)
+
+    def settled(self, scene, effect: Effect) -> np.ndarray:
+        """(parameters,) bool: what moves once the effect is found; a drift or a Doppler of 0 has an error too."""
+        return effect.free
 
     def plausible(self, effect: Effect) -> bool:
         """Whether the numbers can be those of real equipment."""

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Carrier frequency offset and drift: y·exp(j2π(f·t + ½·d·t²)). Internal: cycles at mid-recording, cycles
-of drift."""
+of drift, which stays 0 in recordings too short for an oscillator to drift."""
 
 import numpy as np
 
 from .base import RX_LO, Family, start
+
+FASTEST_DRIFT = 1e-3  # share of the carrier per second; what turns faster is no oscillator's drift
+LEAST_DRIFT = 0.1  # cycles of it that a recording must be long enough for
 
 
 class CarrierFrequencyOffset(Family):
@@ -20,10 +23,19 @@ class CarrierFrequencyOffset(Family):
 
     def starts(self, view):
         yield start(self, [0.0, 0.0], free=[True, False])
-        yield start(self, [0.0, 0.0])
+        if self._can_drift(view.scene):
+            yield start(self, [0.0, 0.0])
         peak = view.modulation_peak()
         if peak is not None:
-            yield start(self, [peak, 0.0], trials=view.scene.count)
+            yield start(self, [peak, 0.0], free=[True, self._can_drift(view.scene)], trials=view.scene.count)
+
+    @staticmethod
+    def _can_drift(scene) -> bool:
+        """Whether an oscillator's drift could show within the recording."""
+        return not scene.carrier_hz or FASTEST_DRIFT * scene.carrier_hz * scene.duration_s**2 > LEAST_DRIFT
+
+    def settled(self, scene, effect):
+        return np.array([True, self._can_drift(scene)])
 
     def values(self, scene, effect, p):
         duration = scene.duration_s

@@ -89,6 +89,10 @@ class Scene:
         other._number_samples()
         return other
 
+    def forget(self) -> None:
+        """Let go of what is kept between calls."""
+        self._wraps, self._spectra, self.notes = {}, {}, {}
+
     def spectrum_of(self, code: str) -> np.ndarray:
         """Spectrum of a waveform that is not on the air in the twin."""
         if code not in self._spectra:

@@ -34,6 +34,9 @@ class ExtraPath(Family):
                 yield start(self, [0, 0, delay, 0.0], free=[1, 1, 1, 0], aux={"source": i}, trials=trials)
                 yield start(self, [0, 0, delay, 0.0 if still else doppler], aux={"source": i}, trials=trials * 4)
 
+    def settled(self, scene, effect):
+        return np.ones(len(effect.p), bool)
+
     def values(self, scene, effect, p):
         rate = scene.sample_rate_hz
         phase = np.angle(complex_pair(p)) - np.pi * p[3]

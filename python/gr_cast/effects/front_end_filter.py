@@ -88,6 +88,14 @@ class FrontEndFilter(Family):
                 aux = {"low": low, "high": high, **side}
                 yield start(self, np.zeros(2 * len(lags)), aux=aux, prior=prior, trials=len(SIZES))
 
+    def forms(self, scene, effect):
+        """On the other side of the channel."""
+        if len(scene.sources) == 1:
+            side = {"side": "rx"} if effect.aux.get("side") == "tx" else {"side": "tx", "source": 0}
+            lags = {k: effect.aux[k] for k in ("low", "high")}
+            for prior in {effect.prior is None: effect.prior, True: None}.values():
+                yield start(self, np.zeros(len(effect.p)), aux={**lags, **side}, prior=prior, trials=effect.trials)
+
     def values(self, scene, effect, p):
         response = np.abs(np.fft.fft(self.impulse_response(effect, p), 512))
         inside = response[scene.occupied]

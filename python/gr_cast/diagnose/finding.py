@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What one recording says: its fit, what every effect of it is worth, its numbers with their intervals."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..effects import FAMILIES
+from . import heldout
+from .fit import Fit
+from .search import refit_or_known
+
+
+@dataclass(frozen=True, kw_only=True)
+class Worth:
+    """What an effect is worth in one recording, in nats: `evidence` on the samples fitted, `held_out` on the vault;
+    and its rivals."""
+
+    evidence: float
+    held_out: float
+    rivals: tuple = ()
+
+
+@dataclass(kw_only=True)
+class Finding:
+    """What one recording says: its best fit, the twin's fit, the standard deviations of discrete
+    parameters, what is left; `complete`: the search ended before its deadline."""
+
+    observation: object
+    scene: object
+    data: object
+    twin: Fit
+    fit: Fit
+    known: list = field(default_factory=list)  # other fits that the search made
+    complete: bool = True
+    stds: dict = field(default_factory=dict)
+    left: list = field(default_factory=list)
+    ambiguous: list = field(default_factory=list)
+    worths: dict = field(default_factory=dict)  # effect → Worth
+
+    def gain_of(self, index: int) -> float:
+        """Evidence that is lost without an effect."""
+        return self.worth_of(index).evidence
+
+    def worth_of(self, index: int) -> Worth:
+        """What `_compare` found, made now where it was not asked before."""
+        effect = self.fit.model.effects[index]
+        key = id(effect.p)
+        if key not in self.worths:
+            model = replace(self.fit.model, effects=tuple(e for e in self.fit.model.effects if "nats" not in e.aux))
+            at = next(i for i, e in enumerate(model.effects) if e.p is effect.p)
+            self.worths[key] = worth(self.fit, refit_or_known(self.data, model.without(at), self.known))
+        return self.worths[key]
+
+
+def worth(fit: Fit, without: Fit, rivals=()) -> Worth:
+    """What the effect is worth that `fit` has and `without` lacks."""
+    return Worth(
+        evidence=float(fit.evidence - without.evidence),
+        held_out=heldout.log_likelihood(fit) - heldout.log_likelihood(without),
+        rivals=tuple(replace(r, fit=None) for r in rivals),
+    )
+
+
+def nmse(data, y: np.ndarray, inside: np.ndarray) -> float:
+    """Residual power on the samples `inside` over recorded power."""
+    return float(np.mean(np.abs(data.y[inside] - y[inside]) ** 2) / np.mean(np.abs(data.y[data.use + data.vault > 0]) ** 2))
+
+
+def numbers(finding: Finding, index: int) -> tuple[dict, dict]:
+    """Contract parameters of one effect: {name: {value, std}} and constants."""
+    fit, effect = finding.fit, finding.fit.model.effects[index]
+    family, scene = FAMILIES[effect.family], finding.scene
+    values = family.values(scene, effect, effect.p)
+    variance = {name: 0.0 for name in values}
+    span = fit.model.span(index) if len(fit.model.vector()) == len(fit.hessian) else None
+    free = np.flatnonzero(effect.free)
+    if len(free) and span is not None:
+        cov = fit.covariance[span, span]
+        gradient = {name: np.zeros(len(free)) for name in values}
+        for j, k in enumerate(free):
+            h = 1e-4 * max(np.sqrt(cov[j, j]), 1e-12)
+            p = effect.p.copy()
+            p[k] += h
+            moved = family.values(scene, effect, p)
+            for name in values:
+                change = moved[name] - values[name]
+                if name.endswith("_rad"):
+                    change = (change + np.pi) % (2 * np.pi) - np.pi
+                gradient[name][j] = change / h
+        variance = {name: float(g @ cov @ g) for name, g in gradient.items()}
+    stds = finding.stds.get(effect.family, {})
+    out = {}
+    for name, value in values.items():
+        std = stds.get(name, np.sqrt(max(variance[name], 0.0)) * INFLATION)
+        if effect.prior is not None:
+            std = max(std, LEAST_OF_COURSES.get(name, 0.0) * (1.0 if name.endswith("_db") else abs(value)))
+        if not std:
+            std = default_std(effect.family, name, value, scene)
+        out[name] = {"value": float(value), "std": float(std)}
+    return out, family.constants(scene, effect)
+
+
+INFLATION = 1.1
+# What one realisation of a random course leaves open: a share of the number, or dB.
+LEAST_OF_COURSES = {
+    "rms_rad": 0.1,
+    "k_factor_db": 0.6,
+    "doppler_spread_hz": 0.2,
+    "decay_s": 0.15,
+    "power_db": 0.3,
+}
+
+
+def default_std(family: str, name: str, value: float, scene) -> float:
+    """For numbers found by search: the resolution of the search."""
+    if name == "delay_s":
+        return 0.0
+    if name == "time_s":
+        return 2.0 / scene.sample_rate_hz
+    if name == "samples":
+        return 0.0
+    return abs(value) * 0.05
