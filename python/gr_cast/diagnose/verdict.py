@@ -5,11 +5,10 @@ import numpy as np
 
 from ..effects import FAMILIES
 from . import heldout
-from .finding import Finding, nmse, numbers
+from .finding import MOST_TRUSTED, Finding, nmse, numbers
 from .ownership import kind_of, owner
 
 SAME_DELAY_SAMPLES = 0.7
-MOST_TRUSTED = 3  # effects in one recording; with more the list is not the whole truth
 LEAST_NATS = 8.0  # that an effect must bring over all recordings
 
 
