@@ -16,6 +16,7 @@ from .compare import SeriesComparison
 from .compare_cir import ResponseComparison
 from .files import written_aside
 from .sound import Sounding
+from .traffic import log
 from .units import db_from_amplitude, db_from_power
 
 MEASURED, MODELLED, FLOOR = "#1f5fa8", "#d1701f", "#8a8a8a"
@@ -262,4 +263,26 @@ def cellular_figure(courses: list[Course], title: str, offered_bps: float) -> Fi
         axes.grid(alpha=0.3)
     rows[-1].set_xlabel("time (s)")
     rows[-1].legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.25), ncols=3, frameon=False)
+    return figure
+
+
+def traffic_figure(runs: list[dict], duration_s: float, step_s: float) -> Figure:
+    """A column per run: throughput and loss over time, and latency of every packet; a colour per flow."""
+    figure = new_figure(max(8.0, 2.6 * len(runs) + 1), 7)
+    grid = figure.subplots(3, len(runs), sharex=True, sharey="row", squeeze=False)
+    for (rates, losses, latencies), run in zip(grid.T, runs, strict=True):
+        rates.set_title(run["run"], fontsize=10)
+        for index, result in enumerate(run["results"]):
+            found = log.series(result, duration_s, step_s)
+            time_s, rate_bps = found["throughput_bps"]
+            rates.plot(time_s, rate_bps / 1e3, color=f"C{index}", label=result.flow.name)
+            losses.plot(time_s, 100 * found["loss"][1], ".-", color=f"C{index}")
+            latencies.plot(result.sent_s, 1e3 * result.latency_s, ".", color=f"C{index}", ms=3)
+        losses.set_ylim(-4, 104)
+        latencies.set(xlabel="time (s)", xlim=(0, duration_s), yscale="log")
+        for axes in (rates, losses, latencies):
+            axes.grid(alpha=0.3)
+    for axes, label in zip(grid[:, 0], ("throughput (kbit/s)", "loss (%)", "latency (ms)"), strict=True):
+        axes.set_ylabel(label)
+    grid[0, 0].legend(fontsize=8)
     return figure

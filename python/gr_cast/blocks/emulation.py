@@ -25,7 +25,8 @@ class Emulation(gr.top_block):
     """All nodes of a scenario on one channel emulator, joined to their ports; without one a node is silent, or unheard.
 
     `noise_power` is every receiver's, in units of the samples squared. `settings` maps (node, direction) of UHD
-    ports to RadioSettings. Raises CastError, all faults at once, where ports and scenario do not fit.
+    ports to RadioSettings, `ends` maps the same to blocks that are joined in place of a port. Raises CastError, all
+    faults at once, where ports and scenario do not fit.
     """
 
     def __init__(
@@ -39,11 +40,12 @@ class Emulation(gr.top_block):
         fixed_point: FixedPoint | None = None,
         settings: dict[tuple[str, str], RadioSettings] | None = None,
         n_threads: int = 0,
+        ends: dict[tuple[str, str], gr.basic_block] | None = None,
     ):
         super().__init__("Emulation", catch_exceptions=False)
         self.nodes, self.sample_rate_hz = scenario.nodes, sample_rate_hz
         _check_ports(scenario, ports)
-        settings = settings or {}
+        settings, ends = settings or {}, ends or {}
         self.emulator = channel_emulator(
             len(self.nodes),
             len(self.nodes),
@@ -67,11 +69,14 @@ class Emulation(gr.top_block):
         for index, node in enumerate(self.nodes):
             tx, rx = ((node, direction) for direction in ("tx", "rx"))
             nothing = Port(node=node, direction="tx", kind="null")
-            source = source_block(by_place.get(tx, nothing), settings.get(tx), sample_rate_hz)
+            source = ends.get(tx) or source_block(by_place.get(tx, nothing), settings.get(tx), sample_rate_hz)
             self.connect(source, (self.emulator, index))
-            sink = connect_sink(
-                self, self.emulator, index, by_place.get(rx, nothing), settings.get(rx), sample_rate_hz
-            )
+            if rx in ends:
+                sink = ends[rx]
+                self.connect((self.emulator, index), sink)
+            else:
+                port = by_place.get(rx, nothing)
+                sink = connect_sink(self, self.emulator, index, port, settings.get(rx), sample_rate_hz)
             self._blocks += [source, sink]
         self._lock = threading.Lock()
         self._stopping = threading.Event()
