@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pictures of soundings, codes, path losses, scenarios and comparisons, each a matplotlib figure; `save` writes it whole."""
+"""Pictures of soundings, codes, path losses, scenarios, comparisons and experiments; `save` writes one whole."""
 
 from pathlib import Path
 
@@ -263,6 +263,51 @@ def cellular_figure(courses: list[Course], title: str, offered_bps: float) -> Fi
         axes.grid(alpha=0.3)
     rows[-1].set_xlabel("time (s)")
     rows[-1].legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.25), ncols=3, frameon=False)
+
+
+def jamming_figure(cases: list[tuple[str, list]]) -> Figure:
+    """Throughput and SINR over time of every case, (name, its one or two runs)."""
+    figure = new_figure(4.6 * len(cases) + 0.6, 6)
+    grid = figure.subplots(2, len(cases), sharex="col", squeeze=False)
+    for (top, bottom), (name, runs) in zip(grid.T, cases, strict=True):
+        top.set_title(name, loc="left", fontsize=11)
+        for run, color, style in zip(runs, (MEASURED, MODELLED), ("-", "--"), strict=False):
+            columns = run.series
+            top.plot(columns["time_s"], columns["throughput_mbit_per_s"], style, color=color, lw=1.3, label=run.label)
+            bottom.plot(columns["time_s"], columns["sinr_db"], style, color=color, lw=1.3)
+        jammer = runs[0].setting.jammer
+        if jammer:
+            last_s = runs[0].series["time_s"][-1]
+            for axes in (top, bottom):
+                axes.axvspan(jammer.on_s[0], min(jammer.on_s[1], last_s), color=FLOOR, alpha=0.15, lw=0, zorder=0)
+        top.set_ylim(0, 1.08 * runs[0].offered_mbit_per_s)
+        bottom.set_xlabel("radio time (s)")
+        for axes in (top, bottom):
+            axes.grid(alpha=0.25)
+    grid[0, 0].set_ylabel("throughput (Mbit/s)")
+    grid[1, 0].set_ylabel("SINR (dB)")
+    grid[0, 0].legend(fontsize=8)
+    return figure
+
+
+def jamming_spectrogram(cases: list[tuple[str, list]], sample_rate_hz: float) -> Figure:
+    """Spectrum of every computed frame of each case's first run; the grey scale is one for all."""
+    figure = new_figure(4.6 * len(cases) + 1, 4)
+    grid = figure.subplots(1, len(cases), sharey=True, squeeze=False)[0]
+    levels = [db_from_power(np.array([frame.spectrum for frame in runs[0].frames])) for _, runs in cases]
+    top_db = max(np.max(level) for level in levels)
+    floor_db = min(np.percentile(level, 1) for level in levels)
+    for axes, (name, runs), level in zip(grid, cases, levels, strict=True):
+        times = [frame.time_s for frame in runs[0].frames]
+        extent = (times[0], times[-1], -sample_rate_hz / 2e6, sample_rate_hz / 2e6)
+        image = axes.imshow(
+            level.T, origin="lower", aspect="auto", extent=extent, cmap="inferno", vmin=floor_db, vmax=top_db,
+            interpolation="nearest",
+        )  # fmt: skip
+        axes.set_title(name, loc="left", fontsize=11)
+        axes.set_xlabel("radio time (s)")
+    grid[0].set_ylabel("frequency from the carrier (MHz)")
+    figure.colorbar(image, ax=list(grid), label="power per bin (dB)", shrink=0.9)
     return figure
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.fft import next_fast_len
 
 from .errors import CastError
 
@@ -170,7 +171,7 @@ def modulated(payload: bytes, mode: Mode, scrambler: int = 0b1011101) -> np.ndar
 
 def _training_match(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Power along the two long symbols that begin at each sample, and its share of all power there, (n − 127,) each."""
-    size = len(samples) + FFT
+    size = next_fast_len(len(samples) + FFT)
     spectrum = np.fft.fft(samples, size) * np.conj(np.fft.fft(_LONG_BODY, size))
     along = np.abs(np.fft.ifft(spectrum)[: len(samples) - FFT + 1]) ** 2 / np.sum(np.abs(_LONG_BODY) ** 2)
     energy = np.cumsum(np.concatenate([[0.0], np.abs(samples) ** 2]))
