@@ -7,10 +7,10 @@ import sys
 import time
 
 import _program
-from gr_cast import plot
+from gr_cast import compare, plot, report, series
 from gr_cast import scenario as sc
 from gr_cast.errors import CastError
-from gr_cast.experiments import hall, jamming
+from gr_cast.experiments import hall, jamming, left_out, loss
 from gr_cast.experiments import jamming_result as result
 from gr_cast.files import write_json
 from gr_cast.result import output_folder
@@ -115,6 +115,73 @@ def run(args) -> int:
     return 130 if args.interrupted else 0
 
 
+def sweep(args) -> int:
+    """Packet loss over SINR: white noise, the jammers, and the modem alone; the SINR that is measured beside the one set."""
+    from gr_cast.blocks.frames import FrameEmulator
+    from gr_cast.blocks.modem import open_modem
+
+    modem = open_modem(args.modem, args.mode)
+    folder = output_folder(args.output)
+    points = []
+    try:
+        for curve in loss.CURVES:
+            for sinr_db in loss.SINR_DB:
+                points.append(loss.point(curve, sinr_db, modem, FrameEmulator, args.frames, args.payload, args.seed))
+                print(f"\r{curve.name}, {sinr_db:g} dB: loss {points[-1].loss:.3f} ", end="", file=sys.stderr, flush=True)
+    except KeyboardInterrupt:
+        args.interrupted = True
+    print(file=sys.stderr)
+    document = loss.document(modem.name, points, not args.interrupted)
+    if points:
+        plot.save(plot.loss_figure(points, modem.name), folder / "sweep.png")
+    write_json(folder / "sweep.json", document)
+    print(loss.as_table(document))
+    return 130 if args.interrupted else 0
+
+
+def leave_out(args) -> int:
+    """Leave a wall or a jammer's harmonic out of the twin: what ρ says of the two runs, and what the diagnosis finds."""
+    from gr_cast.blocks.frames import FrameEmulator
+    from gr_cast.blocks.modem import open_modem
+    from gr_cast.diagnose import diagnose, read_case, write
+
+    kind, wall = left_out.parse(args.what)
+    modem = open_modem(args.modem, args.mode)
+    args.step, args.frames_per_second = 1.0, 4.0
+    _times_s(args, modem)
+    folder = output_folder(args.output)
+    world, twin = left_out.settings(kind, wall, args.duration, args.seed)
+    runs = [_emulate(args, modem, setting, label, args.what) for setting, label in ((world, "world"), (twin, "twin"))]
+    if args.interrupted and min(len(run.frames) for run in runs) < 2:
+        return 130
+    for run_, side in zip(runs, ("a", "b"), strict=True):
+        result.write_run(folder, side, run_)
+    print(f"left out: {left_out.what_was_left_out(kind, world, twin)}")
+    alike = {}
+    for column in result.COLUMNS:
+        pair = [series.read(folder / f"{side}.csv", column) for side in ("a", "b")]
+        found = compare.compare(*pair)
+        alike[column] = compare.as_document(found)
+        plot.save(plot.series_comparison_figure(found, column), folder / f"comparison-{column}.png")
+        print(f"\n{column}\n{compare.as_table(alike[column])}")
+    recorded = left_out.recorded(kind, world)
+    emulator = FrameEmulator(
+        recorded.scenario, recorded.transmitters, recorded.rx, left_out.OVERSAMPLING * modem.sample_rate_hz,
+        left_out.OVERSAMPLING * recorded.noise_power, args.seed,
+    )  # fmt: skip
+    left_out.write_case(folder / "case", recorded, twin, modem, emulator, jammed=recorded.jammer is not None)
+    print(f"\ncase: {folder / 'case'}; diagnosing …", flush=True)
+    diagnosis = diagnose(read_case(folder / "case"))
+    write(diagnosis, folder / "diagnosis", report.render(diagnosis))
+    found = diagnosis.document
+    print(f"diagnosis: {found['verdict']}")
+    for effect in found["effects"]:
+        print(f"  {effect['owner']['name']}: {effect['family']}: {effect['sentence']}")
+    about = {"what": args.what, "similarity": alike, "verdict": found["verdict"], "effects": found["effects"]}
+    write_json(folder / "left_out.json", left_out.document(about))
+    return 0
+
+
 def _add_common(command) -> None:
     command.add_argument("--output", required=True, metavar="DIR", help="table, pictures and JSON go here")
     command.add_argument("--modem", default="auto", help="auto, gr-ieee802-11 or 802.11a (default auto)")
@@ -144,6 +211,16 @@ def main(argv=None) -> int:
     command.add_argument("--full", action="store_const", const=100.0, dest="frames_per_second", help="100 of them")
     command.add_argument("--step", type=float, default=1.0, metavar="SECONDS", help="of the series (default 1)")
     command.set_defaults(call=run)
+    command = commands.add_parser("sweep", help=sweep.__doc__, description=sweep.__doc__)
+    _add_common(command)
+    command.add_argument("--frames", type=int, default=40, help="of each point (default 40)")
+    command.add_argument("--full", action="store_const", const=400, dest="frames", help="400 of them")
+    command.set_defaults(call=sweep)
+    command = commands.add_parser("leave-out", help=leave_out.__doc__, description=leave_out.__doc__)
+    _add_common(command)
+    command.add_argument("what", help="wall:north, wall:south, wall:east, wall:west or harmonic")
+    command.add_argument("--duration", type=float, default=60.0, metavar="SECONDS", help="of radio time (default 60)")
+    command.set_defaults(call=leave_out)
     args = parser.parse_args(argv)
     if not 5 <= args.payload:
         raise CastError(f"--payload: got {args.payload} bytes, needs 5 or more: four number the frame")

@@ -331,3 +331,25 @@ def traffic_figure(runs: list[dict], duration_s: float, step_s: float) -> Figure
         axes.set_ylabel(label)
     grid[0, 0].legend(fontsize=8)
     return figure
+
+
+def loss_figure(points: list, title: str) -> Figure:
+    """Packet loss over the SINR set, a line per disturbance with its binomial deviation, and the SINR measured over that set."""
+    figure = new_figure(11, 4.6)
+    left, right = figure.subplots(1, 2)
+    for index, curve in enumerate(dict.fromkeys(point.curve for point in points)):
+        mine = [point for point in points if point.curve == curve]
+        set_db, loss = [point.set_db for point in mine], np.array([point.loss for point in mine])
+        spread = np.sqrt(loss * (1 - loss) / [point.frames for point in mine])
+        style = dict(color=f"C{index}", marker="os^vD"[index % 5], ms=4, lw=1.3, label=curve.name)
+        left.errorbar(set_db, loss, spread, capsize=2, ls="--" if mine[0].measured_db is None else "-", **style)
+        if mine[0].measured_db is not None:
+            right.plot(set_db, [point.measured_db - point.set_db for point in mine], **style)
+    right.axhspan(-0.5, 0.5, color=FLOOR, alpha=0.15, lw=0)
+    left.set(xlabel="SINR set (dB)", ylabel="packet loss")
+    right.set(xlabel="SINR set (dB)", ylabel="SINR measured − set (dB)", ylim=(-1, 1))
+    figure.suptitle(title, x=0.01, ha="left", fontsize=10)
+    left.legend(fontsize=8)
+    for axes in (left, right):
+        axes.grid(alpha=0.25)
+    return figure

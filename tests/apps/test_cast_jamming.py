@@ -12,7 +12,7 @@ import pytest
 from gr_cast import scenario as sc
 from gr_cast import series
 from gr_cast.errors import CastError
-from gr_cast.experiments import hall
+from gr_cast.experiments import hall, left_out, loss
 
 PROGRAM = Path(__file__).resolve().parents[2] / "apps" / "cast_jamming.py"
 SMALL = ["--duration", "30", "--frames-per-second", "4", "--payload", "60"]
@@ -87,4 +87,35 @@ def test_what_was_computed_until_an_interrupt_stays(tmp_path):
 def test_what_cannot_be_done_is_refused_before_anything_is_written(arguments, words, tmp_path):
     with pytest.raises(CastError, match=words):
         jam("run", *arguments, "--output", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_sweep_gives_loss_and_measured_sinr_of_every_curve(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(loss, "SINR_DB", (-5.0, 30.0))
+    assert jam("sweep", "--frames", 4, "--payload", 100, "--output", tmp_path) == 0
+    document = json.loads((tmp_path / "sweep.json").read_text())
+    assert len(document["points"]) == 2 * len(loss.CURVES) and document["largest_sinr_error_db"] < 1
+    assert {point["loss"] for point in document["points"] if point["sinr_set_db"] == 30} == {0.0}
+    assert (tmp_path / "sweep.png").read_bytes()[:4] == b"\x89PNG"
+    assert "packet loss at SINR" in capsys.readouterr().out
+
+
+def test_a_wall_left_out_is_hidden_from_similarity_and_named_by_the_diagnosis(tmp_path, monkeypatch):
+    monkeypatch.setattr(left_out, "FRAME_BYTES", 200)
+    assert jam("leave-out", "wall:north", "--duration", 24, "--output", tmp_path) == 0
+    document = json.loads((tmp_path / "left_out.json").read_text())
+    assert document["similarity"]["sinr_db"]["rho"] > 0.99
+    assert document["verdict"] == "identified"
+    (effect,) = document["effects"]
+    assert (effect["family"], effect["owner"]["name"]) == ("extra_path", "tx>rx")
+    whole, less = (hall.scenario("static", without=out).links[("tx", "rx")] for out in ((), ("north",)))
+    (missing_s,) = set(whole.delay_s[0]) - set(less.delay_s[0])
+    delay_s = effect["parameters"]["delay_s"]
+    assert delay_s["value"] == pytest.approx(missing_s, abs=4 * delay_s["std"]) and delay_s["std"] < 1e-9
+
+
+@pytest.mark.parametrize("what", ["roof", "wall:up", "wall"])
+def test_what_cannot_be_left_out_is_refused(what, tmp_path):
+    with pytest.raises(CastError, match="needs harmonic or wall:NAME with north"):
+        jam("leave-out", what, "--output", tmp_path / "out")
     assert not (tmp_path / "out").exists()

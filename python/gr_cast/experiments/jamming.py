@@ -55,7 +55,8 @@ class Jammer:
 class Setting:
     """Who transmits to whom over what, and how loud: powers at the receiver, means over time and the sender's band.
 
-    `snr_db` is without the jammer, `sinr_db` with it (None: no jammer). Raises CastError where the two contradict.
+    `snr_db` is without the jammer, `sinr_db` with it (None: no jammer). They hold over `levels_of` where it is given: then
+    noise and jammer are as loud here as there. Raises CastError where the two contradict.
     """
 
     scenario: Scenario
@@ -66,6 +67,7 @@ class Setting:
     rx: str = "rx"
     jammer_node: str = "jammer"
     seed: int = 0
+    levels_of: Scenario | None = None
 
     def __post_init__(self):
         if not np.isfinite(self.snr_db):
@@ -79,16 +81,19 @@ class Setting:
 
     @property
     def noise_power(self) -> float:
-        return mean_gain(self.scenario, (self.tx, self.rx), LINK_BAND_HZ) * power_from_db(-self.snr_db)
+        return self._mean_gain(self.tx, LINK_BAND_HZ) * power_from_db(-self.snr_db)
 
     @property
     def jammer_amplitude(self) -> float:
         """Of the transmitted noise, relative to the link's transmitted rms."""
         if self.jammer is None:
             return 0.0
-        wanted = mean_gain(self.scenario, (self.tx, self.rx), LINK_BAND_HZ)
-        hears = mean_gain(self.scenario, (self.jammer_node, self.rx), self.jammer.bandwidth_hz, self.jammer.centre_hz)
-        return float(np.sqrt((wanted * power_from_db(-self.sinr_db) - self.noise_power) / hears))
+        hears = self._mean_gain(self.jammer_node, self.jammer.bandwidth_hz, self.jammer.centre_hz)
+        disturbance = self._mean_gain(self.tx, LINK_BAND_HZ) * power_from_db(-self.sinr_db)
+        return float(np.sqrt((disturbance - self.noise_power) / hears))
+
+    def _mean_gain(self, node: str, bandwidth_hz: float, centre_hz: float = 0.0) -> float:
+        return mean_gain(self.levels_of or self.scenario, (node, self.rx), bandwidth_hz, centre_hz)
 
 
 @dataclass(frozen=True, kw_only=True)
