@@ -4,6 +4,8 @@
 
 import argparse
 import sys
+import tempfile
+import threading
 from pathlib import Path
 
 import _program
@@ -11,12 +13,16 @@ import numpy as np
 from gr_cast import plot
 from gr_cast import scenario as sc
 from gr_cast.blocks.network import play
-from gr_cast.cellular import experiment
+from gr_cast.cellular import downlink as downlink_model
+from gr_cast.cellular import experiment, stack, stack_run
 from gr_cast.cellular.downlink import Cell, Downlink, Radio
 from gr_cast.errors import CastError
 from gr_cast.files import write_json
+from gr_cast.result import output_folder
 from gr_cast.scenario.create import room
 from gr_cast.scenario.create.spec import read as read_spec
+from gr_cast.series import write_csv
+from gr_cast.traffic.namespaces import run_with_rights
 
 CELLS = {1: ["12:34,37,41"], 2: ["10:33,34,41", "25:37,38,42"]}  # of the Arena: ceiling, standing, and two that walk
 COLOSSEUM_LOSS_DB = 57.55  # of the emulator itself (Bonati et al., DySPAN 2021)
@@ -37,10 +43,6 @@ def _scenarios(args, duration_s: float) -> tuple[list[tuple[str, sc.Scenario]], 
     pairs = [(cell.station, node) for cell in cells for other in cells for node in other.terminals]
     place, twin = (room.scenario(spec, pairs, duration_s, four_taps=four_taps) for four_taps in (False, True))
     return [("place", place), ("twin", twin)], cells
-
-
-def _with_loss(scenario: sc.Scenario, loss_db: float) -> sc.Scenario:
-    return sc.with_base_loss(scenario, scenario.base_loss_db + loss_db) if loss_db else scenario
 
 
 def _sound(downlink: Downlink, name: str, time_s: np.ndarray) -> list[dict]:
@@ -82,7 +84,7 @@ def model(args) -> int:
     courses, checks, files = [], [], []
     for number, (name, scenario) in enumerate(scenarios):
         # Each has noise of its own, as two measurements have.
-        downlink = Downlink(_with_loss(scenario, args.setup_loss_db), cells, radio, play, seed=args.seed + number)
+        downlink = Downlink(sc.with_more_loss(scenario, args.setup_loss_db), cells, radio, play, seed=args.seed + number)
         sinrs = _sound(downlink, name, time_s)
         if not sinrs:
             break
@@ -97,6 +99,86 @@ def model(args) -> int:
     complete = len(courses) == len(scenarios) and len(courses[-1].time_s) == len(time_s)
     _report(args, output, scenarios, cells, radio, courses, checks, files, complete)
     return 0 if complete else 130
+
+
+def over_stack(args) -> int:
+    """The same network with srsRAN 4G on ZeroMQ radios: its own metrics and iperf3's, over the emulated twin."""
+    from gr_cast.blocks.emulation import Emulation
+    from gr_cast.blocks.ports import Port
+
+    duration_s = (FULL_S if args.full else SHORT_S) if args.duration is None else args.duration
+    if not 2 <= duration_s <= 3600:
+        raise CastError(f"--duration: got {duration_s} s, a stack needs 2 to 3600 s")
+    scenarios, cells = _scenarios(args, duration_s)
+    played = experiment.restricted(scenarios[-1][1], cells)
+    if not args.only_write:
+        stack.check_programs()
+        run_with_rights(sys.argv)
+    output = output_folder(args.output)
+    with tempfile.TemporaryDirectory(prefix="cast") as sockets:
+        templates = Path(args.stack_config).expanduser()
+        members = stack.write_configuration(cells, args.blocks, templates, output / "stack", Path(sockets))
+        ports = [Port(node=m.node, direction="tx", kind="zmq", where=m.sends) for m in members]
+        ports += [Port(node=m.node, direction="rx", kind="zmq", where=m.receives) for m in members]
+        rate_hz = stack.SAMPLE_RATE_HZ[args.blocks]
+        # The loss that all links share is put on the noise: receivers of a stack want samples near full scale.
+        shared_db = played.base_loss_db + args.setup_loss_db
+        noise_db = downlink_model.THERMAL_DBM_PER_HZ + 10 * np.log10(rate_hz) + args.noise_figure_db - args.tx_power_dbm
+        noise_db += shared_db + args.stack_power_db
+        sc.save(output / "stack/scenario.yaml" if played.is_static else output / "stack/scenario.zarr", played)
+        print(f"configuration: {output / 'stack'}; noise {noise_db:.2f} dB; {rate_hz:g} samples/s", file=sys.stderr)
+        if args.only_write:
+            return 0
+        plan = stack_run.Plan(
+            members=members, folder=output / "stack", protocol=args.protocol, offered_bps=args.offered, duration_s=duration_s
+        )
+        leveled = sc.with_more_loss(played, -played.base_loss_db)
+        emulation = Emulation(leveled, ports, rate_hz, noise_power=10 ** (noise_db / 10), seed=args.seed)
+        failure = _run_stack(plan, emulation)
+    found, missing = stack_run.collect(plan)
+    return _report_stack(args, output, plan, played, found, missing, failure)
+
+
+def _run_stack(plan, emulation) -> str | None:
+    ended, failure = threading.Event(), None
+    playing = threading.Thread(target=emulation.run_until, args=(ended,), daemon=True)
+    playing.start()
+    try:
+        stack_run.run(plan, lambda line: print(f"\r{line:<70s}", end="", file=sys.stderr, flush=True))
+    except CastError as error:
+        failure = error.faults[0]
+    except KeyboardInterrupt:
+        failure = "interrupted"
+    finally:
+        print(file=sys.stderr)
+        ended.set()
+        playing.join()
+    return failure
+
+
+def _report_stack(args, output: Path, plan, played, found: dict, missing: list[str], failure: str | None) -> int:
+    files, rows = [], []
+    for quantity, terminals in found.items():
+        for terminal, series in terminals.items():
+            path = output / "series" / f"{quantity}_{terminal}.csv"
+            path.parent.mkdir(exist_ok=True)
+            write_csv(path, {"time_s": series.time_s, "value": series.value})
+            files.append(str(path))
+            rows.append({"terminal": terminal, "quantity": quantity, "mean": float(np.nanmean(series.value))})
+            print(f"{terminal:>10s} {quantity:>8s} mean {rows[-1]['mean']:.6g} over {len(series.value)} samples")
+    for line in missing:
+        print(f"not recorded: {line}")
+    document = {
+        "cast_cellular": 1, "modelled": False, "stack": args.stack, "protocol": plan.protocol, "complete": failure is None,
+        "failure": failure, "scenario": played.name, "offered_bps": args.offered, "means": rows, "series": files,
+        "not_recorded": missing,
+    }  # fmt: skip
+    write_json(output / "cellular.json", document)
+    if found:
+        plot.save(plot.stack_figure(found, f"{args.stack}, {plan.protocol}, over {played.name}"), output / "cellular.png")
+    if failure:
+        raise CastError(failure)
+    return 0
 
 
 def _report(args, output: Path, scenarios, cells, radio, courses, checks, files, complete: bool) -> None:
@@ -157,7 +239,13 @@ def main(argv=None) -> int:
         "--setup-loss-db", type=float, default=COLOSSEUM_LOSS_DB, help="on top of the scenario (default: Colosseum's, 57.55)"
     )
     parser.add_argument("--seed", type=int, default=1, help="of the noise")
-    return model(parser.parse_args(argv))
+    parser.add_argument("--stack", choices=("srsran-4g",), help="run this stack over the emulator instead of the model")
+    parser.add_argument("--stack-config", default="~/.config/srsran", metavar="DIR", help="its sib.conf, rb.conf and rr.conf")
+    parser.add_argument("--stack-power-db", type=float, default=-20.0, help="of its samples, dB re 1 (default -20)")
+    parser.add_argument("--protocol", choices=("udp", "tcp"), default="udp", help="of iperf3 with --stack (default udp)")
+    parser.add_argument("--only-write", action="store_true", help="with --stack: write its configuration, and end")
+    args = parser.parse_args(argv)
+    return over_stack(args) if args.stack else model(args)
 
 
 if __name__ == "__main__":

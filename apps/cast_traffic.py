@@ -44,17 +44,16 @@ def _nodes(traffic: flows.Traffic):
 
 def _generate(traffic, nodes, folder: Path, is_quiet=lambda: True) -> tuple[list[log.FlowResult], str | None]:
     """What the logs say, and what went wrong, if anything: figures come out either way."""
-    running, failure = generators.Generators(traffic, nodes, folder), None
+    failure = None
     try:
-        running.watch(is_quiet, _progress)
+        generators.generate(traffic, nodes, folder, is_quiet=is_quiet, progress=_progress)
     except CastError as error:
         failure = error.faults[0]
     except KeyboardInterrupt:
         failure = "interrupted"
     finally:
-        running.stop()
         print(file=sys.stderr)
-    return log.evaluate(traffic, running.logs), failure
+    return log.evaluate(traffic, generators.logs_in(traffic, folder)), failure
 
 
 def _report(output: Path, traffic, runs: list[dict], about: dict, failure: str | None) -> int:
@@ -146,8 +145,7 @@ def scripts(args) -> int:
 def evaluate(args) -> int:
     """Read the logs of a run made elsewhere."""
     traffic = _read(args)
-    logs = {node: Path(args.logs) / f"{node}.log" for node in traffic.nodes}
-    results = log.evaluate(traffic, logs)
+    results = log.evaluate(traffic, generators.logs_in(traffic, Path(args.logs)))
     return _report(output_folder(args.output), traffic, [{"run": "logs", "results": results}], {"over": "unknown"}, None)
 
 

@@ -15,6 +15,7 @@ from .cellular.experiment import QUANTITIES, Course
 from .compare import SeriesComparison
 from .compare_cir import ResponseComparison
 from .files import written_aside
+from .series import Series
 from .sound import Sounding
 from .traffic import log
 from .units import db_from_amplitude, db_from_power
@@ -263,6 +264,7 @@ def cellular_figure(courses: list[Course], title: str, offered_bps: float) -> Fi
         axes.grid(alpha=0.3)
     rows[-1].set_xlabel("time (s)")
     rows[-1].legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.25), ncols=3, frameon=False)
+    return figure
 
 
 def jamming_figure(cases: list[tuple[str, list]]) -> Figure:
@@ -308,6 +310,21 @@ def jamming_spectrogram(cases: list[tuple[str, list]], sample_rate_hz: float) ->
         axes.set_xlabel("radio time (s)")
     grid[0].set_ylabel("frequency from the carrier (MHz)")
     figure.colorbar(image, ax=list(grid), label="power per bin (dB)", shrink=0.9)
+    return figure
+
+
+def stack_figure(found: dict[str, dict[str, Series]], title: str) -> Figure:
+    """What a stack's own logs say over time, a row per quantity, a colour per terminal."""
+    figure = new_figure(10, 2.6 * max(len(found), 1) + 0.6)
+    figure.suptitle(title, x=0.01, ha="left", fontsize=11)
+    for axes, (quantity, terminals) in zip(figure.subplots(len(found), 1, squeeze=False)[:, 0], found.items(), strict=True):
+        is_rate = quantity.endswith("_bps")
+        for terminal, series in terminals.items():
+            axes.plot(series.time_s, series.value * (1e-6 if is_rate else 1.0), ".-", label=terminal)
+        axes.set_ylabel(f"{quantity.removesuffix('_bps').upper()} (Mbit/s)" if is_rate else "SINR (dB)")
+        axes.set_xlabel("time (s)")
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=8)
     return figure
 
 

@@ -2,6 +2,7 @@
 """The cellular program from the command line: what it writes, refuses, and keeps."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -14,10 +15,9 @@ from gr_cast import series
 PROGRAM = Path(__file__).resolve().parents[2] / "apps/cast_cellular.py"
 
 
-def run(*arguments):
-    return subprocess.run(
-        [sys.executable, str(PROGRAM), *map(str, arguments)], capture_output=True, text=True, timeout=200, check=False
-    )
+def run(*arguments, **options):
+    command = [sys.executable, str(PROGRAM), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=200, check=False, **options)
 
 
 def test_one_command_writes_table_picture_series_and_json(tmp_path):
@@ -66,3 +66,79 @@ def test_what_was_sounded_before_an_interrupt_stays(tmp_path):
     document = json.loads((tmp_path / "cellular.json").read_text())
     assert document["complete"] is False
     assert all(len(Path(name).read_text().splitlines()) >= 2 for name in document["series"])
+
+
+STAND_INS = Path(__file__).resolve().parent / "stand_ins"
+
+
+@pytest.fixture
+def stand_ins(tmp_path):
+    """Environment and arguments of a run with programs that speak as srsRAN's do, in the place of srsRAN."""
+    try:
+        os.close(os.open("/dev/net/tun", os.O_RDWR))
+    except OSError as error:
+        pytest.skip(f"NO TUN DEVICES here: /dev/net/tun: {error.strerror}")
+    tried = subprocess.run(["unshare", "--net", "true"], capture_output=True, text=True, check=False)
+    if os.geteuid() or tried.returncode:
+        pytest.skip(f"NO NETWORK NAMESPACES here: not root, or {tried.stderr.strip()}")
+    templates = tmp_path / "templates"
+    templates.mkdir()
+    for name in ("sib.conf", "rb.conf"):
+        (templates / name).write_text("\n")
+    (templates / "rr.conf").write_text("cell_list = ({\n cell_id = 0x01;\n pci = 1;\n})\n")
+    scenario = tmp_path / "two.yaml"
+    scenario.write_text(
+        "cast_scenario: 1\nname: two\nnodes: [b, near, far]\nbase_loss_db: 40\nlinks:\n"
+        "  - {tx: b, rx: near, taps: [{delay_s: 0, gain_db: 0}]}\n  - {tx: b, rx: far, taps: [{delay_s: 0, gain_db: -12}]}\n"
+    )
+    arguments = ["--stack", "srsran-4g", "--stack-config", str(templates), "--blocks", "6", "--noise-figure-db", "0"]
+    arguments += ["--scenario", str(scenario), "--cells", "b:near,far"]
+    return os.environ | {"PATH": f"{STAND_INS}:{os.environ['PATH']}"}, arguments
+
+
+def test_a_stack_hears_the_emulated_channel_and_its_logs_become_series(tmp_path, stand_ins):
+    environment, arguments = stand_ins
+    out = tmp_path / "out"
+    done = run("--output", out, "--duration", 4, *arguments, env=environment)
+    assert done.returncode == 0, done.stderr
+    document = json.loads((out / "cellular.json").read_text())
+    assert document["modelled"] is False
+    assert document["complete"] is True
+    assert document["not_recorded"] == []
+    # The stand-in logs received power: sent at -20 dB, noise far below, the base loss put on the noise.
+    assert series.read(out / "series/sinr_db_near.csv").value == pytest.approx(-20, abs=0.1)
+    assert series.read(out / "series/sinr_db_far.csv").value == pytest.approx(-32, abs=0.1)
+    assert series.read(out / "series/udp_bps_far.csv").value == pytest.approx(5e6)
+    assert (out / "cellular.png").is_file()
+
+
+def test_a_terminal_that_dies_ends_the_run_and_what_was_logged_stays(tmp_path, stand_ins):
+    environment, arguments = stand_ins
+    out = tmp_path / "out"
+    command = [sys.executable, str(PROGRAM), "--output", str(out), "--duration", "60", *arguments]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment) as process:
+        log, end = out / "stack/srsue_far.csv", time.monotonic() + 90
+        while not (log.is_file() and len(log.read_text().splitlines()) > 4):
+            assert time.monotonic() < end
+            time.sleep(0.2)
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        terminal = [pid for pid in children if b"srsue_near.conf" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+        os.kill(int(terminal[0]), signal.SIGKILL)
+        _, errors = process.communicate(timeout=90)
+    assert process.returncode == 2
+    assert "error: srsue near: ended after" in errors
+    assert json.loads((out / "cellular.json").read_text())["complete"] is False
+    assert series.read(out / "series/sinr_db_far.csv").value.size >= 3
+
+
+def test_a_missing_stack_is_told_and_its_configuration_can_still_be_written(tmp_path, stand_ins):
+    environment, arguments = stand_ins
+    done = run("--output", tmp_path / "out", *arguments, env=environment | {"PATH": "/usr/sbin:/usr/bin"})
+    if "srsenb" not in done.stderr:
+        pytest.skip("srsRAN is installed here")
+    assert done.returncode == 2
+    assert "not installed" in done.stderr
+    assert not (tmp_path / "out").exists()
+    done = run("--output", tmp_path / "out", "--only-write", *arguments)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out/stack/srsenb_b.conf").is_file()

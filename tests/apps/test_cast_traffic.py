@@ -91,7 +91,7 @@ def test_what_was_logged_before_mgen_died_is_kept(tmp_path, namespaces_allowed):
         os.kill(int(mgen[0]), signal.SIGKILL)
         _, errors = process.communicate(timeout=60)
     assert process.returncode == 2
-    assert "error: node 2: mgen ended after" in errors
+    assert "error: mgen of node 2: ended after" in errors
     found = figures(tmp_path)
     assert found["complete"] is False
     assert found["flows"][0]["received"] > 0

@@ -3,15 +3,15 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ..compare import MAX_LAG, as_document, compare
 from ..errors import CastError
-from ..files import write_text
-from ..series import Series
+from ..scenario import Scenario
+from ..series import Series, write_csv
 from ..units import db_from_power
 from . import adaptation, sources
 from .downlink import Cell, Downlink, Radio
@@ -59,6 +59,18 @@ def parse_cells(texts: list[str], nodes: tuple[str, ...]) -> list[Cell]:
     return cells
 
 
+def restricted(scenario: Scenario, cells: list[Cell]) -> Scenario:
+    """The scenario with nothing but the cells' nodes and the links between stations and terminals, both ways."""
+    stations, terminals = {cell.station for cell in cells}, {node for cell in cells for node in cell.terminals}
+    links = {
+        key: taps for key, taps in scenario.links.items()
+        if (key[0] in stations and key[1] in terminals) or (key[1] in stations and key[0] in terminals)
+    }  # fmt: skip
+    losses_db = {key: loss for key, loss in scenario.link_base_loss_db.items() if key in links}
+    nodes = tuple(node for node in scenario.nodes if node in stations | terminals)
+    return replace(scenario, nodes=nodes, links=links, link_base_loss_db=losses_db, position_m={})
+
+
 def sinr_over_time(downlink: Downlink, time_s: np.ndarray) -> Iterator[dict[str, np.ndarray]]:
     """The SINR of every terminal's subcarriers at each instant, as `Downlink.sinr` gives it."""
     for instant in time_s:
@@ -87,11 +99,6 @@ def course(
     )
 
 
-def series_text(time_s: np.ndarray, value: np.ndarray) -> str:
-    """A series as `cast_compare.py` reads it."""
-    return "time_s,value\n" + "".join(f"{t:.6g},{v:.9g}\n" for t, v in zip(time_s, value, strict=True))
-
-
 def write_series(folder: Path, run: Course) -> list[str]:
     """A file time_s,value per terminal and quantity; returns their names."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -99,7 +106,7 @@ def write_series(folder: Path, run: Course) -> list[str]:
     for column, terminal in enumerate(run.terminals):
         for quantity in QUANTITIES:
             path = folder / f"{quantity}_{terminal}.csv"
-            write_text(path, series_text(run.time_s, getattr(run, quantity)[:, column]))
+            write_csv(path, {"time_s": run.time_s, "value": getattr(run, quantity)[:, column]})
             names.append(str(path))
     return names
 

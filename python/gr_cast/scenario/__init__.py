@@ -20,6 +20,7 @@ from .model import (
     resampled,
     taps_at,
     with_base_loss,
+    with_more_loss,
 )
 
 __all__ = [
@@ -43,4 +44,5 @@ __all__ = [
     "save",
     "taps_at",
     "with_base_loss",
+    "with_more_loss",
 ]

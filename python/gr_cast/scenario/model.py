@@ -212,6 +212,12 @@ def resampled(scenario: Scenario, step_s: float) -> Scenario:
     return replace(scenario, links=links, time_s=clock, position_m=position_m)
 
 
+def with_more_loss(scenario: Scenario, loss_db: float) -> Scenario:
+    """The same scenario with `loss_db` more on every link."""
+    losses_db = {key: loss + loss_db for key, loss in scenario.link_base_loss_db.items()}
+    return replace(scenario, base_loss_db=scenario.base_loss_db + loss_db, link_base_loss_db=losses_db)
+
+
 def with_base_loss(scenario: Scenario, loss_db: float) -> Scenario:
     """The same scenario behind another set-up: `loss_db` on every link."""
     return replace(scenario, base_loss_db=loss_db, link_base_loss_db={})

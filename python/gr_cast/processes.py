@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Programs of others that run beside this one: started, watched, and ended with it, however it ends."""
+
+import subprocess
+import time
+from pathlib import Path
+
+from .errors import CastError
+
+_PATIENCE_S = 5.0
+
+
+class Processes:
+    """What each prints goes to NAME.out in `folder`. Leaving the context ends them all, the newest first."""
+
+    def __init__(self, folder: Path):
+        folder.mkdir(parents=True, exist_ok=True)
+        self._folder, self._running, self._finished = folder, {}, set()
+        self._begin = time.monotonic()
+
+    def start(self, name: str, words: list[str], *, into: Path | None = None) -> None:
+        """Run `words`; what it prints on its standard output goes to the file `into` where one is given."""
+        try:
+            with open(self._folder / f"{name}.out", "wb") as errors, open(into or errors.name, "ab") as out:
+                # The kernel ends it when this process is gone.
+                bound = ["setpriv", "--pdeathsig", "TERM", *words]
+                self._running[name] = subprocess.Popen(bound, stdout=out, stderr=errors, stdin=subprocess.DEVNULL)
+        except FileNotFoundError as error:
+            raise CastError(f"{error.filename}: not installed") from None
+
+    def check(self) -> None:
+        """Raises CastError where one has ended that was not waited for, with the line of its output that tells why."""
+        for name, process in self._running.items():
+            if name not in self._finished and process.poll() is not None:
+                raise CastError(
+                    f"{name}: ended after {time.monotonic() - self._begin:.1f} s with status {process.returncode}"
+                    f"{self._complaint(name)}; what was recorded until then is kept"
+                )
+
+    def has_ended(self, name: str) -> bool:
+        """Whether one that ends by itself is through; from then on it counts as finished."""
+        if self._running[name].poll() is not None:
+            self._finished.add(name)
+        return name in self._finished
+
+    def _complaint(self, name: str) -> str:
+        lines = (self._folder / f"{name}.out").read_text(errors="replace").splitlines()
+        wrong = [line.strip() for line in lines if "rror" in line or "ailed" in line]
+        return f" ({wrong[-1]})" if wrong else ""
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for process in reversed(self._running.values()):
+            process.terminate()
+            try:
+                process.wait(_PATIENCE_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
