@@ -12,7 +12,7 @@ from pathlib import Path
 import _program
 import numpy as np
 from gr_cast import recording
-from gr_cast.diagnose.case import read_twin
+from gr_cast.diagnose.case import Waveform, read_twin
 from gr_cast.emulate import FixedPoint, noise_power_from_snr
 from gr_cast.errors import CastError
 from gr_cast.playback import Conditions, Playback
@@ -110,21 +110,17 @@ def batch(args) -> None:
 
 def play(args) -> None:
     """Play a twin with its effects, as a diagnosis writes it, and record what its receivers get: also of recordings that
-    nobody has made yet, at other powers, on other carriers, for longer."""
+    nobody has made yet, at other powers, on other carriers, of other waveforms, for longer. With --port it plays live."""
     twin = read_twin(args.twin)
+    if bool(args.port) == bool(args.output):
+        raise CastError("play: needs either --output (recordings) or --port (live)")
+    conditions = _conditions(args, twin)
+    if args.port:
+        _play_live(twin, args.port, conditions)
+        return
     observations = {o.name: o for o in twin.observations}
     chosen = args.recording or list(observations)
     faults = [f"--recording: got {name!r}, the twin has {', '.join(observations)}" for name in chosen if name not in observations]
-    transmitters = list(dict.fromkeys(tx for o in twin.observations for tx in o.on_air))
-    amplitude = {}
-    for text in args.amplitude:
-        node, _, value = text.rpartition("=")
-        if node and node not in transmitters:
-            faults.append(f"--amplitude: no transmitter {node!r}; the twin has {', '.join(transmitters)}")
-        try:
-            amplitude |= {name: float(value) for name in ([node] if node else transmitters)}
-        except ValueError:
-            faults.append(f"--amplitude: got {text!r}, needs NODE=NUMBER or NUMBER")
     stems = {name: Path(args.output) / name for name in chosen}
     faults += [
         f"{stem}: a recording of that name exists; nothing is overwritten, choose another folder"
@@ -135,11 +131,10 @@ def play(args) -> None:
         faults.append(f"--duration: got {args.duration}, needs more than 0 s")
     if faults:
         raise CastError(*faults)
-    conditions = Conditions(
-        amplitude=amplitude, center_frequency_hz=args.carrier, carrier_offset_hz=args.carrier_offset, gain_db=args.gain_db,
-        noise_power_db=-np.inf if args.no_noise else args.noise_power_db, seed=args.seed,
-    )  # fmt: skip
-    playbacks = {name: Playback(twin, observations[name], _count(twin, observations[name], args), conditions) for name in chosen}
+    playbacks = {}
+    for name in chosen:
+        o = observations[name]
+        playbacks[name] = Playback(twin, o, _count(twin, o, args, conditions), conditions)
     for name, playback in playbacks.items():
         for line in playback.warnings:
             print(f"warning: {name}: {line}", file=sys.stderr)
@@ -152,9 +147,49 @@ def play(args) -> None:
         )  # fmt: skip
 
 
-def _count(twin, observation, args) -> int:
+def _conditions(args, twin) -> Conditions:
+    """What the arguments change of a twin. Raises CastError, all faults at once."""
+    transmitters, faults = twin.transmitters, []
+    amplitude, transmit = {}, {}
+    for text in args.amplitude:
+        node, _, value = text.rpartition("=")
+        if node and node not in transmitters:
+            faults.append(f"--amplitude: no transmitter {node!r}; the twin has {', '.join(transmitters)}")
+        try:
+            amplitude |= {name: float(value) for name in ([node] if node else transmitters)}
+        except ValueError:
+            faults.append(f"--amplitude: got {text!r}, needs NODE=NUMBER or NUMBER")
+    for text in args.transmit:
+        node, equals, stem = text.partition("=")
+        if not equals or node not in transmitters:
+            faults.append(f"--transmit: got {text!r}, needs NODE=RECORDING of {', '.join(transmitters)}")
+            continue
+        taken = recording.read(stem)
+        if taken.sample_rate_hz not in (None, twin.sample_rate_hz):
+            faults.append(f"--transmit: {stem}: got {taken.sample_rate_hz} samples/s, the twin has {twin.sample_rate_hz:g}")
+        transmit[node] = Waveform(name=stem, samples=taken.samples, repeat=False, built_in=False)
+    if faults:
+        raise CastError(*faults)
+    return Conditions(
+        amplitude=amplitude, transmit=transmit, center_frequency_hz=args.carrier, carrier_offset_hz=args.carrier_offset,
+        gain_db=args.gain_db, noise_power_db=-np.inf if args.no_noise else args.noise_power_db, seed=args.seed,
+    )  # fmt: skip
+
+
+def _play_live(twin, ports: list[str], conditions: Conditions) -> None:
+    from gr_cast.blocks.ports import Port
+    from gr_cast.blocks.twin import TwinEmulation
+
+    emulation = TwinEmulation(twin, [Port.parse(text) for text in ports], conditions)
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    emulation.run_until(ended)
+
+
+def _count(twin, observation, args, conditions) -> int:
     """Samples to play: as asked for, else a waveform sent once, else 0.1 s."""
-    sent = [twin.waveforms[w] for w, _ in observation.on_air.values()]
+    sent = [conditions.transmit.get(tx, twin.waveforms[w]) for tx, (w, _) in observation.on_air.items()]
     if args.duration is None and not any(w.repeat for w in sent):
         return max(len(w.samples) for w in sent)
     return max(1, round((args.duration or 0.1) * twin.sample_rate_hz))
@@ -241,11 +276,18 @@ def main(argv=None) -> int:
 
     command = commands.add_parser("play", help=play.__doc__.split(",")[0], description=play.__doc__)
     command.add_argument("--twin", required=True, metavar="FILE", help="twin.yaml or twin_corrected.yaml")
-    command.add_argument("--output", required=True, metavar="DIR", help="folder of the played recordings")
+    command.add_argument("--output", metavar="DIR", help="folder of the played recordings")
+    command.add_argument(
+        "--port", action="append", default=[], metavar="NODE:tx|rx=KIND:WHERE",
+        help="play live: zmq:ADDRESS, pubsub:ADDRESS, file:STEM, null; repeat for every port",
+    )  # fmt: skip
     command.add_argument("--recording", action="append", metavar="NAME", help="of the twin's recordings; all without it")
     command.add_argument("--duration", type=float, metavar="S", help="default: a waveform sent once, else 0.1 s")
     command.add_argument(
         "--amplitude", action="append", default=[], metavar="[NODE=]A", help="of a transmitter, or of all, for the twin's own"
+    )
+    command.add_argument(
+        "--transmit", action="append", default=[], metavar="NODE=RECORDING", help="sent once, for the twin's own waveform"
     )
     command.add_argument("--carrier", type=float, metavar="HZ", help="another carrier: offsets and Dopplers grow with it")
     command.add_argument(

@@ -12,8 +12,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import fft as sp_fft
 
+from . import recording
 from .diagnose.align import effect_of, plain, source_of, told_noise_db, twin_effects
-from .diagnose.case import Case, Observation
+from .diagnose.case import Case, Observation, Waveform
 from .diagnose.model import Model, predict
 from .effects import FAMILIES
 from .effects.chain import Path, Scene, Source
@@ -21,19 +22,113 @@ from .emulate import receiver_noise
 from .errors import CastError
 from .units import amplitude_from_db
 
-BLOCK = 1 << 16  # samples that are computed at once, ends included
-END = 4096  # of them at either end, thrown away: a filter's memory, a narrow band's length
-MARGIN = 2048  # samples of a waveform beyond what is reached, faded out
-LONGEST_PERIOD = BLOCK  # up to here a repeated waveform is taken as a circle, exactly
+LONGEST_PERIOD = 1 << 16  # up to here a repeated waveform is taken as a circle, exactly
 STREAMS = 16  # noise streams of one effect
 FAR = 1 << 40  # first number of the noise, so that ends before the first sample have some
 
 
 @dataclass(frozen=True, kw_only=True)
+class Grid:
+    """How a stream is cut: `block` samples at once, of which `end` on either side are thrown away (a filter's memory, a
+    narrow band's length), and `margin` samples of a waveform beyond what is reached, half of them faded out."""
+
+    block: int = 1 << 16
+    end: int = 4096
+    margin: int = 2048
+
+    @property
+    def step(self) -> int:
+        return self.block - 2 * self.end
+
+
+class Tape:
+    """What a transmitter sends while the twin plays: samples come in at one end, windows are cut out of what is held."""
+
+    def __init__(self):
+        self.first, self.held = 0, np.zeros(0, np.complex64)
+
+    @property
+    def last(self) -> int:
+        return self.first + len(self.held)
+
+    def push(self, samples: np.ndarray) -> None:
+        self.held = np.concatenate([self.held, samples])
+
+    def drop(self, before: int) -> None:
+        """Forget what came before a sample's number."""
+        count = min(max(before - self.first, 0), len(self.held))
+        self.first, self.held = self.first + count, self.held[count:]
+
+    def __getitem__(self, span: slice) -> np.ndarray:
+        """The samples from number `span.start` to `span.stop`, both of them held."""
+        return self.held[span.start - self.first : span.stop - self.first]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sent:
+    """What a transmitter sends: samples in memory, on disk or on a tape, to be scaled; `source` has its power and peak, and
+    of a short period all of it."""
+
+    source: Source
+    samples: np.ndarray | recording.Stored | Tape
+    amplitude: float
+
+    @classmethod
+    def of(cls, waveform: Waveform | Tape, amplitude: float) -> "Sent":
+        if isinstance(waveform, Tape):  # of power 1 as far as anybody knows
+            return cls(source=source_of("live", np.ones(1), amplitude, False), samples=waveform, amplitude=amplitude)
+        energy, peak = 0.0, 0.0
+        for piece in recording.pieces(waveform.samples):
+            power = np.abs(piece) ** 2
+            if not np.isfinite(power).all():
+                raise CastError(f"waveform {waveform.name}: holds unknown samples (NaN), what is not known cannot be played")
+            energy, peak = energy + float(power.sum(dtype=float)), max(peak, float(power.max()))
+        head = source_of(waveform.name, waveform.samples[:LONGEST_PERIOD], amplitude, waveform.repeat)
+        level = energy / len(waveform.samples) * amplitude**2
+        source = replace(head, power=level, peak=float(np.sqrt(peak)) * amplitude)
+        return cls(source=source, samples=waveform.samples, amplitude=amplitude)
+
+    def around(self, first: int, last: int, margin: int) -> Source:
+        """The waveform around its samples first … last: a short period stays a circle, anything else is cut out and faded."""
+        if self.source.repeat and len(self.samples) <= LONGEST_PERIOD:
+            return self.source
+        cut = self.amplitude * self._cut(first - margin, last + margin)
+        fade = np.sin(np.pi / 2 * np.arange(margin // 2) / (margin // 2)) ** 2
+        cut[: margin // 2] *= fade
+        cut[-(margin // 2) :] *= fade[::-1]
+        samples = np.zeros(sp_fft.next_fast_len(len(cut)), complex)
+        samples[: len(cut)] = cut
+        known = np.ones(len(samples), bool)
+        return replace(self.source, samples=samples, repeat=False, known=known, origin=first - margin)
+
+    def _cut(self, first: int, last: int) -> np.ndarray:
+        """(last − first,) complex128 samples, zeros where nothing is sent."""
+        out, at = np.zeros(last - first, complex), first
+        if isinstance(self.samples, Tape):
+            begin, end = max(first, self.samples.first), min(last, self.samples.last)
+        elif not self.source.repeat:
+            begin, end = max(first, 0), min(last, len(self.samples))
+        else:
+            while at < last:
+                place = at % len(self.samples)
+                piece = self.samples[place : place + last - at]
+                out[at - first : at - first + len(piece)] = piece
+                at += len(piece)
+            return out
+        if end > begin:
+            out[begin - first : end - first] = self.samples[begin:end]
+        return out
+
+
+@dataclass(frozen=True, kw_only=True)
 class Conditions:
-    """What is other than the twin says. Amplitudes by transmitter; None leaves the twin's own."""
+    """What is other than the twin says. Amplitudes and waveforms by transmitter; None leaves the twin's own.
+
+    A `Tape` for a waveform is filled while the twin plays.
+    """
 
     amplitude: dict[str, float] = field(default_factory=dict)
+    transmit: dict[str, Waveform | Tape] = field(default_factory=dict)
     center_frequency_hz: float | None = None
     carrier_offset_hz: float = 0.0
     gain_db: float | None = None
@@ -57,8 +152,10 @@ class Playback:
     delay and phase) is 0; the gain is the one that a diagnosis measured, where it says so, else 0 dB.
     """
 
-    def __init__(self, case: Case, observation: Observation, count: int, conditions: Conditions | None = None):
-        conditions = conditions or Conditions()
+    def __init__(
+        self, case: Case, observation: Observation, count: int, conditions: Conditions | None = None, grid: Grid | None = None
+    ):
+        conditions, self.grid = conditions or Conditions(), grid or Grid()
         if count < 1:
             raise CastError(f"duration: got {count} samples, needs 1 or more")
         self.case, self.observation, self.count, self.conditions = case, observation, count, conditions
@@ -93,29 +190,35 @@ class Playback:
         """(count,) complex64 samples from number `first` on, up to the end."""
         last = self.count if count is None else min(first + count, self.count)
         out = np.zeros(max(last - first, 0), np.complex64)
-        step = BLOCK - 2 * END
+        step = self.grid.step
         for k in range(first // step, -(-last // step)):
             begin, end = max(first, k * step), min(last, (k + 1) * step)
-            out[begin - first : end - first] = self._block(k)[begin - k * step : end - k * step]
+            out[begin - first : end - first] = self.block(k)[begin - k * step : end - k * step]
         return out
 
-    def _block(self, k: int) -> np.ndarray:
+    def block(self, k: int) -> np.ndarray:
+        """(grid.step,) complex64, the samples from number k·grid.step on."""
         if self._held[0] != k:
-            scene = self._at(k * (BLOCK - 2 * END) - END)
-            chain = predict(scene, self.model, self._noise)
-            self._held = (k, chain.y[END : BLOCK - END].astype(np.complex64))
+            end = self.grid.end
+            chain = predict(self._at(k * self.grid.step - end), self.model, self._noise)
+            self._held = (k, chain.y[end:-end].astype(np.complex64))
         return self._held[1]
+
+    def needs(self, k: int) -> tuple[int, int]:
+        """First and last sample of what is sent that block `k` depends on."""
+        first, last = self._reach(k * self.grid.step - self.grid.end, self.model)
+        return first - self.grid.margin, last + self.grid.margin
 
     def _scene(self) -> Scene:
         case, observation, conditions = self.case, self.observation, self.conditions
         names, rate = list(observation.on_air), case.sample_rate_hz
         links = [case.links[(tx, observation.receiver)] for tx in names]
-        sources = []
-        for tx, (waveform, amplitude) in observation.on_air.items():
-            w = case.waveforms[waveform]
-            if not np.isfinite(w.samples).all():
-                raise CastError(f"waveform {w.name}: holds unknown samples (NaN), what is not known cannot be played")
-            sources.append(source_of(w.name, w.samples, conditions.amplitude.get(tx, amplitude), w.repeat))
+        self.sent = [
+            Sent.of(conditions.transmit.get(tx, case.waveforms[name]), conditions.amplitude.get(tx, amplitude))
+            for tx, (name, amplitude) in observation.on_air.items()
+        ]
+        on_air = {w for w, _ in observation.on_air.values()}
+        self.unsent = {w.name: Sent.of(w, 1.0) for w in case.waveforms.values() if w.name not in on_air}
         carrier = conditions.center_frequency_hz or observation.center_frequency_hz
         ratio, moved_hz = 1.0, 0.0
         if conditions.center_frequency_hz is not None:
@@ -134,25 +237,25 @@ class Playback:
             for t in link.taps
         ]
         noise_db = told_noise_db(case, observation) if conditions.noise_power_db is None else conditions.noise_power_db
-        on_air = {w for w, _ in observation.on_air.values()}
         return Scene(
             name=observation.name,
             sample_rate_hz=rate,
             count=1,
             span=self.count,
-            sources=sources,
+            sources=[s.source for s in self.sent],
             taps=taps,
             transmitters=names,
             receiver=observation.receiver,
             anchor=0,
             carrier_hz=carrier,
             floor=1e-12 if noise_db is None else max(10 ** (noise_db / 10), 1e-30),
-            extra={
-                w.name: source_of(w.name, w.samples, 1.0, w.repeat) for w in case.waveforms.values() if w.name not in on_air
-            },
+            extra={name: s.source for name, s in self.unsent.items()},
         )
 
     def _wanted_rms(self) -> float:
+        if any(isinstance(s.samples, Tape) for s in self.sent):
+            power = sum(abs(p.gain) ** 2 * self.scene.sources[p.source].power for p in self.scene.taps)
+            return float(amplitude_from_db(self.gain_db) * np.sqrt(power))
         plain_model = Model(base=self._base())
         wanted = predict(self._at(0, plain_model), plain_model).wanted[: self.count]
         return float(np.sqrt(np.mean(np.abs(wanted) ** 2))) or 1.0
@@ -197,14 +300,15 @@ class Playback:
         return {**entry, "parameters": parameters, "model": model}
 
     def _at(self, first: int, model: Model | None = None) -> Scene:
-        """The scene of BLOCK samples from `first` on."""
-        reach = self._reach(first, model or self.model)
-        sources = [_around(s, *reach) for s in self.scene.sources]
-        return self.scene.stretch(first, BLOCK, sources, {name: _around(s, *reach) for name, s in self.scene.extra.items()})
+        """The scene of a block of samples from `first` on."""
+        reach, margin = self._reach(first, model or self.model), self.grid.margin
+        sources = [s.around(*reach, margin) for s in self.sent]
+        extra = {name: s.around(*reach, margin) for name, s in self.unsent.items()}
+        return self.scene.stretch(first, self.grid.block, sources, extra)
 
     def _reach(self, first: int, model: Model) -> tuple[int, int]:
         """First and last sample of what was sent that a block can hold: clock and joints move it, paths delay it."""
-        last = first + BLOCK
+        last = first + self.grid.block
         clock = sum(e.p[0] for e in model.effects if e.family == "sample_clock_offset") / self.count
         joints = [e.p for e in model.effects if e.family == "sample_loss"]
         edges = [first, last, *(at for at, _ in joints if first <= at < last)]
@@ -238,20 +342,4 @@ class Playback:
 
     def _white(self, stream: int, scene: Scene) -> np.ndarray:
         return receiver_noise(self.conditions.seed, stream, scene.count, FAR + scene.first)
-
-
-def _around(source: Source, first: int, last: int) -> Source:
-    """A waveform around its samples first … last: a short period stays a circle, anything else is cut out and faded."""
-    size = len(source.samples)
-    if source.repeat and size <= LONGEST_PERIOD:
-        return source
-    index = first - MARGIN + np.arange(sp_fft.next_fast_len(last - first + 2 * MARGIN))
-    if source.repeat:
-        samples = source.samples[index % size]
-    else:
-        samples = np.where((index >= 0) & (index < size), source.samples[np.clip(index, 0, size - 1)], 0)
-    fade = np.sin(np.pi / 2 * np.arange(MARGIN // 2) / (MARGIN // 2)) ** 2
-    samples[: MARGIN // 2] *= fade
-    samples[-(MARGIN // 2) :] *= fade[::-1]
-    return replace(source, samples=samples, repeat=False, known=np.ones(len(samples), bool), origin=first - MARGIN)
 

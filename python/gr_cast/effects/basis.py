@@ -27,18 +27,22 @@ def course(p: np.ndarray, count: int) -> np.ndarray:
     return sp_fft.irfft(spectrum, 2 * length)[:count]
 
 
-def course_of(coefficients: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """`course` at any `u` = n/L (m,), real or complex, by splines over a grid 16 times finer than its fastest cosine."""
+def grid_of(coefficients: np.ndarray) -> np.ndarray:
+    """(size + 1,) `course` from n = 0 to L, on a grid 16 times finer than its fastest cosine."""
     orders = len(coefficients)
-    size = sp_fft.next_fast_len(16 * orders)
-    low, high = int(np.floor(u.min() * size)) - 16, int(np.ceil(u.max() * size)) + 16
-    grid = np.zeros(size + 1, complex)
+    grid = np.zeros(sp_fft.next_fast_len(16 * orders) + 1, complex)
     grid[1 : orders + 1] = np.sqrt(2) * coefficients
-    grid = (sp_fft.dct(grid.real, 1) + 1j * sp_fft.dct(grid.imag, 1)) / 2
-    at = np.arange(low, high + 1)
+    if not np.iscomplexobj(coefficients):
+        return sp_fft.dct(grid.real, 1) / 2
+    return (sp_fft.dct(grid.real, 1) + 1j * sp_fft.dct(grid.imag, 1)) / 2
+
+
+def course_on(grid: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """The course of a grid at any `u` = n/L (m,), by splines."""
+    size = len(grid) - 1
+    at = np.arange(int(np.floor(u.min() * size)) - 16, int(np.ceil(u.max() * size)) + 17)
     fold = np.abs((at + size) % (2 * size) - size)  # the cosines are even about 0 and about 1
-    course = CubicSpline(at / size, grid[fold])(u)
-    return course if np.iscomplexobj(coefficients) else course.real
+    return CubicSpline(at / size, grid[fold])(u)
 
 
 def _cosine_sums(signal: np.ndarray, orders: int) -> np.ndarray:

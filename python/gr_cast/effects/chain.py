@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import fft as sp_fft
 
-from .basis import course, course_length, course_of
+from .basis import course, course_length, course_on, grid_of
 
 TAU = 2 * np.pi
 PAD = 1024  # samples of silence or of wrap-around kept around a waveform that is sent once
@@ -103,7 +103,10 @@ class Scene:
         """(n,) the smooth course of these coefficients."""
         if self.first == 0 and self.span == self.count:
             return course(coefficients, self.count)
-        return course_of(coefficients, self.index / course_length(self.span))
+        key = "course", hash(coefficients.tobytes())
+        if key not in self.notes:  # one stretch after the other asks for the same
+            self.notes[key] = grid_of(coefficients)
+        return course_on(self.notes[key], self.index / course_length(self.span))
 
     def drift_of(self, doppler: float) -> float:
         """Samples that a real path's delay grows over the recording when its Doppler is `doppler` cycles."""

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A twin's receivers in a flowgraph: what the transmitters send comes in, what a receiver gets goes out."""
+
+import threading
+
+import numpy as np
+from gnuradio import gr
+
+from ..diagnose.case import Case, Observation
+from ..errors import CastError, Faults
+from ..playback import Conditions, Grid, Playback, Tape
+from .ports import Port, connect_sink, source_block
+from .recorder import SigmfRecorder
+
+LIVE_GRID = Grid(block=1 << 14, end=1024, margin=1024)  # less delay than that of recordings
+COURSE_S = 60.0  # of phase noise and fading, which then run backwards
+
+
+class TwinReceiver(gr.basic_block):
+    """One recording of a twin as a block: inputs are the transmitters `live`, in this order, the others send the twin's
+    own waveforms; the output is what the receiver gets.
+
+    Sample n of the output comes after sample n + `delay_samples` of the inputs; it is the same however the scheduler
+    cuts the streams, and the same as `Playback` makes of the same waveforms on the same grid.
+    """
+
+    def __init__(self, case: Case, observation: Observation, live: tuple[str, ...] = (), conditions: Conditions | None = None):
+        gr.basic_block.__init__(self, "twin_receiver", [np.complex64] * len(live), [np.complex64])
+        conditions = conditions or Conditions()
+        missing = [tx for tx in live if tx not in observation.on_air]
+        if missing:
+            raise CastError(f"{observation.name}: {', '.join(missing)}: not on the air, {', '.join(observation.on_air)} are")
+        self.tapes = [Tape() for _ in live]
+        told = {**conditions.__dict__, "transmit": {**conditions.transmit, **dict(zip(live, self.tapes, strict=True))}}
+        count = round(COURSE_S * case.sample_rate_hz)
+        self.playback = Playback(case, observation, count, Conditions(**told), LIVE_GRID)
+        self._next, self._left = 0, np.zeros(0, np.complex64)
+
+    @property
+    def delay_samples(self) -> int:
+        return self.playback.needs(0)[1] - 1
+
+    def forecast(self, noutput_items, ninputs):
+        return [0 if len(self._left) or self._is_ready else 1] * ninputs  # what came in is played to the end
+
+    @property
+    def _is_ready(self) -> bool:
+        last = self.playback.needs(self._next)[1]
+        return all(tape.last >= last for tape in self.tapes)
+
+    def general_work(self, input_items, output_items):
+        if not (len(self._left) or self._is_ready):
+            for i, tape in enumerate(self.tapes):
+                tape.push(input_items[i])
+                self.consume(i, len(input_items[i]))
+        if not len(self._left) and self._is_ready:
+            self._left = self.playback.block(self._next)
+            self._next += 1
+            for tape in self.tapes:
+                tape.drop(self.playback.needs(self._next)[0])
+        out = output_items[0]
+        n = min(len(out), len(self._left))
+        out[:n] = self._left[:n]
+        self._left = self._left[n:]
+        return n
+
+
+class TwinEmulation(gr.top_block):
+    """A twin between ports: `tx` ports bring what a transmitter sends in place of its own waveform, `rx` ports take what
+    a receiver gets in the first recording that it makes. Raises CastError, all faults at once."""
+
+    def __init__(self, case: Case, ports: list[Port], conditions: Conditions):
+        super().__init__("TwinEmulation", catch_exceptions=False)
+        by_receiver = {o.receiver: o for o in reversed(case.observations)}
+        faults, places = Faults("twin"), [(p.node, p.direction) for p in ports]
+        for port in ports:
+            known = by_receiver if port.direction == "rx" else case.transmitters
+            place = f"port {port.node}:{port.direction}"
+            if port.node not in known:
+                faults.add(place, f"the twin has {', '.join(known)}")
+            if places.count((port.node, port.direction)) > 1:
+                faults.add(place, "given twice")
+            if port.kind == "uhd":
+                faults.add(place, "uhd: radios need the low delay of a scenario; got a twin")
+        if not any(p.direction == "rx" for p in ports):
+            faults.add("ports", "none takes what a receiver gets, needs NODE:rx=KIND:WHERE")
+        faults.raise_if_any()
+        sources = {p.node: source_block(p, None, case.sample_rate_hz) for p in ports if p.direction == "tx"}
+        self._blocks = list(sources.values())
+        for port in (p for p in ports if p.direction == "rx"):
+            observation = by_receiver[port.node]
+            live = tuple(tx for tx in sources if tx in observation.on_air)
+            receiver = TwinReceiver(case, observation, live, conditions)
+            for i, tx in enumerate(live):
+                self.connect(sources[tx], (receiver, i))
+            self._blocks += [receiver, connect_sink(self, receiver, 0, port, None, case.sample_rate_hz)]
+
+    def run_until(self, ended: threading.Event) -> None:
+        """Run until every finite source has ended, or `ended` is set."""
+        self.start()
+        waiter = threading.Thread(target=lambda: (self.wait(), ended.set()), daemon=True)
+        waiter.start()
+        ended.wait()
+        self.stop()
+        waiter.join()
+        for block in self._blocks:
+            if isinstance(block, SigmfRecorder):
+                block.finish()
