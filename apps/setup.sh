@@ -7,7 +7,7 @@ root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 export GR_DONT_LOAD_PREFS=1 MPLBACKEND=Agg
 
 run_packages=(
-    gnuradio gnuradio-dev libuhd-dev python3-uhd pybind11-dev libspdlog-dev libsndfile1-dev libgmp-dev
+    gnuradio gnuradio-dev libuhd-dev python3-uhd pybind11-dev libspdlog-dev libsndfile1-dev libgmp-dev libzmq3-dev
     g++ cmake ninja-build
     python3-numpy python3-scipy python3-matplotlib python3-yaml python3-zmq
 )

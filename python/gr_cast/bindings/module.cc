@@ -6,6 +6,7 @@ namespace py = pybind11;
 void bind_glfsr_source(py::module& m);
 void bind_bpsk_correlator(py::module& m);
 void bind_channel_emulator(py::module& m);
+void bind_zmq_ports(py::module& m);
 
 PYBIND11_MODULE(cast_python, m)
 {
@@ -13,4 +14,5 @@ PYBIND11_MODULE(cast_python, m)
     bind_glfsr_source(m);
     bind_bpsk_correlator(m);
     bind_channel_emulator(m);
+    bind_zmq_ports(m);
 }

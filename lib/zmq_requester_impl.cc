@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "zmq_requester_impl.h"
+#include <gnuradio/io_signature.h>
+
+namespace gr
+{
+namespace cast
+{
+
+namespace
+{
+constexpr int wait_ms = 20; // the longest that work() waits before the scheduler may stop it
+}
+
+zmq_requester::sptr zmq_requester::make(const std::string& address)
+{
+    return gnuradio::make_block_sptr<zmq_requester_impl>(address);
+}
+
+zmq_requester_impl::zmq_requester_impl(const std::string& address)
+    : gr::sync_block("zmq_requester", gr::io_signature::make(0, 0, 0),
+                     gr::io_signature::make(1, 1, sizeof(gr_complex))),
+      d_socket(address, [this, address](const std::string& what) {
+          d_logger->error("{}: {}", address, what);
+      })
+{
+}
+
+int zmq_requester_impl::work(int noutput_items, gr_vector_const_void_star&,
+                             gr_vector_void_star& output_items)
+{
+    return d_socket.receive(static_cast<gr_complex*>(output_items[0]), noutput_items, wait_ms);
+}
+
+} // namespace cast
+} // namespace gr
