@@ -1,15 +1,46 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: GPL-3.0-or-later
 # Installs the ray tracer and Dask in a Python environment of their own, so that GNU Radio's NumPy stays as it is.
+# Run again, it does nothing where all is there, and starts anew where a run was cut short.
 # Usage: bash apps/install_raytracer.sh [FOLDER]; elsewhere than the default, set CAST_RAYTRACER=FOLDER/bin/python.
+#        bash apps/install_raytracer.sh --second [FOLDER]: a second tracer, which tests compare the first with (CAST_DIFFERT).
 set -euo pipefail
-folder=${1:-${XDG_DATA_HOME:-$HOME/.local/share}/gr_cast/raytracer}
+source "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
+unset PYTHONHOME PYTHONPATH PIP_PREFIX PIP_TARGET PIP_USER # each would put packages elsewhere
 
-if [ ! -e /usr/lib/x86_64-linux-gnu/libLLVM.so.19.1 ]; then
-    sudo=$([ "$(id -u)" = 0 ] || echo sudo)
-    $sudo apt-get update -q
-    $sudo apt-get install -y -q libllvm19 python3-venv # its compiler on the CPU; older ones fail
+name=raytracer packages=("numpy<2" sionna-rt dask distributed xarray zarr) modules="distributed, sionna.rt, xarray, zarr"
+sees=(--system-site-packages) # its NumPy is GNU Radio's kind, so that emulator and Dask meet in one Python
+if [ "${1:-}" = --second ]; then
+    name=differt packages=(differt) modules=differt.geometry sees=()
+    shift
 fi
-[ -x "$folder/bin/python" ] || /usr/bin/python3 -m venv --system-site-packages "$folder"
-"$folder/bin/pip" install -q "numpy<2" sionna-rt dask distributed xarray zarr
-"$folder/bin/python" -W ignore -c 'import sionna.rt; print("ray tracer", sionna.rt.__version__)'
+folder=${1:-${XDG_DATA_HOME:-$HOME/.local/share}/gr_cast/$name}
+needs_mb=2000 # about half in the end, the rest while unpacking
+
+fail() { echo "error: $*" >&2; exit 2; }
+
+starts() {
+    "$folder/bin/python" -W ignore -c "
+import glob, os
+os.environ.update({'DRJIT_LIBLLVM_PATH': path for path in glob.glob('/usr/lib/*/libLLVM.so.19.1')})
+import $modules"
+}
+
+if [ -x "$folder/bin/python" ] && starts 2>/dev/null; then
+    echo "$folder: installed"
+    exit
+fi
+[ ! -e "$folder" ] || [ -e "$folder/pyvenv.cfg" ] || fail "$folder: is there, and no Python environment: choose another folder"
+rm -rf "$folder.removed"
+mkdir -p "$folder" || fail "$folder: cannot be made"
+trap 'mv "$folder" "$folder.removed" && rm -rf "$folder.removed"' EXIT # what is there works, or is not there
+free_mb=$(($(df -Pk "$folder" | awk 'NR == 2 {print $4}') / 1024))
+[ "$free_mb" -ge "$needs_mb" ] || fail "$folder: $free_mb MB free on this disk, needs $needs_mb MB"
+install_missing libllvm19 python3-venv # the tracer's compiler on the CPU, older ones fail
+say "installing ${packages[*]} from PyPI in $folder"
+/usr/bin/python3 -m venv --clear "${sees[@]}" "$folder"
+"$folder/bin/python" -m pip install -q --retries 2 "${packages[@]}" ||
+    fail "PyPI: the packages did not install, the lines above say why (network, proxy, disk); nothing else has changed"
+starts || fail "$folder: what was installed does not start, the lines above say why"
+trap - EXIT
+echo "$folder: installed"

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Finds the built package, and the recordings and cases that live outside the repository."""
 
+import importlib.util
 import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -22,3 +24,36 @@ def cast_data() -> Path:
     if not (folder / "real").is_dir():
         pytest.skip(f"NO REAL RECORDINGS at {folder}: set CAST_DATA to their folder")
     return folder
+
+
+CLUSTER = """
+import sys
+from distributed import LocalCluster
+if __name__ == "__main__":
+    with LocalCluster(n_workers=int(sys.argv[1]), threads_per_worker=1, dashboard_address=None) as cluster:
+        print(cluster.scheduler_address, flush=True)
+        sys.stdin.read()
+"""
+
+
+@pytest.fixture(scope="session")
+def dask_cluster(tmp_path_factory):
+    """Address of a Dask scheduler with so many workers, processes of their own that stand in another folder."""
+    if importlib.util.find_spec("distributed") is None:
+        pytest.skip("NO DASK: apt-get install python3-distributed")
+    folder = tmp_path_factory.mktemp("dask")
+    (folder / "cluster.py").write_text(CLUSTER)
+    environment = os.environ | {"PYTHONPATH": str(BUILD / "python")}
+    started, addresses = [], {}
+
+    def address(workers: int) -> str:
+        if workers not in addresses:
+            command = [sys.executable, "-W", "ignore", "cluster.py", str(workers)]
+            pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
+            started.append(subprocess.Popen(command, cwd=folder, env=environment, **pipes))
+            addresses[workers] = started[-1].stdout.readline().strip()
+        return addresses[workers]
+
+    yield address
+    for cluster in started:
+        cluster.communicate(timeout=60)

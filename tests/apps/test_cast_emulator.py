@@ -293,6 +293,16 @@ def test_batch_gives_the_same_whatever_the_workers_and_equals_the_reference(scen
         assert np.max(np.abs(one - expected[index])) < 1e-5
 
 
+def test_batch_on_a_cluster_gives_the_same(scenario, transmitted, tmp_path, dask_cluster, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # workers stand elsewhere: names relative to this folder must reach them whole
+    subprocess.run(batch(scenario, "one", tmp_path), check=True, timeout=120, capture_output=True)
+    for workers in (1, 2):
+        more = ["--chunk", "7777", "--dask", dask_cluster(workers)]
+        subprocess.run(batch(scenario, f"{workers}", tmp_path, *more), check=True, timeout=120, capture_output=True)
+        for node in "ab":
+            assert recording.data_path(f"{workers}/{node}").read_bytes() == recording.data_path(f"one/{node}").read_bytes()
+
+
 def test_batch_that_is_killed_goes_on_where_it_was(scenario, transmitted, tmp_path):
     command = batch(scenario, tmp_path / "out", tmp_path, "--chunk", "2000")
     killed = start(*command)

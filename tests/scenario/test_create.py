@@ -51,8 +51,12 @@ def yard(tmp_path, monkeypatch):
     (tmp_path / "yard.yaml").write_text(SPEC)
     monkeypatch.setenv("CAST_CATALOGUE", str(tmp_path / "catalogue"))
     monkeypatch.setattr(trace, "run", line_of_sight)
-    one_process = functools.partial(pipeline.tasks.run, processes=1)  # others would not have this tracer
-    monkeypatch.setattr(pipeline.tasks, "run", lambda *work, **_: one_process(*work))
+    here_or_dask = functools.partial(pipeline.tasks.run, processes=1)
+
+    def run_tasks(function, *work, dask=None, **_):
+        return here_or_dask(function, *work, dask=dask if function is pipeline._reduce_links else None)
+
+    monkeypatch.setattr(pipeline.tasks, "run", run_tasks)  # other processes would not have this tracer
     return tmp_path
 
 
@@ -147,6 +151,40 @@ def test_killed_at_any_write_and_started_again_it_ends_the_same_and_nothing_half
         assert not [path for folder in (work, catalogue) for path in folder.rglob(".aside-*")]
         number += int(os.environ.get("CAST_KILL_EVERY", 17))  # 1: at every write, minutes
     assert number > 100
+
+
+def test_two_dask_workers_make_the_identical_scenario(yard, dask_cluster, monkeypatch):
+    monkeypatch.setattr(pipeline, "_LINKS_PER_TASK", 1)
+    here, there = (
+        pipeline.create(spec.read(yard / "yard.yaml"), run(yard / folder, dask=dask))["install"]["summary"]["sha256"]
+        for folder, dask in (("here", None), ("there", dask_cluster(2)))
+    )
+    assert here == there
+
+
+def test_a_second_run_in_the_same_folder_is_refused(yard, monkeypatch):
+    def while_it_runs(*job):
+        with pytest.raises(CastError, match="another run is at work"):
+            pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "work"))
+        return line_of_sight(*job)
+
+    monkeypatch.setattr(trace, "run", while_it_runs)
+    pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "work"))
+
+
+def test_what_no_tap_reaches_and_places_without_paths_are_refused_with_their_place(yard, monkeypatch):
+    (yard / "far.yaml").write_text(SPEC.replace("[30, 0, 2]", "[1600, 0, 2]"))
+    with pytest.raises(CastError, match=r"a>b: at 0 s its first path takes 5\.34 us \(1600 m\), the last tap is at 5\.11 us"):
+        pipeline.create(spec.read(yard / "far.yaml"), run(yard / "far"))
+
+    def blocked(*job):
+        table = line_of_sight(*job)
+        return trace.Traced(**{name: values[:0] for name, values in vars(table).items()})
+
+    monkeypatch.setattr(trace, "run", blocked)
+    with pytest.raises(CastError, match="no pair of nodes has a path"):
+        pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "work"))
+    assert not (yard / "catalogue").exists()
 
 
 def test_a_changed_section_redoes_its_step_and_what_follows_and_makes_a_new_version(yard):

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The ray tracer against closed forms. It runs in its own Python: see apps/install_raytracer.sh."""
 
+import io
 import itertools
+import json
 import os
 import pickle
 import subprocess
@@ -10,13 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gr_cast import scenario as sc
-from gr_cast.scenario.create import trace
+from gr_cast.scenario.create import materials, mesh_files, spec, trace
 from gr_cast.scenario.create.geometry import Solid
 
 C_M_PER_S, EPSILON_0 = 299_792_458.0, 8.8541878128e-12
 CARRIER_HZ = 2.4e9
 WAVELENGTH_M = C_M_PER_S / CARRIER_HZ
 PYTHON = Path(os.environ.get("CAST_RAYTRACER") or sc.data_folder() / "raytracer/bin/python")
+SECOND_TRACER = Path(os.environ.get("CAST_DIFFERT") or sc.data_folder() / "differt/bin/python")
 ITU = {"concrete": (5.24, 0.0, 0.0462, 0.7822), "medium_dry_ground": (15.0, -0.1, 0.035, 1.63)}  # P.2040-3, table 3
 
 
@@ -139,3 +142,44 @@ def test_a_shoebox_room_has_the_paths_delays_and_gains_of_its_images():
     assert len(order) == len(delay_s) == 63
     np.testing.assert_allclose(table.delay_s[order], delay_s, rtol=1e-9)
     assert np.abs(db(np.abs(table.gain[order]) / gain)).max() < 0.01
+
+
+# Every chain of up to `order` triangles is tried: the image of the transmitter, then whether the way is free. Its own
+# tolerance is so tight that single precision hides two paths with bounces 16 mm apart in the edge of wall and ceiling.
+EXHAUSTIVE = """
+import io, json, sys
+import numpy as np
+from differt.geometry import Mesh, Scene
+given = np.load(io.BytesIO(sys.stdin.buffer.read()))
+mesh = Mesh(vertices=given["vertices_m"], triangles=given["faces"])
+scene = Scene(transmitters=given["tx_m"], receivers=given["rx_m"], mesh=mesh)
+lengths_m = []
+for order in range(int(given["order"]) + 1):
+    corners = np.asarray(scene.trace_paths(order, solver="exhaustive", hit_tol=1e-3).masked_vertices, float)
+    lengths_m += np.linalg.norm(np.diff(corners, axis=1), axis=2).sum(axis=1).tolist()
+print("LENGTHS", json.dumps(lengths_m))
+"""
+
+
+def test_a_second_tracer_finds_the_same_paths_in_the_arena():
+    """DiffeRT (Eertmans et al.), an exhaustive tracer in single precision: no path more, none less, of the same lengths."""
+    if not SECOND_TRACER.exists():
+        pytest.skip(f"NO SECOND TRACER at {SECOND_TRACER}: bash apps/install_raytracer.sh --second")
+    arena = spec.read(sc.examples_folder() / "arena.yaml")
+    solids = materials.assign(mesh_files.read(arena.model_path), arena.materials, arena.carrier_hz)
+    tx, rx = np.array([1.8, 1.8, 2.84]), np.array([7.2, 10.9, 1.0])  # c1 under the ceiling, s6 among the desks
+    table = traced(solids, tx, rx, 3)
+    first = np.cumsum([0] + [len(solid.vertices_m) for solid in solids])
+    scene = io.BytesIO()
+    np.savez(
+        scene, vertices_m=np.concatenate([solid.vertices_m for solid in solids]).astype(np.float32),
+        faces=np.concatenate([solid.faces + start for solid, start in zip(solids, first, strict=False)]).astype(np.int32),
+        tx_m=tx.astype(np.float32), rx_m=rx.astype(np.float32), order=3,
+    )  # fmt: skip
+    done = subprocess.run(
+        [str(SECOND_TRACER), "-c", EXHAUSTIVE], input=scene.getvalue(), capture_output=True, timeout=500, check=False
+    )
+    assert done.returncode == 0, done.stderr.decode()
+    lengths_m = np.sort(json.loads(done.stdout.partition(b"LENGTHS")[2]))
+    assert len(table.delay_s) == len(lengths_m) == 48
+    np.testing.assert_allclose(np.sort(table.delay_s) * C_M_PER_S, lengths_m, rtol=2e-6)

@@ -19,7 +19,7 @@ from ...units import SPEED_OF_LIGHT_M_PER_S
 from .geometry import Solid, planes
 from .materials import THICKNESS_M
 
-LIBLLVM = Path("/usr/lib/x86_64-linux-gnu/libLLVM.so.19.1")
+_LLVM = "*/libLLVM.so.19.1"  # under /usr/lib, in the folder of the machine's architecture
 INSTALL = "the ray tracer is not installed here: bash apps/install_raytracer.sh"
 _SPECULAR, _REFRACTION = 1, 4  # of the tracer's interaction types; 0 is none
 
@@ -96,8 +96,8 @@ def is_installed() -> bool:
 
 def _tracer():
     """The tracer's module, told where its compiler is."""
-    if LIBLLVM.exists():
-        os.environ.setdefault("DRJIT_LIBLLVM_PATH", str(LIBLLVM))
+    for library in Path("/usr/lib").glob(_LLVM):
+        os.environ.setdefault("DRJIT_LIBLLVM_PATH", str(library))
     try:
         import sionna.rt
     except ImportError:
