@@ -126,7 +126,8 @@ def sweep(args) -> int:
     try:
         for curve in loss.CURVES:
             for sinr_db in loss.SINR_DB:
-                points.append(loss.point(curve, sinr_db, modem, FrameEmulator, args.frames, args.payload, args.seed))
+                seed = args.seed + 1000 * len(points)  # a noise of its own for every point
+                points.append(loss.point(curve, sinr_db, modem, FrameEmulator, args.frames, args.payload, seed))
                 print(f"\r{curve.name}, {sinr_db:g} dB: loss {points[-1].loss:.3f} ", end="", file=sys.stderr, flush=True)
     except KeyboardInterrupt:
         args.interrupted = True

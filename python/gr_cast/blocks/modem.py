@@ -70,7 +70,7 @@ class GrIeee80211Modem:
     _ENCODING = {"bpsk1/2": 0, "qpsk1/2": 2, "16qam1/2": 4}
     _ADDRESSES = ([0x23] * 6, [0x42] * 6, [0xFF] * 6)
     _MAC_HEADER = 24  # bytes
-    _PATIENCE_S = 5.0
+    _PATIENCE_S, _QUIET_S = 30.0, 0.2
 
     def __init__(self, mode: str):
         import ieee802_11
@@ -94,7 +94,7 @@ class GrIeee80211Modem:
         flowgraph.connect(silence, blocks.head(gr.sizeof_gr_complex, 1), phy, sink)
         flowgraph.msg_connect(mac, "phy out", phy, "mac_in")
         flowgraph.start()
-        mac.to_basic_block()._post(pmt.intern("app in"), pmt.cons(pmt.PMT_NIL, pmt.init_u8vector(len(payload), payload)))
+        mac.to_basic_block()._post(pmt.intern("app in"), pmt.cons(pmt.PMT_NIL, pmt.init_u8vector(len(payload), list(payload))))
         frame = self._settled(lambda: len(sink.data())) and np.array(sink.data(), np.complex64)
         flowgraph.stop()
         flowgraph.wait()
@@ -106,11 +106,15 @@ class GrIeee80211Modem:
         import pmt
 
         flowgraph, phy, store = gr.top_block(), self._phy(), blocks.message_debug()
-        # Silence after the samples pushes the last frame through the hierarchy's buffers.
-        padded = np.concatenate([samples, np.zeros(20_000)]).astype(np.complex64)
-        flowgraph.connect(blocks.vector_source_c(padded.tolist()), phy, blocks.null_sink(gr.sizeof_gr_complex))
+        # Silence after the samples pushes the last frame through the buffers.
+        padded = np.concatenate([samples, np.zeros(1 << 16)]).astype(np.complex64)
+        source = blocks.vector_source_c(padded.tolist())
+        flowgraph.connect(source, phy, blocks.null_sink(gr.sizeof_gr_complex))
         flowgraph.msg_connect(phy, "mac_out", store, "store")
-        flowgraph.run()
+        flowgraph.start()  # its transmitter never ends by itself
+        self._settled(lambda: source.nitems_written(0) + store.num_messages(), len(padded))
+        flowgraph.stop()
+        flowgraph.wait()
         found = []
         for number in range(store.num_messages()):
             frame = bytes(pmt.u8vector_elements(pmt.cdr(store.get_message(number))))
@@ -118,13 +122,15 @@ class GrIeee80211Modem:
             found.append(Packet(start_sample=0, payload=frame[self._MAC_HEADER :]))
         return found
 
-    def _settled(self, size) -> bool:
-        """Wait until something is there and no longer grows; False after `_PATIENCE_S`."""
-        until, last = time.monotonic() + self._PATIENCE_S, -1
-        while time.monotonic() < until:
-            if last == (last := size()) and last > 0:
+    def _settled(self, size, least: int = 1) -> bool:
+        """Wait until `size()` has reached `least` and grows no more; False after `_PATIENCE_S`."""
+        until, last, since = time.monotonic() + self._PATIENCE_S, 0, time.monotonic()
+        while (now := time.monotonic()) < until:
+            if (here := size()) != last:
+                last, since = here, now
+            if last >= least and now - since > self._QUIET_S:
                 return True
-            time.sleep(0.05)
+            time.sleep(0.02)
         return False
 
 
