@@ -42,6 +42,26 @@ def test_lengths_are_the_shortest_ways_over_the_sides(arena):
     assert abs(direct) == pytest.approx(C_M_PER_S / spec.carrier_hz / (4 * np.pi * found_m[0]))  # Friis
 
 
+def test_every_side_reflects_as_its_own_material(arena):
+    spec, solids = arena
+    nodes = {node.name: node for node in spec.nodes}
+    tx, rx = (position_m(nodes[name], np.zeros(1))[0] for name in ("c12", "s5"))
+    link = room.link_paths(spec, solids, nodes["c12"], nodes["s5"], np.zeros(1), 1)
+    for axis, wall, material in ((0, 0.0, "plasterboard"), (0, 19.0, "brick"), (2, 0.0, "concrete")):
+        image = tx.copy()
+        image[axis] = 2 * wall - tx[axis]
+        length_m = np.linalg.norm(rx - image)
+        path = np.argmin(np.abs(link.delay_s[0] * C_M_PER_S - length_m))
+        eta = room.permittivity(material, spec.carrier_hz)
+        cosine = abs(rx[axis] - image[axis]) / length_m
+        # Snell: what is transmitted goes on at the angle whose sine is the other's over the square root of eta.
+        beyond = np.sqrt(1 - (1 - cosine**2) / eta)
+        n = np.sqrt(eta)
+        te, tm = (cosine - n * beyond) / (cosine + n * beyond), (n * cosine - beyond) / (n * cosine + beyond)
+        expected = (tm if axis == 2 else te) * C_M_PER_S / spec.carrier_hz / (4 * np.pi * length_m)
+        assert link.gain[0, path] == pytest.approx(expected, rel=1e-9)
+
+
 @pytest.mark.parametrize(("order", "count"), [(0, 1), (1, 7), (2, 25), (3, 63)])
 def test_the_way_back_is_the_same_and_every_image_is_there_once(arena, order, count):
     spec, solids = arena

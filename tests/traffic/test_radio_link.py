@@ -14,11 +14,11 @@ from gr_cast.errors import CastError
 MTU = 200
 
 
-def exchanged(lower_db, count=15):
+def exchanged(lower_db, count=40):
     """Packets that node 1 sends and those that node 2 gets, over the four-tap scenario at 20 dB."""
     ends = {node: socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM) for node in ("1", "2")}
     scenario = sc.with_base_loss(sc.load("four_tap"), lower_db)
-    sent = [b"\x45" + bytes([number]) + os.urandom(MTU - 20 - 10 * (number % 3)) for number in range(count)]
+    sent = [b"\x45" + bytes([number]) + os.urandom((10, 60, MTU - 20)[number % 3]) for number in range(count)]
     got = []
     try:
         tuns = {node: pair[0].fileno() for node, pair in ends.items()}
