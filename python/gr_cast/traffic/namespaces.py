@@ -76,7 +76,9 @@ class Namespace:
         try:
             file = os.open(_TUN, os.O_RDWR)
         except OSError as error:
-            hint = "modprobe tun, or give the container --device /dev/net/tun" if error.errno == errno.ENOENT else "needs root, or the right to read and write it"
+            hint = "needs root, or the right to read and write it"
+            if error.errno == errno.ENOENT:
+                hint = "modprobe tun, or give the container --device /dev/net/tun"
             raise CastError(f"{_TUN}: {error.strerror}: {hint}") from None
         try:
             answer = fcntl.ioctl(file, _TUNSETIFF, struct.pack("16sH22x", b"cast%d", _IFF_TUN | _IFF_NO_PI))
