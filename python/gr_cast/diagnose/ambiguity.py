@@ -38,7 +38,7 @@ class Rival:
     fit: Fit | None
 
 
-def rivals(fit: Fit, index: int, known=()) -> tuple[Fit, list[Rival]]:
+def rivals(fit: Fit, index: int, known: list[Fit]) -> tuple[Fit, list[Rival]]:
     """(the fit without effect `index`, the rivals of that effect, the nearest first). `known`: fits that the search
     made."""
     effect = fit.model.effects[index]

@@ -10,6 +10,8 @@ from . import heldout
 from .fit import Fit
 from .search import refit_or_known
 
+MOST_TRUSTED = 3  # effects in one recording; with more the list is not the whole truth
+
 
 @dataclass(frozen=True, kw_only=True)
 class Worth:
@@ -89,6 +91,14 @@ def numbers(finding: Finding, index: int) -> tuple[dict, dict]:
                     change = (change + np.pi) % (2 * np.pi) - np.pi
                 gradient[name][j] = change / h
         variance = {name: float(g @ cov @ g) for name, g in gradient.items()}
+    if "_std" in effect.aux:
+        for name in values:
+            h = 1e-4
+            moved = [family.values(scene, effect, effect.p + h * np.eye(len(effect.p))[k])[name] for k in range(len(effect.p))]
+            variance[name] = sum(((m - values[name]) / h * std) ** 2 for m, std in zip(moved, effect.aux["_std"], strict=True))
+    if effect.family == "gain_step":  # Hinkley (1970): a change of mean is placed to a few noise variances over its square
+        change = (np.exp(effect.p[0]) - 1) ** 2 * np.mean(np.abs(fit.chain.wanted) ** 2)
+        variance["time_s"] = ((0.5 + 2.5 * fit.sigma2 / change) / scene.sample_rate_hz) ** 2
     stds = finding.stds.get(effect.family, {})
     out = {}
     for name, value in values.items():

@@ -37,6 +37,7 @@ class Data:
     noise_power: float | None = None  # the twin's
     variance: np.ndarray | None = None
     spectrum: np.ndarray | None = None
+    impulses: tuple | None = None  # (effect, weight of every sample (n,)) where some hold an impulse
     deadline: float = np.inf  # on time.monotonic(): from then on fits stay where they are
 
     @property
@@ -165,6 +166,12 @@ def _finish(data: Data, model: Model, chain, blocks) -> Fit:
     sigma2 = max(float(np.vdot(r, r).real) / n, 1e-30)
     hessian = np.nan_to_num(2 / sigma2 * gram(white))
     likelihood = -n * (np.log(sigma2) + 1) - data.log_shape()
+    if data.impulses:
+        effect, weight = data.impulses
+        used = data.use > 0
+        energy = np.abs(r[used]) ** 2 / weight[used] / sigma2
+        both = FAMILIES[effect.family].likelihood(effect, energy).sum() - np.log(weight[used]).sum()
+        likelihood = float(both - n * np.log(sigma2) - data.log_shape())
     return Fit(
         model=model,
         data=data,
@@ -201,7 +208,7 @@ def with_noise(fit: Fit, model: Model) -> Data:
     """The data with the noise's shape that the noise effects of `model` give around the prediction of
     `fit`."""
     spectrum = smooth_spectrum(fit.data, fit.residual) if filters_noise(model) else None
-    variance = shape_of_receiver(fit, model)
+    variance, impulses = shape_of_receiver(fit, model), None
     for effect in model.effects:
         family = FAMILIES[effect.family]
         if family.noise_like:
@@ -215,7 +222,13 @@ def with_noise(fit: Fit, model: Model) -> Data:
             told = fit.data.noise_power or fit.sigma2
             v = 1 + family.unfollowed(effect) * np.abs(fit.chain.wanted) ** 2 / told
             variance = v if variance is None else variance * v
-    return replace(fit.data, variance=variance, spectrum=spectrum)
+        if effect.family == "impulsive_noise" and not effect.fixed:
+            energy = np.abs(fit.residual) ** 2 / (1.0 if variance is None else variance) / effect.aux["_level"]
+            strong = family.shares(effect, energy)
+            weight = 1 - strong + strong / (1 + np.exp(effect.p[0]))
+            impulses = effect, weight
+            variance = 1 / weight if variance is None else variance / weight
+    return replace(fit.data, variance=variance, spectrum=spectrum, impulses=impulses)
 
 
 def smooth_spectrum(data: Data, residual: np.ndarray, orders: int = COLOUR_ORDERS) -> np.ndarray:
@@ -259,7 +272,7 @@ def gain_of_receiver(fit: Fit, model: Model):
     chain.y = chain.wanted = np.ones(fit.data.scene.count)
     changed = False
     for effect in model.effects:
-        if stage_of(effect) == RX_GAIN:
+        if stage_of(effect) == RX_GAIN and effect.aux.get("side") != "tx":
             FAMILIES[effect.family].apply(chain, effect)
             changed = True
     return np.maximum(chain.y**2, 1e-6) if changed else None

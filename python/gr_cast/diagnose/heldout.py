@@ -4,6 +4,7 @@
 import numpy as np
 from scipy import fft as sp_fft
 
+from ..effects import FAMILIES
 from .fit import Fit
 
 
@@ -17,7 +18,12 @@ def log_likelihood(fit: Fit) -> float:
     if data.spectrum is not None:
         r = sp_fft.ifft(sp_fft.fft(r * ((data.use > 0) | vault)) / np.sqrt(data.spectrum))
         log_shape += np.log(data.spectrum).mean() * len(variance)
-    return float(-(np.abs(r[vault]) ** 2 / variance).sum() - log_shape)
+    energy = np.abs(r[vault]) ** 2 / variance
+    if data.impulses is None:
+        return float(-energy.sum() - log_shape)
+    effect, weight = data.impulses  # what is expected of a sample does not know whether an impulse was in it
+    both = FAMILIES[effect.family].likelihood(effect, energy / weight[vault])
+    return float((both - np.log(weight[vault])).sum() - log_shape)
 
 
 def of_variance(energy: np.ndarray, variance: np.ndarray) -> float:

@@ -11,6 +11,7 @@ from ..effects.base import ENVIRONMENT
 from ..effects.chain import Chain
 from ..effects.columns import Dense
 
+RIDGE = 0.1  # precision of taps and coefficients of which nothing is known: they are not far above 1
 STEP = 1e-5  # of a finite difference; every internal parameter is scaled to be of order 1
 
 
@@ -32,14 +33,22 @@ class Model:
         return [e for e in self.effects if not e.fixed]
 
     @property
+    def flexible(self) -> bool:
+        """Whether a family is in it that fits much."""
+        return any(FAMILIES[e.family].flexible for e in self.found)
+
+    @property
     def families(self) -> tuple[str, ...]:
         return tuple(sorted(e.family + str(e.aux.get("side", "")) for e in self.found))
 
     @property
     def signature(self) -> tuple:
         """What makes two models the same but for their numbers: families, what they act on, what is free."""
-        told = [(e.family, str(sorted(e.aux.items(), key=str)), tuple(e.free), round(_place(e))) for e in self.effects]
-        return tuple(sorted(told, key=str))
+        told = []
+        for e in self.effects:
+            aux = sorted((k, str(v)) for k, v in e.aux.items() if not k.startswith("_"))
+            told.append((e.family, str(aux), str(e.free), round(_place(e))))
+        return tuple(sorted(told))
 
     def vector(self) -> np.ndarray:
         """Every free number: the base, then the free parameters of each effect in order."""
@@ -65,7 +74,8 @@ class Model:
     def prior_precision(self) -> np.ndarray:
         parts = [np.zeros(len(self.base))]
         for e in self.effects:
-            parts.append(np.zeros(int(e.free.sum())) if e.prior is None else 1.0 / np.maximum(e.prior[e.free], 1e-30))
+            plain = RIDGE if FAMILIES[e.family].linear else 0.0
+            parts.append(np.full(int(e.free.sum()), plain) if e.prior is None else 1.0 / np.maximum(e.prior[e.free], 1e-30))
         return np.concatenate(parts)
 
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..effects import FAMILIES, Effect
+from ..effects import FAMILIES, Effect, stage_of
+from ..effects.base import RX_GAIN
 from .fit import Fit, invert
 from .search import refit
 
@@ -45,7 +46,8 @@ def kind_of(finding, effect: Effect) -> tuple:
     family = FAMILIES[effect.family]
     if family.level == "link" or effect.family == "gain_step":
         return (effect.family, link_of(finding, effect), effect.aux.get("tap"))
-    return (effect.family, effect.aux.get("side"), effect.aux.get("code"))
+    side = None if stage_of(effect) == RX_GAIN else effect.aux.get("side")
+    return (effect.family, side, effect.aux.get("code"))
 
 
 def link_of(finding, effect: Effect) -> str:

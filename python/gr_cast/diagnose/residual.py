@@ -136,16 +136,16 @@ def _amplitude(fit, inside) -> Leftover | None:
     )
 
 
-def delay_time(fit, segments: int = 24) -> tuple[np.ndarray, np.ndarray]:
+def delay_time(fit, segments: int = 24, longest: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """(delays in s on the taps' scale, (segments, delays)): energy with which the residual holds the
     waveform once more,
-    over what noise alone would give."""
+    over what noise alone would give; `longest` is a delay in samples that is to be seen."""
     view, scene = View(fit), fit.data.scene
     segments = max(1, min(segments, scene.count // 64))
     source = scene.sources[0]
     turned = view.residual * np.conj(view.carrier)
     c, lags = view.correlations(0, turned, segments)
-    span = int(min(len(lags), max(64, 2 * max(p.delay for p in scene.taps) + 32)))
+    span = int(min(len(lags), max(64, 2 * max(p.delay for p in scene.taps) + 32, 1.3 * longest + 32)))
     if source.repeat:
         first = int(round(fit.model.base[0])) - span // 6
         c = np.roll(c, -first, axis=1)[:, :span]

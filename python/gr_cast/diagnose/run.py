@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..effects import FAMILIES, Effect
-from ..effects.base import start
+from ..effects import FAMILIES, Effect, stage_of
+from ..effects.base import RX_GAIN, start
+from ..effects.phase_noise import MOST, shape_of
 from ..effects.signal_dependent_noise import told_floor
 from . import align, ambiguity, gate, heldout, residual
-from .finding import Finding, Worth, nmse, worth
+from .finding import MOST_TRUSTED, Finding, Worth, nmse, worth
 from .fit import Fit, filters_noise, gain_of_receiver, misfit
 from .model import predict
 from .search import refit, search
@@ -20,6 +21,7 @@ BUDGET_S = 240.0
 # Shares of the time that is left: for the recordings, for the first part of a long one, for the search of a part.
 RECORDINGS, FIRST_PART, SEARCH = 0.8, 0.6, 0.7
 FINE_LATTICE = 10.0  # energy of its error over the noise, over the whole recording
+FINEST = 3  # times the fastest wander of the search
 UNEXPLAINED_P = 1e-5
 UNEXPLAINED_NATS = 40.0
 UNEXPLAINED_SHARE = 0.01
@@ -74,7 +76,7 @@ def _examine_part(case, part, known: Finding | None, deadline: float) -> Finding
         complete=complete,
         stds=stds,
     )
-    if known is None:
+    if known is None and len(fit.model.found) <= MOST_TRUSTED:
         _compare(finding)
     _floor(finding)
     _look_for_rest(finding)
@@ -176,6 +178,7 @@ def _settle(fit: Fit) -> Fit:
         freed = refit(fit.data, replace(fit.model, effects=effects))
         if freed.likelihood > fit.likelihood - 1.0:
             fit = freed
+    fit = _whose_gain(_finer(fit))
     covariance = fit.covariance
     effects = []
     for i, e in enumerate(fit.model.effects):
@@ -185,6 +188,35 @@ def _settle(fit: Fit) -> Fit:
             e = replace(e, aux={**e.aux, "_variance": np.diag(covariance)[fit.model.span(i)].tolist()})
         effects.append(e)
     return replace(fit, model=replace(fit.model, effects=tuple(effects)))
+
+
+def _with(model, index: int, effect: Effect):
+    return replace(model, effects=(*model.effects[:index], effect, *model.effects[index + 1 :]))
+
+
+def _finer(fit: Fit) -> Fit:
+    """Phase noise as fast as the search follows, followed to faster wander still where that is there."""
+    at = next((i for i, e in enumerate(fit.model.effects) if e.family == "phase_noise" and len(e.p) == MOST), None)
+    size = FINEST * MOST
+    if at is None or fit.data.scene.count < 24 * size:
+        return fit
+    effect, tried = fit.model.effects[at], [fit]
+    for law in ({"law": "flat"}, {"law": "held", "corner": size / 8}):
+        prior = shape_of(law, size)
+        prior *= effect.prior.sum() / prior[:MOST].sum()
+        p = np.concatenate([effect.p, np.zeros(size - MOST)])
+        wide = replace(effect, p=p, prior=prior, free=np.ones(size, bool), aux=law)
+        tried.append(refit(fit.data, _with(fit.model, at, wide)))
+    return max(tried, key=lambda f: f.evidence)
+
+
+def _whose_gain(fit: Fit) -> Fit:
+    """A gain that changes is the transmitter's where the noise does not change with it."""
+    for i, e in enumerate(fit.model.effects):
+        if stage_of(e) == RX_GAIN and not e.fixed:
+            other = refit(fit.data, _with(fit.model, i, replace(e, aux={**e.aux, "side": "tx"})))
+            fit = other if other.likelihood > fit.likelihood + 1.0 else fit
+    return fit
 
 
 def _floor(finding: Finding) -> None:

@@ -9,12 +9,13 @@ from scipy import fft as sp_fft
 
 from ..effects import FAMILIES, Effect, stage_of
 from ..effects.base import RX_FILTER, RX_GAIN, start
-from ..effects.columns import Dense, against, gram, inner, single
+from ..effects.columns import Dense, Lags, against, gram, inner
 from . import noise
-from .fit import COLOUR_ORDERS, Data, Fit, invert, misfit, smooth_spectrum, solve, with_noise
-from .model import Model, _run, _start_chain, _steps, effect_columns, predict
+from .fit import Data, Fit, invert, misfit, solve, with_noise
+from .model import RIDGE, Model, _run, _start_chain, _steps, effect_columns, predict
 from .view import View
 
+MANY = 200  # parameters with a prior up to which their dependence is taken into account by a score
 MARGIN = 5.0  # nats of evidence that an effect must bring beyond its price
 BEAM = 2
 REFITS = 3
@@ -30,15 +31,46 @@ class Score:
     effect: Effect
 
 
+@dataclass(frozen=True, kw_only=True)
+class Others:
+    """Whitened derivatives of a fit, and all that are rows `together`, with the residual as the last one."""
+
+    columns: list
+    together: Dense
+
+    @staticmethod
+    def of(fit: Fit) -> "Others":
+        columns = [replace(c, kept=True) if isinstance(c, Lags) else c for c in fit.columns]
+        rows = [c.signals for c in columns if isinstance(c, Dense)]
+        residual = fit.data.whitened(fit.residual[None])
+        return Others(columns=columns, together=Dense(signals=np.concatenate([*rows, residual])))
+
+    def against(self, columns) -> tuple[np.ndarray, np.ndarray]:
+        """Inner products of `columns` with all derivatives (k, parameters), and with the residual (k,)."""
+        products, at, found = inner(columns, self.together), 0, []
+        for own in self.columns:
+            if isinstance(own, Dense):
+                found.append(products[:, at : at + len(own)])
+                at += len(own)
+            else:
+                found.append(inner(columns, own))
+        return np.concatenate(found, axis=1), products[:, -1]
+
+    def slopes(self) -> np.ndarray:
+        residual = Dense(signals=self.together.signals[-1:])
+        return against(self.columns, residual)[:, 0]
+
+
 def score(fit: Fit, effect: Effect) -> Score:
     """Predicted gain in evidence of adding an effect, by one Gauss-Newton step from its start (Rao's score
     test)."""
     data, family = fit.data, FAMILIES[effect.family]
     n, sigma2 = data.count, fit.sigma2
-    if "columns" not in fit.notes:
-        fit.notes["columns"] = [single(b) for b in fit.columns]
-        fit.notes["residual"] = single(Dense(signals=data.whitened(fit.residual[None])))
-    blocks, residual, inverse, saved = fit.notes["columns"], fit.notes["residual"], fit.covariance, 0.0
+    if "others" not in fit.notes:
+        fit.notes["others"] = others = Others.of(fit)
+        # What is left of the slope at the optimum: small, but not where a direction is all but one of the fit's own.
+        fit.notes["slopes"] = 2 / sigma2 * others.slopes() - fit.model.prior_precision() * fit.model.vector()
+    others, b_j, inverse, saved = fit.notes["others"], fit.notes["slopes"], fit.covariance, 0.0
     nest = family.nest(data.scene, effect)
     key = (effect.family, nest[0]) if nest else None
     if key is None or key not in fit.notes:
@@ -47,21 +79,21 @@ def score(fit: Fit, effect: Effect) -> Score:
         change = chain.y - fit.chain.y
         if float(np.vdot(change, change).real) > 1e-12 * float(np.vdot(fit.chain.y, fit.chain.y).real):
             # The start is elsewhere: gain and phase are set free there, the rest of the model stands still.
-            residual = Dense(signals=data.whitened((data.y - chain.y)[None]))
-            blocks = [Dense(signals=data.whitened(np.stack([chain.y, 1j * chain.y])))]
-            inverse = invert(2 / sigma2 * gram(blocks))
-            saved = misfit(data, fit.chain.y) / sigma2 - float(inner(residual, residual)[0, 0]) / sigma2
+            residual = data.whitened((data.y - chain.y)[None])
+            rows = data.whitened(np.stack([chain.y, 1j * chain.y]))
+            others = Others(columns=[Dense(signals=rows)], together=Dense(signals=np.concatenate([rows, residual])))
+            inverse, b_j = invert(2 / sigma2 * gram(others.columns)), 2 / sigma2 * others.slopes()
+            saved = (misfit(data, fit.chain.y) - float(np.vdot(residual, residual).real)) / sigma2
         part = None
         if columns is not None:
-            columns = single(data.white(columns))
-            cross = against(blocks, columns).T
-            part = 2 / sigma2 * inner(columns, columns), 2 / sigma2 * cross, 2 / sigma2 * inner(columns, residual)[:, 0]
+            columns = data.white(columns)
+            h_cj, slope = others.against(columns)
+            part = 2 / sigma2 * inner(columns, columns), 2 / sigma2 * h_cj, 2 / sigma2 * slope
         if nest:
             fit.notes[key] = part
     if nest:
         h_cc, h_cj, slope = fit.notes[key]
         part = h_cc[np.ix_(nest[2], nest[2])], h_cj[nest[2]], slope[nest[2]]
-    b_j = 2 / sigma2 * against(blocks, residual)[:, 0]
     gain = saved + 0.5 * b_j @ inverse @ b_j
     p, prior, occam = effect.p.copy(), None, 0.0
     if part is not None:
@@ -69,12 +101,14 @@ def score(fit: Fit, effect: Effect) -> Score:
         schur = h_cc - h_cj @ inverse @ h_cj.T
         slope = slope - h_cj @ inverse @ b_j
         scale = np.diag(h_cc)
+        if family.linear and effect.prior is None:
+            schur = schur + RIDGE * np.eye(len(schur))
         live = np.diag(schur) > SEEN * np.maximum(scale, 1e-9 * scale.max() + 1e-300)
         free = np.flatnonzero(effect.free)[live]
         if live.any():
             schur, slope = schur[np.ix_(live, live)], slope[live]
             if effect.prior is None:
-                step = invert(schur, SEEN) @ slope
+                step = invert(schur, 0.0 if family.linear else SEEN) @ slope
                 gain += 0.5 * slope @ step
             else:
                 more, occam, step, prior = _with_prior(schur, slope, effect.prior[free])
@@ -87,12 +121,6 @@ def score(fit: Fit, effect: Effect) -> Score:
         cost = occam + 0.5 * np.log(n)
     gain = -n * np.log(max(1 - gain / n, 1e-12))  # the noise level is fitted too
     found = replace(effect, p=p)
-    if stage_of(effect) == RX_FILTER:
-        net = gain - cost - np.log(effect.trials)
-        if "colour" not in fit.notes:
-            fit.notes["colour"] = _colour_gain(fit)
-        colour = fit.notes["colour"]
-        gain += colour if net > 0 else min(colour, 0.0)
     if prior is not None:
         full = effect.prior.copy()
         full[free] = prior
@@ -110,22 +138,15 @@ def _derivatives(fit: Fit, probe: Effect):
     return chain, effect_columns(scene, model, index, chain, before) if probe.free.any() else None
 
 
-def _colour_gain(fit: Fit) -> float:
-    """Nats that a smooth colour of the noise gains, after its price: what a receiver's filter does to
-    noise."""
-    shape = smooth_spectrum(fit.data, fit.residual)
-    power = np.abs(sp_fft.fft(fit.residual * fit.data.use)) ** 2
-    n = fit.data.count
-    gain = n * (np.log(power.mean()) - np.log((power / shape).mean()) - np.log(shape).mean())
-    return float(gain - COLOUR_ORDERS * np.log(n))
-
-
 def _with_prior(schur, slope, shape):
     """The scale of the prior that makes the data likeliest: (gain, Occam cost, step, prior)."""
     root = np.sqrt(shape)
-    values, vectors = np.linalg.eigh(schur * np.outer(root, root))
-    values = np.maximum(values, 0)
-    b = vectors.T @ (slope * root)
+    if len(shape) <= MANY:
+        values, vectors = np.linalg.eigh(schur * np.outer(root, root))
+        values = np.maximum(values, 0)
+        b = vectors.T @ (slope * root)
+    else:  # that many cosines are all but independent
+        values, vectors, b = np.diag(schur) * shape, None, slope * root
     best = (-np.inf,)
     for scale in np.geomspace(1e-9, 10, 41):
         gain = 0.5 * np.sum(b**2 * scale / (1 + scale * values))
@@ -133,19 +154,23 @@ def _with_prior(schur, slope, shape):
         if gain - occam > best[0]:
             best = (gain - occam, gain, occam, scale)
     _, gain, occam, scale = best
-    step = root * (vectors @ (b * scale / (1 + scale * values)))
+    step = b * scale / (1 + scale * values)
+    step = root * (step if vectors is None else vectors @ step)
     return gain, occam, step, shape * scale
 
 
 def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2) -> Fit:
     """Signal and noise law at their joint optimum. `near`: a fit whose signal part is already close."""
-    white = replace(data, variance=None, spectrum=None)
+    white = replace(data, variance=None, spectrum=None, impulses=None)
     noisy = any(FAMILIES[e.family].noise_like and not e.fixed for e in model.effects)
     shaped = noisy or any(
         stage_of(e) in (RX_GAIN, RX_FILTER) or e.family == "quantization" and e.p[2] < 0.7 for e in model.effects
     )
     if not noisy or near is None:
         fit = solve(white, model)
+        likely = _with_likely_priors(fit)
+        if likely is not fit.model:
+            fit = solve(white, likely)
     if not shaped:
         return fit
     if near is not None and noisy:
@@ -160,10 +185,26 @@ def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2) ->
     return fit
 
 
-def refit_or_known(data: Data, model: Model, known, near: Fit | None = None) -> Fit:
-    """`refit`, or a fit of the same effects in `known`, where that is made already."""
+def _with_likely_priors(fit: Fit) -> Model:
+    """The model with the scale of every prior that its course makes likeliest (one step of EM), where that is another."""
+    model = fit.model
+    for i, e in enumerate(model.effects):
+        if e.prior is not None and not e.fixed:
+            variance = np.diag(fit.covariance)[model.span(i)]
+            factor = float(np.clip(np.mean((e.p**2 + variance) / e.prior), 0.1, 10.0))
+            if not 0.8 < factor < 1.25:
+                effects = (*model.effects[:i], replace(e, prior=e.prior * factor), *model.effects[i + 1 :])
+                model = replace(model, effects=effects)
+    return model
+
+
+def refit_or_known(data: Data, model: Model, known: list[Fit], near: Fit | None = None) -> Fit:
+    """`refit`, or the fit of the same effects in `known`, to which a new one is added."""
     same = [f for f in known if f.model.signature == model.signature]
-    return max(same, key=lambda f: f.evidence) if same else refit(data, model, near=near)
+    if not same:
+        same = [refit(data, model, near=near)]
+        known.extend(same)
+    return max(same, key=lambda f: f.evidence)
 
 
 def _again(fit: Fit, effect: Effect) -> Effect:
@@ -241,32 +282,25 @@ def search(data: Data, model: Model) -> list[Fit]:
     for fit in sorted(beam, key=lambda f: f.evidence):
         done[fit.model.families] = fit
     beam = [f for f in beam if f.evidence > max(g.evidence for g in beam) - 10.0][:BEAM]
-    for _ in range(MOST_EFFECTS + 1):
-        grown = []
+    while not data.late:
+        grown = {}
         for fit in beam:
             if data.late:
                 break
             for s in _worth_trying(candidates(fit)):
                 if data.late:
                     break
-                trial = refit(
-                    data,
-                    fit.model.adding(s.effect),
-                    near=fit if FAMILIES[s.effect.family].noise_like else None,
-                )
+                near = fit if FAMILIES[s.effect.family].noise_like else None
+                trial = refit(data, fit.model.adding(s.effect), near=near)
+                key = trial.model.families
                 if trial.evidence > fit.evidence + MARGIN and plausible(trial.model):
-                    grown.append(trial)
-        for trial in grown:
-            key = trial.model.families
-            if key not in done or done[key].evidence < trial.evidence:
-                done[key] = trial
-        unique = {}
-        for trial in sorted(grown, key=lambda f: -f.evidence):
-            unique.setdefault(trial.model.families, trial)
-        leader = max(f.evidence for f in done.values())
-        gained = leader - first.evidence
-        beam = [f for f in list(unique.values())[:BEAM] if f.evidence > leader - max(30.0, 0.2 * gained)]
-        if not beam or all(f.evidence < leader - 1e-9 for f in beam):
+                    if key not in done or done[key].evidence < trial.evidence:
+                        done[key] = grown[key] = trial
+        leader = max(done.values(), key=lambda f: f.evidence)
+        if len(leader.model.found) >= MOST_EFFECTS:
+            break
+        beam = _best(grown.values(), leader, leader.evidence - first.evidence)
+        if not any(f is leader or not f.model.flexible for f in beam):
             break
     ranked = sorted(done.values(), key=lambda f: -f.evidence)
     return [eliminate(data, _polished(data, ranked[0]), ranked), *ranked]
@@ -284,6 +318,18 @@ def _polished(data: Data, fit: Fit) -> Fit:
             if not data.late:
                 fit = max(fit, refit(data, rest.adding(form)), key=lambda f: f.evidence)
     return fit
+
+
+def _best(grown, leader: Fit, gained: float) -> list[Fit]:
+    """The models to go on from: the best few, and the best that has no flexible family, which may take the place of
+    several."""
+    ranked = sorted(grown, key=lambda f: -f.evidence)
+    near = [f for f in ranked if f.evidence > leader.evidence - max(30.0, 0.2 * gained)]
+    beam = near[: BEAM if len(leader.model.found) < 3 else 1]
+    simple = [f for f in ranked if not f.model.flexible]
+    if simple and not any(simple[0] is f for f in beam) and simple[0].evidence > leader.evidence - 0.7 * gained:
+        beam.append(simple[0])
+    return beam
 
 
 def plausible(model: Model) -> bool:
@@ -318,7 +364,7 @@ def _gross_offsets(data: Data, model: Model) -> list[Model]:
     return found
 
 
-def eliminate(data: Data, fit: Fit, known=()) -> Fit:
+def eliminate(data: Data, fit: Fit, known: list[Fit]) -> Fit:
     """Take out, one by one, every effect that no longer pays its price."""
     while fit.model.found:
         worst = None

@@ -5,11 +5,10 @@ import numpy as np
 
 from ..effects import FAMILIES
 from . import heldout
-from .finding import Finding, nmse, numbers
+from .finding import MOST_TRUSTED, Finding, nmse, numbers
 from .ownership import kind_of, owner
 
 SAME_DELAY_SAMPLES = 0.7
-MOST_TRUSTED = 3  # effects in one recording; with more the list is not the whole truth
 LEAST_NATS = 8.0  # that an effect must bring over all recordings
 
 
@@ -220,13 +219,13 @@ class _Words:
         scale, prefix = 1.0, ""
         if unit in ("s", "Hz"):
             for size, letter in ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n")):
-                if abs(value) >= size:
+                if max(abs(value), std) >= size:
                     scale, prefix = size, letter
                     break
             else:
                 scale, prefix = (1e-9, "n") if unit == "s" else (1.0, "")
-        digits = 3 if std <= 0 else int(np.clip(np.ceil(-np.log10(std / scale)) + 1, 0, 6))
-        text = f"{value / scale:.{digits}f}"
-        if std > 0:
-            text += f" ± {std / scale:.{digits}f}"
+        if std <= 1e-6 * abs(value):
+            return f"{value / scale:.6g} {prefix}{unit}".rstrip()
+        digits = int(np.clip(np.ceil(-np.log10(std / scale)) + 1, 0, 12))
+        text = f"{value / scale:.{digits}f} ± {std / scale:.{digits}f}"
         return f"{text} {prefix}{unit}".rstrip()

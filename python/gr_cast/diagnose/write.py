@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import tempfile
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import yaml
 
 from ..recording import data_path, meta_path
 from ..units import db_from_amplitude
-from .residual import time_frequency
+from .maps import before_and_after
 
 
 def _clean(value):
@@ -52,12 +53,14 @@ def corrected_twin(diagnosis) -> dict:
 
 
 def maps(diagnosis) -> dict[str, np.ndarray]:
+    """Every map of `maps.Maps`, in absolute power, as RECORDING[@first sample]/before or after/map."""
     out = {}
     for finding in diagnosis.findings:
-        name = finding.observation.name
-        for label, fit in (("before", finding.twin), ("after", finding.fit)):
-            energy, count = time_frequency(fit)
-            out[f"{name}_time_frequency_{label}"] = (energy / np.maximum(count, 1e-9) * fit.sigma2).astype(np.float32)
+        first = finding.observation.first
+        name = finding.observation.name + (f"@{first}" if first else "")
+        for label, both in zip(("before", "after"), before_and_after(finding, 1.0), strict=True):
+            for key, value in asdict(both).items():
+                out[f"{name}/{label}/{key}"] = value.astype(np.complex64 if np.iscomplexobj(value) else np.float32)
     return out
 
 

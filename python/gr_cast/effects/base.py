@@ -65,6 +65,7 @@ class Family:
     stage = RX_GAIN
     noise_like = False  # changes the noise, not the prediction
     reach = 0.5
+    linear = False  # the prediction is linear in its numbers
     flexible = False  # fits much: tried after the simple ones
     linear = False  # the prediction is linear in its numbers: no step is too long
     random = False  # its numbers are a law: what a twin has of it runs another course in every recording

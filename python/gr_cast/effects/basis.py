@@ -71,6 +71,6 @@ def products(energy: np.ndarray, first: int, second: int) -> np.ndarray:
     return toeplitz(e[:first], e[:second]) + hankel(e[2 : first + 2], e[first + 1 : first + second + 1])
 
 
-def course_orders(scene) -> tuple[int, ...]:
+def course_orders(scene, most: int = 96) -> tuple[int, ...]:
     """Numbers of cosines worth trying on a recording."""
-    return tuple(size for size in (6, 24, 96) if size < scene.count / 100) or (3,)
+    return tuple(size for size in (6, 24, 96, 480) if size <= most and size < scene.count / 24) or (3,)

@@ -5,7 +5,7 @@
 cosines of a slow course. The last two are written out only where many are to be compared with them.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -21,7 +21,7 @@ class Dense:
     """Derivatives as they are: (k, n) complex."""
 
     signals: np.ndarray
-    paired = False
+    paired = kept = False
 
     def __len__(self):
         return len(self.signals)
@@ -48,6 +48,7 @@ class Lags:
     signals: np.ndarray  # (u, n)
     entries: tuple
     window: np.ndarray | None = None  # (n,) factor after the shift
+    kept: bool = False  # whether `table` is worth its memory: much is compared with it
     paired = True
 
     def __len__(self):
@@ -60,7 +61,7 @@ class Lags:
     def part(self, a: int, b: int) -> np.ndarray:
         """(entries, b − a) the shifted signals themselves."""
         n = self.signals.shape[1]
-        out = np.zeros((len(self.entries), b - a), self.signals.dtype)
+        out = np.zeros((len(self.entries), b - a), complex)
         for row, (i, lag) in zip(out, self.entries, strict=True):
             low, high = max(a - lag, 0), min(b - lag, n)
             if high > low:
@@ -71,12 +72,8 @@ class Lags:
 
     @cached_property
     def table(self) -> np.ndarray:
-        """All shifted signals, in single precision."""
-        n, size = self.signals.shape[1], max(512, CHUNK // self.height)
-        out = np.empty((self.height, n), np.complex64)
-        for first in range(0, n, size):
-            out[:, first : first + size] = self.part(first, min(first + size, n))
-        return out
+        """All shifted signals."""
+        return self.part(0, self.signals.shape[1])
 
     def full(self) -> np.ndarray:
         c = self.part(0, self.signals.shape[1])
@@ -97,11 +94,6 @@ class Courses:
         n = self.signals.shape[1]
         basis = np.array([course(row, n) for row in np.eye(self.orders)])
         return (basis[:, None] * self.signals[None]).reshape(len(self), n)
-
-
-def single(columns):
-    """The same in single precision, for comparisons that need no more."""
-    return replace(columns, signals=columns.signals.astype(np.complex64))
 
 
 def inner(a, b) -> np.ndarray:
@@ -128,11 +120,11 @@ def inner(a, b) -> np.ndarray:
         return inner(b, a).T
     n = a.signals.shape[1]
     size = max(512, CHUNK // (a.height + b.height + 1))
-    if min(a.height, b.height) <= FEW and a is not b:  # one pass over what was written out before
-        if a.height < b.height:
-            return _real(np.conj(a.table).astype(b.table.dtype) @ b.table.T, a.paired, b.paired)
-        return _real(np.conj(np.conj(b.table).astype(a.table.dtype) @ a.table.T).T, a.paired, b.paired)
-    total = np.zeros((a.height, b.height), complex)  # in double precision, whatever the parts
+    if b.kept and a.height <= FEW:
+        return _real(np.conj(a.table) @ b.table.T, a.paired, b.paired)
+    if a.kept and b.height <= FEW:
+        return inner(b, a).T
+    total = np.zeros((a.height, b.height), complex)
     for first in range(0, n, size):
         p = a.part(first, min(first + size, n))
         q = p if a is b else b.part(first, min(first + size, n))

@@ -2,6 +2,7 @@
 """Single strong samples. Internal: ln of an impulse's power over the floor, ln of their share of samples."""
 
 import numpy as np
+from scipy.special import ive
 
 from .base import start
 from .noise_family import NoiseFamily
@@ -26,28 +27,78 @@ class ImpulsiveNoise(NoiseFamily):
     def added(self, scene, effect, wanted, draw):
         strength, share = effect.p
         hit = np.abs(draw()) ** 2 > -share  # an exponential number passes −ln p with probability p
-        return np.where(hit, np.sqrt(effect.aux["_floor"] * np.exp(strength)) * draw(), 0.0)
+        size = draw()
+        if effect.aux.get("law") == "steady":
+            size = size / np.maximum(np.abs(size), 1e-30)
+        return np.where(hit, np.sqrt(effect.aux["_floor"] * np.exp(strength)) * size, 0.0)
 
     def describe(self, number):
         return f"Impulses: {number('rate_hz')} of them, each {number('power_db')} re full scale."
 
     def find(self, view, near=None):
-        """(gain, effect) of a mixture: a share p of samples with 1 + k times the power."""
+        """(gain, effect) of a mixture: a share of samples with impulses of random or of steady size, what is likelier."""
         e = view.energy[view.use]
-        core = np.median(e) / np.log(2)
-        e = e / core
-        p, k = 0.01, 30.0
-        if (e > 9).sum() < 3:
+        if (e > 9 * np.median(e) / np.log(2)).sum() < 3:
             return 0.0, None
-        for _ in range(60):
-            heavy = p / (1 + k) * np.exp(np.clip(-e / (1 + k), -700, 0))
-            light = (1 - p) * np.exp(np.clip(-e, -700, 0))
-            share = heavy / (heavy + light + 1e-300)
-            p = float(np.clip(share.mean(), 1e-7, 0.5))
-            level = (e * (1 - share)).sum() / (1 - share).sum()
-            e, k = e / level, max(float((share * e / level).sum() / share.sum()) - 1, 0.5)
-        mixture = np.log((1 - p) * np.exp(-e) + p / (1 + k) * np.exp(-e / (1 + k))).sum()
-        gain = mixture + len(e) * (np.log(e.mean()) + 1)
-        if p > 0.2:
+        laws = near.aux["law"] if near is not None else None
+        tried = [_mixed(e, law) for law in ((laws,) if laws else DENSITIES)]
+        gain, law, level, ratio, share = max(tried)
+        if share > 0.2:
             return 0.0, None
-        return gain, start(self, [np.log(k), np.log(p)], free=[False] * 2)
+        effect = start(self, [np.log(ratio), np.log(share)], free=[False] * 2, aux={"law": law, "_level": level})
+        effect.aux["_std"] = self._spread(effect, e / level)
+        return gain, effect
+
+    def _spread(self, effect, energy, step=0.05):
+        """Standard deviations of both numbers, from the curvature of ln L."""
+
+        def at(a, b):
+            return float(self.likelihood(effect.moved(effect.p + step * np.array([a, b])), energy).sum())
+
+        middle = at(0, 0)
+        cross = (at(1, 1) - at(1, -1) - at(-1, 1) + at(-1, -1)) / 4
+        curvature = np.array([[at(1, 0) - 2 * middle + at(-1, 0), cross], [cross, at(0, 1) - 2 * middle + at(0, -1)]]) / step**2
+        return np.sqrt(np.clip(np.diag(np.linalg.pinv(-curvature)), 1e-6, 4.0)).tolist()
+
+    @staticmethod
+    def shares(effect, energy):
+        """(n,) probability that a sample of this energy, relative to the floor, holds an impulse."""
+        share = np.exp(effect.p[1])
+        with_impulse = np.log(share) + DENSITIES[effect.aux["law"]](energy, np.exp(effect.p[0]))
+        return np.exp(with_impulse - np.logaddexp(np.log1p(-share) - energy, with_impulse))
+
+    @staticmethod
+    def likelihood(effect, energy):
+        """(n,) ln of the density of the energies of both kinds of samples together."""
+        share = np.exp(effect.p[1])
+        return np.logaddexp(np.log1p(-share) - energy, np.log(share) + DENSITIES[effect.aux["law"]](energy, np.exp(effect.p[0])))
+
+
+def _random(energy, power):
+    """ln density of a sample's energy where an impulse of complex Gaussian size is in it."""
+    return -np.log1p(power) - energy / (1 + power)
+
+
+def _steady(energy, power):
+    """The same for impulses of one size and any phase (Rice)."""
+    return -((np.sqrt(energy) - np.sqrt(power)) ** 2) + np.log(ive(0, 2 * np.sqrt(energy * power)))
+
+
+DENSITIES = {"random": _random, "steady": _steady}
+
+
+def _mixed(e, law):
+    """(gain over one even level, law, level, power of an impulse over it, share) by the EM algorithm."""
+    flat, core = np.log(e.mean()), np.median(e) / np.log(2)
+    share, power, level = 0.01, 30.0, core
+    for _ in range(60):
+        z = e / level
+        with_impulse = np.log(share) + DENSITIES[law](z, power)
+        light = np.log1p(-share) - z
+        strong = np.exp(with_impulse - np.logaddexp(light, with_impulse))
+        share = float(np.clip(strong.mean(), 1e-7, 0.5))
+        level = (e * (1 - strong)).sum() / (1 - strong).sum()
+        power = max(float((strong * e / level).sum() / max(strong.sum(), 1e-9)) - 1, 0.5)
+    z = e / level
+    total = np.logaddexp(np.log1p(-share) - z, np.log(share) + DENSITIES[law](z, power)).sum() - len(e) * np.log(level)
+    return total + len(e) * (flat + 1), law, float(level), power, share

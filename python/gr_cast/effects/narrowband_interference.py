@@ -63,14 +63,15 @@ class NarrowbandInterference(NoiseFamily):
         if gain * share < 20:
             return 0.0, None
         on_e, on_n = e2[i + length] - e2[i], n2[i + length] - n2[i]
-        ratio = on_e / on_n / ((energy.sum() - on_e) / (n - on_n)) - 1
+        ratio = max(on_e / on_n / ((energy.sum() - on_e) / (n - on_n)) - 1, 1e-3)
         low = edges[i % cells] / n
         width = on_n / n
         centre = (low + width / 2 + 0.5) % 1.0 - 0.5
         effect = start(
             self,
-            [np.log(max(ratio, 1e-3)), centre, width],
+            [np.log(ratio), centre, width],
             free=[False] * 3,
             trials=cells**2 / 2,
+            aux={"_std": [(1 + ratio) / ratio / np.sqrt(on_n * share), 0.3 / cells, 0.4 / cells]},
         )
         return gain * share, effect

@@ -30,6 +30,9 @@ class NoiseFamily(Family):
     noise_like = True
     strengths = 0  # numbers that `find` chooses
 
+    def hidden(self, effect):
+        return self.strengths
+
     def apply(self, chain, effect):
         pass
 

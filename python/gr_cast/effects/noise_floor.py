@@ -20,4 +20,4 @@ class NoiseFloor(NoiseFamily):
         return np.zeros(scene.count)  # the floor itself is another one
 
     def describe(self, number):
-        return f"The noise floor is {number('change_db')} from what the twin says."
+        return f"The noise floor differs from the twin's by {number('change_db')}."

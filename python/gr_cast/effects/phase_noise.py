@@ -3,7 +3,8 @@
 coefficients in rad.
 
 A twin holds its law. Free wandering, Var φ(t) = 2π·linewidth·t, has coefficients of variance 2π·linewidth·T/(πk)² on T
-seconds (Karhunen-Loève expansion of a Wiener process); a held oscillator wanders evenly up to a highest frequency.
+seconds (Karhunen-Loève expansion of a Wiener process); a held oscillator wanders evenly up to a highest frequency, or
+with the density 1/(1 + (f/corner)²) of a loop of first order.
 """
 
 from dataclasses import replace
@@ -13,6 +14,16 @@ import numpy as np
 from .base import RX_LO, Family, start
 from .basis import course_orders
 from .columns import Courses
+
+MOST = 480  # cosines: the fastest wander that is followed
+
+
+def shape_of(law: dict, size: int) -> np.ndarray:
+    """(size,) relative variance of each cosine under a law."""
+    k = np.arange(1, size + 1)
+    if law["law"] == "held":
+        return 1.0 / (1.0 + (k / law["corner"]) ** 2)
+    return 1.0 / k**2 if law["law"] == "free" else np.ones(size)
 
 
 class PhaseNoise(Family):
@@ -34,7 +45,7 @@ class PhaseNoise(Family):
         chain.wanted = chain.y
 
     def nest(self, scene, effect):
-        size = course_orders(scene)[-1]
+        size = course_orders(scene, MOST)[-1]
         return (
             "course",
             replace(effect, p=np.zeros(size), free=np.ones(size, bool), prior=None),
@@ -45,19 +56,16 @@ class PhaseNoise(Family):
         return Courses(signals=1j * chain.wanted[None], orders=len(effect.p))
 
     def starts(self, view):
-        for size in course_orders(view.scene):
-            k = np.arange(1, size + 1)
-            for prior in (1.0 / k**2, np.ones(size)):
-                yield start(
-                    self,
-                    np.zeros(size),
-                    prior=prior,
-                    trials=4,
-                    aux={"law": "free" if prior[-1] < 1 else "flat"},
-                )
+        for size in course_orders(view.scene, MOST):
+            laws = [{"law": "flat"}, {"law": "held", "corner": size / 8}]
+            for law in [{"law": "free"}, *laws] if size < 200 else laws:
+                yield start(self, np.zeros(size), prior=shape_of(law, size), trials=12, aux=law)
 
     def values(self, scene, effect, p):
         unseen = float(np.sum(effect.aux.get("_variance", [0.0])))  # of the course around its estimate
+        if effect.aux.get("law") == "held" and effect.prior is not None:  # what lies above the fastest cosine
+            corner = effect.aux["corner"]
+            unseen += effect.prior[0] * (1 + corner**-2) * corner * (np.pi / 2 - np.arctan(len(p) / corner))
         return {"rms_rad": float(np.sqrt(np.mean(self.detrended(scene, p) ** 2) + unseen))}
 
     @staticmethod
@@ -68,16 +76,22 @@ class PhaseNoise(Family):
     def parse(self, scene, parameters, model):
         highest = model.get("highest_hz", course_orders(scene)[-1] / 2 / scene.duration_s)
         k = np.arange(1, 1 + max(1, round(2 * highest * scene.duration_s)))
-        if model.get("law") == "flat":
-            prior = np.full(len(k), parameters["rms_rad"] ** 2 / len(k))
+        law = {"law": model.get("law", "free")}
+        if law["law"] == "held":
+            law["corner"] = 2 * model["corner_hz"] * scene.duration_s
+        if law["law"] != "free":
+            shape = shape_of(law, len(k))
+            prior = parameters["rms_rad"] ** 2 * shape / shape.sum()
         elif "linewidth_hz" in (told := {**model, **parameters}):
             prior = 2 * told["linewidth_hz"] * scene.duration_s / np.pi / k**2
         else:
             prior = parameters.get("rms_rad", 0.0) ** 2 / k**2 / np.sum(1.0 / k**2)
-        return start(self, np.zeros(len(k)), prior=prior, aux={"law": model.get("law", "free")})
+        return start(self, np.zeros(len(k)), prior=prior, aux=law)
 
     def model(self, scene, effect):
         law = {"law": effect.aux.get("law", "free"), "highest_hz": len(effect.p) / 2 / scene.duration_s}
+        if law["law"] == "held":
+            return law | {"corner_hz": effect.aux["corner"] / 2 / scene.duration_s}
         return law | ({"linewidth_hz": np.pi / 2 / scene.duration_s * effect.prior[0]} if law["law"] == "free" else {})
 
     def unfollowed(self, effect):

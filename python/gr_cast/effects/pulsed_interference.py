@@ -51,7 +51,7 @@ class PulsedInterference(NoiseFamily):
             return 0.0, None
         if near is not None:
             gain, p = _fold(e, use, near.p[1], n, total, count, scales=(0.5, 0.1))
-            return (0.0, None) if p is None else (gain, start(self, p, free=[False] * 4, trials=2e4))
+            return (0.0, None) if p is None else (gain, self._found(p, n))
         q = np.where(use, np.minimum(e / mean, 8.0), 0.0)
         q = np.where(use, q - q.sum() / count, 0.0)
         pad = 4
@@ -76,7 +76,14 @@ class PulsedInterference(NoiseFamily):
         gain, p = top
         if p is None:
             return 0.0, None
-        return gain, start(self, p, free=[False] * 4, trials=2e4)
+        return gain, self._found(p, n)
+
+    def _found(self, p, n):
+        """The effect with the standard deviations of its numbers: of the level from the count of samples, of the others
+        from the steps of the search."""
+        ratio, period, duty = np.exp(p[0]), p[1], p[3]
+        spread = [(1 + ratio) / ratio / np.sqrt(max(duty * n, 1.0)), period**2 / n / 128, period / 256, duty / 20 + 1 / 512]
+        return start(self, p, free=[False] * 4, trials=2e4, aux={"_std": spread})
 
 
 def _fold(e, use, period, n, total, count, scales=(1.0, 0.15)):

@@ -29,13 +29,14 @@ class SignalDependentNoise(NoiseFamily):
         energy, w = view.energy[view.use], view.wanted_power[view.use]
         w = w / max(w.mean(), 1e-300)
         flat = profile(energy, np.ones_like(energy))
-        best = minimize_scalar(
-            lambda k: -profile(energy, 1 + np.exp(k) * w),
-            bounds=(-7, 7),
-            method="bounded",
-            options={"xatol": 1e-3},
-        )
-        return -best.fun - flat, start(self, [best.x], free=[False])
+
+        def cost(k):
+            return -profile(energy, 1 + np.exp(k) * w)
+
+        best = minimize_scalar(cost, bounds=(-7, 7), method="bounded", options={"xatol": 1e-3})
+        curvature = (cost(best.x + 0.2) - 2 * best.fun + cost(best.x - 0.2)) / 0.2**2
+        aux = {"_std": [1 / np.sqrt(max(curvature, 1e-6))]}
+        return -best.fun - flat, start(self, [best.x], free=[False], aux=aux)
 
 
 def told_floor(energy: np.ndarray, power: np.ndarray) -> tuple[float, float]:

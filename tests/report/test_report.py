@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The report: one page that needs nothing else, says everything that the diagnosis says, and maps that measure what they show."""
+
+import re
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "diagnose"))
+from conftest_world import World
+from gr_cast.diagnose import diagnose, read_case
+from gr_cast.diagnose.maps import before_and_after, maps_of, power_of, steps
+from gr_cast.diagnose.write import maps
+from gr_cast.report import render
+
+ECHO, DC = 0.3 * 0.1 * np.exp(1j), 0.02
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """A diagnosis of an echo 20 dB below the first path and DC, under a carrier offset that the twin knows."""
+    world = World()
+    y = (world.clean() + ECHO * world.path(60)) * np.exp(2j * np.pi * 180 * world.n / 1e6) + DC
+    folder = world.write(tmp_path_factory.mktemp("report") / "case", world.noisy(y))
+    offset = "{family: carrier_frequency_offset, owner: {level: rx, name: rx1}, parameters: {offset_hz: {value: 180.0, std: 0}}}"
+    with open(folder / "twin.yaml", "a") as file:
+        file.write(f"effects: [{offset}]\n")
+    return diagnose(read_case(folder))
+
+
+class Page(HTMLParser):
+    """Text of a page; every tag closed in order, nothing fetched."""
+
+    def __init__(self, page: str):
+        super().__init__()
+        self.open, self.text, self.sources, self.faults = [], [], [], []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attributes):
+        self.sources += [v for k, v in attributes if k in ("src", "href")]
+        if tag not in ("meta", "img", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if not self.open or self.open.pop() != tag:
+            self.faults.append(tag)
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def test_a_page_needs_nothing_else_and_says_what_the_diagnosis_says(found):
+    page = Page(render(found))
+    text = " ".join("".join(page.text).replace("\N{MINUS SIGN}", "-").split())
+    assert not page.faults and not page.open
+    assert len(page.sources) >= 2 and all(s.startswith("data:image/png;base64,") for s in page.sources)
+    assert {e["family"] for e in found.document["effects"]} == {"extra_path", "dc_offset"}
+    for effect in found.document["effects"]:
+        assert effect["sentence"].replace("\N{MINUS SIGN}", "-") in text
+    assert "Identified: the twin leaves out" in text and "Runner-up" in text and "dB of residual" in text
+    assert "gain / dB" in text and re.search(r"receiver rx1", text)
+
+
+def test_an_open_question_is_followed_by_the_recording_that_answers_it(found):
+    why = "dc_offset and lo_leakage explain this recording equally well."
+    entry = {"families": ["dc_offset", "lo_leakage"], "why": why, "record_next": "offset_carrier"}
+    document = {**found.document, "verdict": "ambiguous", "ambiguous": [entry]}
+    text = "".join(Page(render(SimpleNamespace(case=found.case, document=document, findings=found.findings))).text)
+    assert "it is DC offset or LO leakage" in text
+    assert "Record next: the same with the transmitter tuned" in text and "LO leakage: it fits as well" in text
+
+
+def test_the_maps_show_the_echo_at_its_delay_and_the_dc_at_its_frequency(found):
+    finding = found.findings[0]
+    before, after = before_and_after(finding, finding.data.noise_power)
+    delay = np.nanmean(before.delay_time, axis=0)
+    assert before.delay_s[np.argmax(delay)] == pytest.approx(60e-6, abs=1e-9)
+    bins = before.time_frequency.shape[1]
+    assert np.argmax(np.nanmean(before.time_frequency, axis=0)) == bins // 2
+    for m in (after.time_frequency, after.position):
+        assert np.nanmean(m) == pytest.approx(1.0, abs=0.05)  # noise, and no more
+    assert np.abs(np.abs(after.gain) - 1).max() < 5 * after.gain_std.max()
+
+
+def test_the_curve_of_a_bent_signal_is_its_gain_by_amplitude(found):
+    fit = found.findings[0].fit
+    bend = 1 - 0.1 * np.abs(fit.chain.y) ** 2 / np.mean(np.abs(fit.chain.y) ** 2)
+    m = maps_of(replace(fit, data=replace(fit.data, y=fit.chain.y * bend)), 1.0)
+    assert np.allclose(m.gain, 1 - 0.1 * m.amplitude**2, atol=0.01)
+
+
+def test_the_steps_go_down_from_the_twin_to_the_corrected_twin(found):
+    finding = found.findings[0]
+    levels = [power_of(finding.twin), *(power for _, power in steps(finding))]
+    assert len(levels) == 3 and levels == sorted(levels, reverse=True)
+    assert levels[-1] == power_of(finding.fit)
+    # The strongest is the echo, of known power; the DC is what is left, over the noise.
+    assert levels[0] - levels[1] == pytest.approx(max(abs(ECHO) ** 2, DC**2), rel=0.15)
+    assert levels[1] - levels[2] == pytest.approx(min(abs(ECHO) ** 2, DC**2), rel=0.15)
+
+
+def test_every_map_of_every_recording_is_kept(found):
+    kept = maps(found)
+    assert {"recording/before/delay_time", "recording/after/gain", "recording/after/position"} <= set(kept)
+    assert all(np.isfinite(v[~np.isnan(v)]).all() for v in kept.values())
