@@ -111,7 +111,8 @@ def write_case(folder: Path, world: Setting, twin: Setting, modem, emulator, *, 
             state = rng.bit_generator.state
             inputs[1] = world.jammer_amplitude * world.jammer.samples(rng, *place)
             rng.bit_generator.state = state  # the twin's jammer is the same noise
-            heard[twin.jammer_node] = twin.jammer.samples(rng, *place)[emulator.past :]
+            known = replace(world.jammer, harmonic=None).samples(rng, *place)
+            heard[twin.jammer_node] = known[emulator.past :]
             heard[twin.jammer_node][:UNHEARD] = np.nan
         received, _ = emulator.receive(begin, inputs)
         scale = scale or LEVEL / np.sqrt(np.mean(np.abs(received) ** 2))
