@@ -17,6 +17,9 @@ from .model import predict
 from .search import candidates, plausible, refit_or_known
 
 ALIKE_NATS = 3.0  # in ln L: two fits that differ by less are alike
+ALIKE_TAPS_NATS = 12.0  # in evidence: what the priors of two rows of taps may differ by
+TAPS = {"front_end_filter", "diffuse_tail"}  # both a row of taps behind the strongest
+NEAR_SHARE = 0.3  # or this share of what the effect brings
 NEAR_NATS = 25.0  # predicted evidence within which a rival is worth a fit
 
 # Counted as one answer: an echo at a tap and the tap's own errors or a short filter.
@@ -48,7 +51,8 @@ def rivals(fit: Fit, index: int, known: list[Fit]) -> tuple[Fit, list[Rival]]:
     for s in candidates(bare) if not fit.data.late else ():
         if _same(effect, s.effect) or s.net < 0:
             continue
-        if s.net < lost - NEAR_NATS or FAMILIES[s.effect.family].flexible:
+        far = s.net < lost - max(NEAR_NATS, NEAR_SHARE * lost)  # a score is rough where an effect is strong
+        if far or FAMILIES[s.effect.family].flexible and {effect.family, s.effect.family} != TAPS:
             if not found:
                 found.append(Rival(effect=s.effect, evidence=lost - s.net, likelihood=lost - s.net, fit=None))
             continue
@@ -75,8 +79,13 @@ def _same(a: Effect, b: Effect) -> bool:
 
 
 def alike(effect: Effect, rival: Rival) -> bool:
-    """Whether the data leave both open: as good a fit with no more freedom, and both simple."""
-    if rival.fit is None or abs(rival.likelihood) > ALIKE_NATS or effect.prior is not None:
+    """Whether the data leave both open: as good a fit with no more freedom, both simple; or both a row of taps whose
+    evidence is alike."""
+    if rival.fit is None:
+        return False
+    if {effect.family, rival.effect.family} == TAPS:
+        return abs(rival.evidence) <= ALIKE_TAPS_NATS
+    if abs(rival.likelihood) > ALIKE_NATS or effect.prior is not None:
         return False
     return int(rival.effect.free.sum()) <= int(effect.free.sum()) and rival.effect.prior is None
 

@@ -34,8 +34,8 @@ class Model:
 
     @property
     def flexible(self) -> bool:
-        """Whether a family is in it that fits much."""
-        return any(FAMILIES[e.family].flexible for e in self.found)
+        """Whether a family is in it that fits much, or a row of taps."""
+        return any(FAMILIES[e.family].flexible or FAMILIES[e.family].linear for e in self.found)
 
     @property
     def families(self) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from ..effects import FAMILIES, Effect, stage_of
 from ..effects.base import RX_GAIN, start
 from ..effects.phase_noise import MOST, shape_of
 from ..effects.signal_dependent_noise import told_floor
-from . import align, ambiguity, gate, heldout, residual
+from . import align, ambiguity, gate, heldout, noise, residual
 from .finding import MOST_TRUSTED, Finding, Worth, nmse, worth
 from .fit import Fit, filters_noise, gain_of_receiver, misfit
 from .model import predict
@@ -239,8 +239,8 @@ def _floor(finding: Finding) -> None:
     moved = gain_of_receiver(fit, fit.model)
     doubt_db = 0.05 if moved is None else 0.05 + 10 * np.log10(moved.max() / moved.min())
     follows = any(e.family == "signal_dependent_noise" for e in fit.model.effects)
-    if follows:
-        doubt_db += 0.3
+    if any(e.family in noise.TESTED for e in fit.model.effects):
+        doubt_db += 0.3  # the shape of such noise is not known so well
     for e in fit.model.effects:
         if e.family == "iq_imbalance":  # noise passes the unequal gains too
             doubt_db += abs(FAMILIES[e.family].values(fit.data.scene, e, e.p)["gain_imbalance_db"])

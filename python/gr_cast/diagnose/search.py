@@ -282,8 +282,9 @@ def search(data: Data, model: Model) -> list[Fit]:
     for fit in sorted(beam, key=lambda f: f.evidence):
         done[fit.model.families] = fit
     beam = [f for f in beam if f.evidence > max(g.evidence for g in beam) - 10.0][:BEAM]
-    while not data.late:
-        grown = {}
+    rounds = 0  # since the leader changed
+    while not data.late and rounds < 2:
+        before, grown = max(f.evidence for f in done.values()), {}
         for fit in beam:
             if data.late:
                 break
@@ -297,9 +298,10 @@ def search(data: Data, model: Model) -> list[Fit]:
                     if key not in done or done[key].evidence < trial.evidence:
                         done[key] = grown[key] = trial
         leader = max(done.values(), key=lambda f: f.evidence)
+        rounds = 0 if leader.evidence > before else rounds + 1
         if len(leader.model.found) >= MOST_EFFECTS:
             break
-        beam = _best(grown.values(), leader, leader.evidence - first.evidence)
+        beam = _best(grown.values(), leader, leader.evidence - before)
         if not any(f is leader or not f.model.flexible for f in beam):
             break
     ranked = sorted(done.values(), key=lambda f: -f.evidence)
@@ -322,9 +324,9 @@ def _polished(data: Data, fit: Fit) -> Fit:
 
 def _best(grown, leader: Fit, gained: float) -> list[Fit]:
     """The models to go on from: the best few, and the best that has no flexible family, which may take the place of
-    several."""
+    several. `gained`: what the last effect of the leader brought."""
     ranked = sorted(grown, key=lambda f: -f.evidence)
-    near = [f for f in ranked if f.evidence > leader.evidence - max(30.0, 0.2 * gained)]
+    near = [f for f in ranked if f.evidence > leader.evidence - max(30.0, 0.3 * gained)]
     beam = near[: BEAM if len(leader.model.found) < 3 else 1]
     simple = [f for f in ranked if not f.model.flexible]
     if simple and not any(simple[0] is f for f in beam) and simple[0].evidence > leader.evidence - 0.7 * gained:

@@ -181,12 +181,12 @@ def _ambiguities(findings) -> list[dict]:
     found = {}
     for finding in findings:
         for entry in finding.ambiguous:
-            found.setdefault(frozenset(entry["families"]), []).append(entry)
-    open_ones = []
+            found.setdefault(frozenset(entry["families"]), {}).setdefault(finding.observation.name, entry)
+    recordings, open_ones = {f.observation.name for f in findings}, []
     for families, entries in found.items():
-        holders = [f for f in findings if any(e.family in families for e in f.fit.model.found)]
-        if len(entries) >= len(holders) and (len(holders) > 1 or len(findings) == 1):
-            open_ones.append(entries[0])
+        holders = {f.observation.name for f in findings if any(e.family in families for e in f.fit.model.found)}
+        if holders <= set(entries) and (len(holders) > 1 or len(recordings) == 1):
+            open_ones.append(next(iter(entries.values())))
     return open_ones
 
 

@@ -20,6 +20,7 @@ from .basis import course, course_length, course_on, grid_of
 TAU = 2 * np.pi
 PAD = 1024  # samples of silence or of wrap-around kept around a waveform that is sent once
 OVERSAMPLING = 8
+KEPT_DELAYS = 16
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +73,7 @@ class Scene:
 
     def __post_init__(self):
         self.span = self.span or self.count
-        self._spectra = {}
+        self._spectra, self._turns = {}, {}
         self._number_samples()
         response = sum(np.abs(sp_fft.fft(resampled_spectrum(s.samples))) for s in self.sources)
         self.occupied = response > 0.1 * response.max()
@@ -85,19 +86,33 @@ class Scene:
     def stretch(self, first: int, count: int, sources: list[Source], extra: dict[str, Source]) -> "Scene":
         """Other samples of the same recording, `count` from number `first` on, with what was sent around them."""
         other = copy.copy(self)
-        other.first, other.count, other.sources, other.extra, other._spectra = first, count, sources, extra, {}
+        other.first, other.count, other.sources, other.extra, other._spectra, other._turns = first, count, sources, extra, {}, {}
         other._number_samples()
         return other
 
     def forget(self) -> None:
         """Let go of what is kept between calls."""
-        self._wraps, self._spectra, self.notes = {}, {}, {}
+        self._wraps, self._spectra, self._turns, self.notes = {}, {}, {}, {}
 
     def spectrum_of(self, code: str) -> np.ndarray:
         """Spectrum of a waveform that is not on the air in the twin."""
         if code not in self._spectra:
             self._spectra[code] = sp_fft.fft(self.extra[code].samples)
         return self._spectra[code]
+
+    def spectrum_of_source(self, i: int) -> np.ndarray:
+        if i not in self._spectra:
+            self._spectra[i] = sp_fft.fft(self.sources[i].samples)
+        return self._spectra[i]
+
+    def delayed(self, delay: float, f: np.ndarray) -> np.ndarray:
+        """exp(−j2πf·delay) of all frequencies; the latest are kept, most steps of a derivative leave delays alone."""
+        key = (delay, len(f))
+        if key not in self._turns:
+            if len(self._turns) >= KEPT_DELAYS:
+                del self._turns[next(iter(self._turns))]
+            self._turns[key] = np.exp((-1j * TAU) * delay * f)
+        return self._turns[key]
 
     def course(self, coefficients: np.ndarray) -> np.ndarray:
         """(n,) the smooth course of these coefficients."""
@@ -198,7 +213,8 @@ class Chain:
         spectra = {}
         for (i, doppler, drift, _), paths in groups.items():
             if i not in spectra:
-                spectra[i] = sp_fft.fft(self.waves[i])
+                plain = self.waves[i] is scene.sources[i].samples
+                spectra[i] = scene.spectrum_of_source(i) if plain else sp_fft.fft(self.waves[i])
             f = frequencies(len(self.waves[i]))
             response = sum(self._response(p, f) for p in paths)
             signal = self.sample(scene.sources[i], spectra[i] * response, self.clock - drift)
@@ -217,7 +233,7 @@ class Chain:
         self.wanted = self.y
 
     def _response(self, path: Path, f: np.ndarray) -> np.ndarray:
-        turn = path.gain * np.exp((-1j * TAU) * f * (path.delay + self.delay))
+        turn = path.gain * self.scene.delayed(path.delay + self.delay, f)
         return turn if path.shape is None else turn * sp_fft.fft(path.shape, len(f))
 
     def sample(self, source: Source, spectrum: np.ndarray, stretch: float) -> np.ndarray:

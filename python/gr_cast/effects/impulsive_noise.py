@@ -40,9 +40,10 @@ class ImpulsiveNoise(NoiseFamily):
         e = view.energy[view.use]
         if (e > 9 * np.median(e) / np.log(2)).sum() < 3:
             return 0.0, None
-        laws = near.aux["law"] if near is not None else None
-        tried = [_mixed(e, law) for law in ((laws,) if laws else DENSITIES)]
-        gain, law, level, ratio, share = max(tried)
+        found = _mixed(e, near.aux["law"] if near is not None else "random")
+        if near is None and found[0] > TELLING:
+            found = max(found, _mixed(e, "steady", *found[2:]))
+        gain, law, level, ratio, share = found
         if share > 0.2:
             return 0.0, None
         effect = start(self, [np.log(ratio), np.log(share)], free=[False] * 2, aux={"law": law, "_level": level})
@@ -87,11 +88,15 @@ def _steady(energy, power):
 DENSITIES = {"random": _random, "steady": _steady}
 
 
-def _mixed(e, law):
-    """(gain over one even level, law, level, power of an impulse over it, share) by the EM algorithm."""
-    flat, core = np.log(e.mean()), np.median(e) / np.log(2)
-    share, power, level = 0.01, 30.0, core
+TELLING = 20.0  # nats from which the size of the impulses may show
+
+
+def _mixed(e, law, level=0.0, power=30.0, share=0.01):
+    """(gain over one even level, law, level, power of an impulse over it, share) by the EM algorithm from a first
+    guess."""
+    flat, level = np.log(e.mean()), level or np.median(e) / np.log(2)
     for _ in range(60):
+        before = power
         z = e / level
         with_impulse = np.log(share) + DENSITIES[law](z, power)
         light = np.log1p(-share) - z
@@ -99,6 +104,8 @@ def _mixed(e, law):
         share = float(np.clip(strong.mean(), 1e-7, 0.5))
         level = (e * (1 - strong)).sum() / (1 - strong).sum()
         power = max(float((strong * e / level).sum() / max(strong.sum(), 1e-9)) - 1, 0.5)
+        if abs(power - before) < 1e-3 * power:
+            break
     z = e / level
     total = np.logaddexp(np.log1p(-share) - z, np.log(share) + DENSITIES[law](z, power)).sum() - len(e) * np.log(level)
     return total + len(e) * (flat + 1), law, float(level), power, share
