@@ -236,7 +236,7 @@ class Playback:
             for i, link in enumerate(links)
             for t in link.taps
         ]
-        noise_db = told_noise_db(case, observation) if conditions.noise_power_db is None else conditions.noise_power_db
+        noise_db = self.noise_power_db
         return Scene(
             name=observation.name,
             sample_rate_hz=rate,
@@ -266,13 +266,22 @@ class Playback:
 
     @property
     def gain_db(self) -> float:
-        """Asked for, or measured in this recording, or in others with the same effects; else 0 dB."""
-        if self.conditions.gain_db is not None:
-            return self.conditions.gain_db
-        measured = [(entry.get("model") or {}).get("gain_db", {}) for _, entry in self.entries]
+        """Asked for, or measured, else 0 dB."""
+        asked = self.conditions.gain_db
+        return asked if asked is not None else self._measured("gain_db") or 0.0
+
+    @property
+    def noise_power_db(self) -> float | None:
+        """Asked for, or told by the twin, or measured; else None."""
+        asked, told = self.conditions.noise_power_db, told_noise_db(self.case, self.observation)
+        return asked if asked is not None else told if told is not None else self._measured("noise_power_db")
+
+    def _measured(self, name: str) -> float | None:
+        """What a diagnosis measured in this recording, or else in others with the same effects."""
+        measured = [(entry.get("model") or {}).get(name, {}) for _, entry in self.entries]
         here = [m[self.observation.name] for m in measured if self.observation.name in m]
         every = here or [v for m in measured for v in m.values()]
-        return float(np.mean(every)) if every else 0.0
+        return float(np.mean(every)) if every else None
 
     def _model(self) -> Model:
         model = Model(base=self._base())
@@ -327,7 +336,7 @@ class Playback:
         if conditions.noise_power_db == -np.inf:
             return np.zeros(scene.count)
         receivers = sorted({o.receiver for o in self.case.observations})
-        floor = scene.floor if self._floor_is_told else 0.0
+        floor = 0.0 if self.noise_power_db is None else scene.floor
         noise = np.sqrt(floor) * self._white(receivers.index(scene.receiver), scene)
         for effect in self.model.effects:
             if FAMILIES[effect.family].noise_like:
@@ -335,10 +344,6 @@ class Playback:
                 draw = lambda streams=streams: self._white(next(streams), scene)  # noqa: E731
                 noise = noise + FAMILIES[effect.family].added(scene, effect, chain.wanted, draw)
         return noise
-
-    @property
-    def _floor_is_told(self) -> bool:
-        return self.conditions.noise_power_db is not None or self.observation.receiver in self.case.noise_db
 
     def _white(self, stream: int, scene: Scene) -> np.ndarray:
         return receiver_noise(self.conditions.seed, stream, scene.count, FAR + scene.first)

@@ -197,6 +197,37 @@ def test_what_a_diagnosis_writes_predicts_what_it_found(name):
     assert np.abs(got - want).max() < 1e-9 * np.abs(want).max()
 
 
+NOISES = {
+    "noise_floor": {"change_db": 1.5},
+    "signal_dependent_noise": {"slope_db": -4.0},
+    "pulsed_interference": {"period_s": 1e-4, "duty_cycle": 0.2, "power_dbc": -12.0},
+    "impulsive_noise": {"rate_hz": 3e3, "power_db": -20.0},
+    "narrowband_interference": {"frequency_hz": 1e5, "bandwidth_hz": 5e4, "power_dbc": -15.0},
+}
+
+
+@pytest.mark.parametrize("name", list(NOISES))
+def test_a_noise_family_read_back_from_what_it_writes_is_as_strong(name):
+    world, family = scene(ONE), FAMILIES[name]
+    world.rms, world.floor = 0.5, 1e-3
+    effect = family.parse(world, NOISES[name], {})
+    assert family.values(world, effect, effect.p) == pytest.approx(NOISES[name])
+    again = family.parse(world, NOISES[name], family.model(world, effect))
+    assert np.allclose(again.p, effect.p) and again.aux == {**effect.aux, **again.aux}
+    rng = np.random.default_rng(2)
+    white = lambda: (rng.normal(size=COUNT) + 1j * rng.normal(size=COUNT)) / np.sqrt(2)  # noqa: E731
+    wanted = np.full(COUNT, 0.5)
+    power = np.mean([np.mean(np.abs(family.added(world, again, wanted, white)) ** 2) for _ in range(40)])
+    told = {
+        "noise_floor": 0.0,
+        "signal_dependent_noise": 1e-3 * 10**-0.4,
+        "pulsed_interference": 0.25 * 10**-1.2 * 0.2,
+        "impulsive_noise": 3e3 / RATE_HZ * 10**-2,
+        "narrowband_interference": 0.25 * 10**-1.5,
+    }
+    assert power == pytest.approx(told[name], rel=0.15)
+
+
 def test_the_law_of_wandering_is_that_of_a_wiener_process():
     family = FAMILIES["phase_noise"]
     world = scene(ONE)

@@ -198,7 +198,10 @@ class World:
             y = y * np.exp(2j * np.pi * 31 * self.n / RATE_HZ)
         if self.name == "phase_noise":
             y = y * np.exp(1j * np.cumsum(self.rng.normal(size=len(y))) * np.sqrt(2 * np.pi * 0.3 / RATE_HZ))
-        return y + 0.003 * (self.rng.normal(size=len(y)) + 1j * self.rng.normal(size=len(y)))
+        y = y + 0.003 * (self.rng.normal(size=len(y)) + 1j * self.rng.normal(size=len(y)))
+        if self.name == "adc_clipping":
+            y = np.clip(y.real, -0.6, 0.6) + 1j * np.clip(y.imag, -0.6, 0.6)
+        return y
 
     def write(self, folder: Path, effects=()) -> Path:
         taps = [{"delay_s": 0.0}, {"delay_s": 9e-6, "gain_db": float(20 * np.log10(0.5)), "phase_rad": 0.7}]
@@ -211,13 +214,13 @@ class World:
 
 
 @pytest.mark.parametrize(
-    "name", ["pa_nonlinearity", "iq_imbalance", "carrier_frequency_offset", "extra_path", "phase_noise"]
+    "name", ["pa_nonlinearity", "iq_imbalance", "carrier_frequency_offset", "extra_path", "phase_noise", "adc_clipping"]
 )
 def test_a_corrected_twin_has_nothing_to_learn_from_a_second_recording(tmp_path, name):
     first = diagnose(read_case(World(name, 1.0, 1).write(tmp_path / "first")))
     assert name in [e["family"] for e in first.document["effects"]]
     write(first, tmp_path / "diagnosis", "")
-    second = World(name, 0.6, 2).write(tmp_path / "second")
+    second = World(name, 0.9 if name == "adc_clipping" else 0.6, 2).write(tmp_path / "second")
     told = yaml.safe_load((second / "twin.yaml").read_text())
     corrected = yaml.safe_load((tmp_path / "diagnosis" / "twin_corrected.yaml").read_text())
     (second / "twin.yaml").write_text(yaml.safe_dump(told | {"effects": corrected["effects"]}))

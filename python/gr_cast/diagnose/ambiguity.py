@@ -22,13 +22,6 @@ TAPS = {"front_end_filter", "diffuse_tail"}  # both a row of taps behind the str
 NEAR_SHARE = 0.3  # or this share of what the effect brings
 NEAR_NATS = 25.0  # predicted evidence within which a rival is worth a fit
 
-# Counted as one answer: an echo at a tap and the tap's own errors or a short filter.
-SAME_ANSWER = (
-    {"extra_path", "front_end_filter"},
-    {"extra_path", "tap_doppler"},
-    {"tap_doppler", "carrier_frequency_offset"},
-)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Rival:
@@ -75,7 +68,7 @@ def rivals(fit: Fit, index: int, known: list[Fit]) -> tuple[Fit, list[Rival]]:
 def _same(a: Effect, b: Effect) -> bool:
     if a.family == b.family:
         return a.aux.get("tap") == b.aux.get("tap")
-    return {a.family, b.family} in SAME_ANSWER
+    return b.family in FAMILIES[a.family].same_as or a.family in FAMILIES[b.family].same_as
 
 
 def alike(effect: Effect, rival: Rival) -> bool:

@@ -48,9 +48,11 @@ def _examine_part(case, part, known: Finding | None, deadline: float) -> Finding
     data = replace(data, deadline=begun + SEARCH * (deadline - begun))
     plain = replace(model, effects=tuple(e for e in model.effects if e.fixed))
     stds = {}
+    known_of = {e.family for e in plain.effects}
     for effect, std in gate.discrete(part.samples.astype(complex), part.datatype):
-        model = model.adding(effect)
-        stds[effect.family] = std
+        if effect.family not in known_of:  # the twin's own rails and lattice are no finding
+            model = model.adding(effect)
+            stds[effect.family] = std
     twin = first = refit(data, plain)
     if model.effects != plain.effects:
         model = _under_the_lattice(data, refit(data, model).model)

@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from ..recording import data_path, meta_path
-from ..units import db_from_amplitude
+from ..units import db_from_amplitude, db_from_power
 from .maps import before_and_after
 
 
@@ -36,17 +36,23 @@ def corrected_twin(diagnosis) -> dict:
     """The twin's document with the found physics in `effects`, runnable by `playback`.
 
     A twin does not claim a recording's gain, but levels of full scale (rails, lattice, noise) hold only with it:
-    `model.gain_db` of an effect is the gain that was measured in each of its recordings.
+    `model.gain_db` of an effect is the gain that was measured in each of its recordings, `model.noise_power_db` the noise
+    of those whose noise the twin does not tell.
     """
     document = copy.deepcopy(diagnosis.case.document)
-    gains = {}
+    gains, noises = {}, {}
     for finding in diagnosis.findings:
-        gains.setdefault(finding.observation.name, []).append(db_from_amplitude(abs(complex(*finding.fit.model.base[1:3]))))
+        name = finding.observation.name
+        gains.setdefault(name, []).append(db_from_amplitude(abs(complex(*finding.fit.model.base[1:3]))))
+        if finding.observation.receiver not in diagnosis.case.noise_db:
+            noises.setdefault(name, []).append(db_from_power(finding.fit.sigma2))
     found = []
     for e in diagnosis.document["effects"]:
         names = e["where"]["recording"]
-        measured = {n: np.mean(gains[n]) for n in ([names] if isinstance(names, str) else names)}
-        model = {**e["model"], "gain_db": measured}
+        names = [names] if isinstance(names, str) else names
+        model = {**e["model"], "gain_db": {n: np.mean(gains[n]) for n in names}}
+        if noises:
+            model["noise_power_db"] = {n: np.mean(noises[n]) for n in names if n in noises}
         found.append({"family": e["family"], "owner": e["owner"], "parameters": e["parameters"], "model": model})
     document["effects"] = list(document.get("effects") or []) + found
     return _clean(document)

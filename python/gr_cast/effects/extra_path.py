@@ -12,6 +12,10 @@ class ExtraPath(Family):
     name = "extra_path"
     level = "link"
     stage = LINK
+    same_as = {
+        "front_end_filter": "within one sample of a tap: both are one short FIR",
+        "tap_doppler": "at the delay of a tap: a tap and an echo with Doppler beat as one",
+    }
     follows_carrier = {"doppler_hz": 1}
 
     def apply(self, chain, effect):

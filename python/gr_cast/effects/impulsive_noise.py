@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Single strong samples. Internal: ln of an impulse's power over the floor, ln of their share of samples."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.special import ive
 
@@ -24,11 +26,19 @@ class ImpulsiveNoise(NoiseFamily):
         share = parameters["rate_hz"] / scene.sample_rate_hz
         return [np.log(10 ** (parameters["power_db"] / 10) / floor), np.log(share)]
 
+    def parse(self, scene, parameters, model):
+        effect = super().parse(scene, parameters, model)
+        law = {"law": model.get("law", "random"), "_level": effect.aux["_floor"]}
+        return replace(effect, aux=effect.aux | law)
+
+    def model(self, scene, effect):
+        return super().model(scene, effect) | {"law": effect.aux["law"]}
+
     def added(self, scene, effect, wanted, draw):
         strength, share = effect.p
         hit = np.abs(draw()) ** 2 > -share  # an exponential number passes −ln p with probability p
         size = draw()
-        if effect.aux.get("law") == "steady":
+        if effect.aux["law"] == "steady":
             size = size / np.maximum(np.abs(size), 1e-30)
         return np.where(hit, np.sqrt(effect.aux["_floor"] * np.exp(strength)) * size, 0.0)
 

@@ -64,7 +64,7 @@ class NoiseFamily(Family):
         return start(self, p, free=[False] * len(p), aux=aux)
 
     def model(self, scene, effect):
-        return {"floor": effect.aux["_floor"], "wanted_rms": rms_of(scene, effect)}
+        return {"floor": effect.aux.get("_floor", scene.floor), "wanted_rms": rms_of(scene, effect)}
 
 
 def profile(energy: np.ndarray, shape: np.ndarray) -> float:

@@ -63,9 +63,8 @@ class PhaseNoise(Family):
 
     def values(self, scene, effect, p):
         unseen = float(np.sum(effect.aux.get("_variance", [0.0])))  # of the course around its estimate
-        if effect.aux.get("law") == "held" and effect.prior is not None:  # what lies above the fastest cosine
-            corner = effect.aux["corner"]
-            unseen += effect.prior[0] * (1 + corner**-2) * corner * (np.pi / 2 - np.arctan(len(p) / corner))
+        if effect.aux.get("law") == "held" and effect.prior is not None:
+            unseen += self.unfollowed(effect)
         return {"rms_rad": float(np.sqrt(np.mean(self.detrended(scene, p) ** 2) + unseen))}
 
     @staticmethod
@@ -95,8 +94,11 @@ class PhaseNoise(Family):
         return law | ({"linewidth_hz": np.pi / 2 / scene.duration_s * effect.prior[0]} if law["law"] == "free" else {})
 
     def unfollowed(self, effect):
-        # Σ 1/k² beyond the last cosine; a held oscillator has nothing there.
-        return effect.prior[0] / (len(effect.prior) + 0.5) if effect.aux["law"] == "free" else 0.0
+        most, first = len(effect.prior), effect.prior[0]
+        if effect.aux["law"] == "held":
+            corner = effect.aux["corner"]
+            return first * (1 + corner**-2) * corner * (np.pi / 2 - np.arctan(most / corner))
+        return first / (most + 0.5) if effect.aux["law"] == "free" else 0.0  # Σ 1/k² beyond the last cosine
 
     def played(self, scene, effect, rng):
         return effect.moved(rng.normal(size=len(effect.p)) * np.sqrt(effect.prior))

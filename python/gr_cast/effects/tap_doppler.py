@@ -12,6 +12,7 @@ from .tap import TapFamily
 
 class TapDoppler(TapFamily):
     name = "tap_doppler"
+    same_as = {"carrier_frequency_offset": "with one tap and one link: every path turns alike"}
     follows_carrier = {"doppler_hz": 1}
 
     def apply(self, chain, effect):
