@@ -161,6 +161,31 @@ def test_any_bytes_are_a_mesh_or_refused_but_never_a_crash(tmp_path_factory, suf
         assert "fuzz" in str(error)
 
 
+PLY = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n{more}element face 1\n" \
+    "property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 {last}\n"  # fmt: skip
+NODE = "<library_nodes>" + "".join(
+    f'<node id="{n}"><instance_node url="#{n + 1}"/><instance_node url="#{n + 1}"/></node>' for n in range(40)
+) + '<node id="40"/></library_nodes>'  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "name, content, says",
+    [
+        ("a.ply", PLY.format(more="", last="-1"), "a vertex that is not there"),
+        ("a.ply", PLY.format(more="", last="inf"), "damaged"),
+        ("a.ply", PLY.format(more="element junk 1000000000000\n", last="2"), "truncated"),
+        ("a.dae", f'<COLLADA>{NODE}<visual_scene><node><instance_node url="#0"/></node></visual_scene></COLLADA>', "more than"),
+        ("a.dae", '<COLLADA><asset><unit meter="-1"/></asset></COLLADA>', "needs more than 0"),
+    ],
+)
+def test_numbers_that_would_mislead_or_never_end_are_refused(tmp_path, name, content, says):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(CastError, match=says):
+        mesh_files.read(tmp_path / name)
+    (tmp_path / "good.ply").write_text(PLY.format(more="", last="2").replace("\n", "\r\n"), newline="")
+    assert len(mesh_files.read(tmp_path / "good.ply")) == 1  # lines may end as Windows ends them
+
+
 def test_the_arena_mesh_closes_its_furniture_and_keeps_every_name():
     solids = mesh_files.read(sc.examples_folder() / "arena.obj")
     names = {solid.name for solid in solids}
@@ -212,7 +237,10 @@ def _without_buildings(path):
     return path
 
 
-@pytest.mark.parametrize("text, metres", [("12", 12), ("12 m", 12), ("40 ft", 12.192), ("40'", 12.192), ("7.5m", 7.5)])
+@pytest.mark.parametrize(
+    "text, metres",
+    [("12", 12), ("12 m", 12), ("40 ft", 12.192), ("40'", 12.192), ("40'6\"", 12.3444), ("7.5m", 7.5)],
+)
 def test_heights_are_read_with_their_units(text, metres):
     assert osm.length_m(text) == pytest.approx(metres)
 

@@ -4,6 +4,7 @@
 Files are taken in metres with z up; COLLADA states its own unit and axis, which are applied.
 """
 
+import re
 import struct
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -26,7 +27,7 @@ def read(path: str | Path) -> list[Solid]:
         raise CastError(f"{path}: no such file") from None
     except CastError as error:
         raise CastError(*(f"{path}: {fault}" for fault in error.faults)) from None
-    except (ValueError, LookupError, TypeError, AttributeError, struct.error, ElementTree.ParseError) as error:
+    except (ValueError, LookupError, TypeError, AttributeError, OverflowError, struct.error, ElementTree.ParseError) as error:
         raise CastError(f"{path}: damaged: {error}") from None
     if not solids:
         raise CastError(f"{path}: holds no faces")
@@ -50,7 +51,9 @@ def _fan(corners: list[int]) -> list[list[int]]:
 
 def _solid(name: str, vertices_m, faces, surface: str = "") -> Solid:
     """An object that keeps only the vertices its faces use."""
-    used, faces = np.unique(np.array(faces), return_inverse=True)
+    used, faces = np.unique(np.array(faces, np.int64), return_inverse=True)
+    if used[0] < 0 or used[-1] >= len(vertices_m):
+        raise CastError(f"object {name}: a face names a vertex that is not there")
     return Solid(name=name, vertices_m=np.asarray(vertices_m)[used], faces=faces.reshape(-1, 3), surface=surface)
 
 
@@ -85,9 +88,10 @@ _PLY_TYPES = {
 
 def _read_ply(path: Path) -> list[Solid]:
     data = path.read_bytes()
-    head, mark, body = data.partition(b"end_header\n")
-    if not data.startswith(b"ply") or not mark:
+    end = re.search(rb"end_header\r?\n", data)
+    if not data.startswith(b"ply") or not end:
         raise CastError("not a PLY file: needs ply ... end_header")
+    head, body = data[: end.start()], data[end.end() :]
     kind, elements = "", []
     for words in (line.split() for line in head.decode("ascii", "replace").splitlines()):
         if words[:1] == ["format"]:
@@ -101,6 +105,8 @@ def _read_ply(path: Path) -> list[Solid]:
     take = _ascii_taker(body) if kind == "ascii" else _binary_taker(body, "<" if "little" in kind else ">")
     vertices, faces = [], []
     for element, count, properties in elements:
+        if count > len(body):
+            raise CastError(f"truncated: {count} of {element} in {len(body)} bytes")
         for _ in range(count):
             row = {words[-1]: take(words) for words in properties}
             if element == "vertex":
@@ -169,12 +175,17 @@ def _soup(name: str, triangles_m: np.ndarray) -> Solid:
     return Solid(name=name, vertices_m=vertices_m, faces=index.reshape(-1, 3))
 
 
+_MAX_DEPTH, _MAX_NODES = 64, 20_000
+
+
 def _read_dae(path: Path) -> list[Solid]:
     root = ElementTree.parse(path).getroot()
     for element in root.iter():  # names without the namespace
         element.tag = element.tag.rpartition("}")[2]
     unit = root.find("asset/unit")
     metre = float(unit.get("meter", "1")) if unit is not None else 1.0
+    if not 0 < metre < np.inf:
+        raise CastError(f"asset/unit: got {metre:g} m, needs more than 0")
     turn = {
         "Z_UP": np.eye(3),
         "Y_UP": np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]),
@@ -183,10 +194,13 @@ def _read_dae(path: Path) -> list[Solid]:
     geometries = {geometry.get("id"): geometry for geometry in root.iter("geometry")}
     nodes = {node.get("id"): node for node in root.iter("node")}
     solids: list[Solid] = []
+    visits = 0
 
     def visit(node, matrix: np.ndarray, depth: int) -> None:
-        if depth > 64:
-            raise CastError("nodes are nested deeper than 64")
+        nonlocal visits
+        visits += 1
+        if depth > _MAX_DEPTH or visits > _MAX_NODES:  # a few nodes that name each other make any number
+            raise CastError(f"nodes are nested deeper than {_MAX_DEPTH}, or are more than {_MAX_NODES}")
         for child in node:
             if child.tag in ("matrix", "translate", "scale", "rotate"):
                 matrix = matrix @ _dae_transform(child)
@@ -217,7 +231,10 @@ def _dae_transform(element) -> np.ndarray:
     elif element.tag == "scale":
         matrix[:3, :3] = np.diag(numbers)
     else:  # rotate: axis and degrees, Rodrigues' formula
-        x, y, z = numbers[:3] / np.linalg.norm(numbers[:3])
+        length = np.linalg.norm(numbers[:3])
+        if not 0 < length < np.inf:
+            raise CastError("rotate: an axis without a direction")
+        x, y, z = numbers[:3] / length
         k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
         angle = np.deg2rad(numbers[3])
         matrix[:3, :3] = np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
@@ -250,6 +267,8 @@ def _dae_parts(geometry):
         else:
             corners = [corner for part in lists for corner in part]
             counts = [int(word) for word in (group.findtext("vcount") or "").split()] or [3] * (len(corners) // 3)
+            if sum(counts) != len(corners):
+                raise CastError(f"truncated: faces of {sum(counts)} corners in all, {len(corners)} are there")
             faces, at = [], 0
             for count in counts:
                 faces += _fan(corners[at : at + count])

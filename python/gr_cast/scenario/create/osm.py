@@ -204,11 +204,14 @@ def _touches(outline: np.ndarray, area_m) -> bool:
 
 
 def length_m(text: str) -> float:
-    """Metres of a tag such as 12, 12 m, 40 ft or 40'. Raises ValueError for anything else."""
+    """Metres of a tag such as 12, 12 m, 40 ft, 40' or 40'6". Raises ValueError for anything else."""
     match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+)\s*(m|ft|'|km)?\s*", text)
-    if not match:
-        raise ValueError(f"got {text!r}, needs metres, or a number with m, ft or '")
-    return float(match[1]) * _UNITS_M[match[2] or ""]
+    if match:
+        return float(match[1]) * _UNITS_M[match[2] or ""]
+    match = re.fullmatch(r"\s*([0-9]+)'\s*([0-9]*\.?[0-9]+)\"\s*", text)
+    if match and float(match[2]) < 12:
+        return (int(match[1]) + float(match[2]) / 12) * _UNITS_M["ft"]
+    raise ValueError(f"got {text!r}, needs metres, or a number with m, ft or ', or feet and inches as in 40'6\"")
 
 
 def _heights(tags, default_m, level_m, place, faults: Faults, count: Counter) -> tuple[float, float] | None:
