@@ -68,7 +68,7 @@ def show(args) -> None:
 
 def convert(args) -> None:
     scenario = sc.load(args.source)
-    if args.every_ms:
+    if args.every_ms is not None:
         scenario = sc.resampled(scenario, args.every_ms / 1e3)
     options = {"form": "static"} if args.static else {}
     if args.static and Path(args.target).suffix != ".mat":
@@ -87,6 +87,10 @@ def convert(args) -> None:
 def import_paths(args) -> None:
     target = Path(args.output)
     power = args.tx_power_dbm
+    if not 1e4 <= args.band <= 1e8:
+        raise CastError(f"--band: got {args.band:g} Hz, limit 1e4 to 1e8 Hz")
+    if not -200 <= power <= 200:
+        raise CastError(f"--tx-power-dbm: got {power:g} dBm, limit -200 to 200 dBm")
     sc.save(target, p2m.scenario(args.files, name=target.stem, tx_power_dbm=power, bandwidth_hz=args.band))
     print(target)
 
@@ -99,6 +103,9 @@ def create(args) -> int:
     path = Path(args.spec)
     if not path.exists() and (sc.examples_folder() / f"{args.spec}.yaml").exists():
         path = sc.examples_folder() / f"{args.spec}.yaml"
+    if not path.exists():
+        examples = ", ".join(sorted(example.stem for example in sc.examples_folder().glob("*.yaml")))
+        raise CastError(f"{args.spec}: no such file, and none of the examples: {examples}")
     spec = read_spec(path)
     folder = Path(args.work or f"{spec.id}.create")
     run = pipeline.Run(folder=folder, tell=lambda line: print(line, flush=True), progress=_progress, dask=args.dask)
@@ -112,11 +119,19 @@ def _progress(step: str, done: int, total: int) -> None:
 
 def check(args) -> int:
     """Exit status 1 where a link does not agree with its taps within the sounder's own uncertainty."""
+    if not args.links >= 1:
+        raise CastError(f"--links: got {args.links}, needs 1 or more")
+    if not 1e4 <= args.band <= 1e8:
+        raise CastError(f"--band: got {args.band:g} Hz, limit 1e4 to 1e8 Hz")
     scenario = sc.load(args.scenario)
     path = sc.catalogue_entries().get(args.scenario, Path(args.scenario))
     rays = validate.traced_rays(path, scenario)
     if args.link:
         keys = [tuple(link.split(">", 1)) for link in args.link]
+        faults = [f"--link: got {link!r}: {scenario.name} has no such link, needs TX>RX, such as {_example(scenario)}"
+                  for link, key in zip(args.link, keys, strict=True) if key not in scenario.links]  # fmt: skip
+        if faults:
+            raise CastError(*faults)
     else:
         keys = validate.chosen_links(scenario, args.links)
     checks = []
@@ -148,6 +163,10 @@ def check(args) -> int:
         f"{len(checks) - len(failed)} of {len(checks)} soundings agree with their taps within {validate.MAX_SIGMA:g} sigma"
     )
     return 1 if failed else 0
+
+
+def _example(scenario: sc.Scenario) -> str:
+    return next((f"'{sc.link_name(key)}'" for key in scenario.links), "'a>b'")
 
 
 def _emulator():

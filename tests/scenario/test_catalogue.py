@@ -72,6 +72,26 @@ def test_show_convert_and_list_tell_what_is_there(tmp_path, monkeypatch, capsys)
         cast_scenario.main(["convert", "four_tap", "a.txt"])
 
 
+@pytest.mark.parametrize(
+    "arguments, says",
+    [
+        (["convert", "four_tap", "nowhere/a.mat"], "no such folder"),
+        (["convert", "four_tap", "a.mat", "--every-ms", "0"], "above 0"),
+        (["create", "nowhere"], "none of the examples: arena, street"),
+        (["validate", "four_tap", "--link", "1-2"], "TX>RX, such as '1>2'"),
+        (["validate", "four_tap", "--links", "-3"], "needs 1 or more"),
+        (["validate", "four_tap", "--band", "80"], "got 80 Hz, limit 1e4 to 1e8 Hz"),
+        (["import", "a.cir.t1_1.p2m", "--output", "a.yaml", "--tx-power-dbm", "nan"], "got nan dBm"),
+    ],
+)
+def test_arguments_that_make_no_sense_are_refused_in_one_line(tmp_path, monkeypatch, arguments, says):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("CAST_RAYTRACER", str(tmp_path / "none"))  # or create would go on in its Python
+    with pytest.raises(CastError, match=says):
+        cast_scenario.main(arguments)
+    assert not list(tmp_path.iterdir())
+
+
 def test_maps_and_coarser_steps_come_with_a_conversion(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     taps = sc.LinkTaps(delay_s=np.zeros((1001, 1)), gain=np.linspace(0.1, 1, 1001)[:, None])

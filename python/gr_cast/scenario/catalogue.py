@@ -54,6 +54,8 @@ def save(path: str | Path, scenario: Scenario, **options) -> None:
     path = Path(path)
     if path.suffix.lower() not in _WRITERS:
         raise CastError(f"{path}: suffix: got {path.suffix!r}, needs one of {', '.join(_WRITERS)}")
+    if not path.parent.is_dir():
+        raise CastError(f"{path}: no such folder: {path.parent}")
     _WRITERS[path.suffix.lower()](path, scenario, **options)
 
 
