@@ -9,6 +9,7 @@ from .finding import MOST_TRUSTED, Finding, nmse, numbers
 from .ownership import kind_of, owner
 
 SAME_DELAY_SAMPLES = 0.7
+UNTRUSTED = 0.35  # of the confidence of an effect that stands in a list with something left unexplained
 LEAST_NATS = 8.0  # that an effect must bring over all recordings
 
 
@@ -158,7 +159,7 @@ def _doubted(effects: list[dict], verdict: str, ambiguous: list[dict]) -> None:
         if effect["family"] in rivals:
             effect["confidence"] = min(effect["confidence"], 0.5)
         elif verdict == "unexplained":
-            effect["confidence"] = round(0.55 * effect["confidence"], 3)
+            effect["confidence"] = round(UNTRUSTED * effect["confidence"], 3)
 
 
 def _pooled(items: dict[str, dict], first: dict) -> dict:
