@@ -10,7 +10,8 @@ namespace cast
 namespace
 {
 constexpr int wait_ms = 20; // the longest that work() waits before the scheduler may stop it
-}
+constexpr int buffer_samples = 1 << 16; // messages are longer than the usual 8,192
+} // namespace
 
 zmq_requester::sptr zmq_requester::make(const std::string& address)
 {
@@ -24,6 +25,7 @@ zmq_requester_impl::zmq_requester_impl(const std::string& address)
           d_logger->error("{}: {}", address, what);
       })
 {
+    set_min_output_buffer(buffer_samples);
 }
 
 int zmq_requester_impl::work(int noutput_items, gr_vector_const_void_star&,

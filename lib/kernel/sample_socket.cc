@@ -68,6 +68,30 @@ void set(const zmq_socket_handle& socket, int option, int value)
 
 } // namespace
 
+bool sample_message::take_from(const zmq_socket_handle& socket, error_report& report)
+{
+    d_n_samples = d_n_copied = 0;
+    do {
+        if (!receive_part(socket.get(), d_message)) {
+            if (zmq_errno() != EAGAIN)
+                report("receive: " + last_error());
+            return false;
+        }
+    } while (d_message.more());
+    if (d_message.size() % sizeof(sample))
+        report("a peer's message is not whole complex floats of 8 bytes: its end is dropped");
+    d_n_samples = d_message.size() / sizeof(sample);
+    return true;
+}
+
+size_t sample_message::copy(sample* out, size_t n)
+{
+    n = std::min(n, d_n_samples - d_n_copied);
+    std::memcpy(out, d_message.data() + d_n_copied * sizeof(sample), n * sizeof(sample));
+    d_n_copied += n;
+    return n;
+}
+
 // Not REQ, which waits for the answer of the dead for ever. Nor ZMQ_IMMEDIATE: with it, libzmq 4.3
 // aborts the process where a peer leaves while its answer is read ("!_more", fq.cpp).
 sample_requester::sample_requester(const std::string& address, error_report::listener tell)
@@ -87,42 +111,24 @@ sample_requester::sample_requester(const std::string& address, error_report::lis
 
 size_t sample_requester::receive(sample* out, size_t n, int wait_ms)
 {
-    if (d_n_taken == d_n_samples && !next_answer(wait_ms))
-        return 0;
-    n = std::min(n, d_n_samples - d_n_taken);
-    std::memcpy(out, d_answer.data() + d_n_taken * sizeof(sample), n * sizeof(sample));
-    d_n_taken += n;
-    return n;
-}
-
-bool sample_requester::next_answer(int wait_ms)
-{
+    if (const size_t rest = d_answer.copy(out, n))
+        return rest;
     ask();
     if (!take_answer()) {
         zmq_pollitem_t ready[] = {{d_socket.get(), 0, ZMQ_POLLIN, 0},
                                   {d_events.get(), 0, ZMQ_POLLIN, 0}};
         wait_for(ready, 2, wait_ms, d_report);
         if (!take_answer())
-            return false;
+            return 0;
     }
     ask(); // the next answer comes while this one is worked on
-    return true;
+    return d_answer.copy(out, n);
 }
 
 bool sample_requester::take_answer()
 {
-    do {
-        if (!receive_part(d_socket.get(), d_answer)) {
-            if (zmq_errno() != EAGAIN)
-                d_report("receive: " + last_error());
-            d_n_samples = d_n_taken = 0;
-            return false;
-        }
-    } while (d_answer.more());
-    if (d_answer.size() % sizeof(sample))
-        d_report("a peer's message is not whole complex floats of 8 bytes: its end is dropped");
-    d_n_samples = d_answer.size() / sizeof(sample);
-    d_n_taken = 0;
+    if (!d_answer.take_from(d_socket, d_report))
+        return false;
     d_asked = false;
     return true;
 }
@@ -150,6 +156,30 @@ void sample_requester::follow_connection()
         d_connected = kind == ZMQ_EVENT_HANDSHAKE_SUCCEEDED;
         d_asked = false; // whoever was asked is gone
     }
+}
+
+sample_subscriber::sample_subscriber(const std::string& address, error_report::listener tell)
+    : d_report(std::move(tell)), d_context(zmq_ctx_new()),
+      d_socket(zmq_socket(d_context.get(), ZMQ_SUB))
+{
+    set(d_socket, ZMQ_LINGER, 0);
+    set(d_socket, ZMQ_RECONNECT_IVL, reconnect_ms);
+    if (zmq_setsockopt(d_socket.get(), ZMQ_SUBSCRIBE, "", 0) ||
+        zmq_connect(d_socket.get(), address.c_str()))
+        refuse(address);
+}
+
+size_t sample_subscriber::receive(sample* out, size_t n, int wait_ms)
+{
+    if (const size_t rest = d_message.copy(out, n))
+        return rest;
+    if (!d_message.take_from(d_socket, d_report)) {
+        zmq_pollitem_t ready[] = {{d_socket.get(), 0, ZMQ_POLLIN, 0}};
+        wait_for(ready, 1, wait_ms, d_report);
+        if (!d_message.take_from(d_socket, d_report))
+            return 0;
+    }
+    return d_message.copy(out, n);
 }
 
 sample_replier::sample_replier(const std::string& address, error_report::listener tell)

@@ -37,6 +37,20 @@ private:
     std::set<std::string> d_told;
 };
 
+// A message of samples, taken out piece by piece.
+class sample_message
+{
+public:
+    // The last part of the next message that a socket has; false: it has none.
+    bool take_from(const zmq_socket_handle& socket, error_report& report);
+    // At most n samples, and how many.
+    size_t copy(sample* out, size_t n);
+
+private:
+    zmq_message d_message;
+    size_t d_n_samples = 0, d_n_copied = 0;
+};
+
 // Samples of a peer that answers: srsRAN's tx_port, GNU Radio's ZMQ REP Sink.
 class sample_requester
 {
@@ -48,7 +62,6 @@ public:
     size_t receive(sample* out, size_t n, int wait_ms);
 
 private:
-    bool next_answer(int wait_ms);
     bool take_answer();
     void ask();
     void follow_connection();
@@ -58,8 +71,24 @@ private:
     zmq_socket_handle d_socket, d_events;
     bool d_connected = false;
     bool d_asked = false; // the peer that is there now has a question
-    zmq_message d_answer;
-    size_t d_n_samples = 0, d_n_taken = 0; // of the answer
+    sample_message d_answer;
+};
+
+// Samples of whoever publishes: GNU Radio's ZMQ PUB Sink, srsRAN's tx_type=pub.
+class sample_subscriber
+{
+public:
+    // Throws std::runtime_error where the address cannot be.
+    sample_subscriber(const std::string& address, error_report::listener tell);
+
+    // At most n samples, in order, and how many; waits at most wait_ms for the first.
+    size_t receive(sample* out, size_t n, int wait_ms);
+
+private:
+    error_report d_report;
+    zmq_context d_context;
+    zmq_socket_handle d_socket;
+    sample_message d_message;
 };
 
 // Samples for a peer that asks: srsRAN's rx_port, GNU Radio's ZMQ REQ Source.

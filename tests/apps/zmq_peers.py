@@ -23,21 +23,34 @@ def _counted(first: int, n: int, life: int) -> np.ndarray:
     return (np.arange(first, first + n) % PERIOD + 1j * life).astype(np.complex64)
 
 
-def gnuradio(sends_at: str, hears_at: str, life: int, heard: str) -> None:
-    """GNU Radio's own REP Sink and REQ Source."""
-    from gnuradio import blocks, gr, zeromq
+def _gnuradio(sink, source, rate_hz: float, life: int, heard: str) -> None:
+    from gnuradio import blocks, gr
 
     ramp = Path(heard).with_suffix(".ramp")
     _counted(0, PERIOD, life).tofile(ramp)
     top = gr.top_block()
-    sink = blocks.file_sink(gr.sizeof_gr_complex, heard)
-    sink.set_unbuffered(True)
-    top.connect(
-        blocks.file_source(gr.sizeof_gr_complex, str(ramp), True),
-        zeromq.rep_sink(gr.sizeof_gr_complex, 1, sends_at, 50, False, -1),
-    )
-    top.connect(zeromq.req_source(gr.sizeof_gr_complex, 1, hears_at, 50, False, -1), sink)
+    heard_sink = blocks.file_sink(gr.sizeof_gr_complex, heard)
+    heard_sink.set_unbuffered(True)
+    sent = blocks.file_source(gr.sizeof_gr_complex, str(ramp), True)
+    top.connect(sent, blocks.throttle(gr.sizeof_gr_complex, rate_hz), sink)
+    top.connect(source, heard_sink)
     top.run()
+
+
+def gnuradio(sends_at: str, hears_at: str, life: int, heard: str) -> None:
+    """GNU Radio's own REP Sink and REQ Source, as fast as they can."""
+    from gnuradio import zeromq
+
+    sink, source = zeromq.rep_sink(8, 1, sends_at, 50, False, -1), zeromq.req_source(8, 1, hears_at, 50, False, -1)
+    _gnuradio(sink, source, 1e9, life, heard)
+
+
+def gnuradio_pubsub(sends_at: str, hears_at: str, life: int, heard: str) -> None:
+    """GNU Radio's own PUB Sink and SUB Source, slow enough for nothing to be lost."""
+    from gnuradio import zeromq
+
+    sink, source = zeromq.pub_sink(8, 1, sends_at, 50, False, -1), zeromq.sub_source(8, 1, hears_at, 50, False, -1)
+    _gnuradio(sink, source, 50e3, life, heard)
 
 
 def srsran(sends_at: str, hears_at: str, life: int, heard: str, ahead: int | None = None) -> None:

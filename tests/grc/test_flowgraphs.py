@@ -67,6 +67,8 @@ def test_the_palette_lists_every_block_in_the_order_of_the_data_flow(compiled):
         "cast_channel_emulator",
         "cast_scenario_emulator",
         "cast_bpsk_correlator",
+        "cast_zmq_replier",
+        "cast_zmq_requester",
     ]
     assert all(category[0] == "gr-cast" for category in palette.values())
 

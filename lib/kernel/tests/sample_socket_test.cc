@@ -52,15 +52,21 @@ struct peer {
         CHECK(zmq_send(socket.get(), what, size, 0) == int(size));
     }
 
-    // As srsRAN's transmitter: reads a question into one byte, answers with samples first, first+1…
-    void answer(size_t first, size_t n)
+    // Samples first, first+1, …
+    void publish(size_t n, size_t first = 0)
     {
-        uint8_t question;
-        CHECK(hear(&question, 1) > 0);
         std::vector<sample> samples(n);
         for (size_t k = 0; k < n; k++)
             samples[k] = float(first + k);
         say(samples.data(), n * sizeof(sample));
+    }
+
+    // The same as srsRAN's transmitter, which reads a question into one byte.
+    void answer(size_t first, size_t n)
+    {
+        uint8_t question;
+        CHECK(hear(&question, 1) > 0);
+        publish(n, first);
     }
 };
 
@@ -69,13 +75,13 @@ std::string free_address() { return peer(ZMQ_REP, "tcp://127.0.0.1:*", true).add
 void wait_a_little() { std::this_thread::sleep_for(std::chrono::milliseconds(50)); }
 
 // Receives until `n` samples came; they must be first, first+1, …
-void expect(sample_requester& requester, size_t first, size_t n)
+template <class port> void expect(port& receiver, size_t first, size_t n)
 {
     std::mt19937 random(1);
     std::vector<sample> out(3000);
     for (size_t got = 0; got < n;) {
         const size_t room = std::min<size_t>(n - got, 1 + random() % out.size());
-        const size_t now = requester.receive(out.data(), room, patient_ms);
+        const size_t now = receiver.receive(out.data(), room, patient_ms);
         for (size_t k = 0; k < now; k++)
             CHECK(out[k] == sample(float(first + got + k)));
         got += now;
@@ -159,6 +165,26 @@ void messages_that_are_not_whole_samples_are_cut_and_told_of_once()
     });
     expect(requester, 0, 3);
     transmitter.join();
+    CHECK(told == 1);
+}
+
+void a_publisher_that_returns_is_heard_again()
+{
+    const std::string address = free_address();
+    int told = 0;
+    sample_subscriber subscriber(address, [&](const std::string&) { told++; });
+    for (int life = 0; life < 5; life++) {
+        peer pub(ZMQ_XPUB, address, true);
+        char subscription[2];
+        sample none;
+        while (zmq_recv(pub.socket.get(), subscription, sizeof(subscription), ZMQ_DONTWAIT) < 0)
+            CHECK(subscriber.receive(&none, 1, 10) == 0);
+        for (const size_t n : {1, 7, 300, 100'000}) {
+            pub.publish(n);
+            expect(subscriber, 0, n);
+        }
+        pub.say("odd", 3);
+    }
     CHECK(told == 1);
 }
 
@@ -266,6 +292,7 @@ void addresses_that_cannot_be_are_refused()
 {
     refuses<sample_requester>("tcp://nowhere");
     refuses<sample_requester>("tcp://*:2000");
+    refuses<sample_subscriber>("tcp://nowhere");
     refuses<sample_replier>("tape://x");
     const std::string taken = free_address();
     sample_replier first(taken, nothing_goes_wrong);
@@ -282,6 +309,7 @@ int main()
     messages_that_are_not_whole_samples_are_cut_and_told_of_once();
     a_question_gets_what_is_there_and_never_more_than_it_asks_for_or_srsran_can_take();
     samples_for_a_receiver_that_died_go_to_the_next();
+    a_publisher_that_returns_is_heard_again();
     peers_may_die_at_any_moment();
     addresses_that_cannot_be_are_refused();
     return 0;

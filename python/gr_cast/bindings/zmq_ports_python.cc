@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <gnuradio/cast/zmq_replier.h>
 #include <gnuradio/cast/zmq_requester.h>
+#include <gnuradio/cast/zmq_subscriber.h>
 #include <pybind11/pybind11.h>
 
 namespace py = pybind11;
@@ -23,4 +24,5 @@ void bind_zmq_ports(py::module& m)
         m, "zmq_requester", "Samples of a ZeroMQ peer that answers questions (srsRAN's tx_port).");
     bind<gr::cast::zmq_replier>(m, "zmq_replier",
                                 "Samples for a ZeroMQ peer that asks for them (srsRAN's rx_port).");
+    bind<gr::cast::zmq_subscriber>(m, "zmq_subscriber", "Samples of a ZeroMQ publisher.");
 }

@@ -13,7 +13,7 @@ from gnuradio import blocks, gr, zeromq
 
 from .. import recording
 from ..errors import CastError
-from .cast_python import zmq_replier, zmq_requester
+from .cast_python import zmq_replier, zmq_requester, zmq_subscriber
 from .recorder import SigmfRecorder
 from .usrp import RadioSettings, usrp_sink, usrp_source
 
@@ -89,7 +89,7 @@ def source_block(port: Port, settings: RadioSettings | None, sample_rate_hz: flo
     if port.kind == "zmq":
         return _open(port, zmq_requester, port.where)
     if port.kind == "pubsub":
-        return _open(port, zeromq.sub_source, gr.sizeof_gr_complex, 1, port.where, 100, False, -1, "")
+        return _open(port, zmq_subscriber, port.where)
     if port.kind == "file":
         return _file_source(port, sample_rate_hz)
     if port.kind == "uhd":
