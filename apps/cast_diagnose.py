@@ -6,8 +6,10 @@ corrected twin."""
 import argparse
 import concurrent.futures
 import os
+import shutil
 import signal
 import sys
+import time
 import traceback
 from pathlib import Path
 
@@ -19,6 +21,21 @@ from gr_cast import report
 from gr_cast.diagnose import diagnose, read_case, write
 from gr_cast.errors import CastError
 
+PROGRESS_S = 10.0  # between two lines about a case that takes long
+
+
+def _progress(name: str):
+    """A function that prints where the diagnosis of a case stands, now and then."""
+    last = time.monotonic()
+
+    def show(where: str) -> None:
+        nonlocal last
+        if time.monotonic() - last >= PROGRESS_S:
+            last = time.monotonic()
+            print(f"{name}: {where}", flush=True)
+
+    return show
+
 
 def _one(folder: Path, output: Path, budget_s: float) -> tuple[str, list[str]]:
     """(line for the screen, faults) of one case."""
@@ -27,7 +44,7 @@ def _one(folder: Path, output: Path, budget_s: float) -> tuple[str, list[str]]:
     except CastError as error:
         return "", list(error.faults)
     try:
-        diagnosis = diagnose(case, budget_s=budget_s)
+        diagnosis = diagnose(case, budget_s=budget_s, progress=_progress(case.name))
     except Exception:  # one case must not stop the others
         return "", [f"{folder}: internal error\n{traceback.format_exc()}"]
     write(diagnosis, output / Path(folder).resolve().name, report.render(diagnosis))
@@ -38,6 +55,18 @@ def _one(folder: Path, output: Path, budget_s: float) -> tuple[str, list[str]]:
 
 def _ignore_interrupt() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _stop(pool, output: Path, names: list[str]) -> None:
+    """End the processes of a pool, and remove what they were writing."""
+    processes = list(pool._processes.values())
+    for process in processes:
+        process.terminate()
+    for process in processes:
+        process.join()
+    for path in output.iterdir() if output.is_dir() else ():
+        if path.name.startswith(tuple(f".{name}." for name in names)):
+            shutil.rmtree(path, ignore_errors=True)
 
 
 def main(argv=None) -> int:
@@ -72,8 +101,7 @@ def main(argv=None) -> int:
         except KeyboardInterrupt:
             for future in futures:
                 future.cancel()
-            for process in list(pool._processes.values()):
-                process.terminate()
+            _stop(pool, args.output, names)
             raise
     return 2 if refused else 0
 

@@ -147,6 +147,9 @@ class Stored:
         raw = np.fromfile(self.path, item, 2 * max(0, stop - start), offset=2 * item.itemsize * start)
         return to_complex(raw, self.datatype)
 
+    def __array__(self, dtype=None) -> np.ndarray:
+        return np.asarray(self[:], dtype)
+
 
 def pieces(samples, size: int = 1 << 20):
     """The samples in order, `size` of them at a time."""

@@ -3,7 +3,8 @@
 """Diagnose real recordings and set what the program says beside what independent analysis found.
 
 The table names for every case the NMSE on unseen samples with its bar, the time, the memory, and everything that the
-truth asks for and is not there, or forbids and is claimed. Exit status 1 where a bar is missed.
+truth asks for and is not there, or forbids and is claimed. Exit status 1 where a bar is missed. With --damage the
+recordings are damaged in known ways first: the damage must then be named too, with its size.
 """
 
 import argparse
@@ -13,6 +14,8 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+
+import real_damage
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ROOT / "apps" / "cast_diagnose.py"
@@ -82,6 +85,9 @@ def main(argv=None) -> int:
     data = Path(os.environ.get("CAST_DATA", ROOT.parent / "shared"))
     parser.add_argument("--data", type=Path, default=data, help="folder with real/ and real-truth/")
     parser.add_argument("--output", type=Path, default=ROOT / "build" / "real", metavar="DIR", help="default build/real")
+    parser.add_argument(
+        "--damage", nargs="+", default=[], choices=sorted(real_damage.DAMAGES), metavar="KIND", help="a line for each damage"
+    )
     parser.add_argument("--budget", type=float, default=240.0, metavar="SECONDS", help="of one case (default 240)")
     args = parser.parse_args(argv)
     truths = {p.stem: json.loads(p.read_text()) for p in sorted((args.data / "real-truth").glob("*.json"))}
@@ -92,15 +98,25 @@ def main(argv=None) -> int:
         parser.error(f"{', '.join(sorted(unknown))}: no truth of that name, there are {', '.join(truths)}")
     print(f"{'case':16}{'verdict':14}{'twin':>7}{'NMSE':>7}{'bar':>7}{'floor':>7}{'time':>8}{'memory':>9}", flush=True)
     wrong = 0
-    for name in args.names or truths:
-        document, seconds, megabytes = diagnose(args.data / "real" / name, args.output, args.budget)
+    cases = [(args.data / "real" / name, truths[name]) for name in args.names or truths]
+    if args.damage:
+        args.output.mkdir(parents=True, exist_ok=True)
+        cases = [
+            (folder, real_damage.damage(case, truth, kind, folder))
+            for case, truth in cases
+            for kind in args.damage
+            for folder in [args.output / f"{case.name}_{kind}"]
+        ]
+    for case, truth in cases:
+        name = case.name
+        document, seconds, megabytes = diagnose(case, args.output / "diagnoses", args.budget)
         if document is None:
             print(f"{name:16}no diagnosis{seconds:41.0f} s{megabytes:6.0f} MB", flush=True)
             wrong += 1
             continue
-        fit, faults = document["fit"], judge(document, truths[name])
+        fit, faults = document["fit"], judge(document, truth)
         wrong += bool(faults)
-        figures = "".join(f"{v:7.1f}" for v in (fit["twin_nmse_db"], fit["corrected_nmse_db"], truths[name]["beat_db"]))
+        figures = "".join(f"{v:7.1f}" for v in (fit["twin_nmse_db"], fit["corrected_nmse_db"], truth["beat_db"]))
         figures += f"{fit['noise_floor_db']:7.1f}"
         print(f"{name:16}{document['verdict']:14}{figures}{seconds:6.0f} s{megabytes:6.0f} MB")
         for effect in document["effects"]:

@@ -2,6 +2,7 @@
 """The program: files of the contract, refusals, the same answer for any number of jobs."""
 
 import json
+import signal
 import subprocess
 from pathlib import Path
 
@@ -58,6 +59,24 @@ def test_a_broken_twin_is_refused_in_lines_and_without_a_trace(content, tmp_path
     done = call(case, "--output", tmp_path / "out")
     assert done.returncode == 2 and "error:" in done.stderr and "Traceback" not in done.stderr
     assert not (tmp_path / "out").exists() or not list((tmp_path / "out").iterdir())
+
+
+def test_ctrl_c_leaves_finished_cases_whole_and_of_the_others_nothing(case, world, tmp_path):
+    for k in range(3):
+        turn = np.exp(2j * np.pi * 7.0 * (k + 1) * world.n / 1e6)
+        world.write(tmp_path / "cases" / f"next{k}", world.noisy(world.clean() * turn + 0.02))
+    others = sorted((tmp_path / "cases").glob("next*"))
+    out = tmp_path / "out"
+    process = subprocess.Popen(
+        [PROGRAM, case, *others, "--output", out], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout.readline().startswith("[1/4] echo: identified")
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130 and errors.strip().splitlines()[-1] == "interrupted"
+    left = sorted(p.name for p in out.iterdir())
+    assert left[0] == "echo" and len(left) < 4 and not [name for name in left if name.startswith(".")]
+    assert all(sorted(p.name for p in (out / name).iterdir()) == FILES for name in left)
 
 
 def test_jobs_change_nothing_but_the_time(case, world, tmp_path):

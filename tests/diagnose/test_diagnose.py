@@ -8,6 +8,8 @@ from conftest_world import RATE_HZ
 from gr_cast import recording
 from gr_cast.diagnose import diagnose, read_case
 
+PATIENCE_S = 3000.0  # the time limit has a test of its own; a busy machine decides nothing here
+
 
 def named(document):
     return [e["family"] for e in document["effects"]]
@@ -18,7 +20,7 @@ def said(document, family, name):
 
 
 def run(world, tmp_path, y, datatype="cf32_le"):
-    return diagnose(read_case(world.write(tmp_path / "case", y, datatype))).document
+    return diagnose(read_case(world.write(tmp_path / "case", y, datatype)), budget_s=PATIENCE_S).document
 
 
 def test_a_true_twin_is_not_accused(world, tmp_path):
@@ -62,7 +64,7 @@ def test_dc_with_a_carrier_offset_in_the_twin_is_dc_and_not_leakage(world, tmp_p
     value = "parameters: {offset_hz: {value: 180.0, std: 0}}"
     offset = f"effects: [{{family: carrier_frequency_offset, {owner}, {value}}}]\n"
     (folder / "twin.yaml").write_text(twin + offset)
-    document = diagnose(read_case(folder)).document
+    document = diagnose(read_case(folder), budget_s=PATIENCE_S).document
     assert named(document) == ["dc_offset"]
     assert said(document, "dc_offset", "level_dbc")["value"] == pytest.approx(20 * np.log10(0.03), abs=0.5)
 
@@ -106,7 +108,7 @@ def test_a_recording_for_the_vault_is_predicted_and_never_fitted(world, tmp_path
     twin = world.twin()
     twin["recordings"].append({"file": "second", "receiver": "rx1", "transmitters": ["tx1"], "use": "vault"})
     (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
-    document = diagnose(read_case(folder)).document
+    document = diagnose(read_case(folder), budget_s=PATIENCE_S).document
     assert [e["where"]["recording"] for e in document["effects"]] == ["recording"]
     fit = document["fit"]
     assert fit["twin_nmse_db"] > fit["noise_floor_db"] + 1
@@ -130,7 +132,7 @@ def test_an_owner_is_the_node_whose_recordings_show_the_effect(world, tmp_path):
         y = world.clean() * np.exp(2j * np.pi * offset_hz * world.n / RATE_HZ)
         recording.write(folder / file, world.noisy(y), sample_rate_hz=RATE_HZ)
     (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
-    document = diagnose(read_case(folder)).document
+    document = diagnose(read_case(folder), budget_s=PATIENCE_S).document
     assert named(document) == ["carrier_frequency_offset"]
     assert document["effects"][0]["owner"] == {"level": "tx", "name": "tx2"}
     assert document["effects"][0]["where"]["recording"] == ["tx2_rx1", "tx2_rx2"]

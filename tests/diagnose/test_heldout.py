@@ -13,7 +13,7 @@ from gr_cast.effects.base import start
 def part(world, tmp_path):
     folder = world.write(tmp_path / "case", world.noisy(world.clean() + 0.02))
     case = read_case(folder)
-    return align.build(case, align.parts_of(case, case.observations[0])[0])
+    return align.build(case, align.parts_of(case, case.observations[0])[0][0])
 
 
 def test_the_likelihood_of_the_vault_is_that_of_a_circular_gaussian(part):

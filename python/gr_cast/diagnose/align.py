@@ -17,10 +17,12 @@ LOWEST_LAG, HIGHEST_LAG = (
     -10,
     26,
 )  # samples around the taps that a model reaches where a waveform has unknown parts
-LONGEST_PART = 120_000  # samples that are fitted at once
-MOST_PARTS = 8
+LONGEST_WHOLE = 120_000  # samples that are fitted at once; of more, parts of PART samples
+PART, MOST_PARTS = 40_000, 8
 LEAST_PART = 1000  # known samples that make a part worth a look
 LONGEST_SCAN = 1 << 21  # samples in which a waveform that is shorter than the recording is looked for
+CLEAR = 12.0  # standard deviations of the other lags by which a delay stands out
+MARGIN = 64  # samples kept around what is known of a short recording
 EDGE = 24  # samples at either end that a filter's memory makes uncertain
 
 
@@ -34,17 +36,34 @@ def source_of(name: str, samples: np.ndarray, amplitude: float, repeat: bool) ->
     )
 
 
-def _window(source: Source, delay: int, count: int) -> Source:
-    """A waveform sent once as the recording sees it at `delay` whole samples: `count` samples with PAD on
-    either side."""
-    size = sp_fft.next_fast_len(count + 2 * PAD)
-    samples, known = np.zeros(size, complex), np.ones(size, bool)
-    first = max(0, -delay - PAD)
-    last = min(len(source.samples), count + PAD - delay)
-    if last > first:
-        at = slice(first + delay + PAD, last + delay + PAD)
-        samples[at], known[at] = source.samples[first:last], source.known[first:last]
-    return replace(source, samples=samples, repeat=False, known=known)
+def _stretch(waveform, amplitude: float, first: int, size: int) -> Source:
+    """`size` samples of a waveform from its sample `first` on, as sent with an amplitude; silence around one that is
+    sent once."""
+    length = len(waveform.samples)
+    if waveform.repeat:
+        begin = first % length
+        samples = waveform.samples[begin : begin + size]
+        while len(samples) < size:
+            samples = np.concatenate([samples, waveform.samples[: size - len(samples)]])
+    else:
+        samples = np.zeros(size, np.complex64)
+        begin, end = max(first, 0), min(first + size, length)
+        if end > begin:
+            samples[begin - first : end - first] = waveform.samples[begin:end]
+    known, (power, peak) = np.isfinite(samples), waveform.level
+    return Source(
+        name=waveform.name,
+        samples=np.where(known, samples, 0).astype(complex) * amplitude,
+        repeat=False,
+        known=known,
+        power=power * amplitude**2,
+        peak=peak * amplitude,
+    )
+
+
+def _window(waveform, amplitude: float, delay: int, count: int) -> Source:
+    """A waveform as the recording sees it at `delay` whole samples: `count` samples with PAD on either side."""
+    return _stretch(waveform, amplitude, -delay - PAD, sp_fft.next_fast_len(count + 2 * PAD))
 
 
 def _response(taps, length: int, rate: float) -> np.ndarray:
@@ -52,31 +71,28 @@ def _response(taps, length: int, rate: float) -> np.ndarray:
     return sum(t.amplitude * np.exp(-2j * np.pi * f * t.delay_s) for t in taps)
 
 
-def _segment_correlations(y, templates, repeat, segment, lags=None):
-    """c[m, d] = Σ over segment m of y[n]·conj(template[n − d]); lags of a repeated template are all of one
-    period."""
-    count = -(-len(y) // segment)
-    out = []
-    for m in range(count):
-        piece = y[m * segment : (m + 1) * segment]
-        row = 0.0
+def _segment_correlations(y, templates, repeat, segment):
+    """(lags,) Σ over segments and templates of |Σ over a segment of y[n]·conj(template[n − d])|², and how many were
+    added; lags of a repeated template are all of one period."""
+    total, count = 0.0, 0
+    for first in range(0, len(y), segment):
+        piece = y[first : first + segment]
         for _, spectrum in templates:
             p = len(spectrum)
             if repeat:
-                index = (np.arange(len(piece)) + m * segment) % p
-                folded = np.bincount(index, piece.real, p) + 1j * np.bincount(index, piece.imag, p)
-                row = row + np.abs(sp_fft.ifft(sp_fft.fft(folded) * np.conj(spectrum))) ** 2
+                index = (np.arange(len(piece)) + first) % p
+                buffer = np.bincount(index, piece.real, p) + 1j * np.bincount(index, piece.imag, p)
             else:
                 buffer = np.zeros(p, complex)
-                buffer[m * segment : m * segment + len(piece)] = piece
-                row = row + np.abs(sp_fft.ifft(sp_fft.fft(buffer) * np.conj(spectrum))) ** 2
-        out.append(row)
-    return out
+                buffer[first : first + len(piece)] = piece
+            total = total + np.abs(sp_fft.ifft(sp_fft.fft(buffer) * np.conj(spectrum))) ** 2
+            count += 1
+    return total, count
 
 
-def find_delay(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: float, centre: int = 0) -> tuple[int, float]:
+def find_delay(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: float) -> tuple[int, float]:
     """Whole-sample delay of the twin's prediction in `y`, and the share of the recording's energy that it
-    holds. `centre`: the delay of a waveform sent once that began with the recording.
+    holds.
 
     Segments are added without phase, so that a carrier offset does no harm; of several segment lengths the
     one that explains most is taken.
@@ -96,31 +112,31 @@ def find_delay(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: fl
     for segment in sorted({max(8, length) for length in lengths}, reverse=True):
         if segment > n or (n // segment) * size > 1e8:
             continue
-        rows = _segment_correlations(y, templates, repeat, segment)
-        share = sum(rows) / (segment * power * energy)
+        total, count = _segment_correlations(y, templates, repeat, segment)
+        share = total / (segment * power * energy)
         if not repeat:
             share = share * max(1.0, n / len(sources[0].samples))
-        share = share - 3 * len(rows) * len(templates) / n
+        share = share - 3 * count / n
         d = int(np.argmax(share))
         if share[d] > best[0]:
             best = (float(share[d]), d)
     delay, share = best[1], best[0]
     if not repeat:
         delay = delay - size if delay > n else delay
-        if len(sources[0].samples) >= n and n > 4000:
-            near = find_near(y, sources, centre, reach=2048)
-            if near[1] > 1.05 * share:
-                delay, share = near
     return delay, share
 
 
-def find_near(y: np.ndarray, sources: list[Source], centre: int, reach: int, segment: int = 256) -> tuple[int, float]:
-    """`find_delay` by short segments within `reach` of a delay, for waveforms sent once and any carrier
-    offset."""
+def find_near(y: np.ndarray, sources: list[Source], centre: int, reach: int, segment: int = 256):
+    """`find_delay` by short segments within `reach` of a delay, for waveforms sent once and any carrier offset; and
+    whether the delay stands out clearly."""
     n = len(y)
     total, energy = np.zeros(2 * reach), 0.0
     size = sp_fft.next_fast_len(segment + 2 * reach)
-    for first in np.unique(np.linspace(0, n - segment, 400).astype(int)):
+    firsts = np.arange(0, n - segment, segment)
+    sent = np.concatenate([[0.0], np.cumsum(np.abs(sources[0].samples))])
+    inside = np.clip(np.stack([firsts, firsts + segment]) - centre, 0, len(sent) - 1)
+    firsts = firsts[sent[inside[1]] > sent[inside[0]]]  # where something that is known was sent
+    for first in firsts[:: len(firsts) // 400 + 1]:
         piece = y[first : first + segment]
         begin = first - centre - reach + 1
         for source in sources:
@@ -132,26 +148,50 @@ def find_near(y: np.ndarray, sources: list[Source], centre: int, reach: int, seg
             total += np.abs(both[::-1]) ** 2 / (segment * source.power)
         energy += float(np.vdot(piece, piece).real)
     d = int(np.argmax(total))
-    return centre + d - reach, float(total[d] - np.median(total)) / max(energy, 1e-300)
+    height = float(total[d] - np.median(total))
+    others = np.delete(total, np.arange(max(0, d - reach // 32), min(len(total), d + reach // 32)))
+    return centre + d - reach, height / max(energy, 1e-300), height > CLEAR * others.std()
 
 
-def parts_of(case, observation) -> list:
-    """A long recording in overlapping parts that are fitted one by one, a short one whole; the part of which most is
-    known comes first."""
+def parts_of(case, observation) -> list[tuple]:
+    """[(part, its `near` for `build`)]: a short recording whole, a long one in parts that are fitted one by one, the part
+    of which most is known first."""
     low, high = 0, len(observation.samples)
     waves = [case.waveforms[w] for w, _ in observation.on_air.values()]
-    if high <= LONGEST_PART:
-        return [observation.part(low, high)]
-    if not any(w.repeat for w in waves) and max(len(w.samples) for w in waves) < high // 2:
-        delay, _ = locate(case, observation.part(0, min(high, LONGEST_SCAN)))
+    if high <= LONGEST_WHOLE:
+        return [_trimmed(observation, waves, None if any(w.repeat for w in waves) else locate(case, observation))]
+    near = None
+    if not any(w.repeat for w in waves):
+        near = delay, _ = locate(case, observation.part(0, min(high, LONGEST_SCAN)))
         low = max(low, delay - LEAST_PART)
-        high = min(high, delay + max(len(w.samples) for w in waves) + LEAST_PART)
-    size = min(high - low, LONGEST_PART)
+        high = max(min(high, delay + max(len(w.samples) for w in waves) + LEAST_PART), low + LEAST_PART)
+    size = min(high - low, PART)
     count = min(-(-(high - low) // size), MOST_PARTS)
     parts = [observation.part(int(f), int(f) + size) for f in np.linspace(low, high - size, count)]
     known = [min(_known(w, part.first, size) for w in waves) for part in parts]
     order = sorted(range(count), key=lambda k: -known[k])
-    return [parts[k] for k in order if known[k] >= min(LEAST_PART, max(known))]
+    kept = [parts[k] for k in order if known[k] >= min(LEAST_PART, max(known))]
+    if near is None:
+        return [(part, None) for part in kept]
+    # the sample clocks may have moved it by some samples since the beginning
+    return [(part, locate(case, part, (near[0] - part.first, near[1]))) for part in kept]
+
+
+def _trimmed(observation, waves, near) -> tuple:
+    """(part, near): a recording without the beginning and the end of which nothing is known."""
+    n = len(observation.samples)
+    if near is None:
+        return observation.part(0, n), None
+    known = np.ones(n, bool)
+    for w in waves:
+        begin, end = max(0, near[0]), max(0, min(n, near[0] + len(w.samples)))
+        here = np.isfinite(w.samples[begin - near[0] : end - near[0]])
+        if not here.all():  # else the silence around it is known too
+            known[:begin] = known[end:] = False
+            known[begin:end] &= here
+    at = np.flatnonzero(known)
+    low, high = (max(0, at[0] - MARGIN), min(n, at[-1] + 1 + MARGIN)) if len(at) else (0, n)
+    return observation.part(int(low), int(high)), (near[0] - int(low), near[1])
 
 
 def _known(waveform, first: int, size: int) -> int:
@@ -161,28 +201,48 @@ def _known(waveform, first: int, size: int) -> int:
     return int(np.isfinite(waveform.samples[first : first + size]).sum())
 
 
-def _on_air(case, observation) -> tuple[list[Source], list]:
-    """Waveforms and links of a recording."""
+def _on_air(case, observation) -> tuple[list, list]:
+    """(waveform, amplitude) and link of every transmitter of a recording."""
     sent = [(case.waveforms[w], amplitude) for w, amplitude in observation.on_air.values()]
-    sources = [source_of(w.name, w.samples, amplitude, w.repeat) for w, amplitude in sent]
-    if len({s.repeat for s in sources}) > 1:  # one kind of search for all: repeat what repeats until the recording ends
-        sources = [s if not s.repeat else _unrolled(s, len(observation.samples)) for s in sources]
-    return sources, [case.links[(tx, observation.receiver)] for tx in observation.on_air]
+    return sent, [case.links[(tx, observation.receiver)] for tx in observation.on_air]
 
 
-def locate(case, observation) -> tuple[int, bool]:
-    """(delay in samples, whether the spectrum is inverted) of the twin's prediction in a recording."""
-    sources, links = _on_air(case, observation)
-    rate, n, y = case.sample_rate_hz, len(observation.samples), observation.samples.astype(complex)
+def _looped(sent) -> bool:
+    """Whether one period stands for all that was sent."""
+    return all(w.repeat and len(w.samples) <= LONGEST_SCAN for w, _ in sent)
+
+
+def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[int, bool]:
+    """(delay in samples, whether the spectrum is inverted) of the twin's prediction in a recording; `about`: what they
+    are nearly."""
+    sent, links = _on_air(case, observation)
+    rate, n, y = case.sample_rate_hz, len(observation.samples), observation.samples[:].astype(complex)
+    low = 0
+    if _looped(sent):
+        sources = [source_of(w.name, w.samples, amplitude, True) for w, amplitude in sent]
+    else:  # one kind of search for all: what repeats is sent until the recording ends
+        high = max(n, *(len(w.samples) for w, _ in sent))
+        if high > LONGEST_SCAN:  # then it began when the recording began, or nearly
+            low = max(0, observation.first - LONGEST_SCAN // 4)
+            high = min(high, observation.first + n + LONGEST_SCAN // 4)
+        sources = [_stretch(w, amplitude, low, high - low) for w, amplitude in sent]
     turn = np.exp(-2j * np.pi * _twin_offset_hz(case, observation, links) * np.arange(n) / rate)
-    taps, centre = [link.taps for link in links], -observation.first
-    told = _told_inverted(case, observation)
-    delay, share = find_delay((np.conj(y) if told else y) * turn, sources, taps, rate, centre)
+    taps, told = [link.taps for link in links], _told_inverted(case, observation)
+    signals = [np.conj(y) * turn] if told else [y * turn, np.conj(y) * turn]
+    if about:
+        return find_near(signals[about[1]], sources, low + about[0], reach=64)[0] - low, about[1]
+    near = []
+    if not sources[0].repeat and len(sources[0].samples) >= n and n > 4000:
+        near = [find_near(signal, sources, low - observation.first, reach=2048) for signal in signals]
+    found = [answer[:2] for answer in near]
+    if not any(clear for *_, clear in near):
+        found += [find_delay(signal, sources, taps, rate) for signal in signals]
+    straight = max(found[:: len(signals)], key=lambda f: f[1])
     if told:
-        return delay, False
-    other, other_share = find_delay(np.conj(y) * turn, sources, taps, rate, centre)
-    flip = other_share > 1.2 * share + 0.01
-    return (other if flip else delay), flip
+        return straight[0] - low, False
+    mirrored = max(found[1::2], key=lambda f: f[1])
+    flip = mirrored[1] > 1.2 * straight[1] + 0.01
+    return (mirrored if flip else straight)[0] - low, flip
 
 
 def _told_inverted(case, observation) -> bool:
@@ -193,15 +253,17 @@ def build(case, observation, *, near: tuple[int, bool] | None = None):
     """Scene, data and first model of one recording; `near`: (delay in samples, inverted) where they are
     known before."""
     rate, n = case.sample_rate_hz, len(observation.samples)
-    y = observation.samples.astype(complex)
+    y = observation.samples[:].astype(complex)
     names = list(observation.on_air)
-    sources, links = _on_air(case, observation)
+    sent, links = _on_air(case, observation)
     twin, told = twin_effects(case, observation), _told_inverted(case, observation)
     delay, flip = locate(case, observation) if near is None else near
-    repeat = sources[0].repeat
+    repeat = _looped(sent)
     if repeat:
+        sources = [source_of(w.name, w.samples, amplitude, True) for w, amplitude in sent]
         delay %= len(sources[0].samples)
-    seen = sources if repeat else [_window(s, delay, n) for s in sources]
+    else:
+        sources = [_window(w, amplitude, delay, n) for w, amplitude in sent]
     later = observation.first / rate
     paths = [
         Path(source=i, delay=t.delay_s * rate, gain=complex(t.amplitude), doppler=t.doppler_hz * n / rate)
@@ -212,7 +274,7 @@ def build(case, observation, *, near: tuple[int, bool] | None = None):
         name=observation.name,
         sample_rate_hz=rate,
         count=n,
-        sources=seen,
+        sources=sources,
         taps=paths,
         transmitters=names,
         receiver=observation.receiver,
@@ -222,7 +284,7 @@ def build(case, observation, *, near: tuple[int, bool] | None = None):
     )
     on_air = {w for w, _ in observation.on_air.values()}
     scene.extra = {
-        w.name: _seen(source_of(w.name, w.samples, 1.0, w.repeat), scene, n)
+        w.name: source_of(w.name, w.samples, 1.0, True) if _looped([(w, 1.0)]) else _window(w, 1.0, scene.anchor, n)
         for w in case.waveforms.values()
         if w.name not in on_air and not _is_on_air(case, w.name)
     }
@@ -244,14 +306,6 @@ def build(case, observation, *, near: tuple[int, bool] | None = None):
         overlap = np.sqrt(np.mean(np.abs(y) ** 2) / max(np.mean(np.abs(chain.y) ** 2), 1e-30)) * 1e-3
     model = Model(base=np.concatenate([[base[0], overlap.real, overlap.imag], base[3:]]), effects=model.effects)
     return scene, data, model
-
-
-def _unrolled(source: Source, n: int) -> Source:
-    return replace(source, samples=np.resize(source.samples, n), repeat=False, known=np.resize(source.known, n))
-
-
-def _seen(source: Source, scene: Scene, n: int) -> Source:
-    return source if source.repeat else _window(source, scene.anchor, n)
 
 
 def _is_on_air(case, name: str) -> bool:
@@ -310,11 +364,11 @@ def _owned(scene, owner: dict) -> dict:
 
 
 def split(valid: np.ndarray, seed: int = 1) -> np.ndarray:
-    """(n,) bool, the vault: one of the samples in eight, in scattered short runs; shorter where few are `valid`."""
-    n = len(valid)
+    """(n,) bool, the vault: of every eight short runs of valid samples one; shorter runs where few are valid."""
     run = 16 if valid.sum() > 4000 else 4
-    runs = -(-n // run)
-    return np.repeat(np.random.default_rng(seed).random(runs) < 1 / 8, run)[:n]
+    number = (np.cumsum(valid) - 1) // run
+    chosen = np.random.default_rng(seed).integers(0, 8, len(valid) // (8 * run) + 1)
+    return valid & (number % 8 == chosen[number // 8])
 
 
 def told_noise_db(case, observation) -> float | None:

@@ -4,6 +4,7 @@ once."""
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +63,13 @@ class Waveform:
     samples: np.ndarray | recording.Stored
     repeat: bool
     built_in: bool
+
+    @cached_property
+    def level(self) -> tuple[float, float]:
+        """(mean power of the known samples, their largest magnitude)."""
+        power = [np.abs(piece[np.isfinite(piece)].astype(complex)) ** 2 for piece in recording.pieces(self.samples)]
+        count = sum(len(p) for p in power)
+        return float(sum(p.sum() for p in power) / count), float(np.sqrt(max(p.max(initial=0.0) for p in power)))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,6 +8,7 @@ import numpy as np
 from ..effects import FAMILIES
 from . import heldout
 from .fit import Fit
+from .model import predict
 from .search import refit_or_known
 
 MOST_TRUSTED = 3  # effects in one recording; with more the list is not the whole truth
@@ -73,7 +74,8 @@ def numbers(finding: Finding, index: int) -> tuple[dict, dict]:
     """Contract parameters of one effect: {name: {value, std}} and constants."""
     fit, effect = finding.fit, finding.fit.model.effects[index]
     family, scene = FAMILIES[effect.family], finding.scene
-    values = family.values(scene, effect, effect.p)
+    predict(scene, fit.model)  # leaves in the scene what its amplifiers and lattices were driven with
+    values = _since_the_beginning(finding, family.values(scene, effect, effect.p))
     variance = {name: 0.0 for name in values}
     span = fit.model.span(index) if len(fit.model.vector()) == len(fit.hessian) else None
     free = np.flatnonzero(effect.free)
@@ -84,7 +86,7 @@ def numbers(finding: Finding, index: int) -> tuple[dict, dict]:
             h = 1e-4 * max(np.sqrt(cov[j, j]), 1e-12)
             p = effect.p.copy()
             p[k] += h
-            moved = family.values(scene, effect, p)
+            moved = _since_the_beginning(finding, family.values(scene, effect, p))
             for name in values:
                 change = moved[name] - values[name]
                 if name.endswith("_rad"):
@@ -109,6 +111,22 @@ def numbers(finding: Finding, index: int) -> tuple[dict, dict]:
             std = default_std(effect.family, name, value, scene)
         out[name] = {"value": float(value), "std": float(std)}
     return out, family.constants(scene, effect)
+
+
+def _since_the_beginning(finding: Finding, values: dict[str, float]) -> dict[str, float]:
+    """Numbers of a part of a recording with the time of the whole recording."""
+    later = finding.observation.first / finding.scene.sample_rate_hz
+    if not later:
+        return values
+    moved = dict(values)
+    if "time_s" in values:
+        moved["time_s"] += later
+    if "drift_hz_per_s" in values:
+        moved["offset_hz"] -= values["drift_hz_per_s"] * later
+    if "phase_rad" in values and "doppler_hz" in values:
+        phase = values["phase_rad"] - 2 * np.pi * values["doppler_hz"] * later
+        moved["phase_rad"] = float((phase + np.pi) % (2 * np.pi) - np.pi)
+    return moved
 
 
 INFLATION = 1.1

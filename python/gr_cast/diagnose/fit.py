@@ -22,6 +22,7 @@ from .model import Model, jacobian, predict
 
 LARGE = 60  # parameters from which a matrix is inverted by Cholesky's method
 DAMPINGS = (0.0, 1e-6, 1e-4, 1e-2, 1.0, 100.0)  # shares of the curvature, tried in turn (Marquardt 1963)
+SMALL = 20_000  # samples up to which a fit of many numbers is carried to its end
 COLOUR_ORDERS = 10  # cepstral coefficients of a receiver's noise colour
 
 
@@ -121,7 +122,7 @@ def solve(data: Data, model: Model, *, iterations: int = 8, tolerance: float = 0
     chain, blocks = jacobian(data.scene, model)
     cost = misfit(data, chain.y)
     n = data.count
-    for _ in range(iterations if len(prior) < 40 else min(iterations, 3)):
+    for _ in range(iterations if len(prior) < 40 or n < SMALL else min(iterations, 3)):
         if data.late:
             break
         white = [data.white(b) for b in blocks]

@@ -27,24 +27,22 @@ UNEXPLAINED_NATS = 40.0
 UNEXPLAINED_SHARE = 0.01
 
 
-def examine(case, observation, *, deadline: float) -> list[Finding]:
+def examine(case, observation, *, deadline: float, progress=lambda where: None) -> list[Finding]:
     """Search one recording: its first part in full, every other from what the first one showed."""
     parts, findings = align.parts_of(case, observation), []
-    for k, part in enumerate(parts):
+    for k, (part, near) in enumerate(parts):
+        progress(f"{observation.name}, part {k + 1} of {len(parts)}")
         left = deadline - time.monotonic()
         if findings and left < 0:
             break
         share = FIRST_PART if k == 0 and len(parts) > 1 else 1 / (len(parts) - k)
-        findings.append(_examine_part(case, part, findings[0] if findings else None, time.monotonic() + left * share))
+        findings.append(_examine_part(case, part, near, findings[0] if findings else None, time.monotonic() + left * share))
     return findings
 
 
-def _examine_part(case, part, known: Finding | None, deadline: float) -> Finding:
+def _examine_part(case, part, near, known: Finding | None, deadline: float) -> Finding:
     begun = time.monotonic()
-    if known is None:
-        scene, data, model = align.build(case, part)
-    else:
-        scene, data, model = align.build(case, part, near=_expected(known, part))
+    scene, data, model = align.build(case, part, near=near if known is None else _expected(known, part))
     data = replace(data, deadline=begun + SEARCH * (deadline - begun))
     plain = replace(model, effects=tuple(e for e in model.effects if e.fixed))
     stds = {}
@@ -62,7 +60,7 @@ def _examine_part(case, part, known: Finding | None, deadline: float) -> Finding
     for effect in known.fit.model.found if known else ():
         if effect.family not in have:
             model = model.adding(effect)
-    fit, *known_fits = search(data, model)
+    fit, *known_fits = search(data, model) if known is None else _confirmed(known, data, model)
     complete = not data.late
     again = _under_the_lattice(data, fit.model)
     if again is not fit.model:
@@ -83,6 +81,16 @@ def _examine_part(case, part, known: Finding | None, deadline: float) -> Finding
     _floor(finding)
     _look_for_rest(finding)
     return finding
+
+
+def _confirmed(known: Finding, data, model) -> list[Fit]:
+    """A later part of a recording: the fit of what its first part showed, and a search where more is left than there."""
+    fit = refit(data, model)
+    before = {rest.test: rest.nats for rest in residual.leftovers(known.fit, off_the_rails(known.fit))}
+    for rest in residual.leftovers(fit, off_the_rails(fit)):
+        if rest.p_value < UNEXPLAINED_P and rest.nats > UNEXPLAINED_NATS + 2 * before.get(rest.test, 0.0):
+            return search(data, fit.model)
+    return [fit]
 
 
 def _until(fit: Fit, deadline: float) -> Fit:
@@ -233,6 +241,9 @@ def _floor(finding: Finding) -> None:
             if e.p[0] ** 2 / 6 > 0.1 * told:
                 return  # the step's own error hides the floor
             told = told + e.p[0] ** 2 / 6
+    # The rounding of the file itself, which the twin's figure may hold or not.
+    rounding = gate.native_step(finding.observation.datatype) ** 2 / 6
+    told = float(np.clip(np.mean(np.abs(fit.residual[inside]) ** 2 / shape[inside]), told, told + rounding))
     n = float(inside.sum())
     energy = np.abs(fit.residual[inside]) ** 2 / shape[inside] / told
     ratio = float(energy.mean())
@@ -309,7 +320,7 @@ def _look_for_rest(finding: Finding) -> None:
 def predict_only(case, observation, findings) -> tuple[float, float, float]:
     """(twin, corrected, noise) NMSE of a recording for the vault: what was found elsewhere, with its own
     delay and gain."""
-    part = align.parts_of(case, observation)[0]
+    part, near = align.parts_of(case, observation)[0]
     like = max(
         findings,
         key=lambda f: (
@@ -317,7 +328,7 @@ def predict_only(case, observation, findings) -> tuple[float, float, float]:
             set(f.observation.on_air) == set(part.on_air),
         ),
     )
-    scene, data, model = align.build(case, part)
+    scene, data, model = align.build(case, part, near=near)
     data = replace(data, use=data.vault.astype(float))
     twin = refit(data, model)
     ratio = scene.count / like.scene.count
@@ -357,15 +368,15 @@ class Diagnosis:
     findings: list[Finding]
 
 
-def diagnose(case, *, budget_s: float = BUDGET_S) -> Diagnosis:
+def diagnose(case, *, budget_s: float = BUDGET_S, progress=lambda where: None) -> Diagnosis:
     """Diagnose a case within `budget_s` seconds: when they are over, the verdict is `unexplained` with what was found
-    so far."""
+    so far. `progress` is called with where the diagnosis stands."""
     begun = time.monotonic()
     fitted = [o for o in case.observations if not o.vault]
     findings = []
     for k, observation in enumerate(fitted):
         share = (RECORDINGS * budget_s - (time.monotonic() - begun)) / (len(fitted) - k)
-        findings += examine(case, observation, deadline=time.monotonic() + share)
+        findings += examine(case, observation, deadline=time.monotonic() + share, progress=progress)
         for finding in findings:
             _light(finding, begun + budget_s)
     document = conclude(case, findings, [predict_only(case, o, findings) for o in case.observations if o.vault])

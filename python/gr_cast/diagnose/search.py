@@ -229,7 +229,7 @@ def _candidates(fit: Fit) -> list[Score]:
     scores = []
     have = {(e.family, str(sorted((k, str(v)) for k, v in e.aux.items()))) for e in fit.model.effects}
     for family in FAMILIES.values():
-        if family.noise_like:
+        if family.noise_like or fit.data.late:
             continue
         for effect in family.starts(view):
             if (
@@ -240,7 +240,7 @@ def _candidates(fit: Fit) -> list[Score]:
             if effect.family in ONCE and any(e.family == effect.family for e in fit.model.effects):
                 continue
             scores.append(score(fit, effect))
-    if max((s.net for s in scores), default=0.0) < CLEAR_NATS:  # else what is left is not the noise's yet
+    if not fit.data.late and max((s.net for s in scores), default=0.0) < CLEAR_NATS:  # else what is left is not the noise's yet
         scores += [Score(net=net, effect=effect) for net, effect in noise.starts(fit)]
     scores.sort(key=lambda s: -s.net)
     kept, per_family = [], {}
@@ -313,7 +313,7 @@ def _polished(data: Data, fit: Fit) -> Fit:
     other, and only together the order of the two matters."""
     if not {"pa_nonlinearity", "front_end_filter"} <= {e.family for e in fit.model.found}:
         return fit
-    for family in ("pa_nonlinearity", "front_end_filter"):
+    for family in ("pa_nonlinearity", "front_end_filter", "pa_nonlinearity"):
         i = next(i for i, e in enumerate(fit.model.effects) if e.family == family and not e.fixed)
         rest = fit.model.without(i)
         for form in FAMILIES[family].forms(data.scene, fit.model.effects[i]):

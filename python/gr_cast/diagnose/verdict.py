@@ -116,12 +116,17 @@ def _entry(findings, members) -> dict | None:
     family, scene = FAMILIES[effect.family], finding.scene
     values, constants = numbers(finding, index)
     if len(members) > 1:
-        every = {f.observation.name: numbers(f, i)[0] for f, i in members}
-        values = {name: _pooled({r: v[name] for r, v in every.items() if name in v}, values[name]) for name in values}
+        every = {}  # recording → numbers of its parts
+        for f, i in members:
+            every.setdefault(f.observation.name, []).append(numbers(f, i)[0])
+        for name in values:
+            told = {r: [v[name] for v in parts if name in v] for r, parts in every.items()}
+            values[name] = _pooled({r: _mean(parts) for r, parts in told.items() if parts}, values[name])
     plain = {k: v["value"] for k, v in numbers(finding, index)[0].items()}
+    spans = [(f.observation.first, f.observation.first + f.scene.count) for f, _ in members]
     where = {
         "delay_s": None,
-        "time_s": [0.0, scene.duration_s],
+        "time_s": [min(a for a, _ in spans) / scene.sample_rate_hz, max(b for _, b in spans) / scene.sample_rate_hz],
         "frequency_hz": [-scene.sample_rate_hz / 2, scene.sample_rate_hz / 2],
         "amplitude": None,
         **{k: [float(a) for a in v] for k, v in family.where(scene, effect, plain).items()},
@@ -162,11 +167,24 @@ def _doubted(effects: list[dict], verdict: str, ambiguous: list[dict]) -> None:
             effect["confidence"] = round(UNTRUSTED * effect["confidence"], 3)
 
 
+def _mean(parts: list[dict]) -> dict:
+    """One number of the parts of a recording: their weighted mean, its error not below what they differ by."""
+    x, std = (np.array([v[key] for v in parts]) for key in ("value", "std"))
+    if len(parts) == 1 or np.any(std <= 1e-300):
+        return parts[0]
+    w = std**-2.0
+    mean = float((w * x).sum() / w.sum())
+    chi2 = float((w * (x - mean) ** 2).sum())
+    return {"value": mean, "std": float(np.sqrt(max(1.0, chi2 / (len(x) - 1)) / w.sum()))}
+
+
 def _pooled(items: dict[str, dict], first: dict) -> dict:
     """One number of several recordings: their weighted mean, or each its own where they differ by more than
     their errors."""
     x = np.array([v["value"] for v in items.values()])
     std = np.array([v["std"] for v in items.values()])
+    if len(x) == 1:
+        return next(iter(items.values()))
     if np.any(std <= 1e-300) or np.ptp(x) == 0:
         return first
     w = std**-2.0

@@ -127,7 +127,9 @@ def inner(a, b) -> np.ndarray:
     total = np.zeros((a.height, b.height), complex)
     for first in range(0, n, size):
         p = a.part(first, min(first + size, n))
-        q = p if a is b else b.part(first, min(first + size, n))
+        live = p.any(axis=0)  # samples that are not used are zero in both
+        p = p if live.all() else p[:, live]
+        q = p if a is b else b.part(first, min(first + size, n))[:, live]
         total += np.conj(p) @ q.T
     return _real(total, a.paired, b.paired)
 

@@ -7,6 +7,8 @@ import numpy as np
 from .base import LINK, Family, complex_pair, db, start
 from .chain import Path
 
+FASTEST = 1e-5  # Doppler over the carrier: 3 km/s
+
 
 class ExtraPath(Family):
     name = "extra_path"
@@ -34,9 +36,13 @@ class ExtraPath(Family):
     def starts(self, view):
         for i in range(len(view.scene.sources)):
             for delay, doppler, trials in view.echoes(i, count=2):
-                still = abs(doppler) < 0.3
+                still = abs(doppler) < 0.3 or self._too_fast(view.scene, doppler)
                 yield start(self, [0, 0, delay, 0.0], free=[1, 1, 1, 0], aux={"source": i}, trials=trials)
                 yield start(self, [0, 0, delay, 0.0 if still else doppler], aux={"source": i}, trials=trials * 4)
+
+    @staticmethod
+    def _too_fast(scene, cycles: float) -> bool:
+        return bool(scene.carrier_hz) and abs(cycles) / scene.duration_s > FASTEST * scene.carrier_hz
 
     def settled(self, scene, effect):
         return np.ones(len(effect.p), bool)

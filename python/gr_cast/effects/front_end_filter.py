@@ -26,6 +26,9 @@ SIZES = (
 )
 
 
+FEW = 30_000  # samples of a recording in which every length is tried again once the rest is known
+
+
 class FrontEndFilter(Family):
     name = "front_end_filter"
     stage = RX_FILTER
@@ -89,12 +92,18 @@ class FrontEndFilter(Family):
                 yield start(self, np.zeros(2 * len(lags)), aux=aux, prior=prior, trials=len(SIZES))
 
     def forms(self, scene, effect):
-        """On the other side of the channel."""
-        if len(scene.sources) == 1:
-            side = {"side": "rx"} if effect.aux.get("side") == "tx" else {"side": "tx", "source": 0}
-            lags = {k: effect.aux[k] for k in ("low", "high")}
-            for prior in {effect.prior is None: effect.prior, True: None}.values():
-                yield start(self, np.zeros(len(effect.p)), aux={**lags, **side}, prior=prior, trials=effect.trials)
+        """On the other side of the channel, and of other lengths."""
+        if len(scene.sources) > 1:
+            return
+        here = {k: v for k, v in effect.aux.items() if k not in ("low", "high")}
+        there = {"side": "rx"} if effect.aux.get("side") == "tx" else {"side": "tx", "source": 0}
+        mine = effect.aux["low"], effect.aux["high"]
+        yield start(self, np.zeros(len(effect.p)), aux={**effect.aux, **there}, prior=effect.prior, trials=effect.trials)
+        for low, high in SIZES if scene.count < FEW else (mine,):
+            for side in (here, there):
+                if -10 <= low and high - low > 2 and ((low, high) != mine or effect.prior is not None or side is there):
+                    p = np.zeros(2 * (high - low))
+                    yield start(self, p, aux={**side, "low": low, "high": high}, trials=effect.trials)
 
     def values(self, scene, effect, p):
         response = np.abs(np.fft.fft(self.impulse_response(effect, p), 512))

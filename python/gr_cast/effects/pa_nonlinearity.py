@@ -107,39 +107,40 @@ class PaNonlinearity(Family):
                 aux = {"source": i, "peak": source.peak, "orders": orders, "lags": lags}
                 yield start(self, np.zeros(self._shape(orders, lags)), aux=aux)
 
-    def curve(self, effect, p):
-        """Gain at the largest amplitude over the small-signal gain (complex), without memory."""
+    @staticmethod
+    def driven(scene, effect):
+        """The wave at the amplifier's input: the one that the latest prediction sent through it."""
+        held = scene.notes.get(("bent", effect.aux["source"]))
+        return scene.sources[effect.aux["source"]].samples if held is None else held[0]
+
+    @staticmethod
+    def curve(p):
+        """Gain at the largest amplitude over the small-signal gain (complex), where nothing stands in front."""
         return 1.0 + (p[::2] + 1j * p[1::2]).sum()
 
-    def forms(self, scene, effect):
-        """Without memory."""
-        if effect.aux.get("lags"):
-            aux = {k: v for k, v in effect.aux.items() if k != "lags"}
-            for orders in ORDERS[:3]:
-                yield start(self, np.zeros(self._shape(orders, ())), aux={**aux, "orders": orders})
-
     def met(self, scene, effect, p):
-        """Gain of the strongest thousandth of the samples sent over that of their weakest quarter (complex). An
-        amplifier with memory has no static curve: what it remembers at a peak is the signal around that peak."""
-        i, orders, lags = effect.aux["source"], effect.aux["orders"], effect.aux["lags"]
+        """Gain of the strongest thousandth of the samples sent over that of the weaker half, with memory, or at small
+        signal, without (complex): what an amplifier remembers at a peak is the signal around that peak."""
+        i, orders, lags = effect.aux["source"], effect.aux["orders"], effect.aux.get("lags", ())
+        x = self.driven(scene, effect)
         key = ("met", i, orders, lags)
-        if key not in scene.notes:
-            x = scene.sources[i].samples
+        if key not in scene.notes or scene.notes[key][0] is not x:
             terms = kept(scene, i, x, effect.aux["peak"], orders)
             level = np.abs(x)
             sent = np.flatnonzero(level > 0)
             sent = sent[np.argsort(level[sent])]
             shares = []
-            for part in (sent[: len(sent) // 4], sent[-max(8, len(sent) // 1000) :]):
+            for part in (sent[: len(sent) // 2], sent[-max(8, len(sent) // 1000) :]):
                 rows = [terms[order][part] for order in orders]
                 rows += [terms[order][(part - lag) % len(x)] for lag in lags for order in (0, *orders)]
                 shares.append(np.array(rows) @ np.conj(x[part]) / np.vdot(x[part], x[part]).real)
-            scene.notes[key] = shares
-        small, large = (1.0 + share @ (p[::2] + 1j * p[1::2]) for share in scene.notes[key])
-        return large / small
+            scene.notes[key] = x, shares
+        small, large = (1.0 + share @ (p[::2] + 1j * p[1::2]) for share in scene.notes[key][1])
+        return large / small if lags else large
 
     def values(self, scene, effect, p):
-        return {"compression_db": -db(self.met(scene, effect, p) if effect.aux.get("lags") else self.curve(effect, p))}
+        plain = not effect.aux.get("lags") and self.driven(scene, effect) is scene.sources[effect.aux["source"]].samples
+        return {"compression_db": -db(self.curve(p) if plain else self.met(scene, effect, p))}
 
     def constants(self, scene, effect):
         return {"memory": bool(effect.aux.get("lags"))}

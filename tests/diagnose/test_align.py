@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Twin and recording brought together: where a waveform is, which part of a long recording is looked at, what is held out."""
+
+import numpy as np
+import pytest
+import yaml
+from gr_cast import recording
+from gr_cast.diagnose import align, case, read_case
+
+RATE_HZ = 1e6
+
+
+@pytest.fixture
+def burst(tmp_path):
+    """write(recorded, sent): a case of a waveform that is sent once."""
+
+    def write(y, x):
+        for stem, samples in (("recording", y), ("sent", x)):
+            recording.write(tmp_path / stem, samples, sample_rate_hz=RATE_HZ)
+        twin = {
+            "cast_twin": 1,
+            "sample_rate_hz": RATE_HZ,
+            "center_frequency_hz": 1e9,
+            "waveforms": {"w1": {"file": "sent", "repeat": False}},
+            "nodes": {"tx1": {"transmit": "w1"}, "rx1": {}},
+            "links": [{"tx": "tx1", "rx": "rx1", "taps": [{"delay_s": 0.0}]}],
+            "recordings": [{"file": "recording", "receiver": "rx1", "transmitters": ["tx1"]}],
+        }
+        (tmp_path / "twin.yaml").write_text(yaml.safe_dump(twin))
+        return read_case(tmp_path)
+
+    return write
+
+
+def _noise(rng, n, rms=1.0):
+    return (rms / np.sqrt(2) * (rng.normal(size=n) + 1j * rng.normal(size=n))).astype(np.complex64)
+
+
+def test_a_recording_is_trimmed_to_what_is_known_and_the_waveform_stays_in_place(burst):
+    rng = np.random.default_rng(1)
+    x = _noise(rng, 9000)
+    y = 0.1 * np.roll(x, 7) + _noise(rng, 9000, 0.01)
+    x[:3000] = x[3800:] = np.nan
+    found = burst(y, x)
+    (part, near), *others = align.parts_of(found, found.observations[0])
+    assert not others and near == (7 - part.first, False)
+    assert part.first == 3007 - align.MARGIN and len(part.samples) == 800 + 2 * align.MARGIN
+
+
+def test_a_burst_is_found_in_a_long_recording_and_only_its_surroundings_are_looked_at(burst):
+    rng = np.random.default_rng(2)
+    x, at = _noise(rng, 20_000), 101_234
+    y = _noise(rng, 160_000, 0.02)
+    y[at : at + len(x)] += 0.1 * x * np.exp(2j * np.pi * 30.0 * np.arange(len(x)) / RATE_HZ)
+    found = burst(y, x)
+    parts = align.parts_of(found, found.observations[0])
+    assert all(near == (at - part.first, False) for part, near in parts)
+    assert min(part.first for part, _ in parts) >= at - 2 * align.LEAST_PART
+
+
+def test_the_vault_is_one_valid_run_in_eight_whatever_is_valid():
+    for count, run in ((800, 4), (64_000, 16)):
+        valid = np.zeros(3 * count, bool)
+        valid[1::3] = True
+        vault = align.split(valid)
+        assert vault.sum() == count // 8 and not (vault & ~valid).any()
+        runs = vault[valid].reshape(-1, run)
+        assert (runs.all(1) == runs.any(1)).all() and (runs[:, 0].reshape(-1, 8).sum(1) == 1).all()
+
+
+def test_a_long_file_stays_on_disk_and_its_slices_are_those_of_the_whole(burst, tmp_path, monkeypatch):
+    rng = np.random.default_rng(3)
+    x = _noise(rng, 5000)
+    monkeypatch.setattr(case, "LONGEST_IN_MEMORY", 4000)
+    found = burst(0.1 * x, x)
+    stored, whole = found.observations[0].samples, recording.read(tmp_path / "recording").samples
+    assert isinstance(stored, recording.Stored) and len(stored) == 5000
+    assert (stored[1234:2345] == whole[1234:2345]).all() and (stored[4990:9999] == whole[4990:]).all()
+    assert found.waveforms["w1"].level[0] == pytest.approx(np.mean(np.abs(x) ** 2))
+    assert align.parts_of(found, found.observations[0])[0][1] == (0, False)
