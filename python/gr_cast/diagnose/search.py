@@ -189,7 +189,7 @@ def _with_likely_priors(fit: Fit) -> Model:
     """The model with the scale of every prior that its course makes likeliest (one step of EM), where that is another."""
     model = fit.model
     for i, e in enumerate(model.effects):
-        if e.prior is not None and not e.fixed:
+        if e.prior is not None and not e.fixed and e.free.all():
             variance = np.diag(fit.covariance)[model.span(i)]
             factor = float(np.clip(np.mean((e.p**2 + variance) / e.prior), 0.1, 10.0))
             if not 0.8 < factor < 1.25:

@@ -8,6 +8,8 @@ import numpy as np
 
 from .base import RX_IQ, TX_IQ, Family, complex_pair, db, start
 
+WEAKEST = 10 ** (-55 / 20)  # no radio is balanced better, and no model of its other parts is as good
+
 
 class IqImbalance(Family):
     name = "iq_imbalance"
@@ -29,7 +31,7 @@ class IqImbalance(Family):
             yield start(self, [0.0, 0.0], aux={"side": "tx", "source": i})
 
     def plausible(self, effect):
-        return abs(complex_pair(effect.p)) < 0.5
+        return WEAKEST < abs(complex_pair(effect.p)) < 0.5
 
     def values(self, scene, effect, p):
         beta = complex_pair(p)

@@ -107,6 +107,13 @@ class PaNonlinearity(Family):
                 aux = {"source": i, "peak": source.peak, "orders": orders, "lags": lags}
                 yield start(self, np.zeros(self._shape(orders, lags)), aux=aux)
 
+    def forms(self, scene, effect):
+        """Without memory, of every order."""
+        aux = {k: v for k, v in effect.aux.items() if k != "lags"}
+        for orders in ORDERS:
+            if effect.aux.get("lags") or orders != effect.aux["orders"]:
+                yield start(self, np.zeros(self._shape(orders, ())), aux={**aux, "orders": orders})
+
     @staticmethod
     def driven(scene, effect):
         """The wave at the amplifier's input: the one that the latest prediction sent through it."""

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Fits that the search relies on: effects that stand still, amplifiers and filters in the forms that suit each other."""
+
+import numpy as np
+import pytest
+from gr_cast.diagnose import align, read_case
+from gr_cast.diagnose.search import _polished, refit
+from gr_cast.effects import FAMILIES
+from gr_cast.effects.base import start
+
+
+@pytest.fixture
+def bent(world, tmp_path):
+    """(data, model) of a complex code through a short filter, then compressed at every sample."""
+    world.code = {"code": "zadoff_chu", "length": 1021, "root": 7, "samples_per_chip": 1}
+    twin = world.twin()
+    world.twin = lambda: twin | {"links": [twin["links"][0] | {"taps": [{"delay_s": 0.0}]}]}
+    index = np.arange(1021)
+    code = np.exp(-1j * np.pi * 7 * index * (index + 1) / 1021)
+    sent = sum(tap * np.roll(code, lag) for lag, tap in ((-1, 0.3j), (0, 1.0), (1, 0.5), (2, -0.3)))
+    y = np.resize(0.2 * sent * (1 - 0.05 * np.abs(sent) ** 2), len(world.n))
+    case = read_case(world.write(tmp_path / "case", world.noisy(y)))
+    _, data, model = align.build(case, case.observations[0].part(0, 4000))
+    return data, model
+
+
+def _filter(side, **more):
+    aux = {"low": -2, "high": 2, "side": side} | ({"source": 0} if side == "tx" else {})
+    return start(FAMILIES["front_end_filter"], np.zeros(8), aux=aux, **more)
+
+
+def test_numbers_that_are_not_free_stay_whatever_their_prior(bent):
+    data, model = bent
+    fit = refit(data, model.adding(_filter("rx", free=np.zeros(8, bool), prior=np.ones(8))))
+    assert (fit.model.effects[0].p == 0).all()
+
+
+def test_a_filter_moves_in_front_of_the_amplifier_that_bends_its_peaks(bent):
+    data, model = bent
+    plain = {"source": 0, "peak": 1.0, "orders": (1,)}
+    first = refit(data, model.adding(start(FAMILIES["pa_nonlinearity"], np.zeros(2), aux=plain)).adding(_filter("rx")))
+    best = _polished(data, first)
+    assert best.evidence > first.evidence
+    assert next(e for e in best.model.effects if e.family == "front_end_filter").aux["side"] == "tx"
