@@ -317,7 +317,7 @@ def _look_for_rest(finding: Finding) -> None:
             finding.left.append(rest)
 
 
-def predict_only(case, observation, findings) -> tuple[float, float, float]:
+def predict_only(case, observation, findings, deadline: float = np.inf) -> tuple[float, float, float]:
     """(twin, corrected, noise) NMSE of a recording for the vault: what was found elsewhere, with its own
     delay and gain."""
     part, near = align.parts_of(case, observation)[0]
@@ -329,7 +329,7 @@ def predict_only(case, observation, findings) -> tuple[float, float, float]:
         ),
     )
     scene, data, model = align.build(case, part, near=near)
-    data = replace(data, use=data.vault.astype(float))
+    data = replace(data, use=data.vault.astype(float), deadline=deadline)
     twin = refit(data, model)
     ratio = scene.count / like.scene.count
     found = tuple(_rescaled(e, ratio) for e in like.fit.model.found if not FAMILIES[e.family].noise_like)
@@ -379,6 +379,6 @@ def diagnose(case, *, budget_s: float = BUDGET_S, progress=lambda where: None) -
         findings += examine(case, observation, deadline=time.monotonic() + share, progress=progress)
         for finding in findings:
             _light(finding, begun + budget_s)
-    document = conclude(case, findings, [predict_only(case, o, findings) for o in case.observations if o.vault])
+    document = conclude(case, findings, [predict_only(case, o, findings, begun + budget_s) for o in case.observations if o.vault])
     document["seconds"] = round(time.monotonic() - begun, 3)
     return Diagnosis(case=case, document=document, findings=findings)
