@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How fast the channel emulator is: against networks of stock filters and this machine, and how it grows.
 
-All figures of a row are measured one after the other in one run, so that their ratios hold anywhere.
+All figures of a row are measured in turns, the best turn of each counts, so that their ratios hold anywhere: the
+other turns met somebody else's work. The cost of updates is processor time, with and without them in turns.
 """
 
 import argparse
@@ -23,6 +24,7 @@ from gr_cast import blocks
 N_TAPS = 512
 NODES = (1, 2, 4, 10, 16)
 THREADS = os.cpu_count()
+TURNS = 5
 
 
 def random_taps(rng, n_taps):
@@ -43,46 +45,58 @@ def dense(delays, gains):
     return taps
 
 
-def best_rate(samples, run, repeats=3):
-    """Samples per second of the best of several runs: the others met somebody else's work."""
-    took = []
-    for _ in range(repeats):
-        begin = time.perf_counter()
-        run()
-        took.append(time.perf_counter() - begin)
-    return samples / min(took)
+def best_rates(runs, clock=time.perf_counter):
+    """Samples per second of the best turn of every run, {name: (samples, run)}, the runs taking turns."""
+    took = {name: [] for name in runs}
+    for _ in range(TURNS):
+        for name, (_, run) in runs.items():
+            begin = clock()
+            run()
+            took[name].append(clock() - begin)
+    return {name: samples / min(took[name]) for name, (samples, _) in runs.items()}
 
 
-def kernel_rate(links, nodes, threads=THREADS, update_samples=None, chunk=12288, isa="auto"):
-    """Samples per second and node of the kernel, all links getting new taps every `update_samples`."""
-    kernel = blocks.emulator_kernel(nodes, nodes, N_TAPS, threads, isa)
-    for (tx, rx), (delays, gains) in links.items():
-        kernel.set_sparse_taps(tx, rx, delays, gains)
+def loaded_kernel(links, nodes, threads, chunk):
+    """A kernel with all its links, their delays and gains as it takes them, and samples for one call."""
+    kernel = blocks.emulator_kernel(nodes, nodes, N_TAPS, threads, "auto")
+    delays, gains = zip(*links.values(), strict=True)
+    table = np.array(delays, np.int32), np.array(gains, np.complex64)
+    kernel.set_all(0, *table)
     rng = np.random.default_rng(1)
     shape = (nodes, N_TAPS - 1 + chunk)
-    x = (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)).astype(np.complex64)
+    return kernel, table, (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)).astype(np.complex64)
+
+
+def kernel_run(links, nodes, threads=THREADS, chunk=12288):
+    """(samples of a run, run, plan) of the kernel."""
+    kernel, _, x = loaded_kernel(links, nodes, threads, chunk)
     begin = time.perf_counter()
     kernel.process(x)
     chunks = int(np.clip(0.4 / (time.perf_counter() - begin), 2, 4000))
-    done = chunk
 
     def run():
-        nonlocal done
-        if update_samples:
-            for at in range(done, done + chunks * chunk, update_samples):
-                kernel.set_all(at, delay_table, gain_table)
         for _ in range(chunks):
             kernel.process(x)
-        done += chunks * chunk
 
-    if update_samples:
-        delay_table = np.array([delays for delays, _ in links.values()], np.int32)
-        gain_table = np.array([gains for _, gains in links.values()], np.complex64)
-    return best_rate(chunks * chunk, run), kernel.plan()
+    return chunks * chunk, run, kernel.plan()
 
 
-def flow_rate(nodes, n_samples, connect):
-    """Samples per second and node of sources, what connect() puts in, and sinks."""
+def update_cost(links, nodes, samples=50_000, chunk=12_500, periods=800):
+    """(share of its processor time by which one thread works longer on `samples` where all links get new taps, plan)."""
+    kernel, table, x = loaded_kernel(links, nodes, 1, chunk)
+    took = np.empty(periods)
+    for k in range(periods):
+        begin = time.process_time()
+        if k % 2:
+            kernel.set_all(k * samples + chunk // 2, *table)  # the first chunk holds the old taps and the new ones
+        for _ in range(samples // chunk):
+            kernel.process(x)
+        took[k] = time.process_time() - begin
+    return np.median(took[1::2]) / np.median(took[::2]) - 1, kernel.plan()
+
+
+def flow_run(nodes, n_samples, connect):
+    """(samples of a run, run) of sources, what connect() puts in, and sinks."""
 
     def run():
         top = gr.top_block()
@@ -93,7 +107,7 @@ def flow_rate(nodes, n_samples, connect):
         keep = connect(top, heads, sinks)  # noqa: F841 - GNU Radio's Python blocks need a reference
         top.run()
 
-    return best_rate(n_samples, run, repeats=2)
+    return n_samples, run
 
 
 def through_emulator(links):
@@ -133,28 +147,29 @@ def bare(top, heads, sinks):
 def memory_rate():
     """Bytes per second of a copy that no cache holds, read and written."""
     source, target = np.ones(1 << 25), np.empty(1 << 25)
-    return best_rate(2 * source.nbytes, lambda: np.copyto(target, source))
+    return best_rates({"copy": (2 * source.nbytes, lambda: np.copyto(target, source))})["copy"]
 
 
 def measure_row(nodes, n_taps, fma_peak, progress):
     links = network(nodes, n_taps)
-    row = {"nodes": nodes, "taps": n_taps}
-    progress(f"{nodes}x{nodes}, {n_taps} of {N_TAPS} taps: kernel")
-    row["kernel"], row["plan"] = kernel_rate(links, nodes)
-    row["kernel_one_core"], _ = kernel_rate(links, nodes, threads=1)
+    progress(f"{nodes}x{nodes}, {n_taps} of {N_TAPS} taps")
+    *kernel, plan = kernel_run(links, nodes)
+    *one_core, _ = kernel_run(links, nodes, threads=1)
+    seconds = 1.0
+    fft, fir = (through_stock(links, f) for f in (stock_filter.fft_filter_ccc, stock_filter.fir_filter_ccc))
+    emulated = int(seconds * (3e8 / nodes**1.3 if n_taps == 4 else 1.5e8 / nodes**1.3))
+    runs = {
+        "kernel": kernel,
+        "kernel_one_core": one_core,
+        "flowgraph": flow_run(nodes, emulated, through_emulator(links)),
+        "stock_fft": flow_run(nodes, int(seconds * 1e8 / nodes**1.8), fft),
+        "stock_fir": flow_run(nodes, int(seconds * 8e6 / nodes**1.8), fir),
+        "bare_streams": flow_run(nodes, int(seconds * 2e8 / nodes), bare),
+    }
+    row = {"nodes": nodes, "taps": n_taps, "plan": plan, **best_rates(runs)}
     # Four real multiply-adds per complex tap, where the kernel is the direct form.
     direct = 4 * nodes * n_taps * nodes * row["kernel_one_core"]
-    row["fma_share"] = direct / fma_peak if "sparse" in row["plan"] else None
-    progress(f"{nodes}x{nodes}, {n_taps} of {N_TAPS} taps: flowgraphs")
-    seconds = 1.5
-    row["flowgraph"] = flow_rate(nodes, int(seconds * 0.5 * min(row["kernel"], 1e8)), through_emulator(links))
-    row["stock_fft"] = flow_rate(
-        nodes, int(seconds * 1e8 / nodes**1.6), through_stock(links, stock_filter.fft_filter_ccc)
-    )
-    row["stock_fir"] = flow_rate(
-        nodes, int(seconds * 8e6 / nodes**1.7), through_stock(links, stock_filter.fir_filter_ccc)
-    )
-    row["bare_streams"] = flow_rate(nodes, int(seconds * 2e8 / nodes), bare)
+    row["fma_share"] = direct / fma_peak if "sparse" in plan else None
     return row
 
 
@@ -172,18 +187,14 @@ def main(argv=None):
     arguments = parser.parse_args(argv)
     gr.logging().set_default_level(gr.log_levels.warn)  # a line per flowgraph would bury the table
     fma_peak, memory = blocks.fma_rate(), memory_rate()
-    print(
-        f"{THREADS} cores; one core: {fma_peak / 1e9:.1f} G multiply-adds/s; memory {memory / 1e9:.1f} GB/s"
-    )
+    print(f"{THREADS} cores; one core: {fma_peak / 1e9:.1f} G multiply-adds/s; memory {memory / 1e9:.1f} GB/s")
     print("MS/s per node; ratios to the stock FFT and FIR networks")
     header = f"{'nodes':>5} {'taps':>4} {'kernel':>8} {'/fft':>6} {'1 core':>8} {'cores':>6} {'of FMA':>6} "
     print(header + f"{'flow':>8} {'/fft':>6} {'/fir':>7} {'stock fft':>9} {'stock fir':>9} {'bare':>6}")
     rows = []
     for n_taps in (4, N_TAPS):
         for nodes in arguments.nodes:
-            row = measure_row(
-                nodes, n_taps, fma_peak, lambda text: print(f"\r{text:60}", end="", file=sys.stderr)
-            )
+            row = measure_row(nodes, n_taps, fma_peak, lambda text: print(f"\r{text:60}", end="", file=sys.stderr))
             rows.append(row)
             print("\r" + " " * 60 + "\r", end="", file=sys.stderr)
             share = f"{row['fma_share']:6.0%}" if row["fma_share"] else f"{'-':>6}"
@@ -198,13 +209,11 @@ def main(argv=None):
     result = {"cores": THREADS, "fma_per_second": fma_peak, "memory_bytes_per_second": memory, "rows": rows}
     nodes = arguments.nodes[-2] if len(arguments.nodes) > 1 else arguments.nodes[0]
     for n_taps in (4, N_TAPS):
-        links = network(nodes, n_taps)
-        still, _ = kernel_rate(links, nodes)
-        moving, plan = kernel_rate(links, nodes, update_samples=50_000)
-        result[f"update_cost_{n_taps}"] = still / moving - 1
+        cost, plan = update_cost(network(nodes, n_taps), nodes)
+        result[f"update_cost_{n_taps}"] = cost
         print(
             f"{nodes}x{nodes}, {n_taps} taps: new taps on all links every 1 ms at 50 MS/s cost "
-            f"{still / moving - 1:.1%} ({plan})"
+            f"{cost:.1%} of processor time ({plan})"
         )
     if len(arguments.nodes) > 1:
         sizes = arguments.nodes[-2:]
