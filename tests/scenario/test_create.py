@@ -5,9 +5,13 @@ import contextlib
 import functools
 import json
 import os
+import resource
+import shutil
 import signal
 import sys
 
+import _program
+import cast_scenario
 import numpy as np
 import pytest
 from gr_cast import scenario as sc
@@ -50,6 +54,7 @@ def yard(tmp_path, monkeypatch):
     (tmp_path / "yard.obj").write_text(YARD)
     (tmp_path / "yard.yaml").write_text(SPEC)
     monkeypatch.setenv("CAST_CATALOGUE", str(tmp_path / "catalogue"))
+    monkeypatch.setenv("CAST_RAYTRACER", str(tmp_path / "none"))
     monkeypatch.setattr(trace, "run", line_of_sight)
     here_or_dask = functools.partial(pipeline.tasks.run, processes=1)
 
@@ -202,14 +207,35 @@ def test_a_step_alone_stops_there(yard):
     )
 
 
-def test_a_full_disk_leaves_nothing_half_installed(yard, monkeypatch):
-    def full(*args, **kwargs):
-        raise OSError(28, "No space left on device")
+def command(yard, capsys, *options):
+    """Exit status, stdout and lines of stderr of `cast_scenario.py create yard.yaml`, without a ray tracer to go on in."""
+    argv = ["create", str(yard / "yard.yaml"), "--work", str(yard / "work"), *options]
+    with pytest.raises(SystemExit) as leaves:
+        _program.run(lambda: cast_scenario.main(argv))
+    said = capsys.readouterr()
+    return leaves.value.code, said.out, said.err.splitlines()
 
-    monkeypatch.setattr(sc.zarr_file, "write_array", full)
-    with pytest.raises(OSError, match="No space"):
-        pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "work"))
-    assert not list((yard / "catalogue").iterdir()) and "yard" not in sc.catalogue_entries()
+
+def test_a_full_disk_is_one_line_with_its_file_and_leaves_nothing_half_installed(yard, capsys):
+    """Every size of file that a run writes is in turn one byte too large: what RLIMIT_FSIZE refuses as a full disk does."""
+    (yard / "yard.yaml").write_text(SPEC.replace("duration_s: 1.5", "duration_s: 0.2"))
+    whole = pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "whole"))["install"]["summary"]["sha256"]
+    written = [path for folder in ("whole", "catalogue") for path in (yard / folder).rglob("*") if path.is_file()]
+    sizes = sorted({path.stat().st_size for path in written} - {0})
+    assert len(sizes) > 15
+    shutil.rmtree(yard / "catalogue")
+    for size in sizes[:: max(1, len(sizes) // 12)] + sizes[-1:]:
+        limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size - 1, limits[1]))
+        try:
+            status, _, lines = command(yard, capsys)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        errors = [line for line in lines if line.startswith("error: ")]
+        assert status == 2 and len(errors) == 1 and "Traceback" not in "".join(lines), lines
+        assert str(yard) in errors[0] and "File too large" in errors[0]
+        assert not list(yard.rglob(".aside-*")) and "yard" not in sc.catalogue_entries()
+    assert pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "work"))["install"]["summary"]["sha256"] == whole
 
 
 def test_without_a_ray_tracer_the_first_four_steps_stand_and_the_fifth_says_how_to_install_it(yard, monkeypatch):
@@ -221,28 +247,63 @@ def test_without_a_ray_tracer_the_first_four_steps_stand_and_the_fifth_says_how_
     assert set(json.loads((yard / "work" / "steps.json").read_text())) == set(pipeline.STEPS[:4])
 
 
+HUT_TOP = "f 9 10 11 12\n"
+
+
 @pytest.mark.parametrize(
-    "old, new, says",
+    "file, old, new, says",
     [
-        ("position_m: [0, 0, 5]", "position_m: [11, 2, 1]", "a: is inside hut"),
-        ("position_m: [30, 0, 2]", "position_m: [0, 0, 5.001]", "a and b: are 0.001 m apart"),
-        ("speed_m_per_s: 20", "speed_m_per_s: 200", "limit 15 m of spatial coherence"),
-        ("speed_m_per_s: 20, ", "", "a moving node needs way-points and speed"),
-        ("yard.obj", "field.obj", "no such file"),
-        ('{"*": concrete}', "{ground: concrete}", "1 objects have none: hut"),
-        ('{"*": concrete}', '{"*": cheese}', "'cheese'"),
-        ("bandwidth_hz: 20e6", "bandwidth_hz: 20 MHz", "bandwidth_hz: got '20 MHz'"),
-        ("bandwidth_hz: 20e6", "bandwidth_hz: 20e6, area_m: [100, 100, 200, 200]", "is empty"),
-        ("cast_create: 1", "cast_create: 1\nspeed: 3", "unknown key 'speed'"),
-        ("id: yard", "id: ../yard", "needs letters"),
+        ("yaml", "position_m: [0, 0, 5]", "position_m: [11, 2, 1]", "nodes: a: is inside hut at 0 s, [11.0, 2.0, 1.0] m"),
+        ("yaml", "[5, 9, 1], [20, 9, 1]", "[5, 2, 1], [20, 2, 1]", "nodes: w: is inside hut at 0.3 s, [11.0, 2.0, 1.0] m"),
+        ("yaml", "[30, 0, 2]", "[0, 0, 5.001]", "nodes: a and b: are 0.001 m apart at 0 s, [0.0, 0.0, 5.0] m, limit 0.01 m"),
+        ("yaml", "[30, 0, 2]", "[15, 9, 1]", "nodes: b and w: are 0 m apart at 0.5 s, [15.0, 9.0, 1.0] m, limit 0.01 m"),
+        ("yaml", "speed_m_per_s: 20", "speed_m_per_s: 200", "nodes: w: moves 20 m between samples, limit 15 m"),
+        ("yaml", "speed_m_per_s: 20, ", "", "node w: speed_m_per_s: got 0.0, a moving node needs way-points and speed"),
+        ("yaml", "position_m: [30, 0, 2]", "position_m: [30, 0, 40 ft]", "nodes.b.position_m: got '40 ft'"),
+        ("yaml", "yard.obj", "field.obj", "field.obj: no such file"),
+        ("yaml", '{"*": concrete}', "{ground: concrete}", "materials: 1 objects have none: hut"),
+        ("yaml", '{"*": concrete}', '{"*": cheese}', "materials: *: got 'cheese', needs one of concrete, brick"),
+        ("yaml", "bandwidth_hz: 20e6", "bandwidth_hz: 20 MHz", "environment.bandwidth_hz: got '20 MHz'"),
+        ("yaml", "20e6}", "20e6, area_m: [100, 100, 200, 200]}", "environment.area_m: is empty: the model lies from"),
+        ("yaml", "20e6}", "20e6, area_m: [9, 9, 2, 2]}", "environment.area_m: is empty: needs west < east"),
+        ("yaml", "cast_create: 1", "cast_create: 1\nspeed: 3", "unknown key 'speed'"),
+        ("yaml", "id: yard", "id: ../yard", "id: got '../yard', needs letters"),
+        ("obj", "v 40 40 0", "v 40 nan 0", "object ground: a coordinate is not finite"),
+        ("obj", "v 40 40 0", "v 40 40", "a vertex needs x, y and z"),
+        ("obj", HUT_TOP, "f 9 10 99 12\n", "yard.obj: line 17: a face names a vertex that is not there"),
+        ("obj", "f 1 2 3 4", "f 1 2 1", "object ground: all its faces are of zero area"),
+        ("obj", "f ", "# ", "yard.obj: holds no faces"),
     ],
 )
-def test_bad_specs_are_refused_with_their_place_and_nothing_is_installed(yard, old, new, says):
-    assert old in SPEC
-    (yard / "yard.yaml").write_text(SPEC.replace(old, new))
-    with pytest.raises(CastError) as error:
-        pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "work"))
-    assert says in str(error.value) and not (yard / "catalogue").exists()
+def test_bad_places_are_refused_by_one_line_with_their_place_and_nothing_is_installed(yard, capsys, file, old, new, says):
+    path = yard / f"yard.{file}"
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+    status, _, lines = command(yard, capsys)
+    assert status == 2 and len(lines) == 1 and lines[0].startswith("error: ") and says in lines[0], lines
+    assert not (yard / "catalogue").exists()
+
+
+def test_an_object_that_is_not_closed_is_named_with_a_place_where_it_is_open(yard, capsys):
+    (yard / "yard.obj").write_text(YARD.replace(HUT_TOP, ""))
+    status, out, lines = command(yard, capsys, "--until", "nodes")
+    assert status == 0 and not lines and "flat sheets 1, open hulls hut (4 open edges, one at [" in out
+    (yard / "yard.obj").write_text(YARD)
+    assert "flat sheets 1, open hulls none" in command(yard, capsys, "--until", "nodes")[1]
+
+
+def test_a_room_that_is_one_closed_object_holds_its_nodes_and_a_wall_does_not(yard, capsys):
+    corners = [(x, y, z) for z in (-1, 9) for x, y in ((-5, -5), (45, -5), (45, 45), (-5, 45))]
+    faces = ("13 14 15 16", "17 18 19 20", "13 14 18 17", "14 15 19 18", "15 16 20 19", "16 13 17 20")
+    room = "".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "o room\n" + "".join(f"f {face}\n" for face in faces)
+    (yard / "yard.obj").write_text(YARD + room)
+    status, out, _ = command(yard, capsys, "--until", "nodes")
+    assert status == 0 and "all inside room" in out
+    (yard / "yard.yaml").write_text(SPEC.replace("[30, 0, 2]", "[60, 0, 2]"))
+    status, _, lines = command(yard, capsys)
+    assert status == 2 and [line.split(" at ")[0] for line in lines] == [
+        "error: nodes: a: is inside room", "error: nodes: w: is inside room"
+    ]  # fmt: skip
 
 
 def test_the_examples_are_read_and_their_nodes_stand_in_the_open():

@@ -35,10 +35,26 @@ def test_triangles_cover_a_polygon_exactly(corners, seed, with_hole):
 def test_a_prism_with_a_courtyard_is_closed_and_has_its_volume():
     hole = np.array([[1, 1], [3, 1], [3, 2], [1, 2]], float)
     solid = geometry.prism("house", SQUARE, [hole], 2.0, 7.0, "brick")
-    assert geometry.open_edges(solid) == 0 and volume_m3(solid) == pytest.approx((12 - 2) * 5)
+    assert geometry.is_closed(solid) and volume_m3(solid) == pytest.approx((12 - 2) * 5)
     assert geometry.is_inside(solid, [0.5, 0.5, 3.0])
     assert not geometry.is_inside(solid, [2.0, 1.5, 3.0])  # in the courtyard
     assert not geometry.is_inside(solid, [0.5, 0.5, 1.0]) and not geometry.is_inside(solid, [9, 9, 9])
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_inside_and_outside_are_told_apart_however_the_faces_are_wound(seed):
+    rng = np.random.default_rng(seed)
+    hole = np.array([[1, 1], [3, 1], [3, 2], [1, 2]], float)
+    house = geometry.prism("house", SQUARE, [hole], 2.0, 7.0, "")
+    flipped = rng.random(len(house.faces)) < 0.5
+    faces = np.where(flipped[:, None], house.faces[:, ::-1], house.faces)
+    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    turned = Solid(name="turned", vertices_m=house.vertices_m @ turn.T, faces=faces)
+    for point in rng.uniform([-1, -1, 1], [5, 4, 8], (20, 3)):
+        x, y, z = point
+        truth = 0 < x < 4 and 0 < y < 3 and 2 < z < 7 and not (1 < x < 3 and 1 < y < 2)
+        assert geometry.is_inside(turned, turn @ point) == truth
 
 
 def test_an_outline_that_crosses_itself_is_refused():
@@ -48,8 +64,9 @@ def test_an_outline_that_crosses_itself_is_refused():
 
 def test_an_open_surface_is_told_from_a_closed_one():
     box = geometry.prism("box", SQUARE, [], 0, 1, "")
-    assert geometry.open_edges(box) == 0
-    assert geometry.open_edges(Solid(name="lid off", vertices_m=box.vertices_m, faces=box.faces[2:])) == 4
+    assert geometry.is_closed(box)
+    lid_off = geometry.open_edges_m(Solid(name="lid off", vertices_m=box.vertices_m, faces=box.faces[2:]))
+    np.testing.assert_allclose(sorted(lid_off.tolist()), [[0, 1.5, 0], [2, 0, 0], [2, 3, 0], [4, 1.5, 0]])
 
 
 @pytest.mark.parametrize(
@@ -133,7 +150,7 @@ def test_the_same_box_comes_out_of_every_mesh_format(tmp_path, suffix, content):
     path = tmp_path / f"desk{suffix}"
     path.write_bytes(content(geometry.prism("box", SQUARE, [], 0.5, 1.5, "")))
     (solid,) = mesh_files.read(path)
-    assert geometry.open_edges(solid) == 0 and volume_m3(solid) == pytest.approx(BOX_M3, rel=1e-6)
+    assert geometry.is_closed(solid) and volume_m3(solid) == pytest.approx(BOX_M3, rel=1e-6)
     np.testing.assert_allclose(solid.vertices_m.min(axis=0), [0, 0, 0.5], atol=1e-6)
     np.testing.assert_allclose(solid.vertices_m.max(axis=0), [4, 3, 1.5], atol=1e-6)
     if suffix in (".obj", ".dae"):
@@ -191,7 +208,7 @@ def test_the_arena_mesh_closes_its_furniture_and_keeps_every_name():
     names = {solid.name for solid in solids}
     assert len(names) == len(solids) == 26 and {"floor", "column_1", "desk_10"} <= names
     boxes = [solid for solid in solids if solid.name.split("_")[0] in ("column", "cabinet", "rack")]
-    assert all(geometry.open_edges(box) == 0 for box in boxes)
+    assert all(geometry.is_closed(box) for box in boxes)
     low, high = geometry.bounds_m(solids)
     assert np.prod((high - low)[:2]) == pytest.approx(228.0)
 
@@ -202,39 +219,65 @@ def test_the_street_extract_gives_every_building_its_height():
     assert top["building way 101"] == 12 and top["building way 102"] == 12  # given; four levels
     assert top["building way 103"] == pytest.approx(60 * 0.3048) and top["building way 104"] == 9  # feet; assumed
     assert count["courtyards"] == 1 and count["buildings shown by their parts"] == 1
-    assert all(geometry.open_edges(solid) == 0 for solid in solids if solid.name != "ground")
+    assert all(geometry.is_closed(solid) for solid in solids if solid.name != "ground")
     court = next(solid for solid in solids if solid.name == "building relation 900")
     assert volume_m3(court) == pytest.approx((42 * 30 - 22 * 14) * 18, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    "tag, says",
-    [
-        ('k="height" v="12 bananas"', "way 7: height"),
-        ('k="height" v="40000 ft"', "way 7: height"),
-        ('k="height" v="-3"', "way 7: height"),
-        ('k="min_height" v="20"', None),
-    ],
-)
-def test_absurd_heights_are_refused_with_their_building(tmp_path, tag, says):
+def extract(path, *tags):
+    """An extract with one building, way 7, of these tags."""
     corners = [(0, 0), (0, 1e-4), (1e-4, 1e-4), (1e-4, 0)]
     nodes = "".join(f'<node id="{i}" lat="{48 + a}" lon="{11 + b}"/>' for i, (a, b) in enumerate(corners))
     refs = "".join(f'<nd ref="{i}"/>' for i in (0, 1, 2, 3, 0))
-    path = tmp_path / "a.osm"
-    path.write_text(f'<osm>{nodes}<way id="7">{refs}<tag k="building" v="yes"/><tag {tag}/></way></osm>')
-    if says is None:  # without a height, the default stands on the given bottom
-        solids, _ = osm.read(path)
-        assert solids[0].vertices_m[:, 2].max() == 23
-    else:
-        with pytest.raises(CastError, match=says):
-            osm.read(path)
-    with pytest.raises(CastError, match="no building"):
-        osm.read(path, area_m=(1e4, 1e4, 2e4, 2e4)) if says is None else osm.read(_without_buildings(path))
-
-
-def _without_buildings(path):
-    path.write_text('<osm><node id="1" lat="48" lon="11"/></osm>')
+    tags = "".join(f'<tag k="{key}" v="{value}"/>' for key, value in [("building", "yes"), *tags])
+    path.write_text(f'<osm>{nodes}<way id="7">{refs}{tags}</way></osm>')
     return path
+
+
+@pytest.mark.parametrize(
+    "tags, says",
+    [
+        ([("height", "12 parsec")], "height: got '12 parsec', needs metres, or a number with m, ft"),
+        ([("height", "-40 ft")], "height: got '-40 ft', needs metres"),
+        ([("height", "-3")], "height: got '-3'"),
+        ([("height", "4000 m")], "height: got 0 to 4000 m, needs 0 <= bottom < top <= 1000 m"),
+        ([("height", "40000 ft")], "height: got 0 to 12192 m, needs"),
+        ([("height", "12 m"), ("min_height", "20 m")], "height: got 20 to 12 m, needs"),
+        ([("height", "12 m"), ("min_height", "a few")], "min_height: got 'a few'"),
+        ([("building:levels", "many")], "building:levels: got 'many', needs a number of storeys"),
+        ([("building:levels", "nan")], "building:levels: got 'nan'"),
+        ([("building:levels", "0")], "height: got 0 to 0 m"),
+    ],
+)
+def test_absurd_heights_are_refused_with_their_building(tmp_path, tags, says):
+    with pytest.raises(CastError) as error:
+        osm.read(extract(tmp_path / "a.osm", *tags))
+    assert len(error.value.faults) == 1 and f"a.osm: building way 7: {says}" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "tags, low_m, high_m, source",
+    [
+        ([("height", "12 m")], 0, 12, "heights given"),
+        ([("height", "40 ft")], 0, 12.192, "heights given"),
+        ([("building:levels", "4"), ("building:min_level", "1")], 3, 12, "heights from levels of 3 m"),
+        ([("min_height", "20")], 20, 23, "heights assumed, 9 m"),  # the default stands on the given bottom
+        ([], 0, 9, "heights assumed, 9 m"),
+    ],
+)
+def test_heights_that_make_sense_are_taken_and_counted_by_their_source(tmp_path, tags, low_m, high_m, source):
+    solids, count = osm.read(extract(tmp_path / "a.osm", *tags))
+    z_m = solids[0].vertices_m[:, 2]
+    assert (z_m.min(), z_m.max()) == pytest.approx((low_m, high_m)) and count[source] == 1
+
+
+def test_an_area_or_an_extract_without_buildings_is_refused(tmp_path):
+    path = extract(tmp_path / "a.osm")
+    with pytest.raises(CastError, match="a.osm: holds no building inside the area"):
+        osm.read(path, area_m=(1e4, 1e4, 2e4, 2e4))
+    path.write_text('<osm><node id="1" lat="48" lon="11"/></osm>')
+    with pytest.raises(CastError, match="a.osm: holds no building$"):
+        osm.read(path)
 
 
 @pytest.mark.parametrize(

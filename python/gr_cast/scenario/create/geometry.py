@@ -49,31 +49,46 @@ def planes(solid: Solid) -> tuple[np.ndarray, np.ndarray]:
     return normal / np.linalg.norm(normal, axis=1, keepdims=True), a
 
 
-def open_edges(solid: Solid) -> int:
-    """Edges that do not have exactly two faces: 0 for a closed surface. Vertices at one place count as one."""
-    _, same = np.unique(np.round(solid.vertices_m, 6), axis=0, return_inverse=True)
+def open_edges_m(solid: Solid) -> np.ndarray:
+    """Middles (E, 3) of the edges that do not have exactly two faces: none for a closed surface. Vertices at one place count
+    as one."""
+    places_m, same = np.unique(np.round(solid.vertices_m, 6), axis=0, return_inverse=True)
     corners = same.reshape(-1)[solid.faces]
     edges = np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]), axis=1)
-    _, count = np.unique(edges, axis=0, return_counts=True)
-    return int((count != 2).sum())
+    edges, count = np.unique(edges, axis=0, return_counts=True)
+    return places_m[edges[count != 2]].mean(axis=1)
+
+
+def is_closed(solid: Solid) -> bool:
+    return not len(open_edges_m(solid))
+
+
+def is_flat(solid: Solid) -> bool:
+    """Whether an object is a sheet: all of it within 1 mm of one plane."""
+    normals, points_m = planes(solid)
+    largest = int(np.argmax(areas_m2(solid.vertices_m, solid.faces)))
+    return bool(np.abs((solid.vertices_m - points_m[largest]) @ normals[largest]).max() < 1e-3)
+
+
+_LOOK = np.array([[0.6112, 0.5437, 0.5752], [-0.7071, 0.6189, -0.3420], [0.1830, -0.7431, 0.6437]])  # along no usual wall
 
 
 def is_inside(solid: Solid, point_m: np.ndarray) -> bool:
-    """Whether a point lies inside a closed object: the solid angle of its faces adds up to a whole sphere.
+    """Whether a point lies inside a closed object: rays from it meet an odd number of faces, whichever way they are wound.
 
-    Van Oosterom & Strackee 1983, eq. 8; faces may be wound either way as long as they agree.
+    Intersections after Möller & Trumbore 1997; two of three rays decide, for one may run through an edge.
     """
-    corners = solid.vertices_m[solid.faces] - np.asarray(point_m, np.float64)
-    lengths = np.linalg.norm(corners, axis=2)
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    triple = np.einsum("ij,ij->i", a, np.cross(b, c))
-    products = (
-        lengths.prod(axis=1)
-        + np.einsum("ij,ij->i", a, b) * lengths[:, 2]
-        + np.einsum("ij,ij->i", a, c) * lengths[:, 1]
-        + np.einsum("ij,ij->i", b, c) * lengths[:, 0]
-    )
-    return abs(2 * np.arctan2(triple, products).sum()) > 2 * np.pi
+    a, b, c = (solid.vertices_m[solid.faces[:, corner]] for corner in range(3))
+    ab, ac, back = b - a, c - a, np.asarray(point_m, np.float64) - a
+    across = np.cross(back, ab)
+    odd = 0
+    for look in _LOOK:
+        normal = np.cross(look, ac)
+        dots = (back * normal).sum(axis=1), across @ look, (ac * across).sum(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):  # a ray along a face does not meet it
+            u, v, way = (dot / (ab * normal).sum(axis=1) for dot in dots)
+            odd += int(((u >= 0) & (v >= 0) & (u + v <= 1) & (way > 0)).sum()) % 2
+    return odd >= 2
 
 
 def bounds_m(solids: list[Solid]) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import CastError, Faults
-from .geometry import Solid, is_inside, open_edges
+from .geometry import Solid, is_closed, is_inside
 
 ANTENNAS = ("iso", "dipole", "hw_dipole", "tr38901")
 MIN_DISTANCE_M = 0.01
@@ -82,19 +82,24 @@ def sampling_times_s(nodes: list[Node], duration_s: float, step_s: float) -> np.
     return np.unique(times[times <= duration_s + 1e-9])
 
 
-def check(nodes: list[Node], solids: list[Solid], time_s: np.ndarray, step_s: float) -> None:
-    """Raises CastError with every node inside a closed object, pair that meets, and step beyond the coherence distance."""
-    faults = Faults("nodes")
+def check(nodes: list[Node], solids: list[Solid], time_s: np.ndarray, step_s: float) -> list[str]:
+    """Names of the closed objects that hold every node all the time: rooms, drawn as one object.
+
+    Raises CastError with every node inside another closed object, pair that meets, and step beyond the coherence distance.
+    """
+    faults, rooms = Faults("nodes"), []
     tracks = {node.name: position_m(node, time_s) for node in nodes}
-    closed = [solid for solid in solids if open_edges(solid) == 0]
+    ways = {node.name: tracks[node.name] if node.is_moving else tracks[node.name][:1] for node in nodes}
+    for solid in filter(is_closed, solids):
+        inside = {name: _instants_inside(solid, way) for name, way in ways.items()}
+        if all(len(inside[name]) == len(way) for name, way in ways.items()):
+            rooms.append(solid.name)
+            continue
+        for name, instants in inside.items():
+            if len(instants):
+                where_m = np.round(ways[name][instants[0]], 3).tolist()
+                faults.add(name, f"is inside {solid.name} at {time_s[instants[0]]:g} s, {where_m} m")
     for node in nodes:
-        track = tracks[node.name] if node.is_moving else tracks[node.name][:1]
-        for solid in closed:
-            low, high = solid.vertices_m.min(axis=0), solid.vertices_m.max(axis=0)
-            near = np.flatnonzero(((track >= low) & (track <= high)).all(axis=1))
-            inside = next((index for index in near if is_inside(solid, track[index])), None)
-            if inside is not None:
-                faults.add(node.name, f"is inside {solid.name} at {time_s[inside]:g} s, {np.round(track[inside], 3)} m")
         if node.speed_m_per_s * step_s > COHERENCE_DISTANCE_M:
             step_m = node.speed_m_per_s * step_s
             faults.add(
@@ -104,9 +109,17 @@ def check(nodes: list[Node], solids: list[Solid], time_s: np.ndarray, step_s: fl
         for b in nodes[index + 1 :]:
             distance_m = np.linalg.norm(tracks[a.name] - tracks[b.name], axis=1)
             if distance_m.min() < MIN_DISTANCE_M:
-                when = time_s[np.argmin(distance_m)]
+                nearest = np.argmin(distance_m)
                 faults.add(
                     f"{a.name} and {b.name}",
-                    f"are {distance_m.min():.3g} m apart at {when:g} s, limit {MIN_DISTANCE_M:g} m",
+                    f"are {distance_m.min():.3g} m apart at {time_s[nearest]:g} s, "
+                    f"{np.round(tracks[a.name][nearest], 3).tolist()} m, limit {MIN_DISTANCE_M:g} m",
                 )
     faults.raise_if_any()
+    return rooms
+
+
+def _instants_inside(solid: Solid, way_m: np.ndarray) -> list[int]:
+    low, high = solid.vertices_m.min(axis=0), solid.vertices_m.max(axis=0)
+    near = np.flatnonzero(((way_m >= low) & (way_m <= high)).all(axis=1))
+    return [int(index) for index in near if is_inside(solid, way_m[index])]

@@ -7,6 +7,7 @@ Tags as in the OpenStreetMap wiki, "Simple 3D Buildings": where a building has p
 import re
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -214,20 +215,35 @@ def length_m(text: str) -> float:
     raise ValueError(f"got {text!r}, needs metres, or a number with m, ft or ', or feet and inches as in 40'6\"")
 
 
+def _levels(text: str) -> float:
+    if not re.fullmatch(r"\s*[0-9]*\.?[0-9]+\s*", text):
+        raise ValueError(f"got {text!r}, needs a number of storeys")
+    return float(text)
+
+
+def _tagged(tags: dict, key: str, meaning: Callable[[str], float]) -> float:
+    """The number that a tag means, 0 without it. Raises ValueError with the tag's name."""
+    try:
+        return meaning(tags.get(key, "0"))
+    except ValueError as error:
+        raise ValueError(f"{key}: {error}") from None
+
+
 def _heights(tags, default_m, level_m, place, faults: Faults, count: Counter) -> tuple[float, float] | None:
     """Bottom and top of a building, from its height, else its levels, else the default."""
     try:
-        low_m = (
-            length_m(tags["min_height"]) if "min_height" in tags else level_m * float(tags.get("building:min_level", 0))
-        )
+        if "min_height" in tags:
+            low_m = _tagged(tags, "min_height", length_m)
+        else:
+            low_m = level_m * _tagged(tags, "building:min_level", _levels)
         if "height" in tags:
-            high_m, source = length_m(tags["height"]), "heights given"
+            high_m, source = _tagged(tags, "height", length_m), "heights given"
         elif "building:levels" in tags:
-            high_m, source = level_m * float(tags["building:levels"]), f"heights from levels of {level_m:g} m"
+            high_m, source = level_m * _tagged(tags, "building:levels", _levels), f"heights from levels of {level_m:g} m"
         else:
             high_m, source = max(default_m, low_m + level_m), f"heights assumed, {default_m:g} m"
     except ValueError as error:
-        faults.add(place, f"height: {error}")
+        faults.add(place, str(error))
         return None
     if not 0 <= low_m < high_m <= MAX_HEIGHT_M:
         faults.add(place, f"height: got {low_m:g} to {high_m:g} m, needs 0 <= bottom < top <= {MAX_HEIGHT_M:g} m")

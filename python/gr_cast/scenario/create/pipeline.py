@@ -144,13 +144,20 @@ def _model(spec: Spec, run: Run, folder: Path):
         solids, summary = mesh_files.read(spec.model_path), {}
     low, high = geometry.bounds_m(solids)
     summary = {"objects": len(solids), "faces": sum(len(solid.faces) for solid in solids), **summary}
-    summary["open surfaces"] = sum(geometry.open_edges(solid) > 0 for solid in solids)
+    summary["flat sheets"] = sum(geometry.is_flat(solid) for solid in solids)
+    hulls = [solid for solid in solids if not geometry.is_flat(solid) and not geometry.is_closed(solid)]
+    summary["open hulls"] = "; ".join(map(_where_open, hulls[:20])) + (" …" if len(hulls) > 20 else "") or "none"
     summary["size_m"] = np.round(high - low, 3).tolist()
     if spec.area_m is not None:
         west, south, east, north = spec.area_m
         if low[0] > east or high[0] < west or low[1] > north or high[1] < south:
             raise CastError(f"environment.area_m: is empty: the model lies from {low[:2]} to {high[:2]} m")
     return _save(folder / "solids.pickle", solids), summary
+
+
+def _where_open(solid: geometry.Solid) -> str:
+    edges_m = geometry.open_edges_m(solid)
+    return f"{solid.name} ({len(edges_m)} open edges, one at {np.round(edges_m[0], 3).tolist()} m)"
 
 
 def _materials(spec: Spec, run: Run, folder: Path):
@@ -166,12 +173,13 @@ def _materials(spec: Spec, run: Run, folder: Path):
 
 def _nodes(spec: Spec, run: Run, folder: Path):
     times_s = nodes.sampling_times_s(list(spec.nodes), spec.duration_s, spec.step_s)
-    nodes.check(list(spec.nodes), _load(run, "materials/solids.pickle"), times_s, spec.step_s)
+    rooms = nodes.check(list(spec.nodes), _load(run, "materials/solids.pickle"), times_s, spec.step_s)
     tracks = {node.name: nodes.position_m(node, times_s) for node in spec.nodes}
     moving = [node for node in spec.nodes if node.is_moving]
     farthest_m = max((node.speed_m_per_s * spec.step_s for node in moving), default=0.0)
     path = _save(folder / "tracks.pickle", (times_s, tracks))
-    return path, {"nodes": len(tracks), "moving": len(moving), "instants": len(times_s), "step_m": round(farthest_m, 4)}
+    summary = {"nodes": len(tracks), "moving": len(moving), "instants": len(times_s), "step_m": round(farthest_m, 4)}
+    return path, summary | ({"all inside": ", ".join(rooms)} if rooms else {})
 
 
 def _trace_task(scene, task: trace.Task) -> trace.Traced:

@@ -74,7 +74,7 @@ def read(path: str | Path) -> Spec:
     nodes = _nodes(document, get)
     if len({node.name for node in nodes}) != len(nodes):
         faults.add("nodes", "the same node is named twice")
-    if len(nodes) < 2:
+    if len(nodes) < 2 and not faults:
         faults.add("nodes", f"got {len(nodes)}, needs at least 2")
     title = get.text(document.get("name", name), "name")
     description = str(document.get("description", "")).strip()
@@ -214,6 +214,8 @@ def _nodes(document: dict, get: Reader) -> list[Node]:
 
 
 def _add(nodes: list[Node], get: Reader, name: str, track: dict, equipment: dict) -> None:
+    if not np.isfinite(track["waypoints_m"]).all() or not np.isfinite(track.get("speed_m_per_s", 0.0)):
+        return  # a fault by now
     try:
         nodes.append(Node(name=name, **track, **equipment))
     except CastError as error:
