@@ -91,8 +91,11 @@ def import_paths(args) -> None:
         raise CastError(f"--band: got {args.band:g} Hz, limit 1e4 to 1e8 Hz")
     if not -200 <= power <= 200:
         raise CastError(f"--tx-power-dbm: got {power:g} dBm, limit -200 to 200 dBm")
-    sc.save(target, p2m.scenario(args.files, name=target.stem, tx_power_dbm=power, bandwidth_hz=args.band))
-    print(target)
+    made, nmse_db = p2m.scenario(args.files, name=target.stem, tx_power_dbm=power, bandwidth_hz=args.band)
+    sc.save(target, made)
+    worst = max(nmse_db, key=nmse_db.get)
+    print(f"{target}: {len(nmse_db)} links; NMSE over {args.band / 1e6:g} MHz: median {np.median(list(nmse_db.values())):.1f} dB,"
+          f" worst {nmse_db[worst]:.1f} dB ({sc.link_name(worst)})")  # fmt: skip
 
 
 def create(args) -> int:

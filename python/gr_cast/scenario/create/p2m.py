@@ -62,8 +62,11 @@ def _row(path: Path, lines, width: int) -> list[float]:
     return values
 
 
-def scenario(files: Sequence[str | Path], *, name: str, tx_power_dbm: float, bandwidth_hz: float) -> Scenario:
-    """Four taps of every transmitter and receiver point of these files: nodes t1, t2, … and r1, r2, …, both ways the same."""
+def scenario(
+    files: Sequence[str | Path], *, name: str, tx_power_dbm: float, bandwidth_hz: float
+) -> tuple[Scenario, dict[tuple[str, str], float]]:
+    """Four taps of every transmitter and receiver point of these files: nodes t1, t2, … and r1, r2, …, both ways the same;
+    and what they lose: NMSE over the band in dB, per link."""
     links = {}
     for file in files:
         match = re.search(r"\.cir\.t0*(\d+)_", Path(file).name)
@@ -79,6 +82,7 @@ def scenario(files: Sequence[str | Path], *, name: str, tx_power_dbm: float, ban
     strongest = max(np.abs(item.gain).max() for item in links.values())
     taps = {key: LinkTaps(delay_s=item.delay_s, gain=item.gain / strongest) for key, item in links.items()}
     nodes = sorted({node for key in taps for node in key}, key=lambda node: (node[0] == "r", int(node[1:])))
-    return Scenario(
+    made = Scenario(
         name=name, nodes=tuple(nodes), links=reciprocal(taps), base_loss_db=-float(db_from_amplitude(strongest))
     )
+    return made, {key: float(item.loss.nmse_db[0]) for key, item in links.items()}
