@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What every program shares: find gr_cast beside the program, and turn bad input into one line and exit status 2."""
+"""What every program shares: find gr_cast beside the program, show progress, turn bad input into one line and exit status 2."""
 
 import sys
 from pathlib import Path
@@ -14,18 +14,31 @@ sys.path[:0] = [str(place) for place in _PLACES if (place / "gr_cast").is_dir()]
 
 from gr_cast.errors import CastError
 
+_shown = False  # whether the last line is one of progress, which the next would go on
+
+
+def progress(what: str, done: int, total: int) -> None:
+    """Show how far it is, in the place of what was shown before; the last one stays."""
+    global _shown
+    _shown = done < total
+    print(f"\r{what}: {done} of {total}", end="" if _shown else "\n", file=sys.stderr, flush=True)
+
+
+def _say(line: str) -> None:
+    print("\n" * _shown + line, file=sys.stderr)
+
 
 def run(main) -> None:
     """Call `main()` and leave with its status: 2 for refused input (a line per fault), 130 after Ctrl-C."""
     try:
         status = main()
     except CastError as error:
-        print("\n".join(f"error: {fault}" for fault in error.faults), file=sys.stderr)
+        _say("\n".join(f"error: {fault}" for fault in error.faults))
         status = 2
     except OSError as error:
-        print(f"error: {error.filename or 'system'}: {error.strerror or error}", file=sys.stderr)
+        _say(f"error: {error.filename or 'system'}: {error.strerror or error}")
         status = 2
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+        _say("interrupted")
         status = 130
     sys.exit(status)

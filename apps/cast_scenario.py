@@ -111,13 +111,11 @@ def create(args) -> int:
         raise CastError(f"{args.spec}: no such file, and none of the examples: {examples}")
     spec = read_spec(path)
     folder = Path(args.work or f"{spec.id}.create")
-    run = pipeline.Run(folder=folder, tell=lambda line: print(line, flush=True), progress=_progress, dask=args.dask)
+    run = pipeline.Run(
+        folder=folder, tell=lambda line: print(line, flush=True), progress=_program.progress, dask=args.dask
+    )
     pipeline.create(spec, run, only=args.until)
     return 0
-
-
-def _progress(step: str, done: int, total: int) -> None:
-    print(f"\r{step}: {done} of {total}", end="\n" if done == total else "", file=sys.stderr, flush=True)
 
 
 def check(args) -> int:
@@ -149,7 +147,7 @@ def check(args) -> int:
             print(f"{item.link:>10s} {item.time_s:6.2f} {item.taps:4d} {item.found:5d} {item.worst_sigma:11.2f}"
                   f" {item.path_loss_db:8.2f} {item.sounded_path_loss_db:8.2f} {item.sounded_from_taps_db:12.1f}"
                   f" {from_rays[0]:>9s} {from_rays[1]:>12s}  {'' if item.holds else 'DOES NOT HOLD'}", flush=True)  # fmt: skip
-        _progress("validate", index + 1, len(keys))
+        _program.progress("validate", index + 1, len(keys))
     if rays is None:
         print("the ray-traced channel is not here: only taps and sounding are compared")
     loss_db = -sc.path_gain_matrix_db(scenario)

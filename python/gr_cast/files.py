@@ -24,8 +24,10 @@ def written_aside(path: str | Path):
         yield aside
         _put(aside, path)
     except OSError as error:
-        # A write that fails, on a full disk say, does not know its file.
-        raise error if error.filename else OSError(error.errno, error.strerror or str(error), str(path)) from None
+        if error.filename and not str(error.filename).startswith(str(aside)):
+            raise
+        # A write that fails, on a full disk say, does not know its file, or knows it by the name that nobody has to.
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from None
     finally:
         _remove(aside)
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import CastError
+from ...files import write_text, written_aside
 from ...units import SPEED_OF_LIGHT_M_PER_S
 from .geometry import Solid, planes
 from .materials import THICKNESS_M
@@ -138,7 +139,7 @@ def write_scene(folder: Path, solids: Sequence[Solid]) -> Path:
             f'<boolean name="face_normals" value="true"/><ref id="mat-{solid.material}" name="bsdf"/></shape>'
         )
     path = folder / "scene.xml"
-    path.write_text("\n".join([*lines, "</scene>"]), encoding="utf-8")
+    write_text(path, "\n".join([*lines, "</scene>"]))
     return path
 
 
@@ -150,7 +151,8 @@ def _write_ply(path: Path, solid: Solid) -> None:
     )
     faces = np.zeros(len(solid.faces), np.dtype([("n", "u1"), ("v", "<i4", 3)]))
     faces["n"], faces["v"] = 3, solid.faces
-    path.write_bytes(head.encode() + solid.vertices_m.astype("<f8").tobytes() + faces.tobytes())
+    with written_aside(path) as aside:
+        aside.write_bytes(head.encode() + solid.vertices_m.astype("<f8").tobytes() + faces.tobytes())
 
 
 def run(solids: Sequence[Solid], settings: Settings, task: Task) -> Traced:
