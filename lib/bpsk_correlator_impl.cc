@@ -62,19 +62,7 @@ void bpsk_correlator_impl::forecast(int, gr_vector_int& ninput_items_required)
     ninput_items_required[0] = 1;
 }
 
-std::optional<bpsk_correlator_impl::device_time>
-bpsk_correlator_impl::parse_time(const pmt::pmt_t& value)
-{
-    if (!pmt::is_tuple(value) || pmt::length(value) != 2)
-        return std::nullopt;
-    const pmt::pmt_t seconds = pmt::tuple_ref(value, 0), fraction = pmt::tuple_ref(value, 1);
-    if (!(pmt::is_uint64(seconds) || (pmt::is_integer(seconds) && pmt::to_long(seconds) >= 0)) ||
-        !pmt::is_real(fraction) || !std::isfinite(pmt::to_double(fraction)))
-        return std::nullopt;
-    return device_time{pmt::to_uint64(seconds), pmt::to_double(fraction)};
-}
-
-bpsk_correlator_impl::device_time bpsk_correlator_impl::time_of(uint64_t offset) const
+device_time bpsk_correlator_impl::time_of(uint64_t offset) const
 {
     const double fraction =
         d_mark->time.fraction + static_cast<double>(offset - d_mark->offset) / d_sample_rate_hz;
@@ -187,7 +175,7 @@ int bpsk_correlator_impl::general_work(int noutput_items, gr_vector_int& ninput_
     auto tag = tags.begin();
     while (item < end && made < noutput_items) {
         for (; tag != tags.end() && tag->offset == item; ++tag)
-            if (const auto time = parse_time(tag->value))
+            if (const auto time = read_device_time(tag->value))
                 restart_at(item, *time);
         const uint64_t stop = tag == tags.end() ? end : tag->offset;
         item += process(in + (item - begin), static_cast<int>(stop - item), item, out,

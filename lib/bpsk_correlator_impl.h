@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include "device_time.h"
 #include "kernel/code_correlator.h"
 #include <gnuradio/cast/bpsk_correlator.h>
-#include <optional>
 
 namespace gr
 {
@@ -25,12 +25,6 @@ public:
                      gr_vector_void_star& output_items) override;
 
 private:
-    // A moment on the receiver's clock, kept in two parts: a double alone loses the sample after
-    // hours.
-    struct device_time {
-        uint64_t seconds;
-        double fraction;
-    };
     struct time_mark {
         uint64_t offset; // absolute input item
         device_time time;
@@ -49,7 +43,6 @@ private:
     int64_t d_lost_now = 0; // in the gap that the next vector follows
     bool d_run_starts = true;
 
-    static std::optional<device_time> parse_time(const pmt::pmt_t& value);
     device_time time_of(uint64_t offset) const;
     void restart_at(uint64_t offset, device_time time);
     void tag_run(int made, uint64_t first_item);

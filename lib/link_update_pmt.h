@@ -2,6 +2,7 @@
 // Tap updates as they arrive in messages and tags.
 #pragma once
 
+#include "device_time.h"
 #include "kernel/emulator.h"
 #include <pmt/pmt.h>
 
@@ -13,16 +14,15 @@ namespace cast
 // Which sample a device time names, by the last `rx_time` tag.
 struct stream_clock {
     double sample_rate_hz;
-    uint64_t offset = 0; // sample at which the time was `seconds` + `fraction`
-    uint64_t seconds = 0;
-    double fraction = 0;
+    uint64_t offset = 0; // sample at which it was `time`
+    device_time time = {};
 
     // Takes the value of an rx_time tag; false where it is malformed.
     bool set(uint64_t at, const pmt::pmt_t& rx_time);
 
-    // The sample at `time`; before the first sample of all counts as sample 0.
+    // The sample at the time `named`; before the first sample of all counts as sample 0.
     // Throws std::invalid_argument where it is malformed.
-    uint64_t sample_at(const pmt::pmt_t& time) const;
+    uint64_t sample_at(const pmt::pmt_t& named) const;
 };
 
 // Reads a dictionary or a list of them (channel_emulator.h has the keys). `default_tx` and

@@ -3,7 +3,6 @@
 #include <cmath>
 #include <set>
 #include <stdexcept>
-#include <tuple>
 
 namespace gr
 {
@@ -14,17 +13,6 @@ namespace
 {
 
 [[noreturn]] void refuse(const std::string& what) { throw std::invalid_argument(what); }
-
-std::optional<std::pair<uint64_t, double>> read_time(const pmt::pmt_t& value)
-{
-    if (!pmt::is_tuple(value) || pmt::length(value) != 2)
-        return std::nullopt;
-    const pmt::pmt_t seconds = pmt::tuple_ref(value, 0), fraction = pmt::tuple_ref(value, 1);
-    if (!(pmt::is_uint64(seconds) || (pmt::is_integer(seconds) && pmt::to_long(seconds) >= 0)) ||
-        !pmt::is_real(fraction) || !std::isfinite(pmt::to_double(fraction)))
-        return std::nullopt;
-    return std::make_pair(pmt::to_uint64(seconds), pmt::to_double(fraction));
-}
 
 pmt::pmt_t find(const pmt::pmt_t& dict, const char* key)
 {
@@ -136,24 +124,25 @@ kernel::link_update read_one(const pmt::pmt_t& dict, const stream_clock& clock,
 
 bool stream_clock::set(uint64_t at, const pmt::pmt_t& rx_time)
 {
-    const auto time = read_time(rx_time);
-    if (!time)
+    const auto read = read_device_time(rx_time);
+    if (!read)
         return false;
     offset = at;
-    std::tie(seconds, fraction) = *time;
+    time = *read;
     return true;
 }
 
-uint64_t stream_clock::sample_at(const pmt::pmt_t& time) const
+uint64_t stream_clock::sample_at(const pmt::pmt_t& named) const
 {
-    const auto named = read_time(time);
-    if (!named)
-        refuse("time: got " + pmt::write_string(time) + ", expected (whole, fractional) seconds");
+    const auto then = read_device_time(named);
+    if (!then)
+        refuse("time: got " + pmt::write_string(named) + ", expected (whole, fractional) seconds");
     // Whole seconds apart: a double of both would lose the sample after some hours.
-    const double later_s = double(int64_t(named->first - seconds)) + (named->second - fraction);
+    const double later_s =
+        double(int64_t(then->seconds - time.seconds)) + (then->fraction - time.fraction);
     const double later = std::round(later_s * sample_rate_hz);
     if (!(later < 4e18))
-        refuse("time: got " + pmt::write_string(time) + ", beyond the last sample");
+        refuse("time: got " + pmt::write_string(named) + ", beyond the last sample");
     return double(offset) + later < 0 ? 0 : offset + static_cast<int64_t>(later);
 }
 
