@@ -41,7 +41,8 @@ def emulated(folder: Path, kind: str = "zmq", *more: str):
     """The running emulator and the peers at its two nodes. It must leave in peace in the end."""
     path, told = folder / "crossed.yaml", folder / "told"
     path.write_text(SCENARIO)
-    at = {name: free_address() for name in ("a:tx", "a:rx", "b:tx", "b:rx")}
+    at = {name: free_address() for name in ("a:tx", "a:rx")}
+    at |= {name: f"ipc://{folder}/{name}" for name in ("b:tx", "b:rx")}
     ports = [part for name, address in at.items() for part in ("--port", f"{name}={kind}:{address}")]
     command = [ROOT / "apps" / "cast_emulator.py", "run", path, "--rate", "1e6", *ports, *more]
     with told.open("wb") as errors:
