@@ -3,6 +3,7 @@
 
 import os
 import random
+import signal
 import socket
 import subprocess
 import sys
@@ -254,6 +255,47 @@ def test_bad_arguments_are_refused_in_one_line(scenario, arguments, says):
     )
     assert refused.returncode == 2 and says in refused.stderr
     assert all(line.startswith("error: ") for line in refused.stderr.splitlines())
+
+
+@pytest.mark.parametrize("option", ["--port b:rx=zmq:{}", "--port b:rx=pubsub:{}", "--control {}"])
+def test_a_port_that_another_program_has_is_refused_in_one_line(scenario, option):
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        address = f"tcp://127.0.0.1:{other.getsockname()[1]}"
+        command = [PROGRAM, "run", str(scenario), "--rate", "1e6", *option.format(address).split()]
+        refused = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    place = "--control" if "control" in option else "port b:rx"
+    assert (refused.returncode, refused.stderr) == (2, f"error: {place}: address {address}: Address already in use\n")
+
+
+def test_a_peer_that_has_gone_is_named_and_what_was_recorded_stays(scenario, tmp_path):
+    sent, control = free_address(), free_address()
+    ports = ["--port", f"a:tx=zmq:{sent}", "--port", f"b:rx=file:{tmp_path / 'y'}"]
+    emulator = start(PROGRAM, "run", scenario, "--rate", RATE, *ports, "--control", control, "--report", "0.2")
+    sender = start(sys.executable, "-c", SENDER, 1, sent)
+    try:
+        with zmq.Context() as context, context.socket(zmq.REQ) as remote:
+            remote.linger = 0
+            remote.connect(control)
+
+            def waits_for() -> list[str]:
+                remote.send_json({"command": "status"})
+                assert remote.poll(20_000)
+                status = remote.recv_json()["status"]
+                assert not status["waiting_for"] or status["real_time_factor"] == 0
+                return status["waiting_for"]
+
+            recorded = recording.data_path(tmp_path / "y")
+            wait_for(lambda: recorded.exists() and recorded.stat().st_size > 8 * 2000)
+            sender.kill()
+            wait_for(lambda: waits_for() == [f"a:tx={sent}"])
+        emulator.send_signal(signal.SIGINT)
+        _, told = emulator.communicate(timeout=30)
+        assert emulator.returncode == 0 and f"waiting for a:tx={sent}" in told.decode()
+    finally:
+        end(emulator, sender)
+    y = recording.read(tmp_path / "y").samples
+    assert len(y) > 2000
+    np.testing.assert_allclose(y, channel(np.arange(1, len(y) + 1)), rtol=1e-5)
 
 
 def batch(scenario, folder, tmp_path, *more):

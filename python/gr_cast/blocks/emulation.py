@@ -19,6 +19,7 @@ from .usrp import RadioSettings
 
 _AHEAD_S = 2.0  # scenario time that is queued before its samples come
 _LOOK_S = 0.02  # between looks at what is to be queued
+_STILL_S = 1.0  # without a sample, until somebody is said to be waited for
 
 
 class Emulation(gr.top_block):
@@ -65,23 +66,27 @@ class Emulation(gr.top_block):
                 fixed_point.output_full_scale,
             )
         by_place = {(port.node, port.direction): port for port in ports}
-        self._blocks = []
+        self._blocks, self._peers = [], []
         for index, node in enumerate(self.nodes):
             tx, rx = ((node, direction) for direction in ("tx", "rx"))
             nothing = Port(node=node, direction="tx", kind="null")
-            source = ends.get(tx) or source_block(by_place.get(tx, nothing), settings.get(tx), sample_rate_hz)
+            port = by_place.get(tx, nothing)
+            source = ends.get(tx) or source_block(port, settings.get(tx), sample_rate_hz)
             self.connect(source, (self.emulator, index))
+            self._peers.append((port, source, index))
             if rx in ends:
                 sink = ends[rx]
                 self.connect((self.emulator, index), sink)
             else:
                 port = by_place.get(rx, nothing)
                 sink = connect_sink(self, self.emulator, index, port, settings.get(rx), sample_rate_hz)
+                self._peers.append((port, sink, index))
             self._blocks += [source, sink]
         self._lock = threading.Lock()
         self._stopping = threading.Event()
         self._off: set[tuple[int, int]] = set()  # links that were switched off one by one
         self._on = True
+        self._samples, self._moved_at = 0, time.monotonic()
         self.load(scenario)
 
     def load(self, scenario: Scenario) -> None:
@@ -131,16 +136,36 @@ class Emulation(gr.top_block):
                 self.emulator.enable_link(*link, enabled and self._on)
 
     def status(self) -> dict:
-        """The emulator's own status, whether links are on, and the scenario's clock in s."""
+        """The emulator's own status, whether links are on, the scenario's clock in s, and which peers hold all up."""
         status = pmt.to_python(self.emulator.status())
         begin = getattr(self, "_begin", 0)
+        waiting_for = self._waiting_for(status["samples"])
         return status | {
             "scenario": self.scenario.name,
+            "waiting_for": waiting_for,
+            "real_time_factor": 0.0 if waiting_for else status["real_time_factor"],
             "on": self._on,
             "scenario_time_s": (status["samples"] - begin) / self.sample_rate_hz,
             "bulk_delay_samples": scenario_bulk_delay(self.scenario, self.sample_rate_hz),
             "sample_rate_hz": self.sample_rate_hz,
         }
+
+    def _waiting_for(self, samples: int) -> list[str]:
+        """NODE:tx=ADDRESS of whom nothing comes, NODE:rx=ADDRESS of who takes nothing, once nothing has moved for a while."""
+        if samples != self._samples:
+            self._samples, self._moved_at = samples, time.monotonic()
+        if time.monotonic() - self._moved_at < _STILL_S:
+            return []
+        held_up = []
+        for port, block, index in self._peers:
+            if port.kind not in ("zmq", "pubsub"):
+                continue
+            passed = self.emulator.nitems_read(index)
+            brings_nothing = port.direction == "tx" and block.nitems_written(0) == passed
+            takes_nothing = port.direction == "rx" and block.nitems_read(0) < passed
+            if brings_nothing or takes_nothing:
+                held_up.append(f"{port.node}:{port.direction}={port.where}")
+        return held_up
 
     def run_until(self, ended: threading.Event, report=None, report_s: float = 5.0) -> None:
         """Run until a finite source ends or `ended` is set; `report(status)` is called every `report_s`."""
