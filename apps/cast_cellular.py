@@ -102,7 +102,7 @@ def model(args) -> int:
 
 
 def over_stack(args) -> int:
-    """The same network with srsRAN 4G on ZeroMQ radios: its own metrics and iperf3's, over the emulated twin."""
+    """The same network with srsRAN 4G on ZeroMQ radios: its own metrics and iperf3's or MGEN's, over the emulated twin."""
     from gr_cast.blocks.emulation import Emulation
     from gr_cast.blocks.ports import Port
 
@@ -112,7 +112,7 @@ def over_stack(args) -> int:
     scenarios, cells = _scenarios(args, duration_s)
     played = experiment.restricted(scenarios[-1][1], cells)
     if not args.only_write:
-        stack.check_programs()
+        stack.check_programs("mgen" if args.protocol == "mgen" else "iperf3")
         run_with_rights(sys.argv)
     output = output_folder(args.output)
     with tempfile.TemporaryDirectory(prefix="cast") as sockets:
@@ -134,12 +134,13 @@ def over_stack(args) -> int:
         )
         leveled = sc.with_more_loss(played, -played.base_loss_db)
         emulation = Emulation(leveled, ports, rate_hz, noise_power=10 ** (noise_db / 10), seed=args.seed)
-        failure = _run_stack(plan, emulation)
+        failure, real_time_factor = _run_stack(plan, emulation)
     found, missing = stack_run.collect(plan)
-    return _report_stack(args, output, plan, played, found, missing, failure)
+    return _report_stack(args, output, plan, played, found, missing, failure, real_time_factor)
 
 
-def _run_stack(plan, emulation) -> str | None:
+def _run_stack(plan, emulation) -> tuple[str | None, float]:
+    """What went wrong, if anything, and how far the samples kept up with the wall clock at the end."""
     ended, failure = threading.Event(), None
     playing = threading.Thread(target=emulation.run_until, args=(ended,), daemon=True)
     playing.start()
@@ -151,12 +152,13 @@ def _run_stack(plan, emulation) -> str | None:
         failure = "interrupted"
     finally:
         print(file=sys.stderr)
+        real_time_factor = emulation.status()["real_time_factor"]
         ended.set()
         playing.join()
-    return failure
+    return failure, real_time_factor
 
 
-def _report_stack(args, output: Path, plan, played, found: dict, missing: list[str], failure: str | None) -> int:
+def _report_stack(args, output: Path, plan, played, found: dict, missing, failure: str | None, real_time_factor: float) -> int:
     files, rows = [], []
     for quantity, terminals in found.items():
         for terminal, series in terminals.items():
@@ -164,14 +166,17 @@ def _report_stack(args, output: Path, plan, played, found: dict, missing: list[s
             path.parent.mkdir(exist_ok=True)
             write_csv(path, {"time_s": series.time_s, "value": series.value})
             files.append(str(path))
-            rows.append({"terminal": terminal, "quantity": quantity, "mean": float(np.nanmean(series.value))})
-            print(f"{terminal:>10s} {quantity:>8s} mean {rows[-1]['mean']:.6g} over {len(series.value)} samples")
+            known = series.value[np.isfinite(series.value)]
+            rows.append({"terminal": terminal, "quantity": quantity, "mean": float(known.mean()) if known.size else None})
+            mean = f"{known.mean():.6g}" if known.size else "–"
+            print(f"{terminal:>10s} {quantity:>9s} mean {mean} over {known.size} samples")
     for line in missing:
         print(f"not recorded: {line}")
+    print(f"real-time factor: {real_time_factor:.2f}")
     document = {
         "cast_cellular": 1, "modelled": False, "stack": args.stack, "protocol": plan.protocol, "complete": failure is None,
         "failure": failure, "scenario": played.name, "offered_bps": args.offered, "means": rows, "series": files,
-        "not_recorded": missing,
+        "not_recorded": missing, "real_time_factor": real_time_factor,
     }  # fmt: skip
     write_json(output / "cellular.json", document)
     if found:
@@ -242,7 +247,10 @@ def main(argv=None) -> int:
     parser.add_argument("--stack", choices=("srsran-4g",), help="run this stack over the emulator instead of the model")
     parser.add_argument("--stack-config", default="~/.config/srsran", metavar="DIR", help="its sib.conf, rb.conf and rr.conf")
     parser.add_argument("--stack-power-db", type=float, default=-20.0, help="of its samples, dB re 1 (default -20)")
-    parser.add_argument("--protocol", choices=("udp", "tcp"), default="udp", help="of iperf3 with --stack (default udp)")
+    parser.add_argument(
+        "--protocol", choices=("udp", "tcp", "mgen"), default="udp",
+        help="with --stack: iperf3's udp (default) or tcp, or MGEN's packets, whose logs also tell loss and latency",
+    )  # fmt: skip
     parser.add_argument("--only-write", action="store_true", help="with --stack: write its configuration, and end")
     args = parser.parse_args(argv)
     return over_stack(args) if args.stack else model(args)

@@ -318,10 +318,12 @@ def stack_figure(found: dict[str, dict[str, Series]], title: str) -> Figure:
     figure = new_figure(10, 2.6 * max(len(found), 1) + 0.6)
     figure.suptitle(title, x=0.01, ha="left", fontsize=11)
     for axes, (quantity, terminals) in zip(figure.subplots(len(found), 1, squeeze=False)[:, 0], found.items(), strict=True):
-        is_rate = quantity.endswith("_bps")
+        scale, label = {"sinr_db": (1.0, "SINR (dB)"), "loss": (100.0, "loss (%)"), "latency_s": (1e3, "latency (ms)")}.get(
+            quantity, (1e-6, f"{quantity.removesuffix('_bps').upper()} (Mbit/s)")
+        )
         for terminal, series in terminals.items():
-            axes.plot(series.time_s, series.value * (1e-6 if is_rate else 1.0), ".-", label=terminal)
-        axes.set_ylabel(f"{quantity.removesuffix('_bps').upper()} (Mbit/s)" if is_rate else "SINR (dB)")
+            axes.plot(series.time_s, series.value * scale, ".-", label=terminal)
+        axes.set_ylabel(label)
         axes.set_xlabel("time (s)")
         axes.grid(alpha=0.3)
         axes.legend(fontsize=8)

@@ -3,6 +3,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,8 +16,8 @@ from gr_cast import series
 PROGRAM = Path(__file__).resolve().parents[2] / "apps/cast_cellular.py"
 
 
-def run(*arguments, **options):
-    command = [sys.executable, str(PROGRAM), *map(str, arguments)]
+def run(*arguments, before=(), **options):
+    command = [*before, sys.executable, str(PROGRAM), *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=200, check=False, **options)
 
 
@@ -69,11 +70,15 @@ def test_what_was_sounded_before_an_interrupt_stays(tmp_path):
 
 
 STAND_INS = Path(__file__).resolve().parent / "stand_ins"
+APART = ("unshare", "--net")  # the core's TUN device is no business of this machine's network
 
 
 @pytest.fixture
 def stand_ins(tmp_path):
     """Environment and arguments of a run with programs that speak as srsRAN's do, in the place of srsRAN."""
+    missing = [program for program in ("iperf3", "mgen") if shutil.which(program) is None]
+    if missing:
+        pytest.skip(f"NO {' NOR '.join(missing).upper()}: apt install {' '.join(missing)}")
     try:
         os.close(os.open("/dev/net/tun", os.O_RDWR))
     except OSError as error:
@@ -96,26 +101,32 @@ def stand_ins(tmp_path):
     return os.environ | {"PATH": f"{STAND_INS}:{os.environ['PATH']}"}, arguments
 
 
-def test_a_stack_hears_the_emulated_channel_and_its_logs_become_series(tmp_path, stand_ins):
+@pytest.mark.parametrize("protocol", ["udp", "tcp", "mgen"])
+def test_a_stack_hears_the_emulated_channel_and_its_logs_become_series(tmp_path, stand_ins, protocol):
+    """With the real iperf3 and the real MGEN, whose packets the stand-ins carry past the radio."""
     environment, arguments = stand_ins
     out = tmp_path / "out"
-    done = run("--output", out, "--duration", 4, *arguments, env=environment)
+    done = run("--output", out, "--duration", 4, "--protocol", protocol, *arguments, before=APART, env=environment)
     assert done.returncode == 0, done.stderr
     document = json.loads((out / "cellular.json").read_text())
     assert document["modelled"] is False
     assert document["complete"] is True
     assert document["not_recorded"] == []
+    assert document["real_time_factor"] > 0
     # The stand-in logs received power: sent at -20 dB, noise far below, the base loss put on the noise.
     assert series.read(out / "series/sinr_db_near.csv").value == pytest.approx(-20, abs=0.1)
     assert series.read(out / "series/sinr_db_far.csv").value == pytest.approx(-32, abs=0.1)
-    assert series.read(out / "series/udp_bps_far.csv").value == pytest.approx(5e6)
+    assert series.read(out / f"series/{protocol}_bps_far.csv").value.mean() == pytest.approx(5e6, rel=0.1)
+    if protocol == "mgen":
+        assert series.read(out / "series/loss_far.csv").value == pytest.approx(0)
+        assert 0 < series.read(out / "series/latency_s_near.csv").value.mean() < 1
     assert (out / "cellular.png").is_file()
 
 
 def test_a_terminal_that_dies_ends_the_run_and_what_was_logged_stays(tmp_path, stand_ins):
     environment, arguments = stand_ins
     out = tmp_path / "out"
-    command = [sys.executable, str(PROGRAM), "--output", str(out), "--duration", "60", *arguments]
+    command = [*APART, sys.executable, str(PROGRAM), "--output", str(out), "--duration", "60", *arguments]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment) as process:
         log, end = out / "stack/srsue_far.csv", time.monotonic() + 90
         while not (log.is_file() and len(log.read_text().splitlines()) > 4):

@@ -17,7 +17,7 @@ from ..files import write_text
 from ..series import Series
 from .downlink import Cell
 
-PROGRAMS = ("srsepc", "srsenb", "srsue", "iperf3")
+PROGRAMS = ("srsepc", "srsenb", "srsue")
 SAMPLE_RATE_HZ = {6: 1.92e6, 15: 3.84e6, 25: 5.76e6, 50: 11.52e6, 75: 15.36e6, 100: 23.04e6}  # srsRAN's own
 GATEWAY = "172.16.0.1"  # of the packet core, where traffic to the terminals comes from
 METRICS_S = 1.0
@@ -38,12 +38,12 @@ class Member:
     address: str = ""  # of a terminal, given by the core
 
 
-def check_programs() -> None:
-    """Raises CastError where a program of the stack is missing."""
-    missing = [program for program in PROGRAMS if shutil.which(program) is None]
+def check_programs(generator: str) -> None:
+    """Raises CastError where a program of the stack, or the traffic generator (iperf3 or mgen), is missing."""
+    missing = [program for program in (*PROGRAMS, generator) if shutil.which(program) is None]
     if missing:
         raise CastError(
-            f"stack: {', '.join(missing)}: not installed; build srsRAN 4G with ZeroMQ (and apt install iperf3), "
+            f"stack: {', '.join(missing)}: not installed; build srsRAN 4G with ZeroMQ (and apt install {generator}), "
             "or leave out --stack for the modelled downlink"
         )
 

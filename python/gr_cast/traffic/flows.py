@@ -135,10 +135,15 @@ def addresses(nodes: tuple[str, ...]) -> dict[str, str]:
     return {node: f"10.45.0.{index}" for index, node in enumerate(nodes, 1)}
 
 
-def script(traffic: Traffic, node: str) -> str:
-    """What MGEN at `node` does: listens, and sends its flows from LEAD_S on."""
-    address = addresses(traffic.nodes)
-    lines = [f"# {node}, {address[node]}", f"0.0 LISTEN UDP {PORT}"]
+def script(traffic: Traffic, node: str, address: dict[str, str] | None = None) -> str:
+    """What MGEN at `node` does: listens where a flow ends, and sends its flows from LEAD_S on.
+
+    `address` of every node; without it those of `addresses`.
+    """
+    address = address or addresses(traffic.nodes)
+    lines = [f"# {node}, {address[node]}"]
+    if any(flow.destination == node for flow in traffic.flows):
+        lines.append(f"0.0 LISTEN UDP {PORT}")
     for flow in traffic.flows:
         if flow.source != node:
             continue

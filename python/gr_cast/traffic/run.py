@@ -22,12 +22,12 @@ def check_mgen() -> None:
         raise CastError("mgen: not installed (Debian: apt install mgen)")
 
 
-def write_scripts(traffic: Traffic, folder: Path) -> dict[str, Path]:
-    """NODE.mgn for every node."""
+def write_scripts(traffic: Traffic, folder: Path, address: dict[str, str] | None = None) -> dict[str, Path]:
+    """NODE.mgn for every node; `address` as `flows.script` takes it."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = {node: folder / f"{node}.mgn" for node in traffic.nodes}
     for node, path in paths.items():
-        write_text(path, script(traffic, node))
+        write_text(path, script(traffic, node, address))
     return paths
 
 
@@ -47,8 +47,7 @@ def generate(
     scripts, logs = write_scripts(traffic, folder), logs_in(traffic, folder)
     with Processes(folder) as processes:
         for node in nodes:
-            words = ("mgen", "flush", "input", str(scripts[node.name]), "output", str(logs[node.name]), "txlog")
-            processes.start(f"mgen of node {node.name}", node.command(*words))
+            processes.start(f"mgen of node {node.name}", node.command(*command(scripts[node.name], logs[node.name])))
         begin = time.monotonic() + LEAD_S
         while (passed_s := time.monotonic() - begin) < traffic.duration_s or not is_quiet():
             processes.check()
@@ -58,6 +57,11 @@ def generate(
             time.sleep(_LOOK_S)
         time.sleep(SETTLE_S)
     return logs
+
+
+def command(script_path: Path, log_path: Path) -> tuple[str, ...]:
+    """The words that run MGEN."""
+    return ("mgen", "flush", "input", str(script_path), "output", str(log_path), "txlog")
 
 
 def logs_in(traffic: Traffic, folder: Path) -> dict[str, Path]:

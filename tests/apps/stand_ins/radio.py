@@ -1,7 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the stand-ins of srsRAN share: its configuration files, and its ZeroMQ radio's questions and answers."""
+"""What the stand-ins of srsRAN share: its configuration files, its ZeroMQ radio's questions and answers, its TUN devices."""
 
 import configparser
+import contextlib
+import fcntl
+import os
+import socket
+import struct
+import subprocess
 import threading
 
 import numpy as np
@@ -31,6 +37,31 @@ def answer(address, amplitude):
             socket.send((amplitude * np.exp(turns)).astype(np.complex64).tobytes())
 
     threading.Thread(target=serve, daemon=True).start()
+
+
+def carry(device, address, folder):
+    """A TUN device whose packets go past the radio, to the socket of the address that they are for, and back."""
+    os.chdir(folder)  # names of sockets are short
+    tun = os.open("/dev/net/tun", os.O_RDWR)
+    fcntl.ioctl(tun, 0x400454CA, struct.pack("16sH22x", device.encode(), 0x1001))
+    end = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    end.bind(f"{address}.packets")
+
+    def leave():
+        while True:
+            packet = os.read(tun, 65536)
+            with contextlib.suppress(OSError):  # nobody has that address
+                end.sendto(packet, f"{socket.inet_ntoa(packet[16:20])}.packets")
+
+    def arrive():
+        while True:
+            with contextlib.suppress(OSError):
+                os.write(tun, end.recv(65536))
+
+    for words in (f"address add {address}/24 dev {device}", f"link set {device} up"):
+        subprocess.run(["ip", *words.split()], check=True)
+    for work in (leave, arrive):
+        threading.Thread(target=work, daemon=True).start()
 
 
 def samples(address):
