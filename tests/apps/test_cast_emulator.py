@@ -258,9 +258,12 @@ def test_bad_arguments_are_refused_in_one_line(scenario, arguments, says):
 
 
 @pytest.mark.parametrize("option", ["--port b:rx=zmq:{}", "--port b:rx=pubsub:{}", "--control {}"])
-def test_a_port_that_another_program_has_is_refused_in_one_line(scenario, option):
-    with socket.create_server(("127.0.0.1", 0)) as other:
-        address = f"tcp://127.0.0.1:{other.getsockname()[1]}"
+@pytest.mark.parametrize("transport", ["tcp", "ipc"])
+def test_a_port_that_another_program_has_is_refused_in_one_line(scenario, tmp_path, option, transport):
+    with socket.create_server(("127.0.0.1", 0)) as other, socket.socket(socket.AF_UNIX) as same:
+        same.bind(str(tmp_path / "taken"))
+        same.listen()
+        address = {"tcp": f"tcp://127.0.0.1:{other.getsockname()[1]}", "ipc": f"ipc://{tmp_path / 'taken'}"}[transport]
         command = [PROGRAM, "run", str(scenario), "--rate", "1e6", *option.format(address).split()]
         refused = subprocess.run(command, capture_output=True, text=True, timeout=60)
     place = "--control" if "control" in option else "port b:rx"

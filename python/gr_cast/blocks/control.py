@@ -8,6 +8,7 @@ import zmq
 
 from ..errors import CastError
 from ..scenario import load
+from .ports import address_to_bind
 
 _KEYS = {
     "status": set(),
@@ -92,7 +93,7 @@ class ControlServer:
         self._socket = zmq.Context.instance().socket(zmq.REP)
         self._socket.setsockopt(zmq.LINGER, 200)
         try:
-            self._socket.bind(address)
+            self._socket.bind(address_to_bind("--control", address))
         except zmq.ZMQError as error:
             raise CastError(f"--control: address {address}: {error.strerror}") from None
         self._thread = threading.Thread(target=self._serve, daemon=True)

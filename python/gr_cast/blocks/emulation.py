@@ -213,7 +213,7 @@ def _check_ports(scenario: Scenario, ports: list[Port]) -> None:
     faults = Faults(scenario.name)
     seen = set()
     for port in ports:
-        place = f"port {port.node}:{port.direction}"
+        place = port.name
         if port.node not in scenario.nodes:
             faults.add(place, f"no such node; the scenario has {', '.join(scenario.nodes)}")
         if (port.node, port.direction) in seen:

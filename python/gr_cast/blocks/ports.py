@@ -6,6 +6,8 @@ transmits answers (REP) with complex floats. GNU Radio's own REQ Source and REP 
 peer dies between question and answer; `zmq_requester` and `zmq_replier` do not.
 """
 
+import contextlib
+import socket
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,8 +31,12 @@ class Port:
     kind: str
     where: str = ""
 
+    @property
+    def name(self) -> str:
+        return f"port {self.node}:{self.direction}"
+
     def __post_init__(self):
-        name = f"port {self.node}:{self.direction}"
+        name = self.name
         if self.direction not in ("tx", "rx"):
             raise CastError(f"{name}: direction: got {self.direction!r}, needs tx or rx")
         if self.kind not in KINDS:
@@ -59,7 +65,13 @@ def _is_address(where: str) -> bool:
     return transport == "ipc" and bool(place)
 
 
-def _address_of_bind(where: str) -> str:
+def address_to_bind(place: str, where: str) -> str:
+    """As ZeroMQ wants it. CastError where somebody listens at an IPC socket: ZeroMQ would take it over without a word."""
+    transport, _, path = where.partition("://")
+    with socket.socket(socket.AF_UNIX) as probe, contextlib.suppress(OSError):
+        if transport == "ipc":
+            probe.connect(path)
+            raise CastError(f"{place}: address {where}: Address already in use")
     return where.replace("tcp://localhost", "tcp://127.0.0.1")
 
 
@@ -69,14 +81,14 @@ def _open(port: Port, make, *arguments):
         return make(*arguments)
     except RuntimeError as error:
         reason = str(error).rpartition(": ")[2]
-        raise CastError(f"port {port.node}:{port.direction}: address {port.where}: {reason}") from None
+        raise CastError(f"{port.name}: address {port.where}: {reason}") from None
 
 
 def _file_source(port: Port, sample_rate_hz: float):
     recorded = recording.read(port.where, count=1)
     if recorded.sample_rate_hz != sample_rate_hz:
         raise CastError(
-            f"port {port.node}:{port.direction}: {port.where}: got {recorded.sample_rate_hz} samples/s, "
+            f"{port.name}: {port.where}: got {recorded.sample_rate_hz} samples/s, "
             f"the emulator runs at {sample_rate_hz:g} samples/s"
         )
     if recorded.datatype == "cf32_le":
@@ -112,9 +124,9 @@ def connect_sink(
             fields={"cast:receiver": port.node},
         )
     if port.kind == "zmq":
-        sink = _open(port, zmq_replier, _address_of_bind(port.where))
+        sink = _open(port, zmq_replier, address_to_bind(port.name, port.where))
     elif port.kind == "pubsub":
-        address = _address_of_bind(port.where)
+        address = address_to_bind(port.name, port.where)
         sink = _open(port, zeromq.pub_sink, gr.sizeof_gr_complex, 1, address, 100, False, -1, "")
     elif port.kind == "uhd":
         sink = usrp_sink(settings)

@@ -75,7 +75,7 @@ class TwinEmulation(gr.top_block):
         faults, places = Faults("twin"), [(p.node, p.direction) for p in ports]
         for port in ports:
             known = by_receiver if port.direction == "rx" else case.transmitters
-            place = f"port {port.node}:{port.direction}"
+            place = port.name
             if port.node not in known:
                 faults.add(place, f"the twin has {', '.join(known)}")
             if places.count((port.node, port.direction)) > 1:
