@@ -73,6 +73,7 @@ def run(args) -> None:
         )
         for port in radios
     }  # fmt: skip
+    control = ControlServer(args.control)
     emulation = Emulation(
         load(args.scenario), ports, rate_hz, noise_power=_noise_power(args), seed=args.seed,
         fixed_point=_fixed_point(args), settings=settings, n_threads=args.threads,
@@ -83,7 +84,7 @@ def run(args) -> None:
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
-    with ControlServer(args.control, emulation, ended):
+    with control.obeying(emulation, ended):
         emulation.run_until(ended, _report, args.report)
     _report(emulation.status())
     print(file=sys.stderr)

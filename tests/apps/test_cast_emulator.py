@@ -264,10 +264,12 @@ def test_a_port_that_another_program_has_is_refused_in_one_line(scenario, tmp_pa
         same.bind(str(tmp_path / "taken"))
         same.listen()
         address = {"tcp": f"tcp://127.0.0.1:{other.getsockname()[1]}", "ipc": f"ipc://{tmp_path / 'taken'}"}[transport]
-        command = [PROGRAM, "run", str(scenario), "--rate", "1e6", *option.format(address).split()]
+        file = ["--port", f"a:rx=file:{tmp_path / 'y'}"]
+        command = [PROGRAM, "run", str(scenario), "--rate", "1e6", *file, *option.format(address).split()]
         refused = subprocess.run(command, capture_output=True, text=True, timeout=60)
     place = "--control" if "control" in option else "port b:rx"
     assert (refused.returncode, refused.stderr) == (2, f"error: {place}: address {address}: Address already in use\n")
+    assert not recording.meta_path(tmp_path / "y").exists()
 
 
 def test_a_peer_that_has_gone_is_named_and_what_was_recorded_stays(scenario, tmp_path):

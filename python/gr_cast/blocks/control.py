@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Commands to a running emulator: one JSON object in, one out, over a ZeroMQ REP socket."""
 
+import contextlib
 import json
 import threading
 
@@ -82,12 +83,10 @@ def _is_finite(value) -> bool:
 
 
 class ControlServer:
-    """Obeys commands at `address` in a thread while it is entered; address None: nobody is listened to."""
+    """Has `address` from the first, obeys the commands there with `obeying`; address None: nobody is listened to."""
 
-    def __init__(self, address: str | None, emulation, ended: threading.Event):
-        self._emulation, self._ended = emulation, ended
-        self._closing = threading.Event()
-        self._thread = None
+    def __init__(self, address: str | None):
+        self._socket = None
         if address is None:
             return
         self._socket = zmq.Context.instance().socket(zmq.REP)
@@ -96,25 +95,27 @@ class ControlServer:
             self._socket.bind(address_to_bind("--control", address))
         except zmq.ZMQError as error:
             raise CastError(f"--control: address {address}: {error.strerror}") from None
-        self._thread = threading.Thread(target=self._serve, daemon=True)
 
-    def __enter__(self):
-        if self._thread:
-            self._thread.start()
-        return self
+    @contextlib.contextmanager
+    def obeying(self, emulation, ended: threading.Event):
+        """Commands to this emulation are obeyed in a thread while this is entered; `quit` sets `ended`."""
+        closing = threading.Event()
+        thread = threading.Thread(target=self._serve, args=(emulation, ended, closing), daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            closing.set()
+            thread.join()
 
-    def __exit__(self, *_):
-        self._closing.set()
-        if self._thread:
-            self._thread.join()
-
-    def _serve(self) -> None:
-        while not self._closing.is_set():
+    def _serve(self, emulation, ended: threading.Event, closing: threading.Event) -> None:
+        while self._socket and not closing.is_set():
             if not self._socket.poll(100):
                 continue
             try:
                 command = json.loads(self._socket.recv())
             except ValueError:  # also text that is not UTF-8
                 command = None
-            self._socket.send_json(obey(self._emulation, self._ended, command))
-        self._socket.close()
+            self._socket.send_json(obey(emulation, ended, command))
+        if self._socket:
+            self._socket.close()

@@ -65,29 +65,31 @@ class Emulation(gr.top_block):
                 fixed_point.input_full_scale,
                 fixed_point.output_full_scale,
             )
-        by_place = {(port.node, port.direction): port for port in ports}
-        self._blocks, self._peers = [], []
-        for index, node in enumerate(self.nodes):
-            tx, rx = ((node, direction) for direction in ("tx", "rx"))
-            nothing = Port(node=node, direction="tx", kind="null")
-            port = by_place.get(tx, nothing)
-            source = ends.get(tx) or source_block(port, settings.get(tx), sample_rate_hz)
-            self.connect(source, (self.emulator, index))
-            self._peers.append((port, source, index))
-            if rx in ends:
-                sink = ends[rx]
-                self.connect((self.emulator, index), sink)
-            else:
-                port = by_place.get(rx, nothing)
-                sink = connect_sink(self, self.emulator, index, port, settings.get(rx), sample_rate_hz)
-                self._peers.append((port, sink, index))
-            self._blocks += [source, sink]
         self._lock = threading.Lock()
-        self._stopping = threading.Event()
         self._off: set[tuple[int, int]] = set()  # links that were switched off one by one
         self._on = True
         self._samples, self._moved_at = 0, time.monotonic()
+        self._peers = []  # (port, block at it, index of its node)
         self.load(scenario)
+        by_place = {(port.node, port.direction): port for port in ports}
+        places = [(node, direction) for node in self.nodes for direction in ("tx", "rx")]
+        joined = [by_place.get(place, Port(node=place[0], direction=place[1], kind="null")) for place in places]
+        joined.sort(key=lambda port: port.kind == "file")  # recordings last: a port that is refused leaves none behind
+        for port in joined:
+            self._join(port, ends.get((port.node, port.direction)), settings.get((port.node, port.direction)))
+
+    def _join(self, port: Port, end: gr.basic_block | None, settings: RadioSettings | None) -> None:
+        """Connect a node's transmitter or receiver to its port, or to the block `end` instead."""
+        index = self.nodes.index(port.node)
+        if port.direction == "tx":
+            block = end or source_block(port, settings, self.sample_rate_hz)
+            self.connect(block, (self.emulator, index))
+        elif end:
+            block = end
+            self.connect((self.emulator, index), block)
+        else:
+            block = connect_sink(self, self.emulator, index, port, settings, self.sample_rate_hz)
+        self._peers.append((port, block, index))
 
     def load(self, scenario: Scenario) -> None:
         """Play another scenario of the same nodes from the next sample on."""
@@ -182,7 +184,7 @@ class Emulation(gr.top_block):
                 report(self.status())
         self.stop()
         waiter.join()
-        for block in self._blocks:
+        for _, block, _ in self._peers:
             if isinstance(block, SigmfRecorder):
                 block.finish()
 
