@@ -288,7 +288,7 @@ def jamming_figure(cases: list[tuple[str, list]]) -> Figure:
             axes.grid(alpha=0.25)
     grid[0, 0].set_ylabel("throughput (Mbit/s)")
     grid[1, 0].set_ylabel("SINR (dB)")
-    grid[0, 0].legend(fontsize=8)
+    grid[1, 0].legend(fontsize=8, loc="center")  # where all lines lie at 0 % or 100 %
     return figure
 
 
@@ -339,8 +339,8 @@ def traffic_figure(runs: list[dict], duration_s: float, step_s: float) -> Figure
         for index, result in enumerate(run["results"]):
             found = log.series(result, duration_s, step_s)
             time_s, rate_bps = found["throughput_bps"]
-            rates.plot(time_s, rate_bps / 1e3, color=f"C{index}", label=result.flow.name)
-            losses.plot(time_s, 100 * found["loss"][1], ".-", color=f"C{index}")
+            rates.plot(time_s, rate_bps / 1e3, color=f"C{index}")
+            losses.plot(time_s, 100 * found["loss"][1], ".-", color=f"C{index}", label=result.flow.name)
             latencies.plot(result.sent_s, 1e3 * result.latency_s, ".", color=f"C{index}", ms=3)
         losses.set_ylim(-4, 104)
         latencies.set(xlabel="time (s)", xlim=(0, duration_s), yscale="log")
@@ -348,7 +348,7 @@ def traffic_figure(runs: list[dict], duration_s: float, step_s: float) -> Figure
             axes.grid(alpha=0.3)
     for axes, label in zip(grid[:, 0], ("throughput (kbit/s)", "loss (%)", "latency (ms)"), strict=True):
         axes.set_ylabel(label)
-    grid[0, 0].legend(fontsize=8)
+    grid[1, 0].legend(fontsize=8, loc="center")  # where all lines lie at 0 % or 100 %
     return figure
 
 
