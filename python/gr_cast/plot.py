@@ -288,7 +288,7 @@ def jamming_figure(cases: list[tuple[str, list]]) -> Figure:
             axes.grid(alpha=0.25)
     grid[0, 0].set_ylabel("throughput (Mbit/s)")
     grid[1, 0].set_ylabel("SINR (dB)")
-    grid[1, 0].legend(fontsize=8, loc="center")  # where all lines lie at 0 % or 100 %
+    grid[0, 0].legend(fontsize=8)
     return figure
 
 
