@@ -50,7 +50,7 @@ def test_a_recording_is_trimmed_to_what_is_known_and_the_waveform_stays_in_place
 def test_a_burst_is_found_in_a_long_recording_and_only_its_surroundings_are_looked_at(burst):
     rng = np.random.default_rng(2)
     x, at = _noise(rng, 20_000), 101_234
-    y = _noise(rng, 160_000, 0.02)
+    y = _noise(rng, 260_000, 0.02)
     y[at : at + len(x)] += 0.1 * x * np.exp(2j * np.pi * 30.0 * np.arange(len(x)) / RATE_HZ)
     found = burst(y, x)
     parts = align.parts_of(found, found.observations[0])

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from gr_cast.diagnose import align, diagnose, heldout, read_case
-from gr_cast.diagnose.search import refit
+from gr_cast.diagnose.search import proven, refit
 from gr_cast.effects import FAMILIES
 from gr_cast.effects.base import start
 
@@ -35,6 +35,24 @@ def test_what_is_there_gains_on_the_vault_and_what_is_not_gains_nothing(part):
     assert gain == pytest.approx(np.log(5) * data.vault.sum(), rel=0.1)
     assert bent.likelihood > with_dc.likelihood + 10  # 64 numbers bend to noise on the samples fitted
     assert heldout.log_likelihood(bent) < heldout.log_likelihood(with_dc)  # and pay for it on the others
+
+
+def test_folds_hold_out_fitted_samples_and_leave_the_vault_alone(part):
+    _, data, _ = part
+    first, second = heldout.folds(data)
+    for fold in (first, second):
+        assert not (fold.vault & data.vault).any()
+        assert (((fold.use > 0) | fold.vault) == (data.use > 0)).all() and not ((fold.use > 0) & fold.vault).any()
+        assert fold.vault.sum() == pytest.approx(data.count / 4, rel=0.05)
+    assert not (first.vault & second.vault).any()
+
+
+def test_what_only_imitates_is_taken_out_and_what_is_there_stays(part):
+    _, data, model = part
+    there = start(FAMILIES["dc_offset"], [0.0, 0.0, 0.0], free=[True, True, False])
+    lags = start(FAMILIES["front_end_filter"], np.zeros(64), aux={"low": -16, "high": 16, "side": "tx", "source": 0})
+    both = refit(data, model.adding(there).adding(lags))
+    assert [e.family for e in proven(data, both, []).model.found] == ["dc_offset"]
 
 
 def test_a_budget_that_is_over_leaves_an_unexplained_case_with_what_was_found(world, tmp_path):

@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from gr_cast.diagnose import align, read_case
+from gr_cast.diagnose import align, ambiguity, read_case
 from gr_cast.diagnose.search import _polished, refit
 from gr_cast.effects import FAMILIES
 from gr_cast.effects.base import start
@@ -42,3 +42,10 @@ def test_a_filter_moves_in_front_of_the_amplifier_that_bends_its_peaks(bent):
     best = _polished(data, first)
     assert best.evidence > first.evidence
     assert next(e for e in best.model.effects if e.family == "front_end_filter").aux["side"] == "tx"
+
+
+def test_a_filter_and_a_tail_are_told_apart_by_another_link(bent):
+    data, model = bent
+    tail = start(FAMILIES["diffuse_tail"], np.zeros(12), prior=np.ones(12), aux={"source": 0, "first": 1.0})
+    fits = [refit(data, model.adding(effect)) for effect in (_filter("rx"), tail)]
+    assert ambiguity.record_next(*fits) in ("second_link", "move_carrier")

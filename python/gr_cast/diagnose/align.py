@@ -17,7 +17,7 @@ LOWEST_LAG, HIGHEST_LAG = (
     -10,
     26,
 )  # samples around the taps that a model reaches where a waveform has unknown parts
-LONGEST_WHOLE = 120_000  # samples that are fitted at once; of more, parts of PART samples
+LONGEST_WHOLE = 200_000  # samples that are fitted at once; of more, parts of PART samples
 PART, MOST_PARTS = 40_000, 8
 LEAST_PART = 1000  # known samples that make a part worth a look
 LONGEST_SCAN = 1 << 21  # samples in which a waveform that is shorter than the recording is looked for
@@ -306,6 +306,19 @@ def build(case, observation, *, near: tuple[int, bool] | None = None):
         overlap = np.sqrt(np.mean(np.abs(y) ** 2) / max(np.mean(np.abs(chain.y) ** 2), 1e-30)) * 1e-3
     model = Model(base=np.concatenate([[base[0], overlap.real, overlap.imag], base[3:]]), effects=model.effects)
     return scene, data, model
+
+
+def whole_over_part(case, whole, part, scene) -> float:
+    """The rms of what was sent during the whole recording over that during a part with its scene."""
+    if scene.sources[0].repeat:
+        return 1.0
+    sent, here, at = 0.0, 0.0, slice(PAD, PAD + scene.count)
+    for (w, _), source in zip(_on_air(case, whole)[0], scene.sources, strict=True):
+        begin, length = scene.anchor + part.first, len(w.samples)
+        during = len(whole.samples) if w.repeat else min(len(whole.samples), begin + length) - max(0, begin)
+        sent += source.power * during / len(whole.samples)
+        here += float(np.sum(np.abs(source.samples[at]) ** 2) / max(1, source.known[at].sum()))
+    return float(np.sqrt(sent / here)) if sent > 0 and here > 0 else 1.0
 
 
 def _is_on_air(case, name: str) -> bool:

@@ -8,6 +8,7 @@ import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import fft as sp_fft
 
 from ..effects import FAMILIES, Effect
 from ..effects.base import start
@@ -108,7 +109,8 @@ def _separation(first: Fit, second: Fit, experiment: str) -> float:
     """Nats between the predictions of two models in an experiment; delay and gain stay free unless
     calibrated."""
     a, b = _predicted(first, experiment), _predicted(second, experiment)
-    if experiment not in ("absolute_calibration", "mute_transmitter"):
+    unknown = any(e.family == "front_end_filter" for f in (first, second) for e in f.model.effects)  # a filter's own gain is
+    if unknown or experiment not in ("absolute_calibration", "mute_transmitter"):
         a = _free_gain(a, b)
     n = first.data.scene.count
     signal = float(np.sum(np.abs(a.y - b.y) ** 2)) / first.sigma2
@@ -137,11 +139,13 @@ def _predicted(fit: Fit, experiment: str):
     elif experiment == "second_power":
         scene.sources = [replace(s, samples=0.5 * s.samples, power=0.25 * s.power, peak=0.5 * s.peak) for s in scene.sources]
     elif experiment == "other_code_length":
-        scene.sources = [_other(s, rng, len(s.samples) // 2 * 2 + 7 if s.repeat else 0, shaped=False) for s in scene.sources]
+        scene.sources = [
+            _with(s, np.resize(s.samples, len(s.samples) // 2 * 2 + 7)) for s in scene.sources if s.repeat
+        ] or scene.sources
     elif experiment == "shaped_waveform":
-        scene.sources = [_other(s, rng, 0, shaped=True) for s in scene.sources]
+        scene.sources = [_with(s, _shaped(s.samples, rng)) for s in scene.sources]
     elif experiment == "complex_waveform":
-        scene.sources = [replace(s, samples=s.samples * np.exp(2j * np.pi * rng.random(len(s.samples)))) for s in scene.sources]
+        scene.sources = [_with(s, s.samples + 1j * np.roll(s.samples, len(s.samples) // 3)) for s in scene.sources]
     elif experiment in ("second_link", "move_carrier"):
         # The channel is another one; what transmitter, receiver and surroundings do stays.
         scene.taps = [
@@ -151,15 +155,16 @@ def _predicted(fit: Fit, experiment: str):
     return predict(scene, model)
 
 
-def _other(source: Source, rng, period: int, *, shaped: bool) -> Source:
-    """A waveform of the same power with other samples; shaped: of varying envelope; `period` 0: the same
-    length."""
-    size = period or len(source.samples)
-    samples = np.exp(2j * np.pi * rng.integers(0, 4, size) / 4)
-    if shaped:
-        samples = rng.normal(size=size) + 1j * rng.normal(size=size)
-    samples *= np.sqrt(source.power / np.mean(np.abs(samples) ** 2))
-    return replace(source, samples=samples, known=np.ones(size, bool), peak=float(np.abs(samples).max()))
+def _shaped(samples: np.ndarray, rng) -> np.ndarray:
+    """(n,) samples of varying envelope in the band of those given."""
+    draw = rng.normal(size=len(samples)) + 1j * rng.normal(size=len(samples))
+    return sp_fft.ifft(sp_fft.fft(draw) * np.abs(sp_fft.fft(samples)))
+
+
+def _with(source: Source, samples: np.ndarray) -> Source:
+    """A waveform of the same power with other samples."""
+    samples = samples * np.sqrt(source.power / np.mean(np.abs(samples) ** 2))
+    return replace(source, samples=samples, known=np.ones(len(samples), bool), peak=float(np.abs(samples).max()))
 
 
 def noise_experiment(told: float, excess: float) -> str:

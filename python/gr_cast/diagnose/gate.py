@@ -55,9 +55,9 @@ def rails(y: np.ndarray, datatype: str, step: float) -> tuple[float, float, int]
     if sum(heaps) < 2:
         return None
     level = float(np.median(tops[heaps]))
-    close = np.abs(tops - level) <= (1.6 * grain if step else 2.1 * unit)
+    close = np.abs(tops - level) <= (0.8 * grain if step else 2.1 * unit)
     good = [bool(h and c) for h, c in zip(heaps, close, strict=True)]
-    if sum(good) < 2 or (tops > level + 1.6 * grain).any():
+    if sum(good) < 2 or (tops > level + (0.8 if step else 1.6) * grain).any():
         return None
     samples = int(sum(on for (_, on), g in zip(levels, good, strict=True) if g))
     level = float(np.mean(tops[good]))

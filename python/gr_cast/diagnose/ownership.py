@@ -25,6 +25,8 @@ COMMON = {
     "front_end_filter",
     "gain_drift",
 }
+SIDED = ("iq_imbalance", "front_end_filter")  # have a form in front of the channel and one behind it
+SIDES_ALIKE_NATS = 3.0  # in ln L, by recording
 SILENT_NATS = 20.0  # what a recording can say at most against an effect that it should show and does not
 
 
@@ -41,10 +43,33 @@ class Voice:
     seen: bool
 
 
+def agree_on_sides(findings) -> None:
+    """Where one recording has an effect in front of the channel and another behind it, put all on the side that loses
+    nothing, if there is one: a single recording often cannot tell."""
+    for family in SIDED:
+        holders = [(f, i) for f in findings for i, e in enumerate(f.fit.model.effects) if e.family == family and not e.fixed]
+        if len({f.fit.model.effects[i].aux["side"] for f, i in holders}) < 2 or len({id(f) for f, _ in holders}) < len(holders):
+            continue
+        found = sum(f.fit.likelihood for f, _ in holders)
+        moved = {side: [_on_side(f.fit, i, side) for f, i in holders] for side in ("tx", "rx")}
+        best = max(moved.values(), key=lambda fits: sum(fit.likelihood for fit in fits))
+        if sum(fit.likelihood for fit in best) > found - SIDES_ALIKE_NATS * len(holders):
+            for (finding, _), fit in zip(holders, best, strict=True):
+                finding.fit = fit
+
+
+def _on_side(fit: Fit, index: int, side: str) -> Fit:
+    effect = fit.model.effects[index]
+    if effect.aux["side"] == side:
+        return fit
+    aux = {**effect.aux, "side": side, "source": 0}
+    return refit(fit.data, fit.model.without(index).adding(replace(effect, p=np.zeros(len(effect.p)), aux=aux)))
+
+
 def kind_of(finding, effect: Effect) -> tuple:
     """What makes effects in several recordings candidates for being one."""
     family = FAMILIES[effect.family]
-    if family.level == "link" or effect.family == "gain_step":
+    if family.level == "link":
         return (effect.family, link_of(finding, effect), effect.aux.get("tap"))
     side = None if stage_of(effect) == RX_GAIN else effect.aux.get("side")
     return (effect.family, side, effect.aux.get("code"))

@@ -51,6 +51,11 @@ def leftovers(fit, inside) -> list[Leftover]:
     scene = fit.data.scene
     out = []
     energy, count = time_frequency(fit)
+    if coarse := _behind_a_coarse_lattice(fit):
+        # Rare steps instead of noise: as many Gaussian samples as would make energies spread as much.
+        power = np.abs(_normal(fit)[inside]) ** 2
+        spread = max(1.0, float(np.var(power) / np.mean(power) ** 2))
+        energy, count = energy / spread, count / spread
     rows, bins = energy.shape
     t = np.linspace(0, rows, rows + 1) * (scene.count // rows) / scene.sample_rate_hz
     for name, e, c in (
@@ -77,9 +82,15 @@ def leftovers(fit, inside) -> list[Leftover]:
                 where=where,
             )
         )
-    out.append(_place_in_code(fit))
-    out.append(_amplitude(fit, inside))
+    if not coarse:
+        out.append(_place_in_code(fit))
+        out.append(_amplitude(fit, inside))
     return sorted((o for o in out if o is not None), key=lambda o: o.p_value)
+
+
+def _behind_a_coarse_lattice(fit) -> bool:
+    """Whether a quantiser's error is no noise of its own, but bound to the prediction."""
+    return any(e.family == "quantization" and e.p[2] < 0.7 for e in fit.model.effects)
 
 
 def _bonferroni(log_p: float, cells: int) -> float:
@@ -133,6 +144,22 @@ def _amplitude(fit, inside) -> Leftover | None:
         p_value=_bonferroni(min(log_p, log_q) + np.log(2), 1),
         nats=float(max(0, energy.sum() - 16)),
         where={"amplitude": [float(edges[-2]), float(edges[-1])]},
+    )
+
+
+def jump_of_phase(fit) -> Leftover | None:
+    """A course of phase noise that moves far more in one moment than in all others: no oscillator does."""
+    scene, noisy = fit.data.scene, [e for e in fit.model.found if e.family == "phase_noise"]
+    if not noisy:
+        return None
+    at = np.linspace(0, scene.count - 1, 2 * len(noisy[0].p)).astype(int)[1:-1]  # the ends of a course are held by little
+    moves = np.abs(np.diff(scene.course(noisy[0].p)[at]))
+    k, rms = int(np.argmax(moves)), max(float(np.sqrt(np.mean(moves**2))), 1e-300)
+    return Leftover(
+        test="jump of phase",
+        p_value=_bonferroni(float(stats.norm.logsf(moves[k] / rms)), 2 * len(moves)),
+        nats=float(0.5 * (moves[k] / rms) ** 2),
+        where={"time_s": [float(i / scene.sample_rate_hz) for i in at[k : k + 2]]},
     )
 
 

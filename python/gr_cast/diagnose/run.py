@@ -8,19 +8,23 @@ import numpy as np
 
 from ..effects import FAMILIES, Effect, stage_of
 from ..effects.base import RX_GAIN, start
+from ..effects.noise_family import profile
 from ..effects.phase_noise import MOST, shape_of
 from ..effects.signal_dependent_noise import told_floor
 from . import align, ambiguity, gate, heldout, noise, residual
 from .finding import MOST_TRUSTED, Finding, Worth, nmse, worth
-from .fit import Fit, filters_noise, gain_of_receiver, misfit
+from .fit import Fit, gain_of_receiver, misfit
 from .model import predict
+from .ownership import agree_on_sides
 from .search import refit, search
 from .verdict import conclude
 
 BUDGET_S = 240.0
 # Shares of the time that is left: for the recordings, for the first part of a long one, for the search of a part.
 RECORDINGS, FIRST_PART, SEARCH = 0.8, 0.6, 0.7
+CUT_NATS = 10.0  # by which rails on a lattice must make a recording likelier
 FINE_LATTICE = 10.0  # energy of its error over the noise, over the whole recording
+JITTER_SURE = 2.5  # standard deviations by which noise across the signal must exceed noise along it
 FINEST = 3  # times the fastest wander of the search
 UNEXPLAINED_P = 1e-5
 UNEXPLAINED_NATS = 40.0
@@ -36,11 +40,13 @@ def examine(case, observation, *, deadline: float, progress=lambda where: None) 
         if findings and left < 0:
             break
         share = FIRST_PART if k == 0 and len(parts) > 1 else 1 / (len(parts) - k)
-        findings.append(_examine_part(case, part, near, findings[0] if findings else None, time.monotonic() + left * share))
+        findings.append(
+            _examine_part(case, observation, part, near, findings[0] if findings else None, time.monotonic() + left * share)
+        )
     return findings
 
 
-def _examine_part(case, part, near, known: Finding | None, deadline: float) -> Finding:
+def _examine_part(case, whole, part, near, known: Finding | None, deadline: float) -> Finding:
     begun = time.monotonic()
     scene, data, model = align.build(case, part, near=near if known is None else _expected(known, part))
     data = replace(data, deadline=begun + SEARCH * (deadline - begun))
@@ -55,7 +61,14 @@ def _examine_part(case, part, near, known: Finding | None, deadline: float) -> F
     if model.effects != plain.effects:
         model = _under_the_lattice(data, refit(data, model).model)
         first = refit(data, model)
-    scene.rms = float(np.sqrt(np.mean(np.abs(first.chain.wanted) ** 2)))
+        if {"adc_clipping", "quantization"} <= {e.family for e in model.found}:
+            # On a lattice a signal of few levels heaps up as rails would: real ones cut the prediction.
+            rails = next(i for i, e in enumerate(model.effects) if e.family == "adc_clipping")
+            uncut = _under_the_lattice(data, model.without(rails))
+            free = refit(data, uncut)
+            if free.likelihood > first.likelihood - CUT_NATS:
+                model, first = uncut, free
+    scene.rms = float(np.sqrt(np.mean(np.abs(first.chain.wanted) ** 2))) * align.whole_over_part(case, whole, part, scene)
     have = LOCAL | {e.family for e in model.effects}
     for effect in known.fit.model.found if known else ():
         if effect.family not in have:
@@ -130,11 +143,6 @@ def _without_fine_lattice(fit: Fit) -> Fit:
     return fit
 
 
-def _coarse(model) -> bool:
-    """Whether a quantiser is so coarse that its error is no noise of its own."""
-    return any(e.family == "quantization" and e.p[2] < 0.7 for e in model.effects)
-
-
 # What belongs to one moment, or is judged anew in every part.
 LOCAL = {
     "sample_loss",
@@ -181,14 +189,12 @@ def _settle(fit: Fit) -> Fit:
     """Let every number of what was found move (a drift, a Doppler), and note the floor that noise is told
     against."""
     scene = fit.data.scene
-    effects = tuple(
-        e if e.fixed else replace(e, free=FAMILIES[e.family].settled(scene, e)) for e in fit.model.effects
-    )
+    effects = tuple(e if e.fixed else replace(e, free=FAMILIES[e.family].settled(scene, e)) for e in fit.model.effects)
     if any((a.free != b.free).any() for a, b in zip(effects, fit.model.effects, strict=True)):
         freed = refit(fit.data, replace(fit.model, effects=effects))
         if freed.likelihood > fit.likelihood - 1.0:
             fit = freed
-    fit = _whose_gain(_finer(fit))
+    fit = _with_jitter(_whose_gain(_finer(fit)))
     covariance = fit.covariance
     effects = []
     for i, e in enumerate(fit.model.effects):
@@ -220,6 +226,35 @@ def _finer(fit: Fit) -> Fit:
     return max(tried, key=lambda f: f.evidence)
 
 
+def _with_jitter(fit: Fit) -> Fit:
+    """Phase noise with its part that is too fast to be followed: noise across the signal, and none along it."""
+    at = next((i for i, e in enumerate(fit.model.effects) if e.family == "phase_noise" and not e.fixed), None)
+    if at is None:
+        return fit
+    across, along, power = _directions(fit)
+    jitter = (across.sum() - along.sum()) / power.sum()  # rad²
+    if jitter < JITTER_SURE * np.sqrt(np.sum((across + along) ** 2)) / power.sum():
+        return fit
+    effects = fit.model.effects
+    follows = next((i for i, e in enumerate(effects) if e.family == "signal_dependent_noise" and not e.fixed), None)
+    if follows is not None:
+        shape = np.exp(effects[follows].p[0]) * power / power.mean()
+        both = profile(np.concatenate([across, along]), np.concatenate([1 + shape, 1 + shape]))
+        if profile(np.concatenate([across, along]), np.concatenate([1 + 2 * shape, np.ones_like(shape)])) > both:
+            fit = refit(fit.data, fit.model.without(follows))
+            return _with_jitter(fit)
+    noisy = effects[at]
+    return replace(fit, model=_with(fit.model, at, replace(noisy, aux={**noisy.aux, "_jitter": float(jitter)})))
+
+
+def _directions(fit: Fit):
+    """Energies of the residual across and along the wanted signal, and its power; used samples."""
+    used, w = fit.data.use > 0, fit.chain.wanted
+    turned = (fit.residual * np.conj(w))[used]
+    power = np.maximum(np.abs(w[used]) ** 2, 1e-300)
+    return turned.imag**2 / power, turned.real**2 / power, power
+
+
 def _whose_gain(fit: Fit) -> Fit:
     """A gain that changes is the transmitter's where the noise does not change with it."""
     for i, e in enumerate(fit.model.effects):
@@ -232,7 +267,8 @@ def _whose_gain(fit: Fit) -> Fit:
 def _floor(finding: Finding) -> None:
     """Compare the noise with the twin's, on samples that the rails do not touch."""
     fit, told = finding.fit, finding.data.noise_power
-    if told is None or filters_noise(fit.model):  # a filter's own gain is unknown, and with it the floor before it
+    # A filter's own gain is unknown, and with it the floor before it; one link cannot tell whose filter it is.
+    if told is None or any(e.family == "front_end_filter" for e in fit.model.effects):
         return
     inside = off_the_rails(fit)
     shape = np.ones(fit.data.scene.count) if fit.data.variance is None else fit.data.variance
@@ -246,6 +282,10 @@ def _floor(finding: Finding) -> None:
     told = float(np.clip(np.mean(np.abs(fit.residual[inside]) ** 2 / shape[inside]), told, told + rounding))
     n = float(inside.sum())
     energy = np.abs(fit.residual[inside]) ** 2 / shape[inside] / told
+    if any("_jitter" in e.aux for e in fit.model.effects):  # only along the signal is noise alone
+        along = np.zeros(fit.data.scene.count)
+        along[fit.data.use > 0] = 2 * _directions(fit)[1]
+        energy = along[inside] / shape[inside] / told
     ratio = float(energy.mean())
     nats = n * (ratio - 1 - np.log(ratio))
     # A gain that changes has no level of its own: how far it moves is how well the floor is known.
@@ -311,10 +351,11 @@ def _look_for_rest(finding: Finding) -> None:
     fit = finding.fit
     explained = max(0.0, finding.twin.sigma2 / fit.sigma2 - 1) * fit.data.count
     for rest in residual.leftovers(fit, off_the_rails(fit)):
-        if _coarse(fit.model) and rest.test in ("amplitude", "place in the code"):
-            continue
         if rest.p_value < UNEXPLAINED_P and rest.nats > max(UNEXPLAINED_NATS, UNEXPLAINED_SHARE * explained):
             finding.left.append(rest)
+    jump = residual.jump_of_phase(fit)
+    if jump and jump.p_value < UNEXPLAINED_P:
+        finding.left.append(jump)
 
 
 def predict_only(case, observation, findings, deadline: float = np.inf) -> tuple[float, float, float]:
@@ -379,6 +420,7 @@ def diagnose(case, *, budget_s: float = BUDGET_S, progress=lambda where: None) -
         findings += examine(case, observation, deadline=time.monotonic() + share, progress=progress)
         for finding in findings:
             _light(finding, begun + budget_s)
+    agree_on_sides(findings)
     document = conclude(case, findings, [predict_only(case, o, findings, begun + budget_s) for o in case.observations if o.vault])
     document["seconds"] = round(time.monotonic() - begun, 3)
     return Diagnosis(case=case, document=document, findings=findings)

@@ -10,7 +10,7 @@ from scipy import fft as sp_fft
 from ..effects import FAMILIES, Effect, stage_of
 from ..effects.base import RX_FILTER, RX_GAIN, start
 from ..effects.columns import Dense, Lags, against, gram, inner
-from . import noise
+from . import heldout, noise
 from .fit import Data, Fit, invert, misfit, solve, with_noise
 from .model import RIDGE, Model, _run, _start_chain, _steps, effect_columns, predict
 from .view import View
@@ -22,6 +22,10 @@ REFITS = 3
 MOST_EFFECTS = 4
 SEEN = 1e-5  # share of a derivative that must be left when what other parameters can do is taken out
 CLEAR_NATS = 300.0  # a signal that promises more is fitted before the law of the noise is asked for
+SURE_NATS = 100.0  # evidence from which a simple family needs no other proof
+PROOF_STEPS = 2  # of a fit to three quarters of the samples, from the fit to all
+LEAST_HELD_OUT = 0.0  # nats on unseen samples that an effect must bring
+LEAST_OF_NOISE = 15.0  # nats of evidence: a law of noise fits what a model of the signal leaves over
 FEW_NATS = 10.0  # a flexible family is tried when no simple one comes this near
 
 
@@ -159,7 +163,7 @@ def _with_prior(schur, slope, shape):
     return gain, occam, step, shape * scale
 
 
-def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2) -> Fit:
+def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2, iterations: int = 8) -> Fit:
     """Signal and noise law at their joint optimum. `near`: a fit whose signal part is already close."""
     white = replace(data, variance=None, spectrum=None, impulses=None)
     noisy = any(FAMILIES[e.family].noise_like and not e.fixed for e in model.effects)
@@ -167,10 +171,10 @@ def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2) ->
         stage_of(e) in (RX_GAIN, RX_FILTER) or e.family == "quantization" and e.p[2] < 0.7 for e in model.effects
     )
     if not noisy or near is None:
-        fit = solve(white, model)
+        fit = solve(white, model, iterations=iterations)
         likely = _with_likely_priors(fit)
         if likely is not fit.model:
-            fit = solve(white, likely)
+            fit = solve(white, likely, iterations=iterations)
     if not shaped:
         return fit
     if near is not None and noisy:
@@ -180,7 +184,7 @@ def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2) ->
             model if noisy else fit.model,
             effects=tuple(_again(fit, e) for e in (model if noisy else fit.model).effects),
         )
-        fit = solve(with_noise(replace(fit, data=white), model), model)
+        fit = solve(with_noise(replace(fit, data=white), model), model, iterations=iterations)
         model = fit.model
     return fit
 
@@ -305,7 +309,7 @@ def search(data: Data, model: Model) -> list[Fit]:
         if not any(f is leader or not f.model.flexible for f in beam):
             break
     ranked = sorted(done.values(), key=lambda f: -f.evidence)
-    return [eliminate(data, _polished(data, ranked[0]), ranked), *ranked]
+    return [proven(data, eliminate(data, _polished(data, ranked[0]), ranked), ranked), *ranked]
 
 
 def _polished(data: Data, fit: Fit) -> Fit:
@@ -380,3 +384,47 @@ def eliminate(data: Data, fit: Fit, known: list[Fit]) -> Fit:
             return fit
         fit = worst
     return fit
+
+
+def proven(data: Data, fit: Fit, known: list[Fit]) -> Fit:
+    """Take out, one by one, every effect that makes samples likelier which were fitted and less likely others: it
+    imitates something."""
+    parts = heldout.folds(data)
+    while not data.late:
+        doubted = _doubted(data, fit, known)
+        worth = {i: _unseen(parts, fit.model, less.model) if less else -np.inf for i, less in doubted.items()}
+        if not worth or min(worth.values()) > LEAST_HELD_OUT or data.late:
+            break
+        fit = refit_or_known(data, fit.model.without(min(worth, key=worth.get)), known)
+    return fit
+
+
+def _doubted(data: Data, fit: Fit, known: list[Fit]) -> dict[int, Fit | None]:
+    """The effects of a fit that must prove themselves, each with the fit that lacks it, None where no proof is needed."""
+    doubted = {}
+    for i, effect in enumerate(fit.model.effects):
+        if effect.fixed or "read" in effect.aux:
+            continue
+        less = refit_or_known(data, fit.model.without(i), known)
+        gain = fit.evidence - less.evidence
+        if FAMILIES[effect.family].noise_like and gain < LEAST_OF_NOISE:
+            doubted[i] = None
+        elif gain < SURE_NATS or _imitates(effect):
+            doubted[i] = less
+    return doubted
+
+
+def _unseen(parts: list[Data], model: Model, less: Model) -> float:
+    """Nats by which `model` is likelier than `less` on the samples that each part holds out, both a step from their
+    optimum."""
+    return sum(
+        heldout.log_likelihood(refit(part, model, iterations=PROOF_STEPS))
+        - heldout.log_likelihood(refit(part, less, iterations=PROOF_STEPS))
+        for part in parts
+    )
+
+
+def _imitates(effect: Effect) -> bool:
+    """Whether an effect has the freedom to look like others, however much it explains."""
+    family = FAMILIES[effect.family]
+    return family.flexible or family.linear or family.noise_like or effect.prior is not None

@@ -7,6 +7,8 @@ from scipy import fft as sp_fft
 from .base import start
 from .noise_family import NoiseFamily, two_levels
 
+NYQUIST = 0.01  # of the sample rate on either side of its half: what interpolation between samples cannot know
+
 
 class NarrowbandInterference(NoiseFamily):
     name = "narrowband_interference"
@@ -46,6 +48,8 @@ class NarrowbandInterference(NoiseFamily):
         edges = np.linspace(0, n, cells + 1).astype(int)
         energy = np.add.reduceat(power, edges[:-1])
         size = np.diff(edges)
+        last = np.abs(edges[:-1] + size / 2 - n / 2) < NYQUIST * n
+        energy[last] = size[last] * energy[~last].sum() / size[~last].sum()
         e2, n2 = np.cumsum(np.concatenate([[0], energy, energy])), np.cumsum(np.concatenate([[0], size, size]))
         best = (0.0, 0, 1)
         for length in range(1, cells // 2):

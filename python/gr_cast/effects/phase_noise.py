@@ -63,7 +63,9 @@ class PhaseNoise(Family):
 
     def values(self, scene, effect, p):
         unseen = float(np.sum(effect.aux.get("_variance", [0.0])))  # of the course around its estimate
-        if effect.aux.get("law") == "held" and effect.prior is not None:
+        if "_jitter" in effect.aux:
+            unseen += effect.aux["_jitter"]
+        elif effect.aux.get("law") == "held" and effect.prior is not None:
             unseen += self.unfollowed(effect)
         return {"rms_rad": float(np.sqrt(np.mean(self.detrended(scene, p) ** 2) + unseen))}
 

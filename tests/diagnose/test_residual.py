@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is left after a fit: jumps that no oscillator makes, errors of a coarse lattice that are no place of their own,
+and what is too fast to be followed."""
+
+import numpy as np
+import pytest
+from gr_cast.diagnose import align, gate, read_case, residual, run
+from gr_cast.diagnose.search import refit
+from gr_cast.effects import FAMILIES
+from gr_cast.effects.base import start
+from gr_cast.effects.phase_noise import shape_of
+
+
+def _built(world, folder, y):
+    case = read_case(world.write(folder, y))
+    _, data, model = align.build(case, case.observations[0])
+    return data, model
+
+
+def _followed(world, folder, phase, size=480):
+    data, model = _built(world, folder, world.noisy(world.clean() * np.exp(1j * phase)))
+    law = {"law": "held", "corner": size / 8}
+    prior = 0.01 * shape_of(law, size) / shape_of(law, size).sum()
+    return refit(data, model.adding(start(FAMILIES["phase_noise"], np.zeros(size), prior=prior, aux=law)))
+
+
+def _wander(rng, count, memory):
+    white = rng.normal(size=count + 8 * memory)
+    phase = np.convolve(white, np.exp(-np.arange(8 * memory + 1) / memory), "valid")
+    return phase / phase.std()
+
+
+def test_a_jump_of_phase_is_no_phase_noise(world, tmp_path):
+    jump = residual.jump_of_phase(_followed(world, tmp_path / "case", 0.8 * (world.n >= 7000)))
+    assert jump.p_value < run.UNEXPLAINED_P
+    assert jump.where["time_s"][0] - 2e-5 <= 7e-3 <= jump.where["time_s"][1] + 2e-5
+
+
+def test_phase_noise_of_a_held_oscillator_is_no_jump(world, tmp_path):
+    phase = 0.1 * _wander(np.random.default_rng(3), len(world.n), 150)
+    assert residual.jump_of_phase(_followed(world, tmp_path / "case", phase)).p_value > 0.01
+
+
+def test_phase_noise_too_fast_to_follow_is_noise_across_the_signal_alone(world, tmp_path):
+    rng = np.random.default_rng(4)
+    fast = 0.02 * rng.normal(size=len(world.n))
+    fit = _followed(world, tmp_path / "case", 0.03 * _wander(rng, len(world.n), 400) + fast)
+    follows = start(FAMILIES["signal_dependent_noise"], [0.0], free=[False])
+    settled = run._with_jitter(refit(fit.data, fit.model.adding(follows), near=fit))
+    assert [e.family for e in settled.model.found] == ["phase_noise"]
+    assert settled.model.found[0].aux["_jitter"] == pytest.approx(np.mean(fast**2), rel=0.2)
+
+
+def test_a_lattice_of_few_steps_leaves_nothing_unexplained(world, tmp_path):
+    world.code = {"code": "zadoff_chu", "length": 1021, "root": 7, "samples_per_chip": 1}
+    index, step = np.arange(1021), 1 / 32
+    world.x = np.exp(-1j * np.pi * 7 * index * (index + 1) / 1021)
+    world.noise_rms = 0.004
+    y = world.noisy(world.clean())
+    coarse = step * (np.round(y.real / step) + 1j * np.round(y.imag / step))
+    data, model = _built(world, tmp_path / "case", coarse)
+    (lattice, _), = gate.discrete(coarse, "cf32_le")
+    fit = refit(data, run._under_the_lattice(data, model.adding(lattice)))
+    for rest in residual.leftovers(fit, run.off_the_rails(fit)):
+        assert rest.p_value > run.UNEXPLAINED_P or rest.nats < run.UNEXPLAINED_NATS
