@@ -104,7 +104,7 @@ def numbers(finding: Finding, index: int) -> tuple[dict, dict]:
     stds = finding.stds.get(effect.family, {})
     out = {}
     for name, value in values.items():
-        std = stds.get(name, np.sqrt(max(variance[name], 0.0)) * INFLATION)
+        std = stds.get(name, np.sqrt(max(variance[name], 0.0)))
         if effect.prior is not None:
             std = max(std, LEAST_OF_COURSES.get(name, 0.0) * (1.0 if name.endswith("_db") else abs(value)))
         if not std:
@@ -129,7 +129,6 @@ def _since_the_beginning(finding: Finding, values: dict[str, float]) -> dict[str
     return moved
 
 
-INFLATION = 1.1
 # What one realisation of a random course leaves open: a share of the number, or dB.
 LEAST_OF_COURSES = {
     "rms_rad": 0.1,
