@@ -174,10 +174,9 @@ def measure_row(nodes, n_taps, fma_peak, progress):
 
 
 def exponent(rows, n_taps, sizes):
-    """Power of N that the cost of all outputs grows with, between the two largest networks."""
+    """Power of N that the cost of all outputs grows with: the slope through networks of these sizes, in logarithms."""
     cost = {row["nodes"]: 1 / row["kernel_one_core"] for row in rows if row["taps"] == n_taps}
-    small, large = sizes
-    return np.log(cost[large] / cost[small]) / np.log(large / small)
+    return np.polyfit(np.log(sizes), np.log([cost[n] for n in sizes]), 1)[0]
 
 
 def main(argv=None):
@@ -216,11 +215,11 @@ def main(argv=None):
             f"{cost:.1%} of processor time ({plan})"
         )
     if len(arguments.nodes) > 1:
-        sizes = arguments.nodes[-2:]
+        sizes = arguments.nodes[-3:]
         result["exponent_sparse"] = exponent(rows, 4, sizes)
         result["exponent_dense"] = exponent(rows, N_TAPS, sizes)
         print(
-            f"cost of a sample of all nodes grows from {sizes[0]} to {sizes[1]} nodes as "
+            f"cost of a sample of all nodes grows from {sizes[0]} to {sizes[-1]} nodes as "
             f"N^{result['exponent_sparse']:.2f} at 4 taps (links x taps: N^2), "
             f"N^{result['exponent_dense']:.2f} at {N_TAPS} (links + N log: between N and N^2)"
         )
