@@ -31,14 +31,37 @@ def _wander(rng, count, memory):
 
 
 def test_a_jump_of_phase_is_no_phase_noise(world, tmp_path):
-    jump = residual.jump_of_phase(_followed(world, tmp_path / "case", 0.8 * (world.n >= 7000)))
+    (jump,) = residual.jumps(_followed(world, tmp_path / "case", 0.8 * (world.n >= 7000)))
     assert jump.p_value < run.UNEXPLAINED_P
     assert jump.where["time_s"][0] - 2e-5 <= 7e-3 <= jump.where["time_s"][1] + 2e-5
 
 
 def test_phase_noise_of_a_held_oscillator_is_no_jump(world, tmp_path):
     phase = 0.1 * _wander(np.random.default_rng(3), len(world.n), 150)
-    assert residual.jump_of_phase(_followed(world, tmp_path / "case", phase)).p_value > 0.01
+    (jump,) = residual.jumps(_followed(world, tmp_path / "case", phase))
+    assert jump.p_value > 0.01
+
+
+def _faded(world, folder, course, orders=100):
+    """The fit of a second tap whose gain goes through a course (n,)."""
+    steady, moving = (0.3 * np.exp(0.4j) * a * world.path(d) for d, a in world.taps)
+    data, model = _built(world, folder, world.noisy(steady + moving * course))
+    fading = start(FAMILIES["tap_fading"], np.zeros(2 * orders), prior=np.full(2 * orders, 0.01), aux={"tap": 1})
+    mean = start(FAMILIES["tap_gain_error"], [0.0, 0.0], aux={"tap": 1})
+    return refit(data, model.adding(mean).adding(fading))
+
+
+def test_a_tap_that_hops_does_not_fade(world, tmp_path):
+    (jump,) = residual.jumps(_faded(world, tmp_path / "case", np.where(world.n < 12_000, 1.0, 0.7)))
+    assert jump.p_value < run.UNEXPLAINED_P
+    assert jump.where["time_s"][0] - 1e-4 <= 12e-3 <= jump.where["time_s"][1] + 1e-4
+
+
+def test_a_tap_that_fades_does_not_hop(world, tmp_path):
+    rng = np.random.default_rng(6)
+    course = 1 + 0.4 * (_wander(rng, len(world.n), 800) + 1j * _wander(rng, len(world.n), 800))
+    (jump,) = residual.jumps(_faded(world, tmp_path / "case", course))
+    assert jump.p_value > 0.01
 
 
 def test_phase_noise_too_fast_to_follow_is_noise_across_the_signal_alone(world, tmp_path):

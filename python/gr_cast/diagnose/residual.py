@@ -10,6 +10,7 @@ import numpy as np
 from scipy import fft as sp_fft
 from scipy import stats
 
+from ..effects import FAMILIES
 from .view import View
 
 
@@ -147,20 +148,31 @@ def _amplitude(fit, inside) -> Leftover | None:
     )
 
 
-def jump_of_phase(fit) -> Leftover | None:
-    """A course of phase noise that moves far more in one moment than in all others: no oscillator does."""
-    scene, noisy = fit.data.scene, [e for e in fit.model.found if e.family == "phase_noise"]
-    if not noisy:
-        return None
-    at = np.linspace(0, scene.count - 1, 2 * len(noisy[0].p)).astype(int)[1:-1]  # the ends of a course are held by little
-    moves = np.abs(np.diff(scene.course(noisy[0].p)[at]))
-    k, rms = int(np.argmax(moves)), max(float(np.sqrt(np.mean(moves**2))), 1e-300)
-    return Leftover(
-        test="jump of phase",
-        p_value=_bonferroni(float(stats.norm.logsf(moves[k] / rms)), 2 * len(moves)),
-        nats=float(0.5 * (moves[k] / rms) ** 2),
-        where={"time_s": [float(i / scene.sample_rate_hz) for i in at[k : k + 2]]},
-    )
+def jumps(fit) -> list[Leftover]:
+    """Random courses, of a phase or of a tap, that move far more in one moment than in all others: none that is Gaussian
+    does."""
+    scene, out = fit.data.scene, []
+    for e in fit.model.found:
+        if e.family not in ("phase_noise", "tap_fading"):
+            continue
+        course = FAMILIES[e.family].course(scene, e, e.p)
+        orders = len(e.p) // (2 if np.iscomplexobj(course) else 1)
+        at = np.linspace(0, scene.count - 1, 2 * orders).astype(int)[4:-4]  # the ends of a course are held by little
+        if len(at) < 16:
+            continue
+        moves = np.abs(np.diff(course[at])) ** 2
+        k = int(np.argmax(moves))
+        height = float(moves[k] / max(float(np.mean(moves)), 1e-300))
+        log_p = -height if np.iscomplexobj(course) else float(stats.chi2.logsf(height, 1))
+        out.append(
+            Leftover(
+                test=f"jump in the course of {e.family}",
+                p_value=_bonferroni(log_p, len(moves)),
+                nats=height / (1 if np.iscomplexobj(course) else 2),
+                where={"time_s": [float(i / scene.sample_rate_hz) for i in at[k : k + 2]]},
+            )
+        )
+    return out
 
 
 def delay_time(fit, segments: int = 24, longest: float = 0.0) -> tuple[np.ndarray, np.ndarray]:

@@ -353,9 +353,7 @@ def _look_for_rest(finding: Finding) -> None:
     for rest in residual.leftovers(fit, off_the_rails(fit)):
         if rest.p_value < UNEXPLAINED_P and rest.nats > max(UNEXPLAINED_NATS, UNEXPLAINED_SHARE * explained):
             finding.left.append(rest)
-    jump = residual.jump_of_phase(fit)
-    if jump and jump.p_value < UNEXPLAINED_P:
-        finding.left.append(jump)
+    finding.left += [jump for jump in residual.jumps(fit) if jump.p_value < UNEXPLAINED_P]
 
 
 def predict_only(case, observation, findings, deadline: float = np.inf) -> tuple[float, float, float]:
