@@ -3,7 +3,8 @@
 # Installs the ray tracer and Dask in a Python environment of their own, so that GNU Radio's NumPy stays as it is.
 # Run again, it does nothing where all is there, and starts anew where a run was cut short.
 # Usage: bash apps/install_raytracer.sh [FOLDER]; elsewhere than the default, set CAST_RAYTRACER=FOLDER/bin/python.
-#        bash apps/install_raytracer.sh --second [FOLDER]: a second tracer, which tests compare the first with (CAST_DIFFERT).
+#        bash apps/install_raytracer.sh --second [FOLDER]: a second tracer, which tests compare the first with; elsewhere, set
+#        CAST_DIFFERT=FOLDER/bin/python.
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
 unset PYTHONHOME PYTHONPATH PIP_PREFIX PIP_TARGET PIP_USER # each would put packages elsewhere
