@@ -9,7 +9,7 @@ from .finding import MOST_TRUSTED, Finding, nmse, numbers
 from .ownership import kind_of, owner
 
 SAME_DELAY_SAMPLES = 0.7
-UNTRUSTED = 0.35  # of the confidence of an effect that stands in a list with something left unexplained
+UNTRUSTED = 0.2  # of the confidence of an effect that stands in a list with something left unexplained
 LEAST_NATS = 8.0  # that an effect must bring over all recordings
 
 
@@ -153,7 +153,7 @@ def _entry(findings, members) -> dict | None:
 def confidence(nats: float) -> float:
     """Share of effects with this evidence that are true when the whole list is trusted
     (tests/bench/bench_confidence.py)."""
-    return round(float(0.60 + 0.34 * (1 - np.exp(-max(nats, 0) / 20))), 3)
+    return round(float(0.60 + 0.38 * (1 - np.exp(-max(nats, 0) / 20))), 3)
 
 
 def _doubted(effects: list[dict], verdict: str, ambiguous: list[dict]) -> None:
