@@ -254,8 +254,8 @@ def test_inner_products_of_derivatives_are_those_of_their_rows():
     blocks = [
         Dense(signals=noise(3, COUNT)),
         Lags(signals=noise(2, COUNT), entries=((0, -2), (1, 0), (1, 5)), window=rng.random(COUNT)),
-        Courses(signals=noise(2, COUNT), orders=7),
-        Courses(signals=noise(1, COUNT), orders=4),
+        Courses(signals=noise(2, COUNT), orders=7, scene=scene(ONE)),
+        Courses(signals=noise(1, COUNT), orders=4, scene=scene(ONE)),
     ]
     rows = np.concatenate([b.full() for b in blocks])
     want = (np.conj(rows) @ rows.T).real

@@ -19,7 +19,10 @@ LOWEST_LAG, HIGHEST_LAG = (
 )  # samples around the taps that a model reaches where a waveform has unknown parts
 LONGEST_WHOLE = 200_000  # samples that are fitted at once; of more, parts of PART samples
 PART, MOST_PARTS = 40_000, 8
+LONGEST_PART = 1 << 20  # samples from the first to the last of a part of which little is known
 LEAST_PART = 1000  # known samples that make a part worth a look
+LEAST_GATHERED = 4000  # samples of a recording of which some are left out
+MOSTLY = 0.7  # share of the samples from which on none is left out
 LONGEST_SCAN = 1 << 21  # samples in which a waveform that is shorter than the recording is looked for
 CLEAR = 12.0  # standard deviations of the other lags by which a delay stands out
 MARGIN = 64  # samples kept around what is known of a short recording
@@ -165,7 +168,8 @@ def parts_of(case, observation) -> list[tuple]:
         near = delay, _ = locate(case, observation.part(0, min(high, LONGEST_SCAN)))
         low = max(low, delay - LEAST_PART)
         high = max(min(high, delay + max(len(w.samples) for w in waves) + LEAST_PART), low + LEAST_PART)
-    size = min(high - low, PART)
+    share = min(_known(w, low, high - low) for w in waves) / (high - low)
+    size = min(high - low, int(PART / max(share, PART / LONGEST_PART)))
     count = min(-(-(high - low) // size), MOST_PARTS)
     parts = [observation.part(int(f), int(f) + size) for f in np.linspace(low, high - size, count)]
     known = [min(_known(w, part.first, size) for w in waves) for part in parts]
@@ -249,7 +253,7 @@ def _told_inverted(case, observation) -> bool:
     return any(e["family"] == "spectral_inversion" for e in twin_effects(case, observation))
 
 
-def build(case, observation, *, near: tuple[int, bool] | None = None):
+def build(case, observation, *, near: tuple[float, bool] | None = None):
     """Scene, data and first model of one recording; `near`: (delay in samples, inverted) where they are
     known before."""
     rate, n = case.sample_rate_hz, len(observation.samples)
@@ -263,7 +267,8 @@ def build(case, observation, *, near: tuple[int, bool] | None = None):
         sources = [source_of(w.name, w.samples, amplitude, True) for w, amplitude in sent]
         delay %= len(sources[0].samples)
     else:
-        sources = [_window(w, amplitude, delay, n) for w, amplitude in sent]
+        whole = int(round(delay))
+        sources = [_window(w, amplitude, whole, n) for w, amplitude in sent]
     later = observation.first / rate
     paths = [
         Path(source=i, delay=t.delay_s * rate, gain=complex(t.amplitude), doppler=t.doppler_hz * n / rate)
@@ -278,7 +283,7 @@ def build(case, observation, *, near: tuple[int, bool] | None = None):
         taps=paths,
         transmitters=names,
         receiver=observation.receiver,
-        anchor=0 if repeat else delay,
+        anchor=0 if repeat else whole,
         carrier_hz=observation.center_frequency_hz,
         free_ports=tuple(i for i, link in enumerate(links) if i and {"gain", "phase"} & set(link.unknown)),
     )
@@ -288,10 +293,11 @@ def build(case, observation, *, near: tuple[int, bool] | None = None):
         for w in case.waveforms.values()
         if w.name not in on_air and not _is_on_air(case, w.name)
     }
+    data = _known_alone(_data(case, observation, scene, y))
+    scene, y = data.scene, data.y
     scene.rms = float(np.sqrt(np.mean(np.abs(y) ** 2)))
-    data = _data(case, observation, scene, y)
     scene.floor = data.noise_power or scene.floor
-    base = np.array([float(delay) if repeat else 0.0, 1.0, 0.0, *(1.0, 0.0) * len(scene.free_ports)])
+    base = np.array([float(delay) if repeat else delay - whole, 1.0, 0.0, *(1.0, 0.0) * len(scene.free_ports)])
     model = Model(base=base)
     for entry in twin:
         model = model.adding(effect_of(scene, entry, later))
@@ -319,6 +325,38 @@ def whole_over_part(case, whole, part, scene) -> float:
         sent += source.power * during / len(whole.samples)
         here += float(np.sum(np.abs(source.samples[at]) ** 2) / max(1, source.known[at].sum()))
     return float(np.sqrt(sent / here)) if sent > 0 and here > 0 else 1.0
+
+
+def _known_alone(data: Data) -> Data:
+    """The data without the samples around which nothing is known, where those are many: every step of a fit then costs
+    what the known ones cost. Kept are, with the samples to fit, those that a model reaches from them."""
+    scene, wanted = data.scene, (data.use > 0) | data.vault
+    if scene.count < LEAST_GATHERED or scene.sources[0].repeat or not wanted.any():
+        return data
+    low, high = LOWEST_LAG - 8, int(np.ceil(max(p.delay for p in scene.taps))) + HIGHEST_LAG + 8
+    sums = np.concatenate([[0], np.cumsum(wanted)])
+    n = np.arange(scene.count)
+    at = np.flatnonzero(sums[np.minimum(n + high + 1, scene.count)] > sums[np.maximum(n + low, 0)])
+    if len(at) > MOSTLY * scene.count:
+        return data
+    gathered = lambda source: source if source.repeat else _gathered(source, at)  # noqa: E731
+    scene = replace(
+        scene,
+        count=len(at),
+        sources=[gathered(s) for s in scene.sources],
+        extra={name: gathered(s) for name, s in scene.extra.items()},
+        span=scene.count,
+        at=at,
+    )
+    return replace(data, scene=scene, y=data.y[at], use=data.use[at], vault=data.vault[at])
+
+
+def _gathered(source: Source, at: np.ndarray) -> Source:
+    """A window of what was sent, cut down to the samples `at` of the recording, with silence around them."""
+    size = sp_fft.next_fast_len(len(at) + 2 * PAD)
+    samples, known = np.zeros(size, complex), np.ones(size, bool)
+    samples[PAD : PAD + len(at)], known[PAD : PAD + len(at)] = source.samples[PAD + at], source.known[PAD + at]
+    return replace(source, samples=samples, known=known)
 
 
 def _is_on_air(case, name: str) -> bool:

@@ -5,12 +5,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..effects import FAMILIES
+from ..effects import FAMILIES, stage_of
+from ..effects.base import RX_FILTER
 from . import heldout
-from .fit import Fit
+from .fit import Fit, invert
 from .model import predict
 from .search import refit_or_known
 
+LEAST_TOLD = 20.0  # nats of an effect without a curvature: a search found it
 MOST_TRUSTED = 3  # effects in one recording; with more the list is not the whole truth
 
 
@@ -36,6 +38,7 @@ class Finding:
     fit: Fit
     known: list = field(default_factory=list)  # other fits that the search made
     complete: bool = True
+    later: bool = False  # a further part of a recording whose first part was searched
     stds: dict = field(default_factory=dict)
     left: list = field(default_factory=list)
     ambiguous: list = field(default_factory=list)
@@ -52,7 +55,11 @@ class Finding:
         if key not in self.worths:
             model = replace(self.fit.model, effects=tuple(e for e in self.fit.model.effects if "nats" not in e.aux))
             at = next(i for i, e in enumerate(model.effects) if e.p is effect.p)
-            self.worths[key] = worth(self.fit, refit_or_known(self.data, model.without(at), self.known))
+            if self.later or self.data.late:
+                most = self.data.count * np.log(max(self.twin.sigma2 / self.fit.sigma2, 1.0)) + LEAST_TOLD
+                self.worths[key] = Worth(evidence=min(told_by_curvature(self.fit, index), most), held_out=0.0)
+            else:
+                self.worths[key] = worth(self.fit, refit_or_known(self.data, model.without(at), self.known))
         return self.worths[key]
 
 
@@ -65,6 +72,17 @@ def worth(fit: Fit, without: Fit, rivals=()) -> Worth:
     )
 
 
+def told_by_curvature(fit: Fit, index: int) -> float:
+    """Evidence that is lost without an effect, by the curvature of ln L alone (Wald's statistic) and with no fit."""
+    effect, span = fit.model.effects[index], fit.model.span(index)
+    if FAMILIES[effect.family].noise_like or not effect.free.any() or len(fit.model.vector()) != len(fit.hessian):
+        return LEAST_TOLD
+    p, covariance, n = effect.p[effect.free], fit.covariance[span, span], fit.data.count
+    gain = 0.5 * p @ invert(covariance) @ p
+    held = 0.0 if effect.prior is None else np.sum(np.diag(covariance) / effect.prior[effect.free])  # by the prior alone
+    return float(n / 2 * np.log1p(2 * gain / n) - 0.5 * (len(p) - held) * np.log(n))
+
+
 def nmse(data, y: np.ndarray, inside: np.ndarray) -> float:
     """Residual power on the samples `inside` over recorded power."""
     return float(np.mean(np.abs(data.y[inside] - y[inside]) ** 2) / np.mean(np.abs(data.y[data.use + data.vault > 0]) ** 2))
@@ -74,6 +92,7 @@ def numbers(finding: Finding, index: int) -> tuple[dict, dict]:
     """Contract parameters of one effect: {name: {value, std}} and constants."""
     fit, effect = finding.fit, finding.fit.model.effects[index]
     family, scene = FAMILIES[effect.family], finding.scene
+    scene.front_end = front_end(fit.model)
     predict(scene, fit.model)  # leaves in the scene what its amplifiers and lattices were driven with
     values = _since_the_beginning(finding, family.values(scene, effect, effect.p))
     variance = {name: 0.0 for name in values}
@@ -111,6 +130,12 @@ def numbers(finding: Finding, index: int) -> tuple[dict, dict]:
             std = default_std(effect.family, name, value, scene)
         out[name] = {"value": float(value), "std": float(std)}
     return out, family.constants(scene, effect)
+
+
+def front_end(model) -> np.ndarray:
+    """Taps of the receiver's filter in a model."""
+    filters = [e for e in model.effects if e.family == "front_end_filter" and stage_of(e) == RX_FILTER]
+    return FAMILIES["front_end_filter"].impulse_response(filters[0], filters[0].p) if filters else np.ones(1)
 
 
 def _since_the_beginning(finding: Finding, values: dict[str, float]) -> dict[str, float]:

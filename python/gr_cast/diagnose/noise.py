@@ -11,12 +11,12 @@ TESTED = ("signal_dependent_noise", "impulsive_noise", "pulsed_interference", "n
 
 
 def view_of(fit) -> NoiseView:
-    shape = shape_of_receiver(fit, fit.model)
+    shape, spread = shape_of_receiver(fit, fit.model), fit.data.scene.spread
     return NoiseView(
-        use=fit.data.use > 0,
-        energy=np.abs(fit.residual) ** 2 / (1.0 if shape is None else shape),
-        wanted_power=np.abs(fit.chain.wanted) ** 2,
-        weighted=fit.residual * fit.data.root**2,
+        use=spread(fit.data.use > 0),
+        energy=spread(np.abs(fit.residual) ** 2 / (1.0 if shape is None else shape)),
+        wanted_power=spread(np.abs(fit.chain.wanted) ** 2),
+        weighted=spread(fit.residual * fit.data.root**2),
     )
 
 

@@ -190,8 +190,7 @@ def owner(findings, members) -> tuple[dict, set[str]]:
     options = owners(findings, effect)
     if len(options) == 1:
         return {"level": options[0][0], "name": options[0][1]}, options[0][2]
-    heard = voices(findings, members) if len(findings) > 1 else []
-    if not heard or len({frozenset(g) for _, _, g in options}) == 1:
+    if len(findings) == 1 or len({frozenset(g) for _, _, g in options}) == 1:
         side = effect.aux.get("side") or ("tx" if family.level == "tx" else "rx")
         best = next((o for o in options if o[0] == side), options[0])
         rest = [o for o in options if o != best]
@@ -199,6 +198,7 @@ def owner(findings, members) -> tuple[dict, set[str]]:
         if rest and effect.family not in ALWAYS_TX | ALWAYS_RX:
             name["alternatives"] = [{"level": level, "name": other} for level, other, _ in rest]
         return name, best[2]
+    heard = voices(findings, members)
     scores = sorted(((weigh(effect.family, heard, g), level, name, g) for level, name, g in options), key=lambda s: -s[0])
     best = scores[0]
     found = {"level": best[1], "name": best[2]}

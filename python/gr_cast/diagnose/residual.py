@@ -58,7 +58,7 @@ def leftovers(fit, inside) -> list[Leftover]:
         spread = max(1.0, float(np.var(power) / np.mean(power) ** 2))
         energy, count = energy / spread, count / spread
     rows, bins = energy.shape
-    t = np.linspace(0, rows, rows + 1) * (scene.count // rows) / scene.sample_rate_hz
+    t = np.append(scene.index, scene.index[-1] + 1)[np.arange(rows + 1) * (scene.count // rows)] / scene.sample_rate_hz
     for name, e, c in (
         ("time × frequency", energy, count),
         ("time", energy.sum(1, keepdims=True), count.sum(1, keepdims=True)),

@@ -11,7 +11,7 @@ from ..effects.base import RX_GAIN, start
 from ..effects.noise_family import profile
 from ..effects.phase_noise import MOST, shape_of
 from ..effects.signal_dependent_noise import told_floor
-from . import align, ambiguity, gate, heldout, noise, residual
+from . import align, ambiguity, gate, heldout, noise, offsets, residual
 from .finding import MOST_TRUSTED, Finding, Worth, nmse, worth
 from .fit import Fit, gain_of_receiver, misfit
 from .model import predict
@@ -68,17 +68,21 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
             free = refit(data, uncut)
             if free.likelihood > first.likelihood - CUT_NATS:
                 model, first = uncut, free
-    scene.rms = float(np.sqrt(np.mean(np.abs(first.chain.wanted) ** 2))) * align.whole_over_part(case, whole, part, scene)
+    scene.rms = known.scene.rms if known else _wanted_rms(first) * align.whole_over_part(case, whole, part, scene)
     have = LOCAL | {e.family for e in model.effects}
     for effect in known.fit.model.found if known else ():
         if effect.family not in have:
-            model = model.adding(effect)
+            lengths = (part.first - known.observation.first) / known.scene.span
+            model = model.adding(FAMILIES[effect.family].later(effect, lengths))
+    if known:
+        model = offsets.with_gains(data, model)
     fit, *known_fits = search(data, model) if known is None else _confirmed(known, data, model)
     complete = not data.late
     again = _under_the_lattice(data, fit.model)
     if again is not fit.model:
         fit = refit(data, again)
-    fit = _without_fine_lattice(_settle(_until(fit, deadline)))
+    fit = _until(fit, deadline) if known else _levelled(_until(fit, deadline), first)
+    fit = _without_fine_lattice(_settle(fit, finer=known is None))
     finding = Finding(
         observation=part,
         scene=scene,
@@ -88,9 +92,13 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
         known=known_fits,
         complete=complete,
         stds=stds,
+        later=known is not None,
     )
     if known is None and len(fit.model.found) <= MOST_TRUSTED:
         _compare(finding)
+    for i, effect in enumerate(fit.model.effects):
+        if not effect.fixed:
+            finding.worth_of(i)
     _floor(finding)
     _look_for_rest(finding)
     return finding
@@ -143,6 +151,7 @@ def _without_fine_lattice(fit: Fit) -> Fit:
     return fit
 
 
+LEVELS = {"dc_offset", "tone_interference"}  # whose first two numbers are amplitudes over the wanted rms
 # What belongs to one moment, or is judged anew in every part.
 LOCAL = {
     "sample_loss",
@@ -156,12 +165,12 @@ LOCAL = {
 LOCAL |= {"phase_noise", "tap_fading", "impulsive_noise"}
 
 
-def _expected(known: Finding, part) -> tuple[int, bool]:
+def _expected(known: Finding, part) -> tuple[float, bool]:
     """Where a later part of the same recording begins in the waveform."""
     clock = next((e.p[0] for e in known.fit.model.effects if e.family == "sample_clock_offset"), 0.0)
     ahead = part.first - known.observation.first
-    delay = known.scene.anchor + known.fit.model.base[0] - ahead * (1 + clock / known.scene.count)
-    return int(round(delay)), any(e.family == "spectral_inversion" for e in known.fit.model.found)
+    delay = known.scene.anchor + known.fit.model.base[0] - ahead * (1 + clock / known.scene.span)
+    return delay, any(e.family == "spectral_inversion" for e in known.fit.model.found)
 
 
 def _compare(finding: Finding) -> None:
@@ -185,7 +194,7 @@ def _compare(finding: Finding) -> None:
             )
 
 
-def _settle(fit: Fit) -> Fit:
+def _settle(fit: Fit, finer: bool) -> Fit:
     """Let every number of what was found move (a drift, a Doppler), and note the floor that noise is told
     against."""
     scene = fit.data.scene
@@ -194,7 +203,7 @@ def _settle(fit: Fit) -> Fit:
         freed = refit(fit.data, replace(fit.model, effects=effects))
         if freed.likelihood > fit.likelihood - 1.0:
             fit = freed
-    fit = _with_jitter(_whose_gain(_finer(fit)))
+    fit = _with_jitter(_whose_gain(_finer(fit) if finer else fit))
     covariance = fit.covariance
     effects = []
     for i, e in enumerate(fit.model.effects):
@@ -204,6 +213,24 @@ def _settle(fit: Fit) -> Fit:
             e = replace(e, aux={**e.aux, "_variance": np.diag(covariance)[fit.model.span(i)].tolist()})
         effects.append(e)
     return replace(fit, model=replace(fit.model, effects=tuple(effects)))
+
+
+def _wanted_rms(fit: Fit) -> float:
+    return float(np.sqrt(np.mean(np.abs(fit.chain.wanted[fit.data.use > 0]) ** 2)))
+
+
+def _levelled(fit: Fit, first: Fit) -> Fit:
+    """The fit with its levels relative to the wanted signal as it is known now; in the first fit it could be next to
+    nothing."""
+    ratio = _wanted_rms(first) / _wanted_rms(fit)
+    effects = [
+        e.moved(e.p * np.where(np.arange(len(e.p)) < 2, ratio, 1.0)) if e.family in LEVELS and "rms" not in e.aux else e
+        for e in fit.model.effects
+    ]
+    fit.data.scene.rms /= ratio
+    if all(a is b for a, b in zip(effects, fit.model.effects, strict=True)):
+        return fit
+    return refit(fit.data, replace(fit.model, effects=tuple(effects)))
 
 
 def _with(model, index: int, effect: Effect):
@@ -370,7 +397,7 @@ def predict_only(case, observation, findings, deadline: float = np.inf) -> tuple
     scene, data, model = align.build(case, part, near=near)
     data = replace(data, use=data.vault.astype(float), deadline=deadline)
     twin = refit(data, model)
-    ratio = scene.count / like.scene.count
+    ratio = scene.span / like.scene.span
     found = tuple(_rescaled(e, ratio) for e in like.fit.model.found if not FAMILIES[e.family].noise_like)
     for effect in found:
         if effect.family not in {e.family for e in model.effects}:

@@ -10,7 +10,7 @@ from scipy import fft as sp_fft
 from ..effects import FAMILIES, Effect, stage_of
 from ..effects.base import RX_FILTER, RX_GAIN, start
 from ..effects.columns import Dense, Lags, against, gram, inner
-from . import heldout, noise
+from . import heldout, noise, offsets
 from .fit import Data, Fit, invert, misfit, solve, with_noise
 from .model import RIDGE, Model, _run, _start_chain, _steps, effect_columns, predict
 from .view import View
@@ -20,12 +20,15 @@ MARGIN = 5.0  # nats of evidence that an effect must bring beyond its price
 BEAM = 2
 REFITS = 3
 MOST_EFFECTS = 4
+SAME_OSCILLATOR = 0.1  # by which clock and carrier of one oscillator may seem to differ
 SEEN = 1e-5  # share of a derivative that must be left when what other parameters can do is taken out
+CLEAR_SHARE, FAR_SHARE = 0.1, 0.7  # of the best score: by which starts of one family, and families, must not stay behind it
 CLEAR_NATS = 300.0  # a signal that promises more is fitted before the law of the noise is asked for
 SURE_NATS = 100.0  # evidence from which a simple family needs no other proof
 PROOF_STEPS = 2  # of a fit to three quarters of the samples, from the fit to all
 LEAST_HELD_OUT = 0.0  # nats on unseen samples that an effect must bring
 LEAST_OF_NOISE = 15.0  # nats of evidence: a law of noise fits what a model of the signal leaves over
+FEW_SHARE = 0.05  # of the best score: how rough a score is
 FEW_NATS = 10.0  # a flexible family is tried when no simple one comes this near
 
 
@@ -164,17 +167,21 @@ def _with_prior(schur, slope, shape):
 
 
 def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2, iterations: int = 8) -> Fit:
-    """Signal and noise law at their joint optimum. `near`: a fit whose signal part is already close."""
+    """Signal and noise law at their joint optimum. `near`: a fit whose signal part is already close, or that lacks one
+    effect, with the shape of its noise."""
     white = replace(data, variance=None, spectrum=None, impulses=None)
+    begun = white if near is None else replace(near.data, deadline=data.deadline)
+    if data.late:  # it stays where it stands: no shape of the noise is worth its time
+        return solve(begun, model)
     noisy = any(FAMILIES[e.family].noise_like and not e.fixed for e in model.effects)
     shaped = noisy or any(
         stage_of(e) in (RX_GAIN, RX_FILTER) or e.family == "quantization" and e.p[2] < 0.7 for e in model.effects
     )
     if not noisy or near is None:
-        fit = solve(white, model, iterations=iterations)
+        fit = solve(begun if shaped else white, model, iterations=iterations)
         likely = _with_likely_priors(fit)
         if likely is not fit.model:
-            fit = solve(white, likely, iterations=iterations)
+            fit = solve(fit.data, likely, iterations=iterations)
     if not shaped:
         return fit
     if near is not None and noisy:
@@ -271,9 +278,12 @@ ONCE = {
 def _worth_trying(scores: list[Score]) -> list[Score]:
     """The simple families that promise most, flexible ones where they promise more, and the laws of noise."""
     options = [s for s in scores if s.net > 0]
+    best = {s.effect.family: s.net for s in reversed(options)}  # of a family, what scores far less is not its best start
+    options = [s for s in options if s.net > best[s.effect.family] - max(CLEAR_NATS, CLEAR_SHARE * best[s.effect.family])]
     simple = [s for s in options if not FAMILIES[s.effect.family].flexible and not FAMILIES[s.effect.family].noise_like]
     best = simple[0].net if simple else 0.0
-    flexible = [s for s in options if FAMILIES[s.effect.family].flexible and s.net > best + FEW_NATS]
+    simple = [s for s in simple if s.net > best - max(CLEAR_NATS, FAR_SHARE * best)]
+    flexible = [s for s in options if FAMILIES[s.effect.family].flexible and s.net > best + FEW_NATS + FEW_SHARE * best]
     noises = [s for s in options if FAMILIES[s.effect.family].noise_like and s.net > best]
     return simple[:REFITS] + flexible[:2] + noises[:2]
 
@@ -295,15 +305,14 @@ def search(data: Data, model: Model) -> list[Fit]:
             for s in _worth_trying(candidates(fit)):
                 if data.late:
                     break
-                near = fit if FAMILIES[s.effect.family].noise_like else None
-                trial = refit(data, fit.model.adding(s.effect), near=near)
+                trial = refit(data, fit.model.adding(s.effect), near=fit)
                 key = trial.model.families
                 if trial.evidence > fit.evidence + MARGIN and plausible(trial.model):
                     if key not in done or done[key].evidence < trial.evidence:
                         done[key] = grown[key] = trial
         leader = max(done.values(), key=lambda f: f.evidence)
         rounds = 0 if leader.evidence > before else rounds + 1
-        if len(leader.model.found) >= MOST_EFFECTS:
+        if causes(data.scene, leader.model) >= MOST_EFFECTS:
             break
         beam = _best(grown.values(), leader, leader.evidence - before)
         if not any(f is leader or not f.model.flexible for f in beam):
@@ -338,6 +347,14 @@ def _best(grown, leader: Fit, gained: float) -> list[Fit]:
     return beam
 
 
+def causes(scene, model: Model) -> int:
+    """How many effects were found; carrier and sample clock of one oscillator are one."""
+    carriers = [e.p[0] for e in model.found if e.family == "carrier_frequency_offset" and scene.carrier_hz]
+    clocks = [e.p[0] for e in model.found if e.family == "sample_clock_offset"]
+    tied = [c / scene.duration_s / scene.carrier_hz * scene.span for c in carriers]
+    return len(model.found) - any(abs(clock - t) < SAME_OSCILLATOR * abs(t) for clock in clocks for t in tied)
+
+
 def plausible(model: Model) -> bool:
     return all(FAMILIES[e.family].plausible(e) for e in model.effects)
 
@@ -349,6 +366,8 @@ def _gross_offsets(data: Data, model: Model) -> list[Model]:
     if any(e.family == "carrier_frequency_offset" and not e.fixed for e in model.effects):
         return []
     scene = data.scene
+    if scene.at is not None:
+        return offsets.models(data, model)
     chain = predict(scene, model)
     y, wanted = data.y, chain.wanted
     if any(e.family == "spectral_inversion" for e in model.effects):
@@ -364,7 +383,7 @@ def _gross_offsets(data: Data, model: Model) -> list[Model]:
     offset = replace(offset, free=FAMILIES[offset.family].settled(scene, offset))
     found = [model.adding(offset)]
     if scene.carrier_hz:
-        gained = cycles / scene.duration_s / scene.carrier_hz * scene.count
+        gained = cycles / scene.duration_s / scene.carrier_hz * scene.span
         if abs(gained) > 0.05:
             found.append(found[0].adding(start(FAMILIES["sample_clock_offset"], [gained])))
     return found

@@ -109,7 +109,7 @@ def _entry(findings, members) -> dict | None:
     whose, group = owner(findings, members)
     members = [m for m in members if m[0].observation.name in group] or members
     gain = sum(f.gain_of(i) for f, i in members)
-    finding, index = max(members, key=lambda m: m[0].gain_of(m[1]))
+    finding, index = max(members, key=lambda m: (not m[0].later, m[0].gain_of(m[1])))
     effect = finding.fit.model.effects[index]
     if gain < LEAST_NATS and effect.free.any():
         return None
@@ -123,7 +123,7 @@ def _entry(findings, members) -> dict | None:
             told = {r: [v[name] for v in parts if name in v] for r, parts in every.items()}
             values[name] = _pooled({r: _mean(parts) for r, parts in told.items() if parts}, values[name])
     plain = {k: v["value"] for k, v in numbers(finding, index)[0].items()}
-    spans = [(f.observation.first, f.observation.first + f.scene.count) for f, _ in members]
+    spans = [(f.observation.first, f.observation.first + f.scene.span) for f, _ in members]
     where = {
         "delay_s": None,
         "time_s": [min(a for a, _ in spans) / scene.sample_rate_hz, max(b for _, b in spans) / scene.sample_rate_hz],

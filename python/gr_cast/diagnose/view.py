@@ -56,7 +56,7 @@ class View:
         """Cycles over the recording by which the wanted part turns against the prediction, where that is
         far from 0."""
         y = self.data.y if not self.inverted else np.conj(self.data.y)
-        product = y * np.conj(self.wanted) * self.weight
+        product = self.scene.spread(y * np.conj(self.wanted) * self.weight)
         size = sp_fft.next_fast_len(2 * len(product))
         spectrum = np.abs(sp_fft.fft(product, size))
         k = int(np.argmax(spectrum))
@@ -65,27 +65,27 @@ class View:
 
     def amplitude_lines(self, count: int) -> list[float]:
         """Cycles of the strongest lines in the gain over time."""
-        slope, curve = self.amplitude_moments()
+        slope, curve = (self.scene.spread(moment) for moment in self.amplitude_moments())
         block = 4
         n = len(slope) // block * block
         a = slope[:n].reshape(-1, block).sum(1)
         e = curve[:n].reshape(-1, block).sum(1)
         a = a - e * a.sum() / max(e.sum(), 1e-300)
         spectrum = np.abs(sp_fft.rfft(a, 4 * len(a)))
-        k = np.arange(len(spectrum)) / 4 * self.scene.count / n
+        k = np.arange(len(spectrum)) / 4 * self.scene.span / n
         spectrum[(k < 0.8) | (k > self.hum_bins)] = 0.0
         return [float(k[i]) for i in peaks(spectrum, count, 6)]
 
     @property
     def hum_bins(self) -> float:
         """Cycles up to which a hum is looked for: 20 kHz, or a sixteenth of the rate."""
-        return min(20e3 * self.scene.duration_s, self.scene.count / 16)
+        return min(20e3 * self.scene.duration_s, self.scene.span / 16)
 
     def lines(self, count: int) -> list[float]:
-        spectrum = np.abs(sp_fft.fft(self.residual, 2 * self.scene.count))
+        spectrum = np.abs(sp_fft.fft(self.scene.spread(self.residual), 2 * self.scene.span))
         found = []
         for i in peaks(spectrum, count, 4):
-            k = i if i < self.scene.count else i - 2 * self.scene.count
+            k = i if i < self.scene.span else i - 2 * self.scene.span
             found.append(k / 2)
         return found
 
@@ -179,12 +179,12 @@ class View:
 
     def tap_lines(self, k: int) -> list[float]:
         t = self.tap_signals[k]
-        product = (self.residual + t * self.weight) * np.conj(t)
+        product = self.scene.spread((self.residual + t * self.weight) * np.conj(t))
         size = 2 * len(product)
         spectrum = np.abs(sp_fft.fft(product, size))
         i = int(np.argmax(spectrum))
         cycles = (i if i < size // 2 else i - size) / 2
-        return [cycles] if 0.4 < abs(cycles) < self.scene.count / 64 else []
+        return [cycles] if 0.4 < abs(cycles) < self.scene.span / 64 else []
 
     # ------------------------------------------------------------ time
     @property
@@ -221,7 +221,7 @@ class View:
                 lags.append(i - reach + 0.5 * (a - d) / min(a - 2 * b + d, -1e-30))
             else:
                 lags.append(float(i - reach))
-        u = (np.arange(segments) + 0.5) / segments
+        u = self.scene.u[((np.arange(segments) + 0.5) * self.scene.count / segments).astype(int)]
         u0 = np.average(u, weights=weight)
         slope = np.sum(weight * (u - u0) * lags) / max(np.sum(weight * (u - u0) ** 2), 1e-300)
         return float(-np.clip(slope, -16, 16))
@@ -261,7 +261,7 @@ class View:
                 delay = (delay + len(lags) // 2) % len(lags) - len(lags) // 2
             lost = int(delay) if later else -int(delay)
             joint = self._joint(int((m + 1 if later else m) * n // segments), lost, later, n // segments)
-            found.append((float(joint), float(lost), later))
+            found.append((float(self.scene.index[min(joint, n - 1)]), float(lost), later))
         return found
 
     def _joint(self, guess: int, lost: int, later: bool, width: int) -> int:

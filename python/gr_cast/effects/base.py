@@ -54,6 +54,7 @@ class Effect:
 def start(family: "Family", p, *, free=None, aux=None, prior=None, trials=1.0) -> Effect:
     p = np.asarray(p, float)
     free = np.ones(len(p), bool) if free is None else np.asarray(free, bool)
+    prior = None if prior is None else np.asarray(prior, float)
     return Effect(family=family.name, p=p, free=free, aux=aux or {}, prior=prior, trials=trials)
 
 
@@ -109,6 +110,10 @@ class Family:
         """Whether the numbers can be those of real equipment."""
         return True
 
+    def later(self, effect: Effect, lengths: float) -> Effect:
+        """The effect in a stretch that begins so many lengths of the recording later."""
+        return effect
+
     def hidden(self, effect: Effect) -> int:
         """Numbers that were chosen by search and not fitted."""
         return 0
@@ -139,6 +144,12 @@ def db(ratio: float) -> float:
 
 def complex_pair(p) -> complex:
     return complex(p[0], p[1])
+
+
+def turned(p: np.ndarray, cycles: float) -> np.ndarray:
+    """Numbers whose first two are Re and Im of a gain, after so many cycles."""
+    gain = complex_pair(p) * np.exp(2j * np.pi * cycles)
+    return np.concatenate([[gain.real, gain.imag], p[2:]])
 
 
 def rms_of(scene, effect: Effect) -> float:

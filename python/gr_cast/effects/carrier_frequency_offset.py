@@ -17,8 +17,12 @@ class CarrierFrequencyOffset(Family):
     follows_carrier = {"offset_hz": 1, "drift_hz_per_s": 1}
 
     def apply(self, chain, effect):
-        v = chain.u - 0.5
-        chain.y = chain.y * np.exp(2j * np.pi * v * (effect.p[0] + 0.5 * effect.p[1] * v))
+        held, key = chain.scene.notes.get("carrier"), (*effect.p, id(chain.u))
+        if held is None or held[0] != key:  # most steps of a derivative leave the carrier alone
+            v = chain.u - 0.5
+            turn = np.exp(2j * np.pi * v * (effect.p[0] + 0.5 * effect.p[1] * v))
+            chain.scene.notes["carrier"] = held = key, turn, chain.u
+        chain.y = chain.y * held[1]
         chain.wanted = chain.y
 
     def starts(self, view):
@@ -27,7 +31,7 @@ class CarrierFrequencyOffset(Family):
             yield start(self, [0.0, 0.0])
         peak = view.modulation_peak()
         if peak is not None:
-            yield start(self, [peak, 0.0], free=[True, self._can_drift(view.scene)], trials=view.scene.count)
+            yield start(self, [peak, 0.0], free=[True, self._can_drift(view.scene)], trials=view.scene.span)
 
     @staticmethod
     def _can_drift(scene) -> bool:
@@ -36,6 +40,9 @@ class CarrierFrequencyOffset(Family):
 
     def settled(self, scene, effect):
         return np.array([True, self._can_drift(scene)])
+
+    def later(self, effect, lengths):
+        return effect.moved(effect.p + np.array([effect.p[1] * lengths, 0.0]))
 
     def values(self, scene, effect, p):
         duration = scene.duration_s

@@ -20,7 +20,10 @@ from .basis import course, course_length, course_on, grid_of
 TAU = 2 * np.pi
 PAD = 1024  # samples of silence or of wrap-around kept around a waveform that is sent once
 OVERSAMPLING = 8
+BINS = 512  # of a coarse spectrum
 KEPT_DELAYS = 16
+KEPT_TABLES = 4
+FEW_PATHS = 3  # that are cheaper one by one from a table than together by an FFT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,18 +71,21 @@ class Scene:
     notes: dict = field(default_factory=dict)  # what effects keep between calls
     rms: float = 1.0  # of the wanted signal at the receiver
     floor: float = 1e-12  # the noise power that the twin tells
+    front_end: np.ndarray = field(default_factory=lambda: np.ones(1))  # taps of the receiver's filter, where numbers are told
     first: int = 0  # number of the first sample here
     span: int = 0  # samples that "over the recording" means; 0: those that are here
+    at: np.ndarray | None = None  # (count,) whole numbers of the samples here, where only some of a stretch are kept
 
     def __post_init__(self):
         self.span = self.span or self.count
-        self._spectra, self._turns = {}, {}
+        self._spectra, self._turns, self._tables = {}, {}, []
         self._number_samples()
         response = sum(np.abs(sp_fft.fft(resampled_spectrum(s.samples))) for s in self.sources)
         self.occupied = response > 0.1 * response.max()
 
     def _number_samples(self):
-        self.index = self.first + np.arange(self.count, dtype=float)
+        self.place = self.first + np.arange(self.count, dtype=float)  # in a window of what was sent
+        self.index = self.place if self.at is None else self.at.astype(float)
         self.u = self.index / self.span
         self._wraps = {}
 
@@ -87,12 +93,13 @@ class Scene:
         """Other samples of the same recording, `count` from number `first` on, with what was sent around them."""
         other = copy.copy(self)
         other.first, other.count, other.sources, other.extra, other._spectra, other._turns = first, count, sources, extra, {}, {}
+        other.at, other._tables = None, []
         other._number_samples()
         return other
 
     def forget(self) -> None:
         """Let go of what is kept between calls."""
-        self._wraps, self._spectra, self._turns, self.notes = {}, {}, {}, {}
+        self._wraps, self._spectra, self._turns, self._tables, self.notes = {}, {}, {}, [], {}
 
     def spectrum_of(self, code: str) -> np.ndarray:
         """Spectrum of a waveform that is not on the air in the twin."""
@@ -105,6 +112,23 @@ class Scene:
             self._spectra[i] = sp_fft.fft(self.sources[i].samples)
         return self._spectra[i]
 
+    def density(self, code: int | str) -> np.ndarray:
+        """(BINS,) shares of a waveform's power by frequency."""
+        key = "density", code
+        if key not in self.notes:
+            source = self.sources[code] if isinstance(code, int) else self.extra[code]
+            power = np.abs(sp_fft.fft(resampled_spectrum(source.samples, BINS))) ** 2
+            self.notes[key] = power / power.sum()
+        return self.notes[key]
+
+    def table_of(self, wave: np.ndarray) -> np.ndarray:
+        """A wave on a grid finer than its samples; the latest are kept, most steps of a derivative leave waves alone."""
+        for known, table in self._tables:
+            if known is wave:
+                return table
+        self._tables = [(wave, oversampled(sp_fft.fft(wave), OVERSAMPLING)), *self._tables[: KEPT_TABLES - 1]]
+        return self._tables[0][1]
+
     def delayed(self, delay: float, f: np.ndarray) -> np.ndarray:
         """exp(−j2πf·delay) of all frequencies; the latest are kept, most steps of a derivative leave delays alone."""
         key = (delay, len(f))
@@ -116,12 +140,22 @@ class Scene:
 
     def course(self, coefficients: np.ndarray) -> np.ndarray:
         """(n,) the smooth course of these coefficients."""
+        if self.at is not None:
+            return course(coefficients, self.span)[self.at]
         if self.first == 0 and self.span == self.count:
             return course(coefficients, self.count)
         key = "course", hash(coefficients.tobytes())
         if key not in self.notes:  # one stretch after the other asks for the same
             self.notes[key] = grid_of(coefficients)
         return course_on(self.notes[key], self.index / course_length(self.span))
+
+    def spread(self, signal: np.ndarray) -> np.ndarray:
+        """(span,) a signal (count,) on the whole axis of time, zero where samples are left out."""
+        if self.at is None:
+            return signal
+        whole = np.zeros(self.span, signal.dtype)
+        whole[self.at] = signal
+        return whole
 
     def drift_of(self, doppler: float) -> float:
         """Samples that a real path's delay grows over the recording when its Doppler is `doppler` cycles."""
@@ -133,11 +167,11 @@ class Scene:
 
     def wrap(self, period: int) -> np.ndarray:
         if period not in self._wraps:
-            self._wraps[period] = (self.first + np.arange(self.count)) % period
+            self._wraps[period] = self.index.astype(np.int64) % period
         return self._wraps[period]
 
 
-def resampled_spectrum(samples: np.ndarray, size: int = 512) -> np.ndarray:
+def resampled_spectrum(samples: np.ndarray, size: int = BINS) -> np.ndarray:
     """`size` values whose FFT magnitude is the amplitude spectrum of `samples` (Welch's method)."""
     if len(samples) < size:
         samples = np.resize(samples, size)
@@ -161,12 +195,18 @@ def cubic(table: np.ndarray, position: np.ndarray, periodic: bool) -> np.ndarray
     x = position - base
     i = base.astype(np.int64)
     size = len(table)
-    at = (lambda k: table[(i + k) % size]) if periodic else (lambda k: table[np.clip(i + k, 0, size - 1)])
+    if periodic:
+        at = lambda k: table[(i + k) % size]  # noqa: E731
+    elif i.min() >= 1 and i.max() <= size - 3:
+        at = lambda k: table[i + k]  # noqa: E731
+    else:
+        at = lambda k: table[np.clip(i + k, 0, size - 1)]  # noqa: E731
+    below, above = x * (x - 1), (x + 1) * (x - 2)
     return (
-        at(-1) * (-x * (x - 1) * (x - 2) / 6)
-        + at(0) * ((x + 1) * (x - 1) * (x - 2) / 2)
-        + at(1) * (-(x + 1) * x * (x - 2) / 2)
-        + at(2) * ((x + 1) * x * (x - 1) / 6)
+        at(-1) * (below * (2 - x) / 6)
+        + at(0) * (above * (x - 1) / 2)
+        + at(1) * (above * x / -2)
+        + at(2) * (below * (x + 1) / 6)
     )
 
 
@@ -212,12 +252,17 @@ class Chain:
         y = np.zeros(scene.count, complex)
         spectra = {}
         for (i, doppler, drift, _), paths in groups.items():
-            if i not in spectra:
-                plain = self.waves[i] is scene.sources[i].samples
-                spectra[i] = scene.spectrum_of_source(i) if plain else sp_fft.fft(self.waves[i])
-            f = frequencies(len(self.waves[i]))
-            response = sum(self._response(p, f) for p in paths)
-            signal = self.sample(scene.sources[i], spectra[i] * response, self.clock - drift)
+            stretch = self.clock - drift
+            if self.slips(stretch) and len(paths) <= FEW_PATHS and all(p.shape is None for p in paths):
+                copies = (p.gain * self.copy_of(scene.sources[i], self.waves[i], p.delay + self.delay, stretch) for p in paths)
+                signal = sum(copies)
+            else:
+                if i not in spectra:
+                    plain = self.waves[i] is scene.sources[i].samples
+                    spectra[i] = scene.spectrum_of_source(i) if plain else sp_fft.fft(self.waves[i])
+                f = frequencies(len(self.waves[i]))
+                response = sum(self._response(p, f) for p in paths)
+                signal = self.sample(scene.sources[i], spectra[i] * response, stretch)
             if doppler:
                 signal = signal * np.exp(1j * TAU * doppler * self.u)
             if paths[0].track is not None:
@@ -239,10 +284,10 @@ class Chain:
     def sample(self, source: Source, spectrum: np.ndarray, stretch: float) -> np.ndarray:
         """The signal of `spectrum` at the recording's samples; `stretch` samples are gained over the
         recording."""
-        size, most = len(spectrum), abs(stretch) * max(1.0, float(np.abs(self.u[[0, -1]]).max()))
-        if most < 1e-7:
+        size = len(spectrum)
+        if self._moved(stretch) < 1e-7:
             return self._gather(source, sp_fft.ifft(spectrum))
-        if most < 0.05:  # a Taylor series is exact enough, and smooth for derivatives
+        if not self.slips(stretch):  # a Taylor series is exact enough, and smooth for derivatives
             f = TAU * 1j * frequencies(size)
             shift = stretch * self.u
             out, factor, bins = 0.0, 1.0, spectrum
@@ -250,9 +295,23 @@ class Chain:
                 out = out + factor * self._gather(source, sp_fft.ifft(bins))
                 bins, factor = bins * f, factor * shift / (order + 1)
             return out
-        index = self.scene.index if self.shift is None else self.scene.index + self.shift
-        position = (index - (0 if source.repeat else source.origin) + stretch * self.u) * OVERSAMPLING
-        return cubic(oversampled(spectrum, OVERSAMPLING), position, source.repeat)
+        return self._interpolated(source, oversampled(spectrum, OVERSAMPLING), 0.0, stretch)
+
+    def copy_of(self, source: Source, wave: np.ndarray, delay: float, stretch: float) -> np.ndarray:
+        """`wave`, sent by a source, at the recording's samples: `delay` samples later, `stretch` gained over the recording."""
+        return self._interpolated(source, self.scene.table_of(wave), delay, stretch)
+
+    def slips(self, stretch: float) -> bool:
+        """Whether so many samples are gained over the recording that a signal must be interpolated."""
+        return self._moved(stretch) >= 0.05
+
+    def _moved(self, stretch: float) -> float:
+        return abs(stretch) * max(1.0, float(np.abs(self.u[[0, -1]]).max()))
+
+    def _interpolated(self, source: Source, table: np.ndarray, delay: float, stretch: float) -> np.ndarray:
+        index = self.scene.index if source.repeat else self.scene.place - source.origin
+        index = index if self.shift is None else index + self.shift
+        return cubic(table, (index - delay + stretch * self.u) * OVERSAMPLING, source.repeat)
 
     def _gather(self, source: Source, table: np.ndarray) -> np.ndarray:
         """The samples of a table that fall on the recording's samples, with its jumps."""
@@ -260,10 +319,9 @@ class Chain:
         first = scene.first - source.origin
         if self.shift is None:
             return table[scene.wrap(len(table))] if source.repeat else table[first : first + scene.count]
-        index = np.arange(scene.count) + self.shift
         if source.repeat:
-            return table[(index + scene.first) % len(table)]
-        return table[np.clip(index + first, 0, len(table) - 1)]
+            return table[(scene.index.astype(np.int64) + self.shift) % len(table)]
+        return table[np.clip(np.arange(scene.count) + self.shift + first, 0, len(table) - 1)]
 
 
 def reach(scene: Scene, low: int, high: int) -> np.ndarray:

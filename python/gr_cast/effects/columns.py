@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .basis import course, products, weights
+from .basis import products, weights
 
 FEW = 8  # derivatives against which a whole table is cheaper than its chunks
 CHUNK = 1 << 18  # complex numbers that are worked on at once: what a cache holds
@@ -86,14 +86,14 @@ class Courses:
 
     signals: np.ndarray  # (u, n)
     orders: int
+    scene: object  # whose time the course is one of
 
     def __len__(self):
         return len(self.signals) * self.orders
 
     def full(self) -> np.ndarray:
-        n = self.signals.shape[1]
-        basis = np.array([course(row, n) for row in np.eye(self.orders)])
-        return (basis[:, None] * self.signals[None]).reshape(len(self), n)
+        basis = np.array([self.scene.course(row) for row in np.eye(self.orders)])
+        return (basis[:, None] * self.signals[None]).reshape(len(self), -1)
 
 
 def inner(a, b) -> np.ndarray:
@@ -103,13 +103,13 @@ def inner(a, b) -> np.ndarray:
             out = np.empty((a.orders, len(a.signals), b.orders, len(b.signals)))
             for i, u in enumerate(a.signals):
                 for j, v in enumerate(b.signals):
-                    out[:, i, :, j] = products((np.conj(u) * v).real, a.orders, b.orders)
+                    out[:, i, :, j] = products(a.scene.spread((np.conj(u) * v).real), a.orders, b.orders)
         else:
             out = np.empty((a.orders, len(a.signals), len(b)))
             for i, u in enumerate(a.signals):
                 for j in range(b.height):
                     row = b.table[j]
-                    product = np.conj(u) * row
+                    product = a.scene.spread(np.conj(u) * row)
                     if b.paired:
                         out[:, i, 2 * j] = weights(product.real, a.orders)
                         out[:, i, 2 * j + 1] = -weights(product.imag, a.orders)

@@ -4,7 +4,7 @@ cycles."""
 
 import numpy as np
 
-from .base import LINK, Family, complex_pair, db, start
+from .base import LINK, Family, complex_pair, db, start, turned
 from .chain import Path
 
 FASTEST = 1e-5  # Doppler over the carrier: 3 km/s
@@ -46,6 +46,9 @@ class ExtraPath(Family):
 
     def settled(self, scene, effect):
         return np.ones(len(effect.p), bool)
+
+    def later(self, effect, lengths):
+        return effect.moved(turned(effect.p, effect.p[3] * lengths))
 
     def values(self, scene, effect, p):
         rate = scene.sample_rate_hz

@@ -58,7 +58,7 @@ class FrontEndFilter(Family):
         chain.wanted = chain.y
 
     def nest(self, scene, effect):
-        low, high = -16, min(25, scene.count // 12 - 17)
+        low, high = -16, min(25, max(scene.count // 24, scene.count // 12 - 17))
         lags = np.delete(np.arange(low, high + 1), -low)
         size = 2 * len(lags)
         whole = Effect(

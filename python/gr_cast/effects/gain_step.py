@@ -26,7 +26,7 @@ class GainStep(Family):
         share = e / e[-1]
         gain = (a - share * a[-1]) ** 2 / np.maximum(e[-1] * share * (1 - share), 1e-300)
         at = low + int(np.argmax(gain[low:high]))
-        yield start(self, [0.0, (at + 1) / view.scene.count], free=[True, False], trials=200)
+        yield start(self, [0.0, view.scene.u[min(at + 1, view.scene.count - 1)]], free=[True, False], trials=200)
 
     def plausible(self, effect):
         return abs(effect.p[0]) < 4

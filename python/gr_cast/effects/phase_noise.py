@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from .base import RX_LO, Family, start
-from .basis import course_orders
+from .basis import course_length, course_orders, grid_of
 from .columns import Courses
 
 MOST = 480  # cosines: the fastest wander that is followed
@@ -53,7 +53,7 @@ class PhaseNoise(Family):
         )
 
     def columns(self, scene, effect, chain, before, rest):
-        return Courses(signals=1j * chain.wanted[None], orders=len(effect.p))
+        return Courses(signals=1j * chain.wanted[None], orders=len(effect.p), scene=scene)
 
     def starts(self, view):
         for size in course_orders(view.scene, MOST):
@@ -71,8 +71,11 @@ class PhaseNoise(Family):
 
     @staticmethod
     def detrended(scene, p):
-        phase = scene.course(p)
-        return phase - np.polyval(np.polyfit(scene.u, phase, 1), scene.u)
+        """The course without its mean and slope, on a grid finer than its fastest cosine."""
+        grid, length = grid_of(p), course_length(scene.span)
+        u = np.arange(len(grid)) / (len(grid) - 1) * length / scene.span
+        u, phase = u[u <= 1], grid[u <= 1]
+        return phase - np.polyval(np.polyfit(u, phase, 1), u)
 
     def parse(self, scene, parameters, model):
         highest = model.get("highest_hz", course_orders(scene)[-1] / 2 / scene.duration_s)

@@ -4,7 +4,7 @@ the recording."""
 
 import numpy as np
 
-from .base import RX_GAIN, Family, start
+from .base import RX_GAIN, Family, start, turned
 
 
 class PowerSupplyHum(Family):
@@ -21,6 +21,9 @@ class PowerSupplyHum(Family):
     def starts(self, view):
         for cycles in view.amplitude_lines(count=2):
             yield start(self, [0.0, 0.0, cycles], trials=view.hum_bins)
+
+    def later(self, effect, lengths):
+        return effect.moved(turned(effect.p, -effect.p[2] * lengths))
 
     def values(self, scene, effect, p):
         return {"frequency_hz": abs(p[2]) / scene.duration_s, "depth": float(np.hypot(p[0], p[1]))}

@@ -27,6 +27,9 @@ class TapDoppler(TapFamily):
             for cycles in view.tap_lines(k):
                 yield start(self, [cycles, 0.0], aux={"tap": k}, trials=len(view.scene.taps) * 50)
 
+    def later(self, effect, lengths):
+        return effect.moved(effect.p + np.array([0.0, 2 * np.pi * effect.p[0] * lengths]))
+
     def values(self, scene, effect, p):
         return {
             "delay_s": self.delay_of(scene, effect),

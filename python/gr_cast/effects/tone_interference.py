@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from .base import AIR, Family, complex_pair, db, rms_of, said_rms, start
+from .base import AIR, Family, complex_pair, db, rms_of, said_rms, start, turned
 
 
 class ToneInterference(Family):
@@ -17,7 +17,12 @@ class ToneInterference(Family):
 
     def starts(self, view):
         for cycles in view.lines(count=2):
-            yield start(self, [0.0, 0.0, cycles], trials=2 * view.scene.count)
+            if abs(cycles) < 1:  # that is the receiver's DC
+                continue
+            yield start(self, [0.0, 0.0, cycles], trials=2 * view.scene.span)
+
+    def later(self, effect, lengths):
+        return effect.moved(turned(effect.p, effect.p[2] * lengths))
 
     def values(self, scene, effect, p):
         return {"frequency_hz": p[2] / scene.duration_s, "power_dbc": db(complex_pair(p) * rms_of(scene, effect) / scene.rms)}

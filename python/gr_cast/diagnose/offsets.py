@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Carrier offset, sample clock and delay of a recording of which only stretches are known, before anything is fitted.
+
+Within a stretch neither the clock nor a carrier of some kHz does harm, so that the correlations of every stretch with what
+was sent, lag by lag, hold all that is to be known. Turned by a carrier and shifted by a clock they add up with their phases:
+the pair under which they hold most energy, over all lags (every echo counts) and all transmitters, is the likeliest.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import fft as sp_fft
+
+from ..effects import FAMILIES
+from ..effects.base import start
+from .model import Model, _run, _start_chain
+
+LONGEST_STRETCH = 2048  # samples
+PIECE = 256  # samples: stretches that come at regular intervals leave carriers open that only what is within them tells
+EARLY, LATE = -8, 24  # lags around the twin's delay in which a link's energy may lie
+WORST_CLOCK = 30e-6
+CLOCK_STEP = 0.5  # samples over the recording
+CARRIER_STEP = 0.5  # cycles over the recording
+LOBES = 0.5  # of a stretch's spectrum, around its peak, in which the carrier is looked for finely
+
+
+@dataclass(frozen=True, kw_only=True)
+class Offset:
+    """Carrier in cycles and clock in samples gained, both over the recording; delay in samples beyond the model's."""
+
+    cycles: float
+    gained: float
+    delay: float
+
+
+def models(data, model: Model) -> list[Model]:
+    """The model with the likeliest offset of the carrier alone, and with those of carrier and clock, its gains fitted."""
+    scene, out = data.scene, []
+    for offset in find(scene, model.base, data.y * (data.use > 0), model.effects):
+        carrier = start(FAMILIES["carrier_frequency_offset"], [offset.cycles, 0.0], trials=scene.span)
+        carrier = replace(carrier, free=FAMILIES[carrier.family].settled(scene, carrier))
+        base = np.concatenate([[model.base[0] + offset.delay], model.base[1:]])
+        other = replace(model, base=base).adding(carrier)
+        if offset.gained:
+            other = other.adding(start(FAMILIES["sample_clock_offset"], [_of_one_oscillator(scene, offset)], trials=20))
+        out.append(with_gains(data, other))
+    return out
+
+
+def _of_one_oscillator(scene, offset: Offset) -> float:
+    """The clock of the oscillator that makes the carrier, where that is as near as the search tells."""
+    tied = offset.cycles / scene.duration_s / scene.carrier_hz * scene.span if scene.carrier_hz else 0.0
+    return tied if abs(tied - offset.gained) < 2 * CLOCK_STEP else offset.gained
+
+
+def with_gains(data, model: Model) -> Model:
+    """The model with gain and phase of the whole and of every free port at their least squares."""
+    scene, w, base, ports = data.scene, data.root, model.base, data.scene.free_ports
+    rows = [_alone(scene, base, model.effects, dict.fromkeys(ports, 0.0))]
+    if ports:  # what is left without any source is no port's
+        silent = _alone(scene, base, model.effects, dict.fromkeys(range(len(scene.sources)), 0.0))
+        rows += [row - silent for row in sent(scene, base, model.effects)[list(ports)]]
+    gains = np.linalg.lstsq((np.array(rows) * w).T, data.y * w, rcond=None)[0]
+    if any(e.family == "spectral_inversion" for e in model.effects):
+        gains = np.conj(gains)
+    shares = gains[1:] / gains[0]
+    return replace(model, base=np.array([base[0], gains[0].real, gains[0].imag, *np.ravel([[g.real, g.imag] for g in shares])]))
+
+
+def sent(scene, base, effects) -> np.ndarray:
+    """(sources, n) what each source alone adds to the prediction at a model's delay and a gain of 1."""
+    every = range(len(scene.sources))
+    return np.array([_alone(scene, base, effects, {k: float(k == i) for k in every}) for i in every])
+
+
+def _alone(scene, base, effects, ports) -> np.ndarray:
+    """(n,) the prediction at a gain of 1 with these gains of the sources."""
+    chain = _start_chain(scene, base)
+    chain.ports = ports
+    return _run(scene, [base[0], 1.0, 0.0], effects, chain, 0).y
+
+
+def stretches(scene, longest: int) -> list[tuple[int, int]]:
+    """[(first, last + 1)] of the samples that follow each other without a gap, cut where they are longer."""
+    cuts = [0, *(np.flatnonzero(np.diff(scene.index) > 1) + 1), scene.count]
+    found = []
+    for a, b in zip(cuts, cuts[1:], strict=False):
+        pieces = -(-(b - a) // longest)
+        edges = np.linspace(a, b, pieces + 1).astype(int)
+        found += zip(edges, edges[1:], strict=False)
+    return [(int(a), int(b)) for a, b in found]
+
+
+def find(scene, base, y: np.ndarray, effects=()) -> list[Offset]:
+    """The likeliest offset of the carrier alone, and that of carrier and clock; `y` (n,) zero where it is not used."""
+    signals, whole, pieces = sent(scene, base, effects), stretches(scene, LONGEST_STRETCH), stretches(scene, PIECE)
+    widest = int(np.ceil(WORST_CLOCK * scene.span))
+    lags = np.arange(EARLY - widest, LATE + widest + 1)
+    coarse = _coarse(y, signals, whole)
+    turned = y * np.exp(-2j * np.pi * coarse * scene.index)
+    table = np.array([[_lagged(turned, s, a, b, lags) for s in signals] for a, b in pieces])  # (pieces, sources, lags)
+    middle = np.array([scene.index[(a + b) // 2] for a, b in pieces]) / scene.span
+    length = np.median([b - a for a, b in whole])
+    reach = LOBES / length * scene.span  # cycles over the recording
+    size = sp_fft.next_fast_len(len(lags) + 2 * widest)
+    spectrum, f = sp_fft.fft(table, size, axis=-1), sp_fft.fftfreq(size)
+
+    def best(gained: float, cycles: np.ndarray) -> tuple[float, Offset]:
+        """(energy, the best of these carriers) at a clock: the lag of a fast clock falls by `gained` over the recording."""
+        turns = np.exp(-2j * np.pi * np.outer(cycles - coarse * scene.span, middle))
+        ramp = np.exp(-2j * np.pi * gained * middle[:, None] * f)[:, None]
+        level = sp_fft.ifft(spectrum * ramp, axis=-1)[..., : len(lags)]
+        sums = np.abs(np.tensordot(turns, level, 1)) ** 2  # (carriers, sources, lags)
+        inside = sums[..., widest : len(lags) - widest].sum(1)
+        k = int(np.argmax(inside.sum(1)))
+        delay = lags[widest + int(np.argmax(inside[k]))]
+        return float(inside[k].sum()), Offset(cycles=float(cycles[k]), gained=float(gained), delay=float(delay))
+
+    wide = coarse * scene.span + np.arange(-reach, reach, CARRIER_STEP)
+    clocks = np.arange(-widest, widest + CLOCK_STEP, CLOCK_STEP)
+    _, first = max((best(g, wide) for g in clocks), key=lambda b: b[0])
+    near = np.linspace(-1, 1, 21)
+    around = first.cycles + CARRIER_STEP * near
+    _, fine = max((best(first.gained + CLOCK_STEP * s, around) for s in near[::2]), key=lambda b: b[0])
+    return [best(0.0, wide)[1], fine]
+
+
+def _coarse(y, signals, pieces) -> float:
+    """Cycles per sample by which the recording turns within its stretches, over all lags and sources."""
+    size = sp_fft.next_fast_len(2 * max(b - a for a, b in pieces))
+    total = np.zeros(size)
+    for a, b in pieces:
+        for s in signals:
+            rows = np.zeros((LATE - EARLY + 1, size), complex)
+            for row, lag in zip(rows, range(EARLY, LATE + 1), strict=True):
+                low, high = max(a, lag), min(b, len(s) + lag)
+                row[low - a : high - a] = y[low:high] * np.conj(s[low - lag : high - lag])
+            total += (np.abs(sp_fft.fft(rows, axis=1)) ** 2).sum(0)
+    return float(sp_fft.fftfreq(size)[int(np.argmax(total))])
+
+
+def _lagged(y, signal, a: int, b: int, lags) -> np.ndarray:
+    """(lags,) Σ y[n]·conj(signal[n − lag]) over the stretch from a to b."""
+    size = sp_fft.next_fast_len(b - a + len(lags))
+    low, high = a - int(lags[-1]), b - int(lags[0])
+    template = np.zeros(high - low, complex)
+    inside = slice(max(low, 0), min(high, len(signal)))
+    template[inside.start - low : inside.stop - low] = signal[inside]
+    # template[k] is signal[a − last lag + k]: lag d pairs y[a + i] with template[i + last lag − d]
+    both = sp_fft.ifft(np.conj(sp_fft.fft(y[a:b], size)) * sp_fft.fft(template, size))
+    return np.conj(both[: len(lags)][::-1])

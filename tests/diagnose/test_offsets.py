@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Recordings of which only stretches are known, like the pilots of a cell: what is left out changes nothing that is fitted,
+and carrier, clock and delay are found before anything is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from gr_cast import recording
+from gr_cast.diagnose import align, offsets, read_case
+from gr_cast.diagnose.model import predict
+from gr_cast.effects import FAMILIES
+from gr_cast.effects.base import start
+
+RATE_HZ, CARRIER_HZ, COUNT = 2e6, 1e9, 100_000
+OFFSET_HZ, CLOCK_PPM, DELAY = -9_700.0, -25.0, 37
+
+
+@pytest.fixture(scope="module")
+def pilots(tmp_path_factory):
+    """A case: one stretch of 600 in 4000 samples is known; carrier and clock are of different oscillators; two echoes."""
+    rng = np.random.default_rng(2)
+    folder = tmp_path_factory.mktemp("pilots")
+    spectrum = np.where(np.abs(np.fft.fftfreq(COUNT)) < 0.3, rng.normal(size=COUNT) + 1j * rng.normal(size=COUNT), 0)
+    x = np.fft.ifft(spectrum) * np.sqrt(COUNT)
+    fine = np.fft.ifft(np.concatenate([spectrum[: COUNT // 2], np.zeros(7 * COUNT), spectrum[COUNT // 2 :]])) * 8 * np.sqrt(COUNT)
+    n = np.arange(COUNT)
+    at = lambda t: np.interp(t % COUNT, np.arange(8 * COUNT) / 8, fine)  # noqa: E731
+    t = n * (1 + CLOCK_PPM * 1e-6) - DELAY
+    y = (at(t) + 0.5j * at(t - 3.4)) * np.exp(2j * np.pi * OFFSET_HZ / RATE_HZ * n)
+    y = 0.1 * y + 0.03 * (rng.normal(size=COUNT) + 1j * rng.normal(size=COUNT))
+    x[n % 4000 >= 600] = np.nan
+    for stem, samples in (("recording", y), ("sent", x)):
+        recording.write(folder / stem, samples.astype(np.complex64), sample_rate_hz=RATE_HZ)
+    twin = {
+        "cast_twin": 1,
+        "sample_rate_hz": RATE_HZ,
+        "center_frequency_hz": CARRIER_HZ,
+        "waveforms": {"w1": {"file": "sent", "repeat": False}},
+        "nodes": {"tx1": {"transmit": "w1"}, "rx1": {}},
+        "links": [{"tx": "tx1", "rx": "rx1", "taps": [{"delay_s": 0.0}]}],
+        "recordings": [{"file": "recording", "receiver": "rx1", "transmitters": ["tx1"]}],
+    }
+    (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
+    return read_case(folder)
+
+
+def test_carrier_clock_and_delay_are_found_from_the_known_stretches(pilots):
+    scene, data, model = align.build(pilots, pilots.observations[0])
+    alone, both = offsets.find(scene, model.base, data.y * data.use)
+    assert alone.gained == 0.0
+    assert both.cycles / scene.duration_s == pytest.approx(OFFSET_HZ, abs=2.0)
+    assert both.gained / scene.span * 1e6 == pytest.approx(CLOCK_PPM, abs=1.0)
+    assert both.delay + scene.anchor == DELAY
+
+
+def test_the_model_of_carrier_and_clock_explains_what_it_can_before_a_fit(pilots):
+    _, data, model = align.build(pilots, pilots.observations[0])
+    started = offsets.models(data, model)[1]
+    used = data.use > 0
+    left = np.abs(data.y - predict(data.scene, started).y)[used] ** 2
+    # the echo, a quarter of the main path's power, and the noise are not in it yet
+    assert np.mean(left) == pytest.approx(0.1**2 * 0.25 * 1.2 + 2 * 0.03**2, rel=0.1)
+
+
+def test_samples_that_are_left_out_change_no_prediction(pilots, monkeypatch):
+    observation = pilots.observations[0]
+    scene, data, model = align.build(pilots, observation)
+    monkeypatch.setattr(align, "LEAST_GATHERED", 2 * COUNT)
+    whole, every, _ = align.build(pilots, observation)
+    assert scene.count < 0.2 * whole.count and scene.span == whole.span
+    assert data.use.sum() == every.use.sum() and np.array_equal(data.y, every.y[scene.at])
+    effects = [
+        start(FAMILIES["carrier_frequency_offset"], [-485.0, 0.3]),
+        start(FAMILIES["sample_clock_offset"], [-2.5]),
+        start(FAMILIES["extra_path"], [0.2, 0.3, 3.4, 1.5], aux={"source": 0}),
+        start(FAMILIES["front_end_filter"], [0.1, -0.2, 0.05, 0.3], aux={"side": "rx", "low": -1, "high": 1}),
+        start(FAMILIES["phase_noise"], np.linspace(0.1, -0.1, 12), prior=np.ones(12), aux={"law": "flat"}),
+    ]
+    for effect in effects:
+        model = model.adding(effect)
+    used, full = data.use > 0, every.use > 0
+    got, want = predict(scene, model).y[used], predict(whole, replace(model)).y[full]
+    assert np.abs(got - want).max() < 0.02 * np.abs(want).max()
