@@ -122,11 +122,12 @@ def check(args) -> int:
     """Exit status 1 where a link does not agree with its taps within the sounder's own uncertainty."""
     if not args.links >= 1:
         raise CastError(f"--links: got {args.links}, needs 1 or more")
-    if not 1e4 <= args.band <= 1e8:
+    if args.band is not None and not 1e4 <= args.band <= 1e8:
         raise CastError(f"--band: got {args.band:g} Hz, limit 1e4 to 1e8 Hz")
     scenario = sc.load(args.scenario)
     path = sc.catalogue_entries().get(args.scenario, Path(args.scenario))
     rays = validate.traced_rays(path, scenario)
+    band_hz = args.band or validate.own_band_hz(path)
     if args.link:
         keys = [tuple(link.split(">", 1)) for link in args.link]
         faults = [f"--link: got {link!r}: {scenario.name} has no such link, needs TX>RX, such as {_example(scenario)}"
@@ -137,9 +138,9 @@ def check(args) -> int:
         keys = validate.chosen_links(scenario, args.links)
     checks = []
     print(f"{'link':>10s} {'s':>6s} {'taps':>4s} {'found':>5s} {'worst sigma':>11s} {'loss dB':>8s} {'sounded':>8s}"
-          f" {'sounded-taps':>12s} {'taps-rays':>9s} {'sounded-rays':>12s}  (errors in dB over the band)")  # fmt: skip
+          f" {'sounded-taps':>12s} {'taps-rays':>9s} {'sounded-rays':>12s}  (errors: dB over {band_hz / 1e6:g} MHz)")  # fmt: skip
     for index, key in enumerate(keys):
-        for item in validate.check(scenario, [key], rays=rays, bandwidth_hz=args.band, play=_emulator()):
+        for item in validate.check(scenario, [key], rays=rays, bandwidth_hz=band_hz, play=_emulator()):
             checks.append(item)
             from_rays = [
                 f"{v:.1f}" if v is not None else "-" for v in (item.taps_from_rays_db, item.sounded_from_rays_db)
@@ -177,6 +178,7 @@ def _emulator():
         from gr_cast.blocks.network import emulated_network
     except ImportError:
         return validate.play_reference
+    gr.logging().set_default_level(gr.log_levels.warn)  # its lines would come between those of the table
 
     def play(scenario, samples, sample_rate_hz):
         flowgraph, sink = gr.top_block(), blocks.vector_sink_c()
@@ -226,7 +228,9 @@ def main(argv=None) -> int:
     command.add_argument("scenario", help="catalogue id or file")
     command.add_argument("--links", type=int, default=12, help="how many links, spread over all (default 12)")
     command.add_argument("--link", action="append", metavar="TX>RX", help="this link (may be given more than once)")
-    command.add_argument("--band", type=float, default=80e6, metavar="HZ", help="band of the errors (default 80e6)")
+    command.add_argument(
+        "--band", type=float, metavar="HZ", help="band of the errors (default: that of the scenario's SPEC, else 80e6)"
+    )
     command.add_argument("--plot", metavar="PNG", help="the heat map (default: SCENARIO-path-loss.png in this folder)")
     command.set_defaults(call=check)
     argv = sys.argv[1:] if argv is None else argv

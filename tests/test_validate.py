@@ -5,6 +5,7 @@ import pytest
 from gr_cast import scenario as sc
 from gr_cast import validate
 from gr_cast.errors import CastError
+from gr_cast.scenario import zarr_file
 from gr_cast.scenario.create import paths
 
 LINK = ("1", "2")
@@ -69,10 +70,20 @@ def test_paths_read_back_as_they_were_written(tmp_path):
         paths.read(tmp_path / "links.npz")
 
 
-def test_the_exit_status_says_whether_the_limits_hold(tmp_path, monkeypatch, capsys):
+def test_errors_are_those_over_the_band_that_the_taps_were_fitted_to(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    zarr_file.write("own.zarr", sc.load("four_tap"), bandwidth_hz=20e6)
+    for options, says in (([], "over 20 MHz"), (["--band", "40e6"], "over 40 MHz")):
+        assert cast_scenario.main(["validate", "own.zarr", "--links", "1", *options]) == 0
+        assert says in capsys.readouterr().out
+
+
+def test_the_exit_status_says_whether_the_limits_hold(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     assert cast_scenario.main(["validate", "four_tap", "--links", "1"]) == 0
-    assert "1 of 1 soundings agree" in capsys.readouterr().out
+    out = capfd.readouterr().out
+    assert "over 80 MHz" in out and "1 of 1 soundings agree" in out
+    assert ":info:" not in out  # GNU Radio's own lines stay out of the table
     assert (tmp_path / "four_tap-path-loss.png").read_bytes().startswith(b"\x89PNG")
     sc.save("static.mat", sc.load("1009"), form="static")  # taps at 1 ns, which the hardware plays at 0
     assert cast_scenario.main(["validate", "static.mat", "--links", "1"]) == 0

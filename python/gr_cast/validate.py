@@ -24,6 +24,7 @@ from .units import amplitude_from_db, db_from_amplitude, db_from_power
 CODE = "glfsr:11"  # 10.2 us: longer than any delay, so that nothing aliases
 PERIODS = 40
 SNR_DB = 30.0
+BAND_HZ = 80e6  # of errors, where a scenario does not say its own
 MAX_SIGMA = 5.0  # of a few hundred taps by chance one passes 4
 SAMPLE_RATE_HZ = 2 / GRID_STEP_S  # chips of half a grid step tell neighbouring taps apart
 Play = Callable[[Scenario, np.ndarray, float], np.ndarray]
@@ -77,7 +78,7 @@ def check_link(
     time_s: float,
     *,
     rays: tuple[np.ndarray, np.ndarray] | None = None,
-    bandwidth_hz: float = 80e6,
+    bandwidth_hz: float = BAND_HZ,
     play: Play = play_reference,
     seed: int = 0,
 ) -> LinkCheck:
@@ -141,6 +142,12 @@ def _deviations(sounding: Sounding, delay_s: np.ndarray, gain: np.ndarray) -> tu
     return missed, taps.delay_samples.size - len(matched), float(max(sigmas))
 
 
+def own_band_hz(path: str | Path) -> float:
+    """The band that an installed scenario's taps were fitted to; 80 MHz for others."""
+    about = zarr_file.attributes(path) if Path(path).suffix == ".zarr" else {}
+    return float(about.get("bandwidth_hz") or BAND_HZ)
+
+
 def traced_rays(path: str | Path, scenario: Scenario):
     """How to ask an installed scenario's ray-traced channel: a call (key, time_s) -> (delays, gains) (1, P), or None.
 
@@ -170,7 +177,7 @@ def traced_rays(path: str | Path, scenario: Scenario):
 
 
 def check(
-    scenario: Scenario, keys: Sequence, *, rays=None, bandwidth_hz=80e6, play: Play = play_reference
+    scenario: Scenario, keys: Sequence, *, rays=None, bandwidth_hz=BAND_HZ, play: Play = play_reference
 ) -> list[LinkCheck]:
     """Check links: static ones once, moving ones at the start, in the middle and at the end."""
     out = []
