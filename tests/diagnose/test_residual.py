@@ -4,7 +4,8 @@ and what is too fast to be followed."""
 
 import numpy as np
 import pytest
-from gr_cast.diagnose import align, gate, read_case, residual, run
+from gr_cast.diagnose import align, gate, noise, read_case, residual, run
+from gr_cast.diagnose.finding import Finding
 from gr_cast.diagnose.search import refit
 from gr_cast.effects import FAMILIES
 from gr_cast.effects.base import start
@@ -86,3 +87,20 @@ def test_a_lattice_of_few_steps_leaves_nothing_unexplained(world, tmp_path):
     fit = refit(data, run._under_the_lattice(data, model.adding(lattice)))
     for rest in residual.leftovers(fit, run.off_the_rails(fit)):
         assert rest.p_value > run.UNEXPLAINED_P or rest.nats < run.UNEXPLAINED_NATS
+
+
+def test_noise_in_a_band_raises_no_floor_and_leaves_nothing_beside_it(world, tmp_path):
+    rng, n = np.random.default_rng(9), len(world.n)
+    taps = np.sinc((np.arange(401) - 200) * 0.012) * np.hanning(401)  # a band with skirts
+    band = np.convolve(rng.normal(size=n + 400) + 1j * rng.normal(size=n + 400), taps, "valid")
+    band *= 0.012 / np.sqrt(np.mean(np.abs(band) ** 2)) * np.exp(2j * np.pi * 0.2 * world.n)
+    case = read_case(world.write(tmp_path / "case", world.noisy(world.clean() + band)))
+    scene, data, model = align.build(case, case.observations[0])
+    plain = refit(data, model)
+    _, interference = FAMILIES["narrowband_interference"].find(noise.view_of(plain))
+    fit = refit(data, model.adding(interference), near=plain)
+    finding = Finding(observation=case.observations[0], scene=scene, data=data, twin=plain, fit=fit)
+    run._floor(finding)
+    run._look_for_rest(finding)
+    assert [e.family for e in finding.fit.model.found] == ["narrowband_interference"]
+    assert not finding.left

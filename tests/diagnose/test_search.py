@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from gr_cast.diagnose import align, ambiguity, read_case
 from gr_cast.diagnose.search import _polished, refit
+from gr_cast.diagnose.view import View
 from gr_cast.effects import FAMILIES
 from gr_cast.effects.base import start
 
@@ -49,3 +50,14 @@ def test_a_filter_and_a_tail_are_told_apart_by_another_link(bent):
     tail = start(FAMILIES["diffuse_tail"], np.zeros(12), prior=np.ones(12), aux={"source": 0, "first": 1.0})
     fits = [refit(data, model.adding(effect)) for effect in (_filter("rx"), tail)]
     assert ambiguity.record_next(*fits) in ("second_link", "move_carrier")
+
+
+@pytest.mark.parametrize(("half_width", "tones"), [(1e-9, 1), (0.004, 0)])
+def test_peaks_of_a_band_of_noise_are_no_tones(world, tmp_path, half_width, tones):
+    n, rng = len(world.n), np.random.default_rng(8)
+    band = np.abs(np.fft.fftfreq(n) - 0.21) <= half_width
+    draw = np.fft.ifft(np.fft.fft(rng.normal(size=n) + 1j * rng.normal(size=n)) * band)
+    draw *= 0.02 / np.sqrt(np.mean(np.abs(draw) ** 2))
+    case = read_case(world.write(tmp_path / "case", world.noisy(world.clean() + draw)))
+    _, data, model = align.build(case, case.observations[0])
+    assert View(refit(data, model)).lines(count=2)[:1] == [0.21 * n] * tones

@@ -47,19 +47,20 @@ class Data:
 
     def whitened(self, signal: np.ndarray) -> np.ndarray:
         """Signals (…, n) divided by the noise's shape, zero where a sample is not used."""
-        return self._even(signal) * self.root
+        return self.even(signal, self.use > 0) * self.root
 
     def white(self, columns):
         """Derivatives as `whitened` makes them; of lags the signals alone are filtered, before the shift."""
-        signals = self._even(columns.signals)
+        signals = self.even(columns.signals, self.use > 0)
         if isinstance(columns, Lags):
             return replace(columns, signals=signals, window=self.root)
         return replace(columns, signals=signals * self.root)
 
-    def _even(self, signal):
+    def even(self, signal, inside):
+        """Signals (…, n) divided by the noise's spectrum, of the samples `inside` (n,) bool alone."""
         if self.spectrum is None:
             return signal
-        return sp_fft.ifft(sp_fft.fft(signal * (self.use > 0), axis=-1) / np.sqrt(self.spectrum), axis=-1)
+        return sp_fft.ifft(sp_fft.fft(signal * inside, axis=-1) / np.sqrt(self.spectrum), axis=-1)
 
     @property
     def root(self) -> np.ndarray:

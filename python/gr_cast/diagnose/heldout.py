@@ -5,7 +5,6 @@ effects are chosen on."""
 from dataclasses import replace
 
 import numpy as np
-from scipy import fft as sp_fft
 
 from ..effects import FAMILIES
 from .fit import Data, Fit
@@ -31,7 +30,7 @@ def log_likelihood(fit: Fit) -> float:
         variance = variance * data.variance[vault]
     log_shape = np.log(np.pi * variance).sum()
     if data.spectrum is not None:
-        r = sp_fft.ifft(sp_fft.fft(r * ((data.use > 0) | vault)) / np.sqrt(data.spectrum))
+        r = data.even(r, (data.use > 0) | vault)
         log_shape += np.log(data.spectrum).mean() * len(variance)
     energy = np.abs(r[vault]) ** 2 / variance
     if data.impulses is None:

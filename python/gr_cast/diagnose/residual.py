@@ -58,6 +58,8 @@ def leftovers(fit, inside) -> list[Leftover]:
         spread = max(1.0, float(np.var(power) / np.mean(power) ** 2))
         energy, count = energy / spread, count / spread
     rows, bins = energy.shape
+    own = _bands_of_interference(fit, bins)  # how its density falls off there is not part of its law
+    energy[:, own] = count[:, own]
     t = np.append(scene.index, scene.index[-1] + 1)[np.arange(rows + 1) * (scene.count // rows)] / scene.sample_rate_hz
     for name, e, c in (
         ("time × frequency", energy, count),
@@ -87,6 +89,15 @@ def leftovers(fit, inside) -> list[Leftover]:
         out.append(_place_in_code(fit))
         out.append(_amplitude(fit, inside))
     return sorted((o for o in out if o is not None), key=lambda o: o.p_value)
+
+
+def _bands_of_interference(fit, bins: int) -> np.ndarray:
+    """(bins,) bool: what a found narrowband interference reaches, with skirts of half its width."""
+    own, f = np.zeros(bins, bool), np.fft.fftfreq(bins)
+    for e in fit.model.found:
+        if e.family == "narrowband_interference":
+            own |= np.abs((f - e.p[1] + 0.5) % 1.0 - 0.5) < e.p[2] + 0.5 / bins
+    return own
 
 
 def _behind_a_coarse_lattice(fit) -> bool:

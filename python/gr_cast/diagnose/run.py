@@ -306,9 +306,11 @@ def _floor(finding: Finding) -> None:
             told = told + e.p[0] ** 2 / 6
     # The rounding of the file itself, which the twin's figure may hold or not.
     rounding = gate.native_step(finding.observation.datatype) ** 2 / 6
-    told = float(np.clip(np.mean(np.abs(fit.residual[inside]) ** 2 / shape[inside]), told, told + rounding))
+    vault = fit.data.vault
+    power = np.abs(fit.data.even(fit.residual, (fit.data.use > 0) | vault)) ** 2 / shape
+    told = float(np.clip(np.mean(power[inside]), told, told + rounding))
     n = float(inside.sum())
-    energy = np.abs(fit.residual[inside]) ** 2 / shape[inside] / told
+    energy = power[inside] / told
     if any("_jitter" in e.aux for e in fit.model.effects):  # only along the signal is noise alone
         along = np.zeros(fit.data.scene.count)
         along[fit.data.use > 0] = 2 * _directions(fit)[1]
@@ -334,15 +336,13 @@ def _floor(finding: Finding) -> None:
         free=[False],
         aux={"nats": float(nats), "_floor": fit.sigma2},
     )
-    vault = fit.data.vault
-    unseen = np.abs(fit.residual[vault]) ** 2 / shape[vault] / told
+    unseen = power[vault] / told
     held_out = heldout.of_variance(unseen, np.full(len(unseen), ratio))
     std = {"change_db": 10 / np.log(10) / np.sqrt(n)}
     if ratio > 1 and not follows:
-        power = np.abs(fit.chain.wanted[inside]) ** 2
-        mean = max(power.mean(), 1e-300)
-        power = power / mean
-        strength, likelihood = told_floor(energy, power)
+        wanted = np.abs(fit.chain.wanted[inside]) ** 2
+        mean = max(wanted.mean(), 1e-300)
+        strength, likelihood = told_floor(energy, wanted / mean)
         lead = float(-n * np.log(ratio) - n) - likelihood  # of a raised floor over noise that follows the signal
         other = start(FAMILIES["signal_dependent_noise"], [strength], free=[False], aux={"nats": float(nats - lead)})
         if abs(lead) < ambiguity.ALIKE_NATS:

@@ -11,6 +11,9 @@ from ..effects import FAMILIES, stage_of
 from ..effects.base import RX_GAIN, RX_LO, peaks
 from ..effects.chain import PAD
 
+SKIRT, AROUND = 6, 64  # half cycles over the recording: what a line reaches itself, and its surroundings
+LINE_NATS = 5.0  # by which a line stands out of the largest of as many peaks of noise
+
 
 class View:
     def __init__(self, fit):
@@ -82,9 +85,15 @@ class View:
         return min(20e3 * self.scene.duration_s, self.scene.span / 16)
 
     def lines(self, count: int) -> list[float]:
+        """Cycles over the recording of the strongest lines of the residual that stand out of their surroundings: the
+        peaks of a band of noise do not."""
         spectrum = np.abs(sp_fft.fft(self.scene.spread(self.residual), 2 * self.scene.span))
+        around = np.concatenate([np.arange(-AROUND, -SKIRT), np.arange(SKIRT + 1, AROUND + 1)])
         found = []
         for i in peaks(spectrum, count, 4):
+            beside = np.mean(spectrum[(i + around) % len(spectrum)] ** 2)
+            if spectrum[i] ** 2 < (np.log(len(spectrum)) + LINE_NATS) * beside:
+                continue
             k = i if i < self.scene.span else i - 2 * self.scene.span
             found.append(k / 2)
         return found

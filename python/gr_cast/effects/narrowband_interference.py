@@ -9,6 +9,8 @@ from .noise_family import NoiseFamily, two_levels
 
 NYQUIST = 0.01  # of the sample rate on either side of its half: what interpolation between samples cannot know
 
+FINE = 12  # steps per cell in which the edges of a band are looked for
+
 
 class NarrowbandInterference(NoiseFamily):
     name = "narrowband_interference"
@@ -48,8 +50,8 @@ class NarrowbandInterference(NoiseFamily):
         edges = np.linspace(0, n, cells + 1).astype(int)
         energy = np.add.reduceat(power, edges[:-1])
         size = np.diff(edges)
-        last = np.abs(edges[:-1] + size / 2 - n / 2) < NYQUIST * n
-        energy[last] = size[last] * energy[~last].sum() / size[~last].sum()
+        top = np.abs(edges[:-1] + size / 2 - n / 2) < NYQUIST * n
+        energy[top] = size[top] * energy[~top].sum() / size[~top].sum()
         e2, n2 = np.cumsum(np.concatenate([[0], energy, energy])), np.cumsum(np.concatenate([[0], size, size]))
         best = (0.0, 0, 1)
         for length in range(1, cells // 2):
@@ -66,16 +68,30 @@ class NarrowbandInterference(NoiseFamily):
         share = view.use.sum() / n
         if gain * share < 20:
             return 0.0, None
-        on_e, on_n = e2[i + length] - e2[i], n2[i + length] - n2[i]
+        gain, first, last = _edges(power, edges[i % cells], edges[i % cells] + n2[i + length] - n2[i], n // cells)
+        on_n = last - first
+        on_e = np.take(power, np.arange(first, last), mode="wrap").sum()
         ratio = max(on_e / on_n / ((energy.sum() - on_e) / (n - on_n)) - 1, 1e-3)
-        low = edges[i % cells] / n
         width = on_n / n
-        centre = (low + width / 2 + 0.5) % 1.0 - 0.5
+        centre = (first / n + width / 2 + 0.5) % 1.0 - 0.5
         effect = start(
             self,
             [np.log(ratio), centre, width],
             free=[False] * 3,
             trials=cells**2 / 2,
-            aux={"_std": [(1 + ratio) / ratio / np.sqrt(on_n * share), 0.3 / cells, 0.4 / cells]},
+            aux={"_std": [(1 + ratio) / ratio / np.sqrt(on_n * share), 0.1 / cells, 0.2 / cells]},
         )
         return gain * share, effect
+
+
+def _edges(power, first, last, cell):
+    """(gain, first bin, last bin + 1) of the band near the one given, to within a cell on either side, that stands out
+    most."""
+    steps = np.unique(np.linspace(-cell, cell, 2 * FINE + 1).astype(int))
+    low, high = first + steps[:, None], last + steps[None]
+    wrapped = np.arange(first - cell, last + cell + 1)
+    sums = np.concatenate([[0.0], np.cumsum(np.take(power, wrapped, mode="wrap"))])
+    on_e = sums[high - wrapped[0]] - sums[low - wrapped[0]]
+    gains = np.where(high > low, two_levels(high - low, on_e, len(power), power.sum()), 0.0)
+    k, m = np.unravel_index(int(np.argmax(gains)), gains.shape)
+    return float(gains[k, m]), int(low[k, 0]), int(high[0, m])
