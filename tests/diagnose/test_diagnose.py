@@ -152,3 +152,13 @@ def test_the_lattice_of_the_file_itself_is_no_finding(world, tmp_path, datatype)
     world.noise_rms = 0.02
     document = run(world, tmp_path, world.noisy(world.clean()), datatype)
     assert "quantization" not in named(document)
+
+
+def test_dc_is_told_relative_to_the_wanted_signal_however_late_that_is_found(world, tmp_path):
+    turn = np.exp(2j * np.pi * 400.0 * world.n / RATE_HZ)  # eight turns: before they are found, all but nothing is wanted
+    y = world.clean() * turn
+    dc = 0.05 * np.exp(2.0j)
+    document = run(world, tmp_path, world.noisy(y + dc))
+    assert set(named(document)) == {"carrier_frequency_offset", "dc_offset"}
+    want = 20 * np.log10(abs(dc) / np.sqrt(np.mean(np.abs(y) ** 2)))
+    assert said(document, "dc_offset", "level_dbc")["value"] == pytest.approx(want, abs=0.1)

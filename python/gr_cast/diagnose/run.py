@@ -20,8 +20,9 @@ from .search import refit, search
 from .verdict import conclude
 
 BUDGET_S = 240.0
-# Shares of the time that is left: for the recordings, for the first part of a long one, for the search of a part.
-RECORDINGS, FIRST_PART, SEARCH = 0.8, 0.6, 0.7
+# Shares of the time that is left: for the recordings, for the first part of a long one, for the search of a part, and for
+# what it found to prove itself.
+RECORDINGS, FIRST_PART, SEARCH, PROOF = 0.8, 0.6, 0.6, 0.85
 CUT_NATS = 10.0  # by which rails on a lattice must make a recording likelier
 FINE_LATTICE = 10.0  # energy of its error over the noise, over the whole recording
 JITTER_SURE = 2.5  # standard deviations by which noise across the signal must exceed noise along it
@@ -76,13 +77,15 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
             model = model.adding(FAMILIES[effect.family].later(effect, lengths))
     if known:
         model = offsets.with_gains(data, model)
-    fit, *known_fits = search(data, model) if known is None else _confirmed(known, data, model)
-    complete = not data.late
+    proof = begun + PROOF * (deadline - begun)
+    fit, *known_fits = search(data, model, proof) if known is None else _confirmed(known, data, model, proof)
+    complete = not fit.notes.get("cut", data.late)
     again = _under_the_lattice(data, fit.model)
     if again is not fit.model:
         fit = refit(data, again)
-    fit = _until(fit, deadline) if known else _levelled(_until(fit, deadline), first)
-    fit = _without_fine_lattice(_settle(fit, finer=known is None))
+    fit = _without_fine_lattice(_settle(_until(fit, deadline), finer=known is None))
+    # In the first fit the wanted signal may have been next to nothing.
+    scene.level = known.scene.level if known else scene.rms * _wanted_rms(fit) / _wanted_rms(first)
     finding = Finding(
         observation=part,
         scene=scene,
@@ -104,13 +107,13 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
     return finding
 
 
-def _confirmed(known: Finding, data, model) -> list[Fit]:
+def _confirmed(known: Finding, data, model, proof: float) -> list[Fit]:
     """A later part of a recording: the fit of what its first part showed, and a search where more is left than there."""
     fit = refit(data, model)
     before = {rest.test: rest.nats for rest in residual.leftovers(known.fit, off_the_rails(known.fit))}
     for rest in residual.leftovers(fit, off_the_rails(fit)):
         if rest.p_value < UNEXPLAINED_P and rest.nats > UNEXPLAINED_NATS + 2 * before.get(rest.test, 0.0):
-            return search(data, fit.model)
+            return search(data, fit.model, proof)
     return [fit]
 
 
@@ -151,7 +154,6 @@ def _without_fine_lattice(fit: Fit) -> Fit:
     return fit
 
 
-LEVELS = {"dc_offset", "tone_interference"}  # whose first two numbers are amplitudes over the wanted rms
 # What belongs to one moment, or is judged anew in every part.
 LOCAL = {
     "sample_loss",
@@ -217,20 +219,6 @@ def _settle(fit: Fit, finer: bool) -> Fit:
 
 def _wanted_rms(fit: Fit) -> float:
     return float(np.sqrt(np.mean(np.abs(fit.chain.wanted[fit.data.use > 0]) ** 2)))
-
-
-def _levelled(fit: Fit, first: Fit) -> Fit:
-    """The fit with its levels relative to the wanted signal as it is known now; in the first fit it could be next to
-    nothing."""
-    ratio = _wanted_rms(first) / _wanted_rms(fit)
-    effects = [
-        e.moved(e.p * np.where(np.arange(len(e.p)) < 2, ratio, 1.0)) if e.family in LEVELS and "rms" not in e.aux else e
-        for e in fit.model.effects
-    ]
-    fit.data.scene.rms /= ratio
-    if all(a is b for a, b in zip(effects, fit.model.effects, strict=True)):
-        return fit
-    return refit(fit.data, replace(fit.model, effects=tuple(effects)))
 
 
 def _with(model, index: int, effect: Effect):

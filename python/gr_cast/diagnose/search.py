@@ -288,8 +288,9 @@ def _worth_trying(scores: list[Score]) -> list[Score]:
     return simple[:REFITS] + flexible[:2] + noises[:2]
 
 
-def search(data: Data, model: Model) -> list[Fit]:
-    """Fits by falling evidence, the best first; every effect of the best has paid its price."""
+def search(data: Data, model: Model, proof_deadline: float = np.inf) -> list[Fit]:
+    """Fits by falling evidence, the best first; every effect of the best has paid its price. What was found by the data's
+    deadline has until `proof_deadline` to prove itself; the note `cut` of the best says whether that ended too soon."""
     first = refit(data, model)
     beam = [first, *(refit(data, other) for other in _gross_offsets(data, model))]
     done = {}
@@ -318,7 +319,10 @@ def search(data: Data, model: Model) -> list[Fit]:
         if not any(f is leader or not f.model.flexible for f in beam):
             break
     ranked = sorted(done.values(), key=lambda f: -f.evidence)
-    return [proven(data, eliminate(data, _polished(data, ranked[0]), ranked), ranked), *ranked]
+    cut, data = data.late, replace(data, deadline=max(data.deadline, proof_deadline))
+    best = proven(data, eliminate(data, _polished(data, ranked[0]), ranked), ranked)
+    best.notes["cut"] = cut or data.late
+    return [best, *ranked]
 
 
 def _polished(data: Data, fit: Fit) -> Fit:

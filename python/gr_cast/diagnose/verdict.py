@@ -115,6 +115,7 @@ def _entry(findings, members) -> dict | None:
         return None
     family, scene = FAMILIES[effect.family], finding.scene
     values, constants = numbers(finding, index)
+    plain = {k: v["value"] for k, v in values.items()}
     if len(members) > 1:
         every = {}  # recording → numbers of its parts
         for f, i in members:
@@ -122,7 +123,6 @@ def _entry(findings, members) -> dict | None:
         for name in values:
             told = {r: [v[name] for v in parts if name in v] for r, parts in every.items()}
             values[name] = _pooled({r: _mean(parts) for r, parts in told.items() if parts}, values[name])
-    plain = {k: v["value"] for k, v in numbers(finding, index)[0].items()}
     spans = [(f.observation.first, f.observation.first + f.scene.span) for f, _ in members]
     where = {
         "delay_s": None,

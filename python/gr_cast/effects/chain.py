@@ -69,7 +69,8 @@ class Scene:
     free_ports: tuple[int, ...] = ()  # sources with a gain and phase of their own
     extra: dict[str, Source] = field(default_factory=dict)  # waveforms not on the air in the twin
     notes: dict = field(default_factory=dict)  # what effects keep between calls
-    rms: float = 1.0  # of the wanted signal at the receiver
+    rms: float = 1.0  # of the wanted signal at the receiver as it was first known: the unit of internal levels
+    level: float = 0.0  # the same as it is known now; 0: that
     floor: float = 1e-12  # the noise power that the twin tells
     front_end: np.ndarray = field(default_factory=lambda: np.ones(1))  # taps of the receiver's filter, where numbers are told
     first: int = 0  # number of the first sample here
@@ -160,6 +161,11 @@ class Scene:
     def drift_of(self, doppler: float) -> float:
         """Samples that a real path's delay grows over the recording when its Doppler is `doppler` cycles."""
         return -doppler * self.sample_rate_hz / self.carrier_hz if self.carrier_hz else 0.0
+
+    @property
+    def wanted_rms(self) -> float:
+        """What levels are told relative to."""
+        return self.level or self.rms
 
     @property
     def duration_s(self) -> float:

@@ -22,7 +22,7 @@ class DcOffset(Family):
             yield start(self, [0.0, 0.0, np.log(tau)], aux={"decays": True}, trials=3)
 
     def values(self, scene, effect, p):
-        found = {"level_dbc": db(complex_pair(p) * rms_of(scene, effect) / scene.rms)}
+        found = {"level_dbc": db(complex_pair(p) * rms_of(scene, effect) / scene.wanted_rms)}
         if effect.aux.get("decays"):
             found["decay_s"] = float(np.exp(p[2])) * scene.duration_s
         return found
@@ -34,7 +34,7 @@ class DcOffset(Family):
         return start(self, [level.real, level.imag, tail], free=[True, True, decays], aux={"decays": decays, **said_rms(model)})
 
     def model(self, scene, effect):
-        return {"phase_rad": float(np.angle(complex_pair(effect.p))), "wanted_rms": rms_of(scene, effect)}
+        return {"phase_rad": float(np.angle(complex_pair(effect.p))), "wanted_rms": scene.wanted_rms}
 
     def describe(self, number):
         return f"The receiver adds DC, {number('level_dbc')} relative to the wanted signal."

@@ -27,7 +27,7 @@ class NarrowbandInterference(NoiseFamily):
         return {
             "frequency_hz": p[1] * scene.sample_rate_hz,
             "bandwidth_hz": p[2] * scene.sample_rate_hz,
-            "power_dbc": 10 * np.log10(np.exp(p[0]) * floor * p[2] / scene.rms**2),
+            "power_dbc": 10 * np.log10(np.exp(p[0]) * floor * p[2] / scene.wanted_rms**2),
         }
 
     def levels(self, scene, parameters, model, floor, rms):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft as sp_fft
 
-from .base import NOISE, Family, rms_of, said_rms, start
+from .base import NOISE, Family, said_rms, start
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +64,7 @@ class NoiseFamily(Family):
         return start(self, p, free=[False] * len(p), aux=aux)
 
     def model(self, scene, effect):
-        return {"floor": effect.aux.get("_floor", scene.floor), "wanted_rms": rms_of(scene, effect)}
+        return {"floor": effect.aux.get("_floor", scene.floor), "wanted_rms": effect.aux.get("rms", scene.wanted_rms)}
 
 
 def profile(energy: np.ndarray, shape: np.ndarray) -> float:

@@ -28,7 +28,7 @@ class PulsedInterference(NoiseFamily):
         return {
             "period_s": p[1] / scene.sample_rate_hz,
             "duty_cycle": p[3],
-            "power_dbc": 10 * np.log10(np.exp(p[0]) * floor / scene.rms**2),
+            "power_dbc": 10 * np.log10(np.exp(p[0]) * floor / scene.wanted_rms**2),
         }
 
     def levels(self, scene, parameters, model, floor, rms):

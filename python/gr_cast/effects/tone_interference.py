@@ -25,7 +25,8 @@ class ToneInterference(Family):
         return effect.moved(turned(effect.p, effect.p[2] * lengths))
 
     def values(self, scene, effect, p):
-        return {"frequency_hz": p[2] / scene.duration_s, "power_dbc": db(complex_pair(p) * rms_of(scene, effect) / scene.rms)}
+        power_dbc = db(complex_pair(p) * rms_of(scene, effect) / scene.wanted_rms)
+        return {"frequency_hz": p[2] / scene.duration_s, "power_dbc": power_dbc}
 
     def parse(self, scene, parameters, model):
         cycles = parameters["frequency_hz"] * scene.duration_s
@@ -34,7 +35,7 @@ class ToneInterference(Family):
 
     def model(self, scene, effect):
         phase_rad = np.angle(complex_pair(effect.p) * np.exp(-1j * np.pi * effect.p[2]))  # at t = 0
-        return {"phase_rad": float(phase_rad), "wanted_rms": rms_of(scene, effect)}
+        return {"phase_rad": float(phase_rad), "wanted_rms": scene.wanted_rms}
 
     def where(self, scene, effect, values):
         f, width = values["frequency_hz"], 1 / scene.duration_s
