@@ -22,7 +22,7 @@ from .verdict import conclude
 BUDGET_S = 240.0
 # Shares of the time that is left: for the recordings, for the first part of a long one, for the search of a part, and for
 # what it found to prove itself.
-RECORDINGS, FIRST_PART, SEARCH, PROOF = 0.8, 0.6, 0.6, 0.85
+RECORDINGS, FIRST_PART, SEARCH, PROOF = 0.8, 0.8, 0.7, 0.9
 CUT_NATS = 10.0  # by which rails on a lattice must make a recording likelier
 FINE_LATTICE = 10.0  # energy of its error over the noise, over the whole recording
 JITTER_SURE = 2.5  # standard deviations by which noise across the signal must exceed noise along it
