@@ -52,6 +52,17 @@ def test_a_filter_and_a_tail_are_told_apart_by_another_link(bent):
     assert ambiguity.record_next(*fits) in ("second_link", "move_carrier")
 
 
+def test_a_gain_that_is_known_tells_which_of_two_taps_is_wrong_and_not_dc_from_leakage(world, tmp_path):
+    case = read_case(world.write(tmp_path / "case", world.noisy(world.clean() + 0.02 - 0.1 * world.path(9))))
+    _, data, model = align.build(case, case.observations[0])
+    weak, strong = (refit(data, model.adding(start(FAMILIES["tap_gain_error"], [0.0, 0.0], aux={"tap": k}))) for k in (1, 0))
+    assert ambiguity.record_next(weak, strong) == "absolute_calibration"
+    dc = start(FAMILIES["dc_offset"], [0.0, 0.0, 0.0], free=[True, True, False])
+    leak = start(FAMILIES["lo_leakage"], [0.0, 0.0], aux={"source": 0})
+    fits = [refit(data, weak.model.adding(effect)) for effect in (dc, leak)]
+    assert ambiguity.record_next(*fits) in ("offset_carrier", "mute_transmitter", "second_link")
+
+
 @pytest.mark.parametrize(("half_width", "tones"), [(1e-9, 1), (0.004, 0)])
 def test_peaks_of_a_band_of_noise_are_no_tones(world, tmp_path, half_width, tones):
     n, rng = len(world.n), np.random.default_rng(8)

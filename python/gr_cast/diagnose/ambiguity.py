@@ -108,6 +108,9 @@ EXPERIMENTS = (
 def _separation(first: Fit, second: Fit, experiment: str) -> float:
     """Nats between the predictions of two models in an experiment; delay and gain stay free unless
     calibrated."""
+    if experiment == "absolute_calibration":  # the gain is one number, whichever model is right
+        base = np.concatenate([second.model.base[:1], first.model.base[1:3], second.model.base[3:]])
+        second = replace(second, model=replace(second.model, base=base))
     a, b = _predicted(first, experiment), _predicted(second, experiment)
     unknown = any(e.family == "front_end_filter" for f in (first, second) for e in f.model.effects)  # a filter's own gain is
     if unknown or experiment not in ("absolute_calibration", "mute_transmitter"):
@@ -128,9 +131,7 @@ def _predicted(fit: Fit, experiment: str):
     scene, model = copy.copy(fit.data.scene), fit.model
     scene.forget()
     rng = np.random.default_rng(7)
-    if experiment == "absolute_calibration":
-        model = replace(model, base=np.concatenate([model.base[:1], [scene.rms, 0.0], model.base[3:]]))
-    elif experiment == "mute_transmitter":
+    if experiment == "mute_transmitter":
         scene.sources = [replace(s, samples=np.zeros_like(s.samples), power=0.0, peak=0.0) for s in scene.sources]
     elif experiment == "offset_carrier":
         model = model.adding(

@@ -13,6 +13,8 @@ from scipy import stats
 from ..effects import FAMILIES
 from .view import View
 
+HEARD = 0.1  # of the mean wanted power, from which on a course is held by the recording
+
 
 @dataclass(frozen=True, kw_only=True)
 class Leftover:
@@ -171,9 +173,11 @@ def jumps(fit) -> list[Leftover]:
         at = np.linspace(0, scene.count - 1, 2 * orders).astype(int)[4:-4]  # the ends of a course are held by little
         if len(at) < 16:
             continue
-        moves = np.abs(np.diff(course[at])) ** 2
+        level = np.add.reduceat(np.abs(fit.chain.wanted) ** 2, at) / np.diff(np.append(at, scene.count))
+        heard = level > HEARD * np.mean(level)  # where nothing is sent a course goes anywhere
+        moves = np.where(heard[1:] & heard[:-1], np.abs(np.diff(course[at])) ** 2, 0.0)
         k = int(np.argmax(moves))
-        height = float(moves[k] / max(float(np.mean(moves)), 1e-300))
+        height = float(moves[k] / max(float(np.sum(moves)) / max(1, np.count_nonzero(moves)), 1e-300))
         log_p = -height if np.iscomplexobj(course) else float(stats.chi2.logsf(height, 1))
         out.append(
             Leftover(
