@@ -9,6 +9,7 @@ from .finding import MOST_TRUSTED, Finding, nmse, numbers
 from .ownership import kind_of, owner
 
 SAME_DELAY_SAMPLES = 0.7
+HURRIED = 0.9  # of the confidence of an effect of a search that its time ended, with nothing left that would tell against it
 UNTRUSTED = 0.2  # of the confidence of an effect that stands in a list with something left unexplained
 LEAST_NATS = 8.0  # that an effect must bring over all recordings
 
@@ -66,7 +67,8 @@ def conclude(case, findings: list[Finding], vault: list[tuple]) -> dict:
         verdict = "no_mismatch"
     if verdict == "identified" and max(len(f.fit.model.found) for f in findings) > MOST_TRUSTED:
         verdict = "unexplained"
-    _doubted(effects, verdict, ambiguous)
+    hurried = verdict == "unexplained" and not left and max(len(f.fit.model.found) for f in findings) <= MOST_TRUSTED
+    _doubted(effects, HURRIED if hurried else UNTRUSTED if verdict == "unexplained" else 1.0, ambiguous)
     fit = _fit_numbers(findings, vault)
     return {
         "cast_diagnosis": 1,
@@ -156,15 +158,14 @@ def confidence(nats: float) -> float:
     return round(float(0.60 + 0.38 * (1 - np.exp(-max(nats, 0) / 20))), 3)
 
 
-def _doubted(effects: list[dict], verdict: str, ambiguous: list[dict]) -> None:
-    """Lower the confidence of effects in a list that is not trusted, and of those that have an equal
-    rival."""
+def _doubted(effects: list[dict], trust: float, ambiguous: list[dict]) -> None:
+    """Lower the confidence of effects to the share `trust` of their list, and of those that have an equal rival."""
     rivals = {family for a in ambiguous for family in a["families"]}
     for effect in effects:
         if effect["family"] in rivals:
             effect["confidence"] = min(effect["confidence"], 0.5)
-        elif verdict == "unexplained":
-            effect["confidence"] = round(UNTRUSTED * effect["confidence"], 3)
+        else:
+            effect["confidence"] = round(trust * effect["confidence"], 3)
 
 
 def _mean(parts: list[dict]) -> dict:
