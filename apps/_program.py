@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What every program shares: find gr_cast beside the program, show progress, turn bad input into one line and exit status 2."""
 
+import os
+import select
 import sys
 from pathlib import Path
 
@@ -28,16 +30,29 @@ def _say(line: str) -> None:
     print("\n" * _shown + line, file=sys.stderr)
 
 
+def _is_read_no_more() -> bool:
+    """Whether the reader of what is printed has left, as `head` does; what is still to be written is then dropped."""
+    output = select.poll()
+    output.register(1, 0)  # of errors it tells unasked
+    if not output.poll(0):
+        return False
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    return True
+
+
 def run(main) -> None:
-    """Call `main()` and leave with its status: 2 for refused input (a line per fault), 130 after Ctrl-C."""
+    """Call `main()` and leave with its status: 2 for refused input (a line per fault), 130 after Ctrl-C, 141 without a word
+    when nobody reads its output any more."""
     try:
         status = main()
+        print(end="", flush=True)
     except CastError as error:
         _say("\n".join(f"error: {fault}" for fault in error.faults))
         status = 2
     except OSError as error:
-        _say(f"error: {error.filename or 'system'}: {error.strerror or error}")
-        status = 2
+        status = 141 if isinstance(error, BrokenPipeError) and _is_read_no_more() else 2
+        if status == 2:
+            _say(f"error: {error.filename or 'system'}: {error.strerror or error}")
     except KeyboardInterrupt:
         _say("interrupted")
         status = 130

@@ -222,7 +222,7 @@ def main(argv=None) -> int:
     command.add_argument("spec", help="SPEC.yaml, or the name of an example: arena, street")
     command.add_argument("--work", metavar="FOLDER", help="results of the steps (default: ID.create in this folder)")
     command.add_argument("--until", choices=pipeline.STEPS, help="stop after this step")
-    command.add_argument("--dask", metavar="tcp://…", help="scheduler to run sampling and approximation on")
+    command.add_argument("--dask", metavar="tcp://…", help="scheduler to run sampling, parsing and approximation on")
     command.set_defaults(call=create)
     command = commands.add_parser("validate", help="sound links through the emulator and compare with taps and rays")
     command.add_argument("scenario", help="catalogue id or file")

@@ -36,7 +36,7 @@ def run(
             futures = {pool.submit(_with_common, function, value): index for index, value in enumerate(inputs)}
             try:
                 for future in as_completed(futures):
-                    yield futures[future], future.result()
+                    yield futures.pop(future), future.result()  # a future that is kept would keep its result
             finally:
                 pool.shutdown(wait=False, cancel_futures=True)
 

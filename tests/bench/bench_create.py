@@ -30,6 +30,7 @@ PROGRAM = Path(_program.__file__).with_name("cast_scenario.py")
 PYTHON = Path(os.environ.get("CAST_RAYTRACER") or sc.data_folder() / "raytracer/bin/python")
 ID = "bench"
 POLL_S = 0.002
+OF_TASKS = ("sampling", "parsing", "approximation")
 CLUSTER = """
 import sys
 from distributed import LocalCluster
@@ -82,7 +83,7 @@ class Create:
             raise CastError(f"{self.log}: the run ended before it was killed: {name}")
         record = self.work / "steps.json"
         steps = len(json.loads(record.read_text())) if record.exists() else 0
-        tasks = ", ".join(f"{self.tasks_done(step)} of {step}" for step in ("sampling", "approximation"))
+        tasks = ", ".join(f"{self.tasks_done(step)} of {step}" for step in OF_TASKS)
         installed = [path.name for path in self.catalogue.glob("*")] if self.catalogue.exists() else []
         print(f"  killed: {name}: {steps} steps were done, tasks: {tasks}, in the catalogue: {installed}", flush=True)
 
@@ -134,7 +135,7 @@ def main(argv=None) -> int:
     show("in one run", whole.to_the_end)
     law = loss_over_distance(sc.read(whole.catalogue / f"{ID}.zarr"))
     print("  path loss over distance, rank correlation: " + ", ".join(f"{law[kind]:.2f} of {kind} pairs" for kind in law))
-    tasks = {step: whole.tasks_done(step) for step in ("sampling", "approximation")}
+    tasks = {step: whole.tasks_done(step) for step in OF_TASKS}
     killed = Create(folder / "killed", spec)
     show("killed in every step", lambda: killed.killed_in_every_step(tasks))
     environment = os.environ | {"PYTHONPATH": str(Path(sc.__file__).parents[2])}

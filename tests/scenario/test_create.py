@@ -2,7 +2,6 @@
 """The eight steps, with a tracer of one line of sight in the place of the ray tracer."""
 
 import contextlib
-import functools
 import json
 import os
 import re
@@ -20,6 +19,7 @@ from gr_cast.errors import CastError
 from gr_cast.scenario.create import materials, mesh_files, nodes, osm, paths, pipeline, spec, trace
 
 CARRIER_HZ, C_M_PER_S = 2.4e9, 299_792_458.0
+tasks_run = pipeline.tasks.run
 SPEC = """
 cast_create: 1
 id: yard
@@ -57,13 +57,17 @@ def yard(tmp_path, monkeypatch):
     monkeypatch.setenv("CAST_CATALOGUE", str(tmp_path / "catalogue"))
     monkeypatch.setenv("CAST_RAYTRACER", str(tmp_path / "none"))
     monkeypatch.setattr(trace, "run", line_of_sight)
-    here_or_dask = functools.partial(pipeline.tasks.run, processes=1)
-
-    def run_tasks(function, *work, dask=None, **_):
-        return here_or_dask(function, *work, dask=dask if function is pipeline._reduce_links else None)
-
-    monkeypatch.setattr(pipeline.tasks, "run", run_tasks)  # other processes would not have this tracer
+    run_tasks_in(1, monkeypatch)
     return tmp_path
+
+
+def run_tasks_in(processes, monkeypatch):
+    def run_tasks(function, *work, dask=None, **_):
+        if function is pipeline._trace_task:  # other processes would not have this tracer
+            return tasks_run(function, *work, processes=1)
+        return tasks_run(function, *work, dask=dask, processes=processes)
+
+    monkeypatch.setattr(pipeline.tasks, "run", run_tasks)
 
 
 def run(folder, **about):
@@ -91,21 +95,28 @@ def test_what_is_installed_is_free_space_at_every_millisecond(yard):
     np.testing.assert_allclose(walk_hz, (approach / distance_m)[:-1] * CARRIER_HZ / C_M_PER_S, atol=2.0)
 
 
-def test_a_run_that_is_killed_takes_up_every_finished_task_and_ends_the_same(yard, monkeypatch):
+@pytest.mark.parametrize("task, count", [("_trace_task", 21), ("_parse_tables", 3), ("_reduce_links", 3)])
+def test_a_run_that_is_killed_takes_up_every_finished_task_and_ends_the_same(yard, monkeypatch, task, count):
+    """A task in the middle of sampling, parsing or approximation dies; the next run does that one and those after it."""
+    monkeypatch.setattr(pipeline, "_LINKS_PER_TASK", 1)
     whole = pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "whole"))
-    calls = []
+    work, calls, dies_at = getattr(pipeline, task), [], count // 2 + 1
 
-    def dies_at_the_fifth(*job):
-        calls.append(job[2].name)
-        if len(calls) == 5:
+    def dies_midway(*job):
+        calls.append(job)
+        if len(calls) == dies_at:
             raise KeyboardInterrupt
-        return line_of_sight(*job)
+        return work(*job)
 
-    monkeypatch.setattr(trace, "run", dies_at_the_fifth)
+    monkeypatch.setattr(pipeline, task, dies_midway)
     with pytest.raises(KeyboardInterrupt):
         pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "cut"))
-    resumed = pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "cut"))
-    assert len(calls) == len(set(calls)) + 1  # only the task that died was traced again
+    shown = []
+    again = run(yard / "cut", progress=lambda *how_far: shown.append(how_far))
+    resumed = pipeline.create(spec.read(yard / "yard.yaml"), again)
+    step = {"_trace_task": "sampling", "_parse_tables": "parsing", "_reduce_links": "approximation"}[task]
+    assert [far for far in shown if far[0] == step] == [(step, done, count) for done in range(dies_at, count + 1)]
+    assert len(calls) == count + 1
     assert resumed["install"]["summary"]["sha256"] == whole["install"]["summary"]["sha256"]
     assert resumed["install"]["summary"]["version"] == 1  # the same content is the same version
 
@@ -159,13 +170,36 @@ def test_killed_at_any_write_and_started_again_it_ends_the_same_and_nothing_half
     assert number > 100
 
 
-def test_two_dask_workers_make_the_identical_scenario(yard, dask_cluster, monkeypatch):
+def test_two_workers_make_the_identical_scenario_in_processes_and_on_dask(yard, dask_cluster, monkeypatch):
+    one = pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "one"))
     monkeypatch.setattr(pipeline, "_LINKS_PER_TASK", 1)
-    here, there = (
-        pipeline.create(spec.read(yard / "yard.yaml"), run(yard / folder, dask=dask))["install"]["summary"]["sha256"]
-        for folder, dask in (("here", None), ("there", dask_cluster(2)))
-    )
-    assert here == there
+    run_tasks_in(2, monkeypatch)
+    for name, dask in (("processes", None), ("dask", dask_cluster(2))):
+        two = pipeline.create(spec.read(yard / "yard.yaml"), run(yard / name, dask=dask))
+        assert len(list((yard / name / "parsing").glob("*_*.pickle"))) == 3
+        assert (yard / name / "parsing/links.npz").read_bytes() == (yard / "one/parsing/links.npz").read_bytes()
+        assert two["parsing"]["summary"] == one["parsing"]["summary"]
+        assert two["install"]["summary"]["sha256"] == one["install"]["summary"]["sha256"]
+
+
+@pytest.mark.parametrize("pairs", [1, 3, 100])
+def test_batches_of_pairs_hold_the_same_channels_as_all_of_them(pairs):
+    """Tables as a tracer leaves them: rows in any order, pairs that are not at every instant, two rows of one path."""
+    rng = np.random.default_rng(5)
+
+    def table(rows):
+        tx, rx, surfaces, *columns = rng.integers(0, [[3], [5], [4]] + 4 * [[1000]], (7, rows))
+        names = ("delay_s", "rate_before", "rate_after", "gain")
+        return trace.Traced(tx=tx, rx=rx + 3, surfaces=surfaces[:, None], **dict(zip(names, columns, strict=True)))
+
+    time_s, tables = np.arange(4.0), [table(rows) for rows in (40, 0, 7, 90)]
+    together = paths.by_link(tables, time_s)
+    apart = [paths.by_link(batch, time_s) for batch in paths.batches(tables, pairs)]
+    assert len(apart) == -(-len(together) // pairs) and all(len(links) <= pairs for links in apart)
+    assert [pair for links in apart for pair in links] == sorted(together)
+    for pair, link in [item for links in apart for item in links.items()]:
+        for name, values in vars(link).items():
+            np.testing.assert_array_equal(values, getattr(together[pair], name))
 
 
 def test_a_second_run_in_the_same_folder_is_refused(yard, monkeypatch):
@@ -232,7 +266,7 @@ def test_a_full_disk_is_one_line_with_its_file_and_leaves_nothing_half_installed
             status, _, lines = command(yard, capsys)
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-        errors = [line for line in lines if not re.fullmatch(r"(sampling|approximation): \d+ of \d+|", line)]
+        errors = [line for line in lines if not re.fullmatch(r"(sampling|parsing|approximation): \d+ of \d+|", line)]
         assert status == 2 and len(errors) == 1 and errors[0].startswith("error: "), lines
         assert str(yard) in errors[0] and ".aside" not in errors[0] and errors[0].endswith(": File too large")
         assert not list(yard.rglob(".aside-*")) and "yard" not in sc.catalogue_entries()

@@ -27,6 +27,19 @@ class LinkPaths:
     gain: np.ndarray
 
 
+def batches(tables: list[Traced], pairs: int) -> list[list[Traced]]:
+    """The tables in batches of so many `pairs`, for tasks of their own: in each all tables, with the rows of its pairs alone.
+    Rows of a pair stay in order."""
+    numbers = [table.tx.astype(np.int64) << 32 | table.rx for table in tables]
+    starts = np.unique(np.concatenate([np.zeros(0, np.int64), *numbers]))[pairs::pairs]
+    parts = []
+    for table, number in zip(tables, numbers, strict=True):
+        order = np.argsort(number, kind="stable")
+        rows = np.split(order, np.searchsorted(number[order], starts))
+        parts.append([Traced(**{name: values[part] for name, values in vars(table).items()}) for part in rows])
+    return [list(batch) for batch in zip(*parts, strict=True)]
+
+
 def by_link(tables: list[Traced], time_s: np.ndarray) -> dict[tuple[int, int], LinkPaths]:
     """Sort the tables of all instants by pair; a path is the same one as long as it meets the same surfaces in order."""
     rows: dict[tuple[int, int], dict] = {}
@@ -119,3 +132,16 @@ def difference_db(a: tuple, b: tuple, bandwidth_hz: float) -> np.ndarray:
     floor = np.finfo(float).tiny
     error = in_band_energy(delay_s, gain, bandwidth_hz) / np.maximum(in_band_energy(*a, bandwidth_hz), floor)
     return 10 * np.log10(np.maximum(error, floor))
+
+
+def interpolation_error_db(
+    links: dict[tuple[int, int], LinkPaths], checks: list[Traced], checks_s: np.ndarray, carrier_hz: float, bandwidth_hz: float
+) -> list[float]:
+    """Error of the links at instants that were traced for it alone, dB in the band: one per check and link in both."""
+    errors_db = []
+    for time_s, table in zip(checks_s, checks, strict=True):
+        for pair, traced in by_link([table], np.zeros(1)).items():
+            if pair in links:
+                truth, guess = at(traced, np.zeros(1), carrier_hz), at(links[pair], np.array([time_s]), carrier_hz)
+                errors_db += difference_db(truth, guess, bandwidth_hz).tolist()
+    return errors_db

@@ -2,7 +2,7 @@
 """The eight steps from a place to an installed scenario, each with its result on disk, its time, memory and error.
 
 A step is done anew when its own part of the SPEC or anything before it has changed; otherwise its result is taken up,
-and within sampling and approximation every finished task.
+and within sampling, parsing and approximation every finished task.
 """
 
 import csv
@@ -12,7 +12,7 @@ import pickle
 import resource
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -125,6 +125,23 @@ def _load(run: Run, name: str):
     return pickle.loads((run.folder / name).read_bytes())
 
 
+def _every_task(
+    run: Run, folder: Path, function: Callable, common, inputs: dict, processes: int | None = None
+) -> Iterator:
+    """Yield function(common, input) of every named input, in their order, when all are done. Each is kept in a file of its
+    name: what a run that was killed has finished is not done again."""
+    files = {name: folder / f"{name}.pickle" for name in inputs}
+    todo = [name for name, file in files.items() if not file.exists()]
+    done = len(files) - len(todo)
+    left = [inputs[name] for name in todo]
+    for index, result in tasks.run(function, common, left, dask=run.dask, processes=processes):
+        _save(files[todo[index]], result)
+        done += 1
+        run.progress(folder.name, done, len(files))
+    for file in files.values():
+        yield pickle.loads(file.read_bytes())
+
+
 def _environment(spec: Spec, run: Run, folder: Path):
     summary = {
         "place": spec.place or spec.name, "carrier_hz": spec.carrier_hz, "bandwidth_hz": spec.bandwidth_hz,
@@ -227,39 +244,38 @@ def _sampling(spec: Spec, run: Run, folder: Path):
     if moving:
         jobs += [_task(spec, f"step_{index:05d}", pairs, time_s) for index, time_s in enumerate(times_s)]
         jobs += [_task(spec, f"check_{index:05d}", pairs, time_s) for index, time_s in enumerate(checks_s)]
-    todo = [job for job in jobs if not (folder / f"{job.name}.pickle").exists()]
     # One process: the tracer has threads of its own.
-    traced = tasks.run(_trace_task, (solids, settings), todo, dask=run.dask, processes=1)
-    for done, (index, table) in enumerate(traced):
-        _save(folder / f"{todo[index].name}.pickle", table)
-        run.progress("sampling", len(jobs) - len(todo) + done + 1, len(jobs))
-    tables = [_load(run, f"sampling/{job.name}.pickle") for job in jobs]
+    inputs = {job.name: job for job in jobs}
+    tables = list(_every_task(run, folder, _trace_task, (solids, settings), inputs, processes=1))
     summary = {"tasks": len(jobs), "pairs": len(static) * (len(static) - 1) // 2 + len(pairs)}
     summary["paths"] = int(sum(len(table.tx) for table in tables))
     return _save(folder / "all.pickle", (times_s, checks_s)), summary
 
 
+def _parse_tables(about: dict, job: tuple) -> tuple[dict, list[float]]:
+    (time_s, tables), (checks_s, checks) = job
+    links = paths.by_link(tables, time_s)
+    return links, paths.interpolation_error_db(links, checks, checks_s, **about)
+
+
 def _parsing(spec: Spec, run: Run, folder: Path):
     times_s, checks_s = _load(run, "sampling/all.pickle")
     source = run.folder / "sampling"
-    read = {
-        kind: [pickle.loads(path.read_bytes()) for path in sorted(source.glob(f"{kind}_*.pickle"))]
+    static, steps, checks = (
+        [pickle.loads(path.read_bytes()) for path in sorted(source.glob(f"{kind}_*.pickle"))]
         for kind in ("static", "step", "check")
-    }
-    links = {}
-    for table in read["static"]:
-        links |= paths.by_link([table], np.zeros(1))
-    moving = paths.by_link(read["step"], times_s) if read["step"] else {}
-    errors_db = []
-    for time_s, table in zip(checks_s, read["check"], strict=True):
-        for pair, traced in paths.by_link([table], np.zeros(1)).items():
-            if pair in moving:
-                truth = paths.at(traced, np.zeros(1), spec.carrier_hz)
-                guess = paths.at(moving[pair], np.array([time_s]), spec.carrier_hz)
-                errors_db += paths.difference_db(truth, guess, spec.bandwidth_hz).tolist()
-    links |= moving
+    )
+    inputs = {f"static_{index:05d}": ((np.zeros(1), [table]), ([], [])) for index, table in enumerate(static)}
+    for index, batch in enumerate(paths.batches(steps + checks, _LINKS_PER_TASK)):
+        inputs[f"moving_{index:05d}"] = (times_s, batch[: len(steps)]), (checks_s, batch[len(steps) :])
+    about = dict(carrier_hz=spec.carrier_hz, bandwidth_hz=spec.bandwidth_hz)
+    links, errors_db = {}, []
+    for own, own_db in _every_task(run, folder, _parse_tables, about, inputs):
+        links |= own
+        errors_db += own_db
+    moving = [link for link in links.values() if len(link.time_s) > 1]
     late = _beyond_reach(spec, links)
-    changes = sum(paths.births_and_deaths(link) for link in moving.values())
+    changes = sum(paths.births_and_deaths(link) for link in moving)
     summary = {"links": len(links), "moving links": len(moving), "paths that appear or vanish": changes}
     if late:
         summary["paths beyond the last tap, lost"] = late
@@ -294,8 +310,8 @@ def _beyond_reach(spec: Spec, links: dict) -> int:
     return late
 
 
-def _reduce_links(about: dict, links: list[paths.LinkPaths]) -> list[reduce.Reduced]:
-    return [reduce.reduce(reduce.Job(link=link, **about)) for link in links]
+def _reduce_links(about: dict, links: dict[tuple[int, int], paths.LinkPaths]) -> dict[tuple[int, int], reduce.Reduced]:
+    return {pair: reduce.reduce(reduce.Job(link=link, **about)) for pair, link in links.items()}
 
 
 def _approximation(spec: Spec, run: Run, folder: Path):
@@ -303,8 +319,6 @@ def _approximation(spec: Spec, run: Run, folder: Path):
     clock_s = np.arange(int(spec.duration_s / spec.update_s + 1e-6) + 1) * spec.update_s
     pairs = sorted(links)
     groups = [pairs[start : start + _LINKS_PER_TASK] for start in range(0, len(pairs), _LINKS_PER_TASK)]
-    files = [folder / f"links_{index:05d}.pickle" for index in range(len(groups))]
-    todo = [index for index, file in enumerate(files) if not file.exists()]
     about = dict(
         carrier_hz=spec.carrier_hz,
         bandwidth_hz=spec.bandwidth_hz,
@@ -312,13 +326,10 @@ def _approximation(spec: Spec, run: Run, folder: Path):
         clock_s=clock_s,
         hold_s=spec.hold_s,
     )
-    inputs = [[links[pair] for pair in groups[index]] for index in todo]
-    for done, (index, reduced) in enumerate(tasks.run(_reduce_links, about, inputs, dask=run.dask)):
-        _save(files[todo[index]], dict(zip(groups[todo[index]], reduced, strict=True)))
-        run.progress("approximation", len(files) - len(todo) + done + 1, len(files))
+    inputs = {f"links_{index:05d}": {pair: links[pair] for pair in group} for index, group in enumerate(groups)}
     every: dict = {}
-    for file in files:
-        every |= pickle.loads(file.read_bytes())
+    for reduced in _every_task(run, folder, _reduce_links, about, inputs):
+        every |= reduced
     strongest = max(np.abs(item.gain).max() for item in every.values())
     floor = strongest * 10 ** (-spec.dynamic_range_db / 20)
     weak = sum(int(((np.abs(item.gain) < floor) & (item.gain != 0)).sum()) for item in every.values())
