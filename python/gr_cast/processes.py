@@ -15,7 +15,7 @@ class Processes:
 
     def __init__(self, folder: Path):
         folder.mkdir(parents=True, exist_ok=True)
-        self._folder, self._running, self._finished = folder, {}, set()
+        self._folder, self._running, self._finished, self._may_end = folder, {}, set(), set()
         self._begin = time.monotonic()
 
     def start(self, name: str, words: list[str], *, into: Path | None = None) -> None:
@@ -31,11 +31,17 @@ class Processes:
     def check(self) -> None:
         """Raises CastError where one has ended that was not waited for, with the line of its output that tells why."""
         for name, process in self._running.items():
+            if name in self._may_end and process.poll() == 0:
+                continue
             if name not in self._finished and process.poll() is not None:
                 raise CastError(
                     f"{name}: ended after {time.monotonic() - self._begin:.1f} s with status {process.returncode}"
                     f"{self._complaint(name)}; what was recorded until then is kept"
                 )
+
+    def may_end(self, name: str) -> None:
+        """From now on one that ends with status 0 is through."""
+        self._may_end.add(name)
 
     def has_ended(self, name: str) -> bool:
         """Whether one that ends by itself is through; from then on it counts as finished."""

@@ -50,6 +50,9 @@ def generate(
             processes.start(f"mgen of node {node.name}", node.command(*command(scripts[node.name], logs[node.name])))
         begin = time.monotonic() + LEAD_S
         while (passed_s := time.monotonic() - begin) < traffic.duration_s or not is_quiet():
+            if passed_s > traffic.duration_s - LEAD_S:  # an MGEN that only sends ends by itself, while packets still wait
+                for node in nodes:
+                    processes.may_end(f"mgen of node {node.name}")
             processes.check()
             if passed_s > traffic.duration_s + patience_s:
                 raise CastError(f"packets still wait {patience_s:g} s after the last flow: the radio is slower than real time")
