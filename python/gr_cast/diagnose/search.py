@@ -415,7 +415,8 @@ def proven(data: Data, fit: Fit, known: list[Fit]) -> Fit:
     parts = heldout.folds(data)
     while not data.late:
         doubted = _doubted(data, fit, known)
-        worth = {i: _unseen(parts, fit.model, less.model) if less else -np.inf for i, less in doubted.items()}
+        unseen = _unseen(parts, fit.model) if any(doubted.values()) else 0.0
+        worth = {i: unseen - _unseen(parts, less.model) if less else -np.inf for i, less in doubted.items()}
         if not worth or min(worth.values()) > LEAST_HELD_OUT or data.late:
             break
         fit = refit_or_known(data, fit.model.without(min(worth, key=worth.get)), known)
@@ -423,7 +424,7 @@ def proven(data: Data, fit: Fit, known: list[Fit]) -> Fit:
 
 
 def _doubted(data: Data, fit: Fit, known: list[Fit]) -> dict[int, Fit | None]:
-    """The effects of a fit that must prove themselves, each with the fit that lacks it, None where no proof is needed."""
+    """The effects of a fit that must prove themselves, each with the fit that lacks it; None where no proof can help."""
     doubted = {}
     for i, effect in enumerate(fit.model.effects):
         if effect.fixed or "read" in effect.aux:
@@ -437,14 +438,9 @@ def _doubted(data: Data, fit: Fit, known: list[Fit]) -> dict[int, Fit | None]:
     return doubted
 
 
-def _unseen(parts: list[Data], model: Model, less: Model) -> float:
-    """Nats by which `model` is likelier than `less` on the samples that each part holds out, both a step from their
-    optimum."""
-    return sum(
-        heldout.log_likelihood(refit(part, model, iterations=PROOF_STEPS))
-        - heldout.log_likelihood(refit(part, less, iterations=PROOF_STEPS))
-        for part in parts
-    )
+def _unseen(parts: list[Data], model: Model) -> float:
+    """ln L of the samples that each part holds out, of `model` some steps from where it stands."""
+    return sum(heldout.log_likelihood(refit(part, model, iterations=PROOF_STEPS)) for part in parts)
 
 
 def _imitates(effect: Effect) -> bool:

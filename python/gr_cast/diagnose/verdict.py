@@ -57,18 +57,17 @@ def conclude(case, findings: list[Finding], vault: list[tuple]) -> dict:
     effects = [entry for members in _group(findings) if (entry := _entry(findings, members))]
     left = [(f, rest) for f in findings for rest in f.left]
     ambiguous = _ambiguities(findings)
+    crowded = max(len(f.fit.model.found) for f in findings) > MOST_TRUSTED
     if left or not all(f.complete for f in findings):
         verdict = "unexplained"
     elif ambiguous:
         verdict = "ambiguous"
     elif effects:
-        verdict = "identified"
+        verdict = "unexplained" if crowded else "identified"
     else:
         verdict = "no_mismatch"
-    if verdict == "identified" and max(len(f.fit.model.found) for f in findings) > MOST_TRUSTED:
-        verdict = "unexplained"
-    hurried = verdict == "unexplained" and not left and max(len(f.fit.model.found) for f in findings) <= MOST_TRUSTED
-    _doubted(effects, HURRIED if hurried else UNTRUSTED if verdict == "unexplained" else 1.0, ambiguous)
+    share = UNTRUSTED if left or crowded else HURRIED
+    _doubted(effects, share if verdict == "unexplained" else 1.0, ambiguous)
     fit = _fit_numbers(findings, vault)
     return {
         "cast_diagnosis": 1,
