@@ -18,6 +18,7 @@ from scipy import linalg
 from ..effects import FAMILIES, stage_of
 from ..effects.base import RX_FILTER, RX_GAIN
 from ..effects.columns import Dense, Lags, against, gram
+from ..effects.quantization import is_coarse
 from .model import Model, jacobian, predict
 
 LARGE = 60  # parameters from which a matrix is inverted by Cholesky's method
@@ -260,7 +261,7 @@ def shape_of_receiver(fit: Fit, model: Model):
     nothing."""
     shape = gain_of_receiver(fit, model)
     for effect in model.effects:
-        if effect.family == "quantization" and effect.p[2] < 0.7:
+        if is_coarse(effect):
             predict(fit.data.scene, fit.model)  # leaves the prediction in front of the lattice
             v = FAMILIES[effect.family].variance(fit.data.scene, effect)
             shape = v if shape is None else shape if v is None else shape * v

@@ -5,6 +5,7 @@ import numpy as np
 
 from ..effects import FAMILIES
 from ..effects.noise_family import NoiseView
+from ..effects.quantization import is_coarse
 from .fit import shape_of_receiver
 
 TESTED = ("signal_dependent_noise", "impulsive_noise", "pulsed_interference", "narrowband_interference")
@@ -23,7 +24,7 @@ def view_of(fit) -> NoiseView:
 def starts(fit):
     """[(net gain in nats, effect)] of every noise family that is not in the model yet."""
     have = {e.family for e in fit.model.effects}
-    if any(e.family == "quantization" and e.p[2] < 0.7 for e in fit.model.effects):
+    if any(is_coarse(e) for e in fit.model.effects):
         return []  # behind a coarse quantiser the noise has no law of its own
     if have & set(TESTED):
         return []

@@ -11,6 +11,7 @@ from scipy import fft as sp_fft
 from scipy import stats
 
 from ..effects import FAMILIES
+from ..effects.quantization import is_coarse
 from .view import View
 
 HEARD = 0.1  # of the mean wanted power, from which on a course is held by the recording
@@ -54,7 +55,7 @@ def leftovers(fit, inside) -> list[Leftover]:
     scene = fit.data.scene
     out = []
     energy, count = time_frequency(fit)
-    if coarse := _behind_a_coarse_lattice(fit):
+    if coarse := any(is_coarse(e) for e in fit.model.effects):
         # Rare steps instead of noise: as many Gaussian samples as would make energies spread as much.
         power = np.abs(_normal(fit)[inside]) ** 2
         spread = max(1.0, float(np.var(power) / np.mean(power) ** 2))
@@ -100,11 +101,6 @@ def _bands_of_interference(fit, bins: int) -> np.ndarray:
         if e.family == "narrowband_interference":
             own |= np.abs((f - e.p[1] + 0.5) % 1.0 - 0.5) < e.p[2] + 0.5 / bins
     return own
-
-
-def _behind_a_coarse_lattice(fit) -> bool:
-    """Whether a quantiser's error is no noise of its own, but bound to the prediction."""
-    return any(e.family == "quantization" and e.p[2] < 0.7 for e in fit.model.effects)
 
 
 def _bonferroni(log_p: float, cells: int) -> float:

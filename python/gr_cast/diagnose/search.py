@@ -10,6 +10,7 @@ from scipy import fft as sp_fft
 from ..effects import FAMILIES, Effect, stage_of
 from ..effects.base import RX_FILTER, RX_GAIN, start
 from ..effects.columns import Dense, Lags, against, gram, inner
+from ..effects.quantization import is_coarse
 from . import heldout, noise, offsets
 from .fit import Data, Fit, invert, misfit, solve, with_noise
 from .model import RIDGE, Model, _run, _start_chain, _steps, effect_columns, predict
@@ -175,7 +176,7 @@ def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2, it
         return solve(begun, model)
     noisy = any(FAMILIES[e.family].noise_like and not e.fixed for e in model.effects)
     shaped = noisy or any(
-        stage_of(e) in (RX_GAIN, RX_FILTER) or e.family == "quantization" and e.p[2] < 0.7 for e in model.effects
+        stage_of(e) in (RX_GAIN, RX_FILTER) or is_coarse(e) for e in model.effects
     )
     if not noisy or near is None:
         fit = solve(begun if shaped else white, model, iterations=iterations)

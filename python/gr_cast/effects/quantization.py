@@ -11,6 +11,13 @@ from scipy.special import ndtr
 
 from .base import LATTICE, Family, start
 
+COARSE = 0.7  # steps of noise below which a quantiser's error is no noise of its own, but bound to the signal
+
+
+def is_coarse(effect) -> bool:
+    """Whether an effect is a quantiser whose error is bound to the prediction."""
+    return effect.family == "quantization" and effect.p[2] < COARSE
+
 
 def mean_of_quantizer(value, step, origin, sigma):
     """Mean output for a real input `value` under Gaussian noise of `sigma` steps; lattice points at (k +
@@ -47,7 +54,7 @@ class Quantization(Family):
         if sigma == 0:  # the noise is in the signal
             lattice = lambda x: (np.round(x / step - origin) + origin) * step  # noqa: E731
             chain.y = lattice(chain.y.real) + 1j * lattice(chain.y.imag)
-        elif sigma < 0.7:
+        elif is_coarse(effect):
             chain.y = mean_of_quantizer(chain.y.real, step, origin, sigma) + 1j * mean_of_quantizer(
                 chain.y.imag, step, origin, sigma
             )
@@ -56,7 +63,7 @@ class Quantization(Family):
         """(n,) power of the noise behind the quantiser over its mean, at the latest prediction; None for a
         fine one."""
         step, origin, sigma = effect.p
-        if sigma >= 0.7:
+        if not is_coarse(effect):
             return None
         y = scene.notes["before the lattice"]
         v = variance_of_quantizer(y.real, step, origin, sigma) + variance_of_quantizer(y.imag, step, origin, sigma)
