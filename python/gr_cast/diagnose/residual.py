@@ -180,7 +180,7 @@ def jumps(fit) -> list[Leftover]:
                 test=f"jump in the course of {e.family}",
                 p_value=_bonferroni(log_p, len(moves)),
                 nats=height / (1 if np.iscomplexobj(course) else 2),
-                where={"time_s": [float(i / scene.sample_rate_hz) for i in at[k : k + 2]]},
+                where={"time_s": (scene.index[at[k : k + 2]] / scene.sample_rate_hz).tolist()},
             )
         )
     return out
