@@ -1,37 +1,16 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "zmq_requester_impl.h"
-#include <gnuradio/io_signature.h>
+#include "zmq_source_impl.h"
+#include <gnuradio/cast/zmq_requester.h>
 
 namespace gr
 {
 namespace cast
 {
 
-namespace
-{
-constexpr int wait_ms = 20; // the longest that work() waits before the scheduler may stop it
-constexpr int buffer_samples = 1 << 16; // messages are longer than the usual 8,192
-} // namespace
-
 zmq_requester::sptr zmq_requester::make(const std::string& address)
 {
-    return gnuradio::make_block_sptr<zmq_requester_impl>(address);
-}
-
-zmq_requester_impl::zmq_requester_impl(const std::string& address)
-    : gr::sync_block("zmq_requester", gr::io_signature::make(0, 0, 0),
-                     gr::io_signature::make(1, 1, sizeof(gr_complex))),
-      d_socket(address, [this, address](const std::string& what) {
-          d_logger->error("{}: {}", address, what);
-      })
-{
-    set_min_output_buffer(buffer_samples);
-}
-
-int zmq_requester_impl::work(int noutput_items, gr_vector_const_void_star&,
-                             gr_vector_void_star& output_items)
-{
-    return d_socket.receive(static_cast<gr_complex*>(output_items[0]), noutput_items, wait_ms);
+    using impl = zmq_source_impl<zmq_requester, kernel::sample_requester>;
+    return gnuradio::make_block_sptr<impl>("zmq_requester", address);
 }
 
 } // namespace cast
