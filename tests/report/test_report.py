@@ -3,20 +3,21 @@
 
 import re
 import sys
+import time
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "diagnose"))
 from conftest_world import World
 from gr_cast.diagnose import diagnose, read_case
 from gr_cast.diagnose.maps import before_and_after, maps_of, power_of, steps
 from gr_cast.diagnose.write import maps
-from gr_cast.report import render
+from gr_cast.report import Album, render
 
 ECHO, DC = 0.3 * 0.1 * np.exp(1j), 0.02
 
@@ -70,9 +71,34 @@ def test_an_open_question_is_followed_by_the_recording_that_answers_it(found):
     why = "dc_offset and lo_leakage explain this recording equally well."
     entry = {"families": ["dc_offset", "lo_leakage"], "why": why, "record_next": "offset_carrier"}
     document = {**found.document, "verdict": "ambiguous", "ambiguous": [entry]}
-    text = "".join(Page(render(SimpleNamespace(case=found.case, document=document, findings=found.findings))).text)
+    text = "".join(Page(render(replace(found, document=document))).text)
     assert "it is DC offset or LO leakage" in text
     assert "Record next: the same with the transmitter tuned" in text and "LO leakage: it fits as well" in text
+
+
+def test_a_page_is_whole_without_the_pictures_that_its_time_does_not_hold(found):
+    everything = Page(render(found))
+    hurried = Page(render(replace(found, deadline=time.monotonic())))
+    assert not hurried.faults and not hurried.open and not hurried.sources
+    text = "".join(hurried.text)
+    assert "2 pictures are left out" in text and "left out:" not in "".join(everything.text)
+    assert all(effect["sentence"] in text.replace("\N{MINUS SIGN}", "-") for effect in found.document["effects"])
+
+
+def test_a_picture_is_drawn_only_where_the_longest_before_it_would_still_be_in_time():
+    def draw():
+        drawn.append(time.monotonic())
+        time.sleep(0.3)
+        return Figure(figsize=(1, 1))
+
+    drawn, album = [], Album(time.monotonic() + 0.5)
+    pages = [album.image(draw, "") for _ in range(5)]
+    assert len(drawn) == 1 and [bool(page) for page in pages] == [True, False, False, False, False]
+    assert "4 pictures are left out" in album.note()
+
+
+def test_steps_that_are_not_told_in_time_are_not_told(found):
+    assert steps(found.findings[0], time.monotonic()) is None
 
 
 def test_the_maps_show_the_echo_at_its_delay_and_the_dc_at_its_frequency(found):

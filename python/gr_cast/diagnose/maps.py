@@ -98,8 +98,9 @@ def _place_in_period(fit) -> np.ndarray:
     return power / np.maximum(np.bincount(index[use], minlength=cells), 1)
 
 
-def steps(finding) -> list[tuple[int, float]]:
-    """[(index of an effect, power of the residual once it and those before it are in the model)], the strongest first.
+def steps(finding, deadline: float = np.inf) -> list[tuple[int, float]] | None:
+    """[(index of an effect, power of the residual once it and those before it are in the model)], the strongest first; None
+    where that is not told by the deadline (on time.monotonic()).
 
     Effects that change the noise alone have no place here.
     """
@@ -110,7 +111,10 @@ def steps(finding) -> list[tuple[int, float]]:
     for k in range(1, len(order)):
         inside = set(order[:k])
         kept = tuple(e for i, e in enumerate(fit.model.effects) if e.fixed or i in inside)
-        part = solve(with_noise(fit, replace(fit.model, effects=kept)), replace(fit.model, effects=kept), iterations=3)
+        model = replace(fit.model, effects=kept)
+        part = solve(replace(with_noise(fit, model), deadline=deadline), model, iterations=3)
+        if part.data.late:  # it may stand where it began
+            return None
         out.append((order[k - 1], power_of(part)))
     return out + [(i, power_of(fit)) for i in order[-1:]]
 
@@ -118,5 +122,3 @@ def steps(finding) -> list[tuple[int, float]]:
 def power_of(fit) -> float:
     """Mean power of a fit's residual, over the samples used."""
     return float(np.mean(np.abs(fit.residual[fit.data.use > 0]) ** 2))
-
-

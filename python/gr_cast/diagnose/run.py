@@ -20,6 +20,7 @@ from .search import refit, search
 from .verdict import conclude
 
 BUDGET_S = 240.0
+PICTURES = 1.1  # of the budget: what a report still draws after the search ends then
 # Shares of the time that is left: for the recordings, for the first part of a long one, for the search of a part, and for
 # what it found to prove itself.
 RECORDINGS, FIRST_PART, SEARCH, PROOF = 0.8, 0.8, 0.7, 0.9
@@ -415,11 +416,13 @@ def _rescaled(effect: Effect, ratio: float) -> Effect:
 
 @dataclass(kw_only=True)
 class Diagnosis:
-    """What `write` turns into files: the contract's document and the findings behind it."""
+    """What `write` turns into files: the contract's document and the findings behind it; `deadline`, on time.monotonic(): a
+    report draws no picture after it."""
 
     case: object
     document: dict
     findings: list[Finding]
+    deadline: float = np.inf
 
 
 def diagnose(case, *, budget_s: float = BUDGET_S, progress=lambda where: None) -> Diagnosis:
@@ -436,4 +439,4 @@ def diagnose(case, *, budget_s: float = BUDGET_S, progress=lambda where: None) -
     agree_on_sides(findings)
     document = conclude(case, findings, [predict_only(case, o, findings, begun + budget_s) for o in case.observations if o.vault])
     document["seconds"] = round(time.monotonic() - begun, 3)
-    return Diagnosis(case=case, document=document, findings=findings)
+    return Diagnosis(case=case, document=document, findings=findings, deadline=begun + PICTURES * budget_s)

@@ -4,9 +4,13 @@
 import base64
 import io
 import re
+import time
+from collections.abc import Callable
+from functools import partial
 from html import escape
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from ..diagnose.maps import power_of
 from ..effects import FAMILIES
@@ -52,18 +56,45 @@ EXPERIMENTS = {
 }
 
 
+class Album:
+    """The pictures of a page, drawn as long as there is time; `left_out` counts those that are not."""
+
+    def __init__(self, deadline: float):
+        self.deadline, self.left_out, self._longest_s = deadline, 0, 0.0
+
+    def image(self, draw: Callable[[], Figure | None], alt: str) -> str:
+        """What `draw` draws, or nothing where it would not be there by the deadline."""
+        begun = time.monotonic()
+        figure = draw() if begun + self._longest_s <= self.deadline else None
+        if figure is None:
+            self.left_out += 1
+            return ""
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", dpi=100)
+        self._longest_s = max(self._longest_s, time.monotonic() - begun)
+        return f"<img alt='{alt}' src='data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}'>"
+
+    def note(self) -> str:
+        """What is not shown, in one sentence."""
+        if not self.left_out:
+            return ""
+        pictures = "1 picture is" if self.left_out == 1 else f"{self.left_out} pictures are"
+        return f"<p class='note'>{pictures} left out: the time for this case was up. The maps are in residual.npz.</p>"
+
+
 def render(diagnosis) -> str:
-    """The page as text."""
-    d, name = diagnosis.document, escape(diagnosis.case.name)
+    """The page as text; pictures that would come after the diagnosis's deadline are left out, and the page says so."""
+    d, name, album = diagnosis.document, escape(diagnosis.case.name), Album(diagnosis.deadline)
     parts = [
         f"<h1>Diagnosis of {name}</h1>",
         f"<p class='verdict {d['verdict']}'>{escape(in_one_sentence(d))}</p>",
         _next(d),
         _causes(diagnosis),
         _rest(diagnosis),
-        _waterfall(diagnosis),
+        _waterfall(diagnosis, album),
         _recordings(diagnosis),
-        _maps(diagnosis),
+        _maps(diagnosis, album),
+        album.note(),
         _use(d),
         f"<p class='note'>Computed in {d.get('seconds', 0):.1f} s. Numbers stand with one standard deviation.</p>",
     ]
@@ -212,12 +243,12 @@ def _shown(diagnosis) -> list:
     return order[:MOST_SHOWN]
 
 
-def _waterfall(diagnosis) -> str:
+def _waterfall(diagnosis, album: Album) -> str:
     if not diagnosis.document["effects"]:
         return ""
     most = max(diagnosis.findings, key=lambda f: f.twin.sigma2 / f.fit.sigma2)
-    picture = _image(waterfall_figure(most), "residual by cause")
-    return f"<h2>Residual by cause: {escape(_title(most, diagnosis))}</h2>{picture}"
+    picture = album.image(lambda: waterfall_figure(most, album.deadline), "residual by cause")
+    return f"<h2>Residual by cause: {escape(_title(most, diagnosis))}</h2>{picture}" if picture else ""
 
 
 def _title(finding, diagnosis) -> str:
@@ -258,14 +289,17 @@ def _recordings(diagnosis) -> str:
     return f"<h2>Recordings</h2><p>{vault}</p><table><tr>{head}</tr>{''.join(rows)}</table><p class='note'>{note}</p>"
 
 
-def _maps(diagnosis) -> str:
+def _maps(diagnosis, album: Album) -> str:
     d, pages = diagnosis.document, []
     for finding in _shown(diagnosis):
         name = finding.observation.name
         here = [e["where"] if name in np.atleast_1d(e["where"]["recording"]) else {} for e in d["effects"]]
         left = [{**r.where} for r in finding.left]
-        picture = _image(maps_figure(finding, here, left), "maps of the residual before and after")
-        pages.append(f"<h2>Before and after: {escape(_title(finding, diagnosis))}</h2>{picture}")
+        draw = partial(maps_figure, finding, here, left)
+        if picture := album.image(draw, "maps of the residual before and after"):
+            pages.append(f"<h2>Before and after: {escape(_title(finding, diagnosis))}</h2>{picture}")
+    if not pages:
+        return ""
     more = len(diagnosis.findings) - MOST_SHOWN
     rest = f"<p class='note'>{more} more in residual.npz.</p>" if more > 0 else ""
     framed = "Numbered frames: where a cause was found. " if d["effects"] else ""
@@ -281,9 +315,3 @@ def _use(d: dict) -> str:
         "records what it would receive, with <code>--amplitude</code>, <code>--carrier</code> and <code>--duration</code> also "
         "what nobody has recorded yet. As the twin of the next case its effects are known and not accused again.</p>"
     )
-
-
-def _image(figure, alt: str) -> str:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=100)
-    return f"<img alt='{alt}' src='data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}'>"
