@@ -37,6 +37,18 @@ def test_a_carrier_offset_is_measured_within_its_interval(world, tmp_path):
     assert abs(offset["value"] - 7.0) < 4 * offset["std"] < 1.0
 
 
+@pytest.mark.parametrize("offset_hz", [-23e3, 9e3])
+@pytest.mark.parametrize("side", ["tx", "rx"])
+def test_late_paths_tell_whose_a_large_offset_is_and_its_sign(world, tmp_path, side, offset_hz):
+    turn = lambda n: np.exp(2j * np.pi * offset_hz * n / RATE_HZ)  # noqa: E731
+    paths = [(a * world.path(d), world.n - d * (side == "tx")) for d, a in world.taps]
+    document = run(world, tmp_path, world.noisy(0.3 * sum(y * turn(when) for y, when in paths)))
+    assert named(document) == ["carrier_frequency_offset"]
+    assert document["effects"][0]["owner"]["level"] == side
+    offset = said(document, "carrier_frequency_offset", "offset_hz")
+    assert abs(offset["value"] - offset_hz) < 4 * offset["std"] < 2.0
+
+
 def test_an_echo_is_placed_on_the_scale_of_the_taps(world, tmp_path):
     echo = 0.3 * np.exp(0.4j) * 0.1 * np.exp(1j) * world.path(23)
     document = run(world, tmp_path, world.noisy(world.clean() + echo))

@@ -82,6 +82,18 @@ def test_carrier_offset_and_drift_turn_the_phase_quadratically():
     assert values["offset_hz"] == pytest.approx(900) and values["drift_hz_per_s"] == pytest.approx(2e4)
 
 
+@pytest.mark.parametrize("cycles", [-60.0, 250.0])
+def test_a_transmitters_offset_comes_as_late_as_the_path(cycles):
+    taps = [Path(source=0, delay=0.0, gain=1.0), Path(source=0, delay=31.0, gain=0.5j)]
+    family = FAMILIES["carrier_frequency_offset"]
+    owned = {"side": "tx", "source": 0}
+    effect = family.parse(scene(taps), {"offset_hz": cycles / scene(taps).duration_s}, owned)
+    turn = np.exp(2j * np.pi * cycles * N / COUNT)
+    want = at(N) * turn + 0.5j * at(N - 31) * turn * np.exp(-2j * np.pi * cycles * 31 / COUNT)
+    ratio = predicted(taps, effect) / want
+    assert np.allclose(ratio, ratio[0], atol=1e-9) and abs(ratio[0]) == pytest.approx(1)
+
+
 def test_an_image_rejection_is_the_power_of_the_conjugate():
     effect = FAMILIES["iq_imbalance"].parse(scene(ONE), {"gain_imbalance_db": 0.4, "phase_imbalance_rad": 0.03}, {})
     y, x = predicted(ONE, effect), at(N)

@@ -154,12 +154,15 @@ def test_half_the_amplitude_is_bent_a_quarter_as_much_and_leaks_as_much_as_befor
     assert np.abs(both - cube / 8 - leaked).max() < 1e-5
 
 
-def test_another_carrier_scales_offset_and_doppler_and_turns_paths(tmp_path):
-    path = twin(tmp_path, [("carrier_frequency_offset", "tx1", {"offset_hz": 100.0})])
+@pytest.mark.parametrize("owner", ["tx1", "rx1"])
+def test_another_carrier_scales_offset_and_doppler_and_turns_paths(tmp_path, owner):
+    path = twin(tmp_path, [("carrier_frequency_offset", owner, {"offset_hz": 100.0})])
     y = played(path, 20_000, Conditions(center_frequency_hz=2e9 + 1e5, noise_power_db=-np.inf))
     n = np.arange(20_000)
     ratio = 2e9 / 1e9 + 1e-4
     echo = 10 ** (-6 / 20) * np.exp(0.7j - 2j * np.pi * (1e9 + 1e5) * 7.3e-6 + 2j * np.pi * 30 * ratio * n / RATE_HZ)
+    if owner == "tx1":  # what is sent with an offset is late with it
+        echo = echo * np.exp(-2j * np.pi * 100 * ratio * 7.3e-6)
     want = np.resize(X, len(n)) + echo * np.resize(at(np.arange(PERIOD) - 7.3), len(n))
     turned = y / want * np.exp(-2j * np.pi * 100 * ratio * n / RATE_HZ)
     assert np.median(np.abs(turned - np.median(turned))) < 1e-3

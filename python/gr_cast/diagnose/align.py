@@ -24,7 +24,9 @@ LEAST_PART = 1000  # known samples that make a part worth a look
 LEAST_GATHERED = 4000  # samples of a recording of which some are left out
 MOSTLY = 0.7  # share of the samples from which on none is left out
 LONGEST_SCAN = 1 << 21  # samples in which a waveform that is shorter than the recording is looked for
+SHORT, SHORT_FACTOR = 128, 2.0  # samples; segments below that must explain so much more: a chirp's delay looks like an offset
 CLEAR = 12.0  # standard deviations of the other lags by which a delay stands out
+SEGMENTS = (256, 48)  # samples that are added with their phases: carrier offsets of 1/400 and 1/80 of the rate do no harm
 MARGIN = 64  # samples kept around what is known of a short recording
 EDGE = 24  # samples at either end that a filter's memory makes uncertain
 
@@ -111,7 +113,7 @@ def find_delay(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: fl
     energy = float(np.vdot(y, y).real)
     power = sum(s.power * np.sum(np.abs([t.amplitude for t in link]) ** 2) for s, link in zip(sources, taps, strict=True))
     best = (-np.inf, 0)
-    lengths = [n // 32, *([1024, 128] if repeat else []), *([16] if n < 4000 else [])]
+    lengths = {n // 32, *((1024, 128, 32, 8) if repeat else ()), *((16,) if n < 4000 else ())}
     for segment in sorted({max(8, length) for length in lengths}, reverse=True):
         if segment > n or (n // segment) * size > 1e8:
             continue
@@ -121,7 +123,7 @@ def find_delay(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: fl
             share = share * max(1.0, n / len(sources[0].samples))
         share = share - 3 * count / n
         d = int(np.argmax(share))
-        if share[d] > best[0]:
+        if share[d] > best[0] * (SHORT_FACTOR if segment < SHORT and best[0] > 0 else 1.0):
             best = (float(share[d]), d)
     delay, share = best[1], best[0]
     if not repeat:
@@ -129,9 +131,14 @@ def find_delay(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: fl
     return delay, share
 
 
-def find_near(y: np.ndarray, sources: list[Source], centre: int, reach: int, segment: int = 256):
+def find_near(y: np.ndarray, sources: list[Source], centre: int, reach: int):
     """`find_delay` by short segments within `reach` of a delay, for waveforms sent once and any carrier offset; and
     whether the delay stands out clearly."""
+    long, short = (_near(y, sources, centre, reach, segment) for segment in SEGMENTS)
+    return short if short[1] > SHORT_FACTOR * long[1] else long
+
+
+def _near(y: np.ndarray, sources: list[Source], centre: int, reach: int, segment: int):
     n = len(y)
     total, energy = np.zeros(2 * reach), 0.0
     size = sp_fft.next_fast_len(segment + 2 * reach)

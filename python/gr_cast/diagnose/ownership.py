@@ -71,7 +71,8 @@ def kind_of(finding, effect: Effect) -> tuple:
     family = FAMILIES[effect.family]
     if family.level == "link":
         return (effect.family, link_of(finding, effect), effect.aux.get("tap"))
-    side = None if stage_of(effect) == RX_GAIN else effect.aux.get("side")
+    either = stage_of(effect) == RX_GAIN or effect.family == "carrier_frequency_offset"  # on which side, all recordings tell
+    side = None if either else effect.aux.get("side")
     return (effect.family, side, effect.aux.get("code"))
 
 

@@ -21,6 +21,7 @@ MARGIN = 5.0  # nats of evidence that an effect must bring beyond its price
 BEAM = 2
 REFITS = 3
 MOST_EFFECTS = 4
+LEAST_TURN = 1e-3  # cycles by which late paths must differ for a carrier offset to show its side
 SAME_OSCILLATOR = 0.1  # by which clock and carrier of one oscillator may seem to differ
 SEEN = 1e-5  # share of a derivative that must be left when what other parameters can do is taken out
 CLEAR_SHARE, FAR_SHARE = 0.1, 0.7  # of the best score: by which starts of one family, and families, must not stay behind it
@@ -292,12 +293,8 @@ def _worth_trying(scores: list[Score]) -> list[Score]:
 def search(data: Data, model: Model, proof_deadline: float = np.inf) -> list[Fit]:
     """Fits by falling evidence, the best first; every effect of the best has paid its price. What was found by the data's
     deadline has until `proof_deadline` to prove itself; the note `cut` of the best says whether that ended too soon."""
-    first = refit(data, model)
-    beam = [first, *(refit(data, other) for other in _gross_offsets(data, model))]
-    done = {}
-    for fit in sorted(beam, key=lambda f: f.evidence):
-        done[fit.model.families] = fit
-    beam = [f for f in beam if f.evidence > max(g.evidence for g in beam) - 10.0][:BEAM]
+    beam = _beginnings(data, model)
+    done = {fit.model.families: fit for fit in reversed(beam)}
     rounds = 0  # since the leader changed
     while not data.late and rounds < 2:
         before, grown = max(f.evidence for f in done.values()), {}
@@ -316,14 +313,62 @@ def search(data: Data, model: Model, proof_deadline: float = np.inf) -> list[Fit
         rounds = 0 if leader.evidence > before else rounds + 1
         if causes(data.scene, leader.model) >= MOST_EFFECTS:
             break
-        beam = _best(grown.values(), leader, leader.evidence - before)
+        beam = [_on_its_side(data, f) for f in _best(grown.values(), leader, leader.evidence - before)]
+        done |= {f.model.families: f for f in beam}
         if not any(f is leader or not f.model.flexible for f in beam):
             break
     ranked = sorted(done.values(), key=lambda f: -f.evidence)
     cut, data = data.late, replace(data, deadline=max(data.deadline, proof_deadline))
-    best = proven(data, eliminate(data, _polished(data, ranked[0]), ranked), ranked)
+    best = _on_its_side(data, proven(data, eliminate(data, _polished(data, ranked[0]), ranked), ranked))
     best.notes["cut"] = cut or data.late
     return [best, *ranked]
+
+
+def _beginnings(data: Data, model: Model) -> list[Fit]:
+    """The fits that a search begins with, the best first: as the twin has it, and with the offset at which the recording
+    turns against it."""
+    turning = [other for way in _ways_round(data.scene, model) for other in _gross_offsets(data, way)]
+    fits = [refit(data, model), *(_on_its_side(data, refit(data, other)) for other in turning)]
+    worth = {id(f): f.evidence - MARGIN * _inverted(f.model) for f in fits}
+    fits.sort(key=lambda f: -worth[id(f)])
+    return [f for f in fits if worth[id(f)] > worth[id(fits[0])] - 10.0][:BEAM]
+
+
+def _ways_round(scene, model: Model) -> list[Model]:
+    """The model, and with the spectrum the other way round where only a fit can tell: mirrored, a real waveform is itself,
+    and what a transmitter's offset makes of late paths may look like the mirror image of them."""
+    known = any(e.family == "spectral_inversion" and e.fixed for e in model.effects)
+    if known or len(scene.taps) < 2 or any(s.samples.imag.any() for s in scene.sources):
+        return [model]
+    at = next((i for i, e in enumerate(model.effects) if e.family == "spectral_inversion"), None)
+    other = model.adding(start(FAMILIES["spectral_inversion"], [])) if at is None else model.without(at)
+    base = model.base.copy()
+    base[2::2] *= -1  # gains are those in front of the inversion
+    return [model, replace(other, base=base)]
+
+
+def _inverted(model: Model) -> bool:
+    return any(e.family == "spectral_inversion" for e in model.effects)
+
+
+def _on_its_side(data: Data, fit: Fit) -> Fit:
+    """The fit with a carrier offset on the side that the phases of late paths tell, or the edges of the band; unsaid where
+    they do not."""
+    scene, model, family = data.scene, fit.model, FAMILIES["carrier_frequency_offset"]
+    at = next((i for i, e in enumerate(model.effects) if e.family == family.name and not e.fixed and "side" not in e.aux), None)
+    if at is None or scene.free_ports or data.late:  # ports of one transmitter have one oscillator
+        return fit
+    offset, delays = model.effects[at], [p.delay for p in fit.chain.paths]
+    carrier, apart = abs(offset.p[0]) / scene.span, max(delays) - min(delays)
+    if carrier * max(1.0, apart) < LEAST_TURN:
+        return fit
+    receiver, *senders = family.sides(scene, offset)
+    best = max((refit(data, model.without(at).adding(form)) for form in senders), key=lambda f: f.evidence)
+    if best.evidence > fit.evidence + MARGIN:
+        return best
+    if fit.evidence > best.evidence + MARGIN and carrier * apart > LEAST_TURN:
+        return replace(fit, model=replace(model, effects=(*model.effects[:at], receiver, *model.effects[at + 1 :])))
+    return fit
 
 
 def _polished(data: Data, fit: Fit) -> Fit:
@@ -375,7 +420,7 @@ def _gross_offsets(data: Data, model: Model) -> list[Model]:
         return offsets.models(data, model)
     chain = predict(scene, model)
     y, wanted = data.y, chain.wanted
-    if any(e.family == "spectral_inversion" for e in model.effects):
+    if _inverted(model):
         y, wanted = np.conj(y), np.conj(wanted)
     product = y * np.conj(wanted) * data.use
     size = sp_fft.next_fast_len(4 * len(product))

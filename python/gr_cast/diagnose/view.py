@@ -41,7 +41,12 @@ class View:
 
     @cached_property
     def carrier(self) -> np.ndarray:
-        """The complex factor that oscillator and gain put on every path."""
+        """The complex factor that oscillators and gain put on every path of the first transmitter."""
+        return self.receiver * self.fit.chain.carriers.get(0, (0.0, 1.0))[1]
+
+    @cached_property
+    def receiver(self) -> np.ndarray:
+        """The complex factor that the receiver's oscillator and gain put on everything."""
         chain = type(self.fit.chain)(scene=self.scene, delay=0.0, ports={}, u=self.fit.chain.u)
         chain.y = np.full(self.scene.count, complex(*self.fit.model.base[1:3]))
         for effect in self.fit.model.effects:
@@ -167,13 +172,13 @@ class View:
             u=self.fit.chain.u,
             shift=self.fit.chain.shift,
         )
-        chain.waves = self.fit.chain.waves
+        chain.waves, chain.carriers = self.fit.chain.waves, self.fit.chain.carriers
         out = []
         for k in range(len(self.scene.taps)):
             one = chain.copy()
             one.paths, one.clock = [self.fit.chain.paths[k]], self.fit.chain.clock
             one.run_channel()
-            out.append(one.y * self.carrier)
+            out.append(one.y * self.receiver)
         return np.array(out)
 
     def tap_shift(self, k: int, reach: int = 24) -> list[float]:

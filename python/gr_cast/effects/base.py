@@ -16,6 +16,7 @@ import numpy as np
     TX_LEAK,
     TX_FILTER,
     TX_PA,
+    TX_LO,
     LINK,
     CLOCK,
     ENVIRONMENT,
@@ -30,7 +31,7 @@ import numpy as np
     RAILS,
     LATTICE,
     NOISE,
-) = range(18)
+) = range(19)
 CHANNEL_AFTER = CLOCK
 
 

@@ -1,10 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Carrier frequency offset and drift: y·exp(j2π(f·t + ½·d·t²)). Internal: cycles at mid-recording, cycles
-of drift, which stays 0 in recordings too short for an oscillator to drift."""
+of drift, which stays 0 in recordings too short for an oscillator to drift.
+
+A transmitter's offset (aux side tx) is delayed with its signal: a path that comes τ later is turned by −2πf·τ against what
+a receiver's offset makes of it. Where no path comes much later the two are the same, and no side is said.
+"""
+
+from dataclasses import replace
 
 import numpy as np
 
-from .base import RX_LO, Family, start
+from .base import RX_LO, TX_LO, Family, start
 
 FASTEST_DRIFT = 1e-3  # share of the carrier per second; what turns faster is no oscillator's drift
 LEAST_DRIFT = 0.1  # cycles of it that a recording must be long enough for
@@ -16,14 +22,31 @@ class CarrierFrequencyOffset(Family):
     stage = RX_LO
     follows_carrier = {"offset_hz": 1, "drift_hz_per_s": 1}
 
+    def at(self, effect):
+        return TX_LO if effect.aux.get("side") == "tx" else RX_LO
+
     def apply(self, chain, effect):
-        held, key = chain.scene.notes.get("carrier"), (*effect.p, id(chain.u))
-        if held is None or held[0] != key:  # most steps of a derivative leave the carrier alone
+        turn = self._turn(chain, effect.p)
+        if effect.aux.get("side") == "tx":
+            chain.carriers = {**chain.carriers, effect.aux["source"]: (effect.p[0] / chain.scene.span, turn)}
+        else:
+            chain.y = chain.y * turn
+            chain.wanted = chain.y
+
+    @staticmethod
+    def _turn(chain, p) -> np.ndarray:
+        """(n,) the factor that the offset is; kept between calls, most steps of a derivative leave the carrier alone."""
+        held, key = chain.scene.notes.get("carrier"), (*p, id(chain.u))
+        if held is None or held[0] != key:
             v = chain.u - 0.5
-            turn = np.exp(2j * np.pi * v * (effect.p[0] + 0.5 * effect.p[1] * v))
+            turn = np.exp(2j * np.pi * v * (p[0] + 0.5 * p[1] * v))
             chain.scene.notes["carrier"] = held = key, turn, chain.u
-        chain.y = chain.y * held[1]
-        chain.wanted = chain.y
+        return held[1]
+
+    def sides(self, scene, effect) -> list:
+        """The forms of an effect: the receiver's, and one of each transmitter."""
+        forms = [{"side": "rx"}, *({"side": "tx", "source": i} for i in range(len(scene.sources)))]
+        return [replace(effect, aux=form) for form in forms]
 
     def starts(self, view):
         yield start(self, [0.0, 0.0], free=[True, False])
@@ -50,7 +73,12 @@ class CarrierFrequencyOffset(Family):
 
     def parse(self, scene, parameters, model):
         drift = parameters.get("drift_hz_per_s", 0.0) * scene.duration_s**2
-        return start(self, [parameters.get("offset_hz", 0.0) * scene.duration_s + 0.5 * drift, drift])
+        side = model.get("at", model.get("side"))  # a diagnosis says where it saw the offset, whoever it holds to own it
+        aux = {"side": "tx", "source": model.get("source", 0)} if side == "tx" else {}
+        return start(self, [parameters.get("offset_hz", 0.0) * scene.duration_s + 0.5 * drift, drift], aux=aux)
+
+    def model(self, scene, effect):
+        return {"at": effect.aux.get("side", "rx")}
 
     def describe(self, number):
         return f"The carrier lies {number('offset_hz')} off at the start and drifts by {number('drift_hz_per_s')}."

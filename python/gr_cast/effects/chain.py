@@ -130,12 +130,16 @@ class Scene:
         self._tables = [(wave, oversampled(sp_fft.fft(wave), OVERSAMPLING)), *self._tables[: KEPT_TABLES - 1]]
         return self._tables[0][1]
 
-    def delayed(self, delay: float, f: np.ndarray) -> np.ndarray:
-        """exp(−j2πf·delay) of all frequencies; the latest are kept, most steps of a derivative leave delays alone."""
-        key = (delay, len(f))
+    def delayed(self, delay: float, size: int, carrier: float = 0.0) -> np.ndarray:
+        """(size,) what a delay in samples makes of each bin of what is sent with a carrier offset of so many cycles per
+        sample; the latest are kept, most steps of a derivative leave delays alone."""
+        key = (delay, size, carrier)
         if key not in self._turns:
             if len(self._turns) >= KEPT_DELAYS:
                 del self._turns[next(iter(self._turns))]
+            f = frequencies(size)
+            if carrier:  # what is moved over the band's edge comes in at the other one
+                f = f - np.round(f + carrier)
             self._turns[key] = np.exp((-1j * TAU) * delay * f)
         return self._turns[key]
 
@@ -236,6 +240,7 @@ class Chain:
     ports: dict[int, complex]
     waves: list[np.ndarray] = field(default_factory=list)
     leaks: dict[int, complex] = field(default_factory=dict)
+    carriers: dict[int, tuple] = field(default_factory=dict)  # of a source: cycles per sample, (n,) turn at no delay
     paths: list[Path] = field(default_factory=list)
     clock: float = 0.0  # samples that the received waveform gains over the recording
     shift: np.ndarray | None = None  # (n,) whole samples that the recording is ahead
@@ -257,35 +262,39 @@ class Chain:
             groups.setdefault((path.source, path.doppler, path.drift, id(path.track)), []).append(path)
         y = np.zeros(scene.count, complex)
         spectra = {}
+        carrier = {i: self.carriers.get(i, (0.0, 1.0)) for i in range(len(self.waves))}
         for (i, doppler, drift, _), paths in groups.items():
             stretch = self.clock - drift
             if self.slips(stretch) and len(paths) <= FEW_PATHS and all(p.shape is None for p in paths):
-                copies = (p.gain * self.copy_of(scene.sources[i], self.waves[i], p.delay + self.delay, stretch) for p in paths)
-                signal = sum(copies)
+                signal = sum(
+                    p.gain
+                    * _behind(p, carrier[i][0])
+                    * self.copy_of(scene.sources[i], self.waves[i], p.delay + self.delay, stretch)
+                    for p in paths
+                )
             else:
                 if i not in spectra:
                     plain = self.waves[i] is scene.sources[i].samples
                     spectra[i] = scene.spectrum_of_source(i) if plain else sp_fft.fft(self.waves[i])
-                f = frequencies(len(self.waves[i]))
-                response = sum(self._response(p, f) for p in paths)
+                response = sum(self._response(p, len(self.waves[i]), carrier[i][0]) for p in paths)
                 signal = self.sample(scene.sources[i], spectra[i] * response, stretch)
             if doppler:
                 signal = signal * np.exp(1j * TAU * doppler * self.u)
             if paths[0].track is not None:
                 signal = signal * paths[0].track
-            y += self.ports.get(i, 1.0) * signal
+            y += self.ports.get(i, 1.0) * signal * carrier[i][1]
         for i, leak in self.leaks.items():
             for path in self.paths:
                 if path.source == i:
                     tone = np.exp(1j * TAU * path.doppler * self.u) if path.doppler else 1.0
-                    gain = path.gain if path.shape is None else path.gain * path.shape.sum()
-                    y += self.ports.get(i, 1.0) * leak * gain * tone
+                    gain = path.gain if path.shape is None else path.gain * _turned_shape(path, carrier[i][0]).sum()
+                    y += self.ports.get(i, 1.0) * leak * gain * _behind(path, carrier[i][0]) * tone * carrier[i][1]
         self.y = y
         self.wanted = self.y
 
-    def _response(self, path: Path, f: np.ndarray) -> np.ndarray:
-        turn = path.gain * self.scene.delayed(path.delay + self.delay, f)
-        return turn if path.shape is None else turn * sp_fft.fft(path.shape, len(f))
+    def _response(self, path: Path, size: int, carrier: float) -> np.ndarray:
+        turn = path.gain * _behind(path, carrier) * self.scene.delayed(path.delay + self.delay, size, carrier)
+        return turn if path.shape is None else turn * sp_fft.fft(_turned_shape(path, carrier), size)
 
     def sample(self, source: Source, spectrum: np.ndarray, stretch: float) -> np.ndarray:
         """The signal of `spectrum` at the recording's samples; `stretch` samples are gained over the
@@ -328,6 +337,16 @@ class Chain:
         if source.repeat:
             return table[(scene.index.astype(np.int64) + self.shift) % len(table)]
         return table[np.clip(np.arange(scene.count) + self.shift + first, 0, len(table) - 1)]
+
+
+def _behind(path: Path, carrier: float) -> complex:
+    """What a path's delay makes of a transmitter's carrier of so many cycles per sample."""
+    return np.exp((-1j * TAU) * carrier * path.delay) if carrier else 1.0
+
+
+def _turned_shape(path: Path, carrier: float) -> np.ndarray:
+    """The taps of a path, each as late as the transmitter's carrier finds it."""
+    return path.shape * np.exp((-1j * TAU) * carrier * np.arange(len(path.shape))) if carrier else path.shape
 
 
 def reach(scene: Scene, low: int, high: int) -> np.ndarray:
