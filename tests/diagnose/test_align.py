@@ -78,3 +78,14 @@ def test_a_long_file_stays_on_disk_and_its_slices_are_those_of_the_whole(burst, 
     assert (stored[1234:2345] == whole[1234:2345]).all() and (stored[4990:9999] == whole[4990:]).all()
     assert found.waveforms["w1"].level[0] == pytest.approx(np.mean(np.abs(x) ** 2))
     assert align.parts_of(found, found.observations[0])[0][1] == (0, False)
+
+
+@pytest.mark.parametrize("offset_hz", [-11e3, 3e3])
+def test_a_carrier_offset_does_not_hide_a_waveform_that_is_sent_once(burst, offset_hz):
+    rng = np.random.default_rng(3)
+    x = _noise(rng, 30_000)
+    turned = np.roll(x, 12) * np.exp(2j * np.pi * offset_hz * np.arange(len(x)) / RATE_HZ)
+    found = burst(0.1 * turned + _noise(rng, len(x), 0.03), x)
+    assert align.locate(found, found.observations[0]) == (12, False)
+    short = burst(0.1 * turned[:9000] + _noise(rng, 9000, 0.03), x[:6000])
+    assert align.locate(short, short.observations[0]) == (12, False)
