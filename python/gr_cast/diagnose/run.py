@@ -24,6 +24,7 @@ PICTURES = 1.1  # of the budget: what a report still draws after the search ends
 # Shares of the time that is left: for the recordings, for the first part of a long one, for the search of a part, and for
 # what it found to prove itself.
 RECORDINGS, FIRST_PART, SEARCH, PROOF = 0.8, 0.8, 0.7, 0.9
+HUNGRY = 3.0  # times the mean share that a recording may take of what is left; most need far less
 CUT_NATS = 10.0  # by which rails on a lattice must make a recording likelier
 FINE_LATTICE = 10.0  # energy of its error over the noise, over the whole recording
 JITTER_SURE = 2.5  # standard deviations by which noise across the signal must exceed noise along it
@@ -432,7 +433,7 @@ def diagnose(case, *, budget_s: float = BUDGET_S, progress=lambda where: None) -
     fitted = [o for o in case.observations if not o.vault]
     findings = []
     for k, observation in enumerate(fitted):
-        share = (RECORDINGS * budget_s - (time.monotonic() - begun)) / (len(fitted) - k)
+        share = (RECORDINGS * budget_s - (time.monotonic() - begun)) / (1 + (len(fitted) - k - 1) / HUNGRY)
         findings += examine(case, observation, deadline=time.monotonic() + share, progress=progress)
         for finding in findings:
             _light(finding, begun + budget_s)
