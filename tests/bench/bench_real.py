@@ -63,6 +63,10 @@ def judge(document: dict, truth: dict) -> list[str]:
         best = min(near, key=len, default=["missing"])
         faults += [f"{'/'.join(wanted['families'])}: {fault}" for fault in best]
     faults += [f"claims {e['family']}" for e in document["effects"] if e["family"] in truth["must_not_claim"]]
+    if "left_time_s" in truth:
+        told = [w["time_s"] for w in document["residual"]["where"] if "time_s" in w]
+        if not any(a < high and low < b for a, b in told for low, high in truth["left_time_s"]):
+            faults.append("what is wrong of the waveform is not placed")
     if not document["fit"]["corrected_nmse_db"] < truth["beat_db"]:
         faults.append(f"NMSE {document['fit']['corrected_nmse_db']:.1f} dB, bar {truth['beat_db']:.1f}")
     return faults

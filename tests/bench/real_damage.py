@@ -20,12 +20,12 @@ sys.path[:0] = [str(ROOT / "build" / "python"), str(ROOT / "python")]
 from gr_cast import recording
 
 DROPPED, CLOCK_PPM = 37, 12.0
+SHIFTED = 5  # samples
 
 
 def clip(y, about):
     """Rails where one sample of a hundred would pass them."""
-    level = float(np.quantile(np.abs(np.concatenate([y.real, y.imag])), 0.99))
-    level = round(level * about["full_scale"]) / about["full_scale"]
+    level = round(about["level"] * about["full_scale"]) / about["full_scale"]
     limit = lambda v: np.clip(v, -level, level)  # noqa: E731
     return limit(y.real) + 1j * limit(y.imag), [_found("adc_clipping", level=(level, 0.02 * level))]
 
@@ -33,15 +33,17 @@ def clip(y, about):
 def coarse(y, about):
     """A lattice of about 32 steps from rail to rail."""
     unit = 1 / about["full_scale"]
-    step = unit * max(2, round(np.abs(np.concatenate([y.real, y.imag])).max() / 16 / unit))
+    step = unit * max(2, round(about["peak"] / 16 / unit))
     grid = lambda v: np.round(v / step) * step  # noqa: E731
     return grid(y.real) + 1j * grid(y.imag), [_found("quantization", step=(step, 0.02 * step))]
 
 
 def lost(y, about):
-    """Samples dropped at the middle; silence at the end keeps the length."""
+    """Samples dropped at the middle of what is fitted."""
+    if about["vault"]:
+        return y, []
     at = len(y) // 2
-    y = np.concatenate([y[:at], y[at + DROPPED :], y[-DROPPED:]])
+    y = np.concatenate([y[:at], y[at + DROPPED :]])
     return y, [_found("sample_loss", time_s=(at / about["rate"], 0.02 * len(y) / about["rate"]), samples=(DROPPED, 0.1))]
 
 
@@ -57,7 +59,24 @@ def inverted(y, about):
     return np.conj(y), [_found("spectral_inversion")]
 
 
-DAMAGES = {f.__name__: f for f in (clip, coarse, lost, second_oscillator, inverted)}
+def structural(y, about):
+    """The twin's waveform is wrong: a sixteenth of it, past its middle, stands some samples late. Nothing but the place can be
+    said of it."""
+    return y, []
+
+
+def _with_a_shifted_stretch(path: Path) -> list[float]:
+    """Shift a stretch of a waveform file; returns its first and its last moment, s."""
+    taken = recording.read(path, allow_nan=True)
+    x = taken.samples.copy()
+    known = np.flatnonzero(np.isfinite(x))
+    a, b = known[len(known) * 9 // 16], known[len(known) * 10 // 16]
+    x[a:b] = x[a - SHIFTED : b - SHIFTED].copy()
+    recording.write(path, x, sample_rate_hz=taken.sample_rate_hz, datatype=taken.datatype)
+    return [a / taken.sample_rate_hz, b / taken.sample_rate_hz]
+
+
+DAMAGES = {f.__name__: f for f in (clip, coarse, lost, second_oscillator, inverted, structural)}
 
 
 def _found(family, **limits):
@@ -72,18 +91,28 @@ def damage(case: Path, truth: dict, kind: str, folder: Path) -> dict:
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(case, folder, copy_function=shutil.copyfile)
     twin = yaml.safe_load((case / "twin.yaml").read_text())
+    every = [recording.read(case / entry["file"]) for entry in twin["recordings"]]
+    levels = {}  # of every receiver's converter
+    for entry, taken in zip(twin["recordings"], every, strict=True):
+        levels.setdefault(entry["receiver"], []).extend([np.abs(taken.samples.real), np.abs(taken.samples.imag)])
+    levels = {name: np.concatenate(parts) for name, parts in levels.items()}
     wanted = []
-    for entry in twin["recordings"]:
-        taken = recording.read(case / entry["file"])
+    for entry, taken in zip(twin["recordings"], every, strict=True):
         full_scale = {"cf32_le": 4096.0}.get(taken.datatype, recording.DATATYPES[taken.datatype][2])
-        about = {"rate": taken.sample_rate_hz, "full_scale": full_scale, "clock_ppm": clock_ppm}
-        y, wanted = DAMAGES[kind](taken.samples.astype(complex), about)
+        about = {"rate": taken.sample_rate_hz, "full_scale": full_scale, "clock_ppm": clock_ppm, "vault": "use" in entry}
+        here = levels[entry["receiver"]]
+        about |= {"level": float(np.quantile(here, 0.99)), "peak": float(here.max())}
+        y, found = DAMAGES[kind](taken.samples.astype(complex), about)
+        wanted = found or wanted
         recording.write(folder / entry["file"], y, sample_rate_hz=taken.sample_rate_hz, datatype=taken.datatype)
     families = {w["families"][0] for w in wanted}
     truth = copy.deepcopy(truth)
     truth["must_find"] = [w for w in truth["must_find"] if not families & set(w["families"])] + wanted
     truth["must_not_claim"] = [f for f in truth["must_not_claim"] if f not in families]
     truth["beat_db"] = 0.0
+    if kind == "structural":
+        stretches = [_with_a_shifted_stretch(folder / w["file"]) for w in twin["waveforms"].values()]
+        truth |= {"verdict": ["unexplained"], "must_find": [], "left_time_s": stretches}
     if kind == "inverted":
         for w in truth["must_find"]:
             w["parameters"] = {k: v for k, v in w.get("parameters", {}).items() if k != "offset_hz"}

@@ -10,6 +10,7 @@ from scipy import fft as sp_fft
 from ..effects import FAMILIES
 from ..effects.base import start
 from ..effects.chain import PAD, Path, Scene, Source, reach
+from . import pieces
 from .fit import Data
 from .model import Model, predict
 
@@ -168,11 +169,33 @@ def parts_of(case, observation) -> list[tuple]:
     of which most is known first."""
     low, high = 0, len(observation.samples)
     waves = [case.waveforms[w] for w, _ in observation.on_air.values()]
+    near = None if any(w.repeat for w in waves) else locate(case, observation.part(0, min(high, LONGEST_SCAN)))
+    stretches = [(low, high, near)] if near is None else _stretches(observation, waves, near)
+    if len(stretches) > 1:
+        parts = [p for begin, end, at in stretches for p in _parts(case, observation, waves, begin, end, at)]
+        return sorted(parts, key=lambda p: -min(_known(w, p[0].first - near[0], len(p[0].samples)) for w in waves))
     if high <= LONGEST_WHOLE:
-        return [_trimmed(observation, waves, None if any(w.repeat for w in waves) else locate(case, observation))]
-    near = None
-    if not any(w.repeat for w in waves):
-        near = delay, _ = locate(case, observation.part(0, min(high, LONGEST_SCAN)))
+        return [_trimmed(observation, waves, near)]
+    return _parts(case, observation, waves, low, high, near)
+
+
+def _stretches(observation, waves, near) -> list[tuple]:
+    """[(first sample, last + 1, `near` of the recording's beginning)] between the jumps of a recording against waveforms that
+    are known in pieces; in others a fit finds them."""
+    delay, inverted = near
+    samples = observation.samples
+    high = min(len(samples), delay + max(len(w.samples) for w in waves))
+    if high > LONGEST_SCAN or all(np.isfinite(w.samples[:]).all() for w in waves):
+        return [(0, len(samples), near)]
+    y = samples[:].astype(complex)
+    found = pieces.segments(np.conj(y) if inverted else y, [w.samples[:] for w in waves], delay)
+    return [(first, last, (at, inverted)) for first, last, at in found]
+
+
+def _parts(case, observation, waves, low: int, high: int, near) -> list[tuple]:
+    """`parts_of` a stretch of a recording, the part of which most is known first."""
+    if near is not None:
+        delay, _ = near
         low = max(low, delay - LEAST_PART)
         high = max(min(high, delay + max(len(w.samples) for w in waves) + LEAST_PART), low + LEAST_PART)
     share = min(_known(w, low, high - low) for w in waves) / (high - low)

@@ -39,6 +39,7 @@ class Finding:
     known: list = field(default_factory=list)  # other fits that the search made
     complete: bool = True
     later: bool = False  # a further part of a recording whose first part was searched
+    elsewhere_nats: float = 0.0  # by which such a part is likelier where it is than where the first one lets expect it
     stds: dict = field(default_factory=dict)
     left: list = field(default_factory=list)
     ambiguous: list = field(default_factory=list)

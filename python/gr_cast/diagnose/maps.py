@@ -105,7 +105,7 @@ def steps(finding, deadline: float = np.inf) -> list[tuple[int, float]] | None:
     Effects that change the noise alone have no place here.
     """
     fit = finding.fit
-    told = [i for i, e in enumerate(fit.model.effects) if not (e.fixed or FAMILIES[e.family].noise_like)]
+    told = [i for i, e in enumerate(fit.model.effects) if not (e.fixed or FAMILIES[e.family].noise_like or "nats" in e.aux)]
     order = sorted(told, key=lambda i: -finding.gain_of(i))
     out = []
     for k in range(1, len(order)):

@@ -4,7 +4,7 @@ in the code, and
 whether any cell of them holds more than noise. Cells are normalised to unit mean under noise alone.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import fft as sp_fft
@@ -14,6 +14,8 @@ from ..effects import FAMILIES
 from ..effects.quantization import is_coarse
 from .view import View
 
+WINDOWS = 64  # of time, in which impulses are counted
+LONGEST_IMPULSE = 8  # samples that a receiver's band makes of one
 HEARD = 0.1  # of the mean wanted power, from which on a course is held by the recording
 
 
@@ -184,6 +186,21 @@ def jumps(fit) -> list[Leftover]:
             )
         )
     return out
+
+
+def crowded_impulses(fit) -> float:
+    """p-value of the fullest of many windows of time under impulses that come at random (Poisson); 1 without impulses."""
+    effect = next((e for e in fit.model.found if e.family == "impulsive_noise"), None)
+    used = np.flatnonzero(fit.data.use > 0)
+    if effect is None or len(used) < 4 * WINDOWS:
+        return 1.0
+    energy = np.abs(_normal(replace(fit, data=replace(fit.data, variance=None)))[used]) ** 2
+    at = np.flatnonzero(FAMILIES[effect.family].shares(effect, energy * fit.sigma2 / effect.aux["_level"]) > 0.5)
+    if not len(at):
+        return 1.0
+    long = min(LONGEST_IMPULSE, len(at) / (1 + np.count_nonzero(np.diff(at) > 2)))  # samples that one lasts
+    fullest = np.bincount(at * WINDOWS // len(used)).max() / long
+    return _bonferroni(float(stats.poisson.logsf(fullest - 1, len(at) / long / WINDOWS)), WINDOWS)
 
 
 def delay_time(fit, segments: int = 24, longest: float = 0.0) -> tuple[np.ndarray, np.ndarray]:

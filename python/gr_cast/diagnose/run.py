@@ -11,7 +11,7 @@ from ..effects.base import RX_GAIN, start
 from ..effects.noise_family import profile
 from ..effects.phase_noise import MOST, shape_of
 from ..effects.signal_dependent_noise import told_floor
-from . import align, ambiguity, gate, heldout, noise, offsets, residual
+from . import align, ambiguity, gate, heldout, joints, noise, offsets, residual
 from .finding import MOST_TRUSTED, Finding, Worth, nmse, worth
 from .fit import Fit, gain_of_receiver, misfit
 from .model import predict
@@ -46,12 +46,14 @@ def examine(case, observation, *, deadline: float, progress=lambda where: None) 
         findings.append(
             _examine_part(case, observation, part, near, findings[0] if findings else None, time.monotonic() + left * share)
         )
+    joints.between(findings)
     return findings
 
 
 def _examine_part(case, whole, part, near, known: Finding | None, deadline: float) -> Finding:
     begun = time.monotonic()
-    scene, data, model = align.build(case, part, near=near if known is None else _expected(known, part))
+    near, elsewhere_nats = (near, 0.0) if known is None else joints.place(case, part, near, known)
+    scene, data, model = align.build(case, part, near=near)
     data = replace(data, deadline=begun + SEARCH * (deadline - begun))
     plain = replace(model, effects=tuple(e for e in model.effects if e.fixed))
     stds = {}
@@ -75,8 +77,7 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
     have = LOCAL | {e.family for e in model.effects}
     for effect in known.fit.model.found if known else ():
         if effect.family not in have:
-            lengths = (part.first - known.observation.first) / known.scene.span
-            model = model.adding(FAMILIES[effect.family].later(effect, lengths))
+            model = model.adding(joints.carried(effect, known, part, scene))
     if known:
         model = offsets.with_gains(data, model)
     proof = begun + PROOF * (deadline - begun)
@@ -85,7 +86,7 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
     again = _under_the_lattice(data, fit.model)
     if again is not fit.model:
         fit = refit(data, again)
-    fit = _without_fine_lattice(_settle(_until(fit, deadline), finer=known is None))
+    fit = _without_fine_lattice(_settle(_without_crowds(_until(fit, deadline)), finer=known is None))
     # In the first fit the wanted signal may have been next to nothing.
     scene.level = known.scene.level if known else scene.rms * _wanted_rms(fit) / _wanted_rms(first)
     finding = Finding(
@@ -98,6 +99,7 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
         complete=complete,
         stds=stds,
         later=known is not None,
+        elsewhere_nats=elsewhere_nats,
     )
     if known is None and len(fit.model.found) <= MOST_TRUSTED:
         _compare(finding)
@@ -147,6 +149,13 @@ def _under_the_lattice(data, model):
     return min(tries, key=lambda t: t[:2])[2]
 
 
+def _without_crowds(fit: Fit) -> Fit:
+    """The fit without impulses that stand together in one stretch of time: that is something else, and is left."""
+    if residual.crowded_impulses(fit) > UNEXPLAINED_P:
+        return fit
+    return refit(fit.data, fit.model.without(next(i for i, e in enumerate(fit.model.effects) if e.family == "impulsive_noise")))
+
+
 def _without_fine_lattice(fit: Fit) -> Fit:
     """The fit without a lattice that is there but too fine to change the recording: a converter's own."""
     model = fit.model
@@ -167,14 +176,6 @@ LOCAL = {
     "quantization",
 }
 LOCAL |= {"phase_noise", "tap_fading", "impulsive_noise"}
-
-
-def _expected(known: Finding, part) -> tuple[float, bool]:
-    """Where a later part of the same recording begins in the waveform."""
-    clock = next((e.p[0] for e in known.fit.model.effects if e.family == "sample_clock_offset"), 0.0)
-    ahead = part.first - known.observation.first
-    delay = known.scene.anchor + known.fit.model.base[0] - ahead * (1 + clock / known.scene.span)
-    return delay, any(e.family == "spectral_inversion" for e in known.fit.model.found)
 
 
 def _compare(finding: Finding) -> None:
@@ -371,6 +372,10 @@ def _look_for_rest(finding: Finding) -> None:
         if rest.p_value < UNEXPLAINED_P and rest.nats > max(UNEXPLAINED_NATS, UNEXPLAINED_SHARE * explained):
             finding.left.append(rest)
     finding.left += [jump for jump in residual.jumps(fit) if jump.p_value < UNEXPLAINED_P]
+    later = finding.observation.first / finding.scene.sample_rate_hz
+    for rest in finding.left:
+        if "time_s" in rest.where:
+            rest.where["time_s"] = [later + t for t in rest.where["time_s"]]
 
 
 def predict_only(case, observation, findings, deadline: float = np.inf) -> tuple[float, float, float]:
@@ -388,7 +393,7 @@ def predict_only(case, observation, findings, deadline: float = np.inf) -> tuple
     data = replace(data, use=data.vault.astype(float), deadline=deadline)
     twin = refit(data, model)
     ratio = scene.span / like.scene.span
-    found = tuple(_rescaled(e, ratio) for e in like.fit.model.found if not FAMILIES[e.family].noise_like)
+    found = tuple(joints.rescaled(e, ratio) for e in like.fit.model.found if not FAMILIES[e.family].noise_like)
     for effect in found:
         if effect.family not in {e.family for e in model.effects}:
             model = model.adding(replace(effect, free=np.zeros(len(effect.p), bool)))
@@ -400,19 +405,6 @@ def predict_only(case, observation, findings, deadline: float = np.inf) -> tuple
         nmse(data, fit.chain.y, inside),
         told / float(np.mean(np.abs(data.y) ** 2)),
     )
-
-
-def _rescaled(effect: Effect, ratio: float) -> Effect:
-    """An effect on a recording `ratio` times as long: what counts cycles or samples over the recording
-    grows with it."""
-    power = {
-        "carrier_frequency_offset": (1, 2),
-        "sample_clock_offset": (1,),
-        "extra_path": (0, 0, 0, 1),
-        "tap_doppler": (1, 0),
-    }
-    grow = power.get(effect.family)
-    return effect if grow is None else effect.moved(effect.p * ratio ** np.array(grow, float))
 
 
 @dataclass(kw_only=True)

@@ -23,6 +23,7 @@ REFITS = 3
 MOST_EFFECTS = 4
 LEAST_TURN = 1e-3  # cycles by which late paths must differ for a carrier offset to show its side
 SAME_OSCILLATOR = 0.1  # by which clock and carrier of one oscillator may seem to differ
+LEAP_STEPS = 3  # of a fit, that score an effect which is elsewhere
 SEEN = 1e-5  # share of a derivative that must be left when what other parameters can do is taken out
 CLEAR_SHARE, FAR_SHARE = 0.1, 0.7  # of the best score: by which starts of one family, and families, must not stay behind it
 CLEAR_NATS = 300.0  # a signal that promises more is fitted before the law of the noise is asked for
@@ -75,6 +76,9 @@ def score(fit: Fit, effect: Effect) -> Score:
     test)."""
     data, family = fit.data, FAMILIES[effect.family]
     n, sigma2 = data.count, fit.sigma2
+    if family.leaps:
+        there = solve(data, fit.model.adding(effect), iterations=LEAP_STEPS)
+        return Score(net=there.evidence - fit.evidence, effect=effect)
     if "others" not in fit.notes:
         fit.notes["others"] = others = Others.of(fit)
         # What is left of the slope at the optimum: small, but not where a direction is all but one of the fit's own.
@@ -225,7 +229,10 @@ def _again(fit: Fit, effect: Effect) -> Effect:
     if effect.fixed or effect.family not in noise.TESTED:
         return effect
     _, found = FAMILIES[effect.family].find(noise.view_of(fit), near=effect)
-    return effect if found is None else replace(found, trials=effect.trials)
+    if found is None:
+        return effect
+    settled = {"_floor": fit.sigma2} if "_floor" in effect.aux else {}
+    return replace(found, trials=effect.trials, aux={**found.aux, **settled})
 
 
 def candidates(fit: Fit) -> list[Score]:

@@ -12,6 +12,9 @@ from ..effects.base import RX_GAIN, RX_LO, peaks
 from ..effects.chain import PAD
 
 SKIRT, AROUND = 6, 64  # half cycles over the recording: what a line reaches itself, and its surroundings
+LEAST_SEGMENT = 40  # samples in which a waveform is looked for alone
+LONGEST_JUMP = 900  # samples of a waveform that is sent once; of one that repeats every jump is one within its period
+JUMP_NATS = 10.0  # by which two parts must be likelier than one
 LINE_NATS = 5.0  # by which a line stands out of the largest of as many peaks of noise
 
 
@@ -103,8 +106,9 @@ class View:
             found.append(k / 2)
         return found
 
-    def correlations(self, code, signal, segments: int):
-        """c[m, d] of `signal` with a waveform at lags d, by segments in time; and the lags."""
+    def correlations(self, code, signal, segments: int, reach: int | None = None):
+        """c[m, d] of `signal` with a waveform at lags d, by segments in time; and the lags: of a waveform that is sent once
+        those up to `reach`, or those that paths of the twin may have."""
         source = self.scene.sources[code] if isinstance(code, int) else self.scene.extra[code]
         n, size = self.scene.count, len(source.samples)
         length = -(-n // segments)
@@ -118,7 +122,9 @@ class View:
         last = max(p.delay for p in self.scene.taps)
         spread = min(max(256, int(3 * last) + 64), PAD - 8)
         low = -min(64, spread)
-        if not all(s.known.all() for s in self.scene.sources):
+        if reach:
+            low, spread = -reach, reach
+        elif not all(s.known.all() for s in self.scene.sources):
             low, spread = -10, int(last) + 26
         block = sp_fft.next_fast_len(length + spread - low)
         c = np.zeros((segments, spread - low), complex)
@@ -241,40 +247,37 @@ class View:
         return float(-np.clip(slope, -16, 16))
 
     def jumps(self) -> list[tuple[float, float, bool]]:
-        """The likeliest (first sample after the joint, samples lost, whether the delay is that of the later
-        part)."""
-        segments = 48
+        """The likeliest (first sample after the joint, samples lost, whether the delay is that of the later part), where
+        two parts with a gain each make the recording far likelier than one."""
         n = self.scene.count
-        source = self.scene.sources[0]
-        if n < 2000:
+        segments = min(48, n // LEAST_SEGMENT)
+        if segments < 4:
             return []
         y = (np.conj(self.data.y) if self.inverted else self.data.y) * self.weight * np.conj(self.carrier)
-        saved = self.fit.model.base[0]
-        c, lags = self.correlations(0, y, segments)
-        # the whole link, not one path: filter along the lags with the twin's taps
-        taps = [p for p in self.scene.taps if p.source == 0]
-        if source.repeat:
-            f = sp_fft.fftfreq(len(lags))
-            response = sum(np.conj(p.gain) * np.exp(2j * np.pi * f * p.delay) for p in taps)
+        c, lags = self.correlations(0, y, segments, reach=LONGEST_JUMP if self.scene.at is None else None)
+        lag, size = lags - round(self.fit.model.base[0]), len(lags)
+        if self.scene.sources[0].repeat:
+            # the whole link, not one path: filter along the lags with the twin's taps
+            f = sp_fft.fftfreq(size)
+            response = sum(np.conj(p.gain) * np.exp(2j * np.pi * f * p.delay) for p in self.scene.taps if p.source == 0)
             c = sp_fft.ifft(sp_fft.fft(c, axis=1) * response, axis=1)
-        now = (
-            int(np.argmin(np.abs((lags - round(saved) + len(lags) / 2) % len(lags) - len(lags) / 2)))
-            if source.repeat
-            else int(np.argmin(np.abs(lags - round(saved))))
-        )
-        gain = c.real - c.real[:, now : now + 1]
+            lag = (lag + size // 2) % size - size // 2
+        now = int(np.argmin(np.abs(lag)))
+        sent = np.add.reduceat(np.abs(self.wanted) ** 2 * self.weight, np.arange(0, n, -(-n // segments)))
+        sent = np.maximum(sent, 1e-3 * sent.mean())
         found = []
         for later in (False, True):
-            total = np.cumsum(gain, axis=0) if later else np.cumsum(gain[::-1], axis=0)[::-1]
-            total[-1 if later else 0] = -np.inf
-            m, d = np.unravel_index(int(np.argmax(total)), total.shape)
-            if d == now or total[m, d] <= 0:
+            there = slice(None) if later else slice(None, None, -1)  # the part with another delay comes first
+            part, energy = np.cumsum(c[there], axis=0), np.cumsum(sent[there])[:, None]
+            rest, rest_energy = part[-1, now] - part[:, now : now + 1], energy[-1] - energy
+            both = np.abs(part[:-1]) ** 2 / energy[:-1] + (np.abs(rest) ** 2)[:-1] / rest_energy[:-1]
+            nats = (both - np.abs(part[-1, now]) ** 2 / energy[-1]) / self.sigma2
+            m, d = np.unravel_index(int(np.argmax(nats)), nats.shape)
+            if d == now or nats[m, d] < np.log(nats.size) + JUMP_NATS:
                 continue
-            delay = lags[d] - lags[now]
-            if source.repeat:
-                delay = (delay + len(lags) // 2) % len(lags) - len(lags) // 2
-            lost = int(delay) if later else -int(delay)
-            joint = self._joint(int((m + 1 if later else m) * n // segments), lost, later, n // segments)
+            lost = int(lag[d] if later else -lag[d])
+            first = (m + 1 if later else segments - m - 1) * -(-n // segments)
+            joint = self._joint(first, lost, later, n // segments)
             found.append((float(self.scene.index[min(joint, n - 1)]), float(lost), later))
         return found
 
@@ -282,7 +285,14 @@ class View:
         """The first sample after a joint, to the sample where the noise allows."""
         low, high = max(0, guess - 2 * width), min(self.scene.count, guess + 2 * width)
         w, y = self.wanted, (np.conj(self.data.y) if self.inverted else self.data.y)
-        moved = np.roll(w / self.carrier, lost if later else -lost) * self.carrier
+        moved = np.roll(w, lost if later else -lost)
         before, after = (moved, w) if later else (w, moved)
+        before, after = before * gain_of(y, before, slice(None, guess)), after * gain_of(y, after, slice(guess, None))
         cost = (np.abs(y - before) ** 2 - np.abs(y - after) ** 2)[low:high] * self.weight[low:high]
         return low + int(np.argmin(np.concatenate([[0.0], np.cumsum(cost)])))
+
+
+def gain_of(y, prediction, inside) -> complex:
+    """The complex gain under which a prediction (n,) comes nearest to a recording on the samples `inside`."""
+    y, w = y[inside], prediction[inside]
+    return complex(np.vdot(w, y)) / max(float(np.vdot(w, w).real), 1e-300)

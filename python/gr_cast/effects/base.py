@@ -70,6 +70,7 @@ class Family:
     linear = False  # the prediction is linear in its numbers
     flexible = False  # fits much: tried after the simple ones
     linear = False  # the prediction is linear in its numbers: no step is too long
+    leaps = False  # no small step leads to it: all else must move with it before its worth is seen
     random = False  # its numbers are a law: what a twin has of it runs another course in every recording
     same_as: dict[str, str] = {}  # families that are counted as the same answer, and when
     follows_carrier: dict[str, int] = {}  # numbers (of parameters or model) that grow with that power of the carrier

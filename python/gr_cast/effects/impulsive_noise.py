@@ -48,6 +48,7 @@ class ImpulsiveNoise(NoiseFamily):
     def find(self, view, near=None):
         """(gain, effect) of a mixture: a share of samples with impulses of random or of steady size, what is likelier."""
         e = view.energy[view.use]
+        e = e[e > 0]  # on a rail nothing is left
         if (e > 9 * np.median(e) / np.log(2)).sum() < 3:
             return 0.0, None
         found = _mixed(e, near.aux["law"] if near is not None else "random")

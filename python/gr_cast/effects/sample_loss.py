@@ -11,6 +11,7 @@ from .base import LINK, Family, start
 class SampleLoss(Family):
     name = "sample_loss"
     stage = LINK
+    leaps = True
 
     def apply(self, chain, effect):
         joint, lost = effect.p
@@ -36,7 +37,8 @@ class SampleLoss(Family):
 
     def where(self, scene, effect, values):
         t = values["time_s"]
-        return {"time_s": [t - 0.002 * scene.duration_s, t + 0.002 * scene.duration_s]}
+        reach = 0.002 * scene.duration_s + effect.aux.get("gap", 0.0) / 2 / scene.sample_rate_hz
+        return {"time_s": [t - reach, t + reach]}
 
     def describe(self, number):
         return f"Samples are missing from {number('time_s')} on: {number('samples')} (negative: inserted)."

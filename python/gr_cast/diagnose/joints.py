@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Samples lost between the parts of a recording, where nothing is fitted: every part against where the first one lets expect
+it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..effects import FAMILIES, Effect
+from ..effects.base import start
+from . import align, offsets
+from .finding import Finding, Worth
+from .fit import misfit
+from .model import predict
+
+LEAST_JUMP = 3  # samples; less is a clock's
+HELD = 0.5  # of what the first part's prediction holds: with less, a later part is looked for elsewhere
+AROUND = np.arange(-2.0, 2.5, 0.5)  # samples around the strongest lag
+SURE_NATS = 100.0  # by which it must be likelier there
+
+
+def place(case, part, located: tuple[int, bool] | None, known: Finding) -> tuple[tuple[float, bool], float]:
+    """((delay, inverted) of a later part of a recording, nats by which it is likelier there than where its first part lets
+    expect it: 0 where it is there)."""
+    expected = _expected(known, part)
+    first = 1 - known.fit.sigma2 * known.data.count / np.sum(np.abs(known.data.y * known.data.use) ** 2)
+    held, _ = _held(case, part, expected, known)
+    if held > HELD * first:
+        return expected, 0.0
+    middle, inverted = located or align.locate(case, part)
+    begin = middle + _gained(known) * len(part.samples) / 2
+    tries = [(*_held(case, part, (begin + d, inverted), known), begin + d) for d in AROUND]
+    other, data, delay = max(tries, key=lambda t: t[0])
+    nats = data.count * np.log((1 - held) / (1 - other))
+    return ((delay, inverted), float(nats)) if nats > SURE_NATS else (expected, 0.0)
+
+
+def _held(case, part, near, known: Finding):
+    """(share of a part's energy that the prediction holds with the oscillators found in another part, data)."""
+    scene, data, model = align.build(case, part, near=near)
+    for effect in known.fit.model.found:
+        if effect.family in ("carrier_frequency_offset", "sample_clock_offset"):
+            model = model.adding(carried(effect, known, part, scene))
+    y = predict(scene, offsets.with_gains(data, model)).y
+    return 1 - misfit(data, y) / np.sum(np.abs(data.y * data.use) ** 2), data
+
+
+def carried(effect: Effect, known: Finding, part, scene) -> Effect:
+    """An effect of the part that was searched, in another part of the recording."""
+    lengths = (part.first - known.observation.first) / known.scene.span
+    return rescaled(FAMILIES[effect.family].later(effect, lengths), scene.span / known.scene.span)
+
+
+def rescaled(effect: Effect, ratio: float) -> Effect:
+    """An effect on a recording `ratio` times as long: what counts cycles or samples over the recording
+    grows with it."""
+    power = {
+        "carrier_frequency_offset": (1, 2),
+        "sample_clock_offset": (1,),
+        "extra_path": (0, 0, 0, 1),
+        "tap_doppler": (1, 0),
+    }
+    grow = power.get(effect.family)
+    return effect if grow is None else effect.moved(effect.p * ratio ** np.array(grow, float))
+
+
+def _expected(known: Finding, part) -> tuple[float, bool]:
+    """Where a later part of the same recording begins in the waveform."""
+    ahead = part.first - known.observation.first
+    delay = known.scene.anchor + known.fit.model.base[0] - ahead * (1 + _gained(known))
+    return delay, any(e.family == "spectral_inversion" for e in known.fit.model.found)
+
+
+def _gained(known: Finding) -> float:
+    """Samples that the received waveform gains per sample by its clock."""
+    clock = next((e.p[0] for e in known.fit.model.effects if e.family == "sample_clock_offset"), 0.0)
+    return clock / known.scene.span
+
+
+def between(findings: list[Finding]) -> None:
+    """Put samples that were lost between two parts of a recording into the later one, as an effect. `findings` are of one
+    recording, the first one that of the part that was searched."""
+    in_time, period = sorted(findings, key=lambda f: f.observation.first), _period(findings[0].scene)
+    for before, after in zip(in_time, in_time[1:], strict=False):
+        lost = _slips(after, findings[0])[0] - _slips(before, findings[0])[1]
+        if period:
+            lost = (lost + period // 2) % period - period // 2
+        if abs(lost) < LEAST_JUMP:
+            continue
+        last, first = (f.observation.first + f.scene.index[f.data.use > 0][k] for f, k in ((before, -1), (after, 0)))
+        joint, gap = (last + first + 1) / 2 - after.observation.first, first - last
+        nats = max(after.elsewhere_nats, before.elsewhere_nats)
+        aux = {"later": True, "nats": nats, "gap": float(gap)}
+        effect = start(FAMILIES["sample_loss"], [joint, lost], free=[False, False], aux=aux)
+        after.fit = replace(after.fit, model=after.fit.model.adding(effect))
+        after.worths[id(effect.p)] = Worth(evidence=nats, held_out=0.0)
+        after.stds["sample_loss"] = {"time_s": gap / np.sqrt(12) / after.scene.sample_rate_hz}
+
+
+def _period(scene) -> int:
+    """Samples of a waveform that repeats; 0 for one that is sent once."""
+    return len(scene.sources[0].samples) if scene.sources[0].repeat else 0
+
+
+def _slips(finding: Finding, known: Finding) -> tuple[int, int]:
+    """Samples lost since the part that was searched, at the beginning and at the end of a part."""
+    at, _ = _expected(known, finding.observation)
+    here = round(at - finding.scene.anchor - finding.fit.model.base[0]) if finding.elsewhere_nats else 0
+    begin = end = here
+    for effect in finding.fit.model.found:
+        if effect.family == "sample_loss":
+            if effect.aux.get("later"):
+                begin -= round(effect.p[1])
+            else:
+                end += round(effect.p[1])
+    return begin, end

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Samples that were lost where nothing is known, or between two parts of a recording: how many, and between which samples."""
+
+import numpy as np
+import pytest
+import yaml
+from gr_cast import recording
+from gr_cast.diagnose import align, diagnose, pieces, read_case
+
+RATE_HZ = 1e6
+
+
+def _noise(rng, n, rms=1.0):
+    return rms / np.sqrt(2) * (rng.normal(size=n) + 1j * rng.normal(size=n))
+
+
+def _bursts(rng, count=24_000, every=3000, known=900):
+    """(sent, what the twin knows of it): bursts of which the rest was never published."""
+    x = _noise(rng, count)
+    told = np.where(np.arange(count) % every < known, x, np.nan)
+    return x, told
+
+
+def _case(folder, y, told):
+    for stem, samples in (("recording", y), ("sent", told)):
+        recording.write(folder / stem, samples, sample_rate_hz=RATE_HZ)
+    twin = {
+        "cast_twin": 1,
+        "sample_rate_hz": RATE_HZ,
+        "center_frequency_hz": 1e9,
+        "waveforms": {"w1": {"file": "sent", "repeat": False}},
+        "nodes": {"tx1": {"transmit": "w1"}, "rx1": {}},
+        "links": [{"tx": "tx1", "rx": "rx1", "taps": [{"delay_s": 0.0}]}],
+        "recordings": [{"file": "recording", "receiver": "rx1", "transmitters": ["tx1"]}],
+        "unknown": ["delay", "phase", "gain"],
+    }
+    (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
+    return read_case(folder)
+
+
+def _without(y, at, lost):
+    return np.concatenate([y[:at], y[at + lost :]])
+
+
+def _turned(y, cycles):
+    return y * np.exp(2j * np.pi * cycles * np.arange(len(y)))
+
+
+@pytest.mark.parametrize("lost", [41, 1500, -300])
+def test_stretches_end_where_samples_were_lost_between_bursts(lost):
+    rng = np.random.default_rng(1)
+    x, told = _bursts(rng)
+    y = np.concatenate([_noise(rng, 57), 0.1 * x])
+    at = 57 + 4 * 3000 + 1900
+    y = _without(y, at, lost) if lost > 0 else np.concatenate([y[:at], _noise(rng, -lost), y[at:]])
+    y = _turned(y, 3e-4) + _noise(rng, len(y), 0.03)
+    first, second = pieces.segments(y, [told], 57)
+    assert (first[0], second[1]) == (0, len(y)) and 57 + 4 * 3000 + 900 <= first[1] == second[0] <= 57 + 5 * 3000 - lost
+    assert abs(first[2] - 57) <= pieces.SPREAD and abs(second[2] - (57 - lost)) <= pieces.SPREAD
+
+
+def test_a_clock_that_drifts_and_an_echo_that_takes_over_are_no_jumps():
+    rng = np.random.default_rng(2)
+    x, told = _bursts(rng)
+    slow = np.interp(np.arange(24_000) * (1 - 4e-4), np.arange(24_000), np.convolve(x, np.ones(4) / 2, "same"))
+    told = np.where(np.isnan(told), np.nan, np.convolve(x, np.ones(4) / 2, "same"))
+    fading = 0.5 * np.sin(np.arange(24_000) / 2000)
+    y = (0.5 + fading) * slow + (0.5 - fading) * np.roll(slow, 6)
+    assert len(pieces.segments(y + _noise(rng, 24_000, 0.1), [told], 0)) == 1
+
+
+def test_samples_lost_between_bursts_are_counted_and_placed_between_them(tmp_path):
+    rng = np.random.default_rng(3)
+    x, told = _bursts(rng)
+    y = _without(_turned(0.1 * np.concatenate([np.zeros(57), x]), 3e-4), 57 + 4 * 3000 + 1900, 41)
+    y += _noise(rng, len(y), 0.005)
+    document = diagnose(_case(tmp_path, y, told)).document
+    found = {e["family"]: e for e in document["effects"]}
+    assert document["verdict"] == "identified" and set(found) == {"sample_loss", "carrier_frequency_offset"}
+    assert found["sample_loss"]["parameters"]["samples"]["value"] == 41
+    low, high = (t * RATE_HZ for t in found["sample_loss"]["where"]["time_s"])
+    assert low <= 57 + 4 * 3000 + 1900 <= high and high - low < 2500
+    assert found["carrier_frequency_offset"]["parameters"]["offset_hz"]["value"] == pytest.approx(300, abs=0.5)
+
+
+def test_samples_lost_between_two_parts_of_a_long_recording_are_found_once(world, tmp_path, monkeypatch):
+    monkeypatch.setattr(align, "LONGEST_WHOLE", 15_000)
+    monkeypatch.setattr(align, "PART", 5_000)
+    later = sum(gain * world.path(delay - 44) for delay, gain in world.taps)
+    y = world.noisy(np.where(world.n < 10_000, world.clean(), 0.3 * np.exp(0.4j) * later))
+    document = diagnose(read_case(world.write(tmp_path / "case", y))).document
+    (loss,) = document["effects"]
+    assert loss["family"] == "sample_loss" and document["verdict"] == "identified"
+    assert loss["parameters"]["samples"]["value"] == 44
+    low, high = (t * RATE_HZ for t in loss["where"]["time_s"])
+    assert low <= 10_000 <= high and high - low < 500
+
+
+def test_samples_lost_in_a_short_frame_are_found(tmp_path):
+    rng = np.random.default_rng(4)
+    x = np.repeat(rng.integers(0, 2, 180), 2).astype(complex)  # on-off keying
+    y = _without(_turned(np.concatenate([0.2 * x, np.zeros(80)]), -0.035), 170, 37)
+    y += _noise(rng, len(y), 0.01)
+    document = diagnose(_case(tmp_path, y, np.concatenate([x, np.zeros(80)]))).document
+    found = {e["family"]: e for e in document["effects"]}
+    assert set(found) == {"sample_loss", "carrier_frequency_offset"}
+    assert found["sample_loss"]["parameters"]["samples"]["value"] == 37
+    assert found["sample_loss"]["parameters"]["time_s"]["value"] * RATE_HZ == pytest.approx(170, abs=6)
+
+
+def test_what_is_left_in_a_later_part_stands_at_its_time_in_the_recording(world, tmp_path, monkeypatch):
+    monkeypatch.setattr(align, "LONGEST_WHOLE", 15_000)
+    monkeypatch.setattr(align, "PART", 5_000)
+    wrong = (world.n >= 16_000) & (world.n < 16_300)
+    y = world.noisy(np.where(wrong, np.conj(world.clean()) * np.exp(0.01j * world.n**1.5), world.clean()))
+    document = diagnose(read_case(world.write(tmp_path / "case", y))).document
+    told = [w["time_s"] for w in document["residual"]["where"] if "time_s" in w]
+    assert document["verdict"] == "unexplained" and "impulsive_noise" not in {e["family"] for e in document["effects"]}
+    assert any(a * RATE_HZ < 16_300 and b * RATE_HZ > 16_000 for a, b in told)
