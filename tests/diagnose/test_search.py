@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from gr_cast.diagnose import align, ambiguity, read_case
-from gr_cast.diagnose.search import _polished, refit
+from gr_cast.diagnose.search import _polished, causes, refit
 from gr_cast.diagnose.view import View
 from gr_cast.effects import FAMILIES
 from gr_cast.effects.base import start
@@ -43,6 +43,13 @@ def test_a_filter_moves_in_front_of_the_amplifier_that_bends_its_peaks(bent):
     best = _polished(data, first)
     assert best.evidence > first.evidence
     assert next(e for e in best.model.effects if e.family == "front_end_filter").aux["side"] == "tx"
+
+
+def test_what_is_read_off_the_samples_takes_no_place_of_what_is_searched_for(bent):
+    data, model = bent
+    rails = start(FAMILIES["adc_clipping"], [1.0], free=[False], aux={"read": True})
+    leak = start(FAMILIES["lo_leakage"], [0.0, 0.0], aux={"source": 0})
+    assert [causes(data.scene, m) for m in (model.adding(rails), model.adding(rails).adding(leak))] == [0, 1]
 
 
 def test_a_filter_and_a_tail_are_told_apart_by_another_link(bent):

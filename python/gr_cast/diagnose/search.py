@@ -405,11 +405,13 @@ def _best(grown, leader: Fit, gained: float) -> list[Fit]:
 
 
 def causes(scene, model: Model) -> int:
-    """How many effects were found; carrier and sample clock of one oscillator are one."""
+    """How many effects were searched out: what was read off the samples is none; carrier and sample clock of one oscillator
+    are one."""
     carriers = [e.p[0] for e in model.found if e.family == "carrier_frequency_offset" and scene.carrier_hz]
     clocks = [e.p[0] for e in model.found if e.family == "sample_clock_offset"]
     tied = [c / scene.duration_s / scene.carrier_hz * scene.span for c in carriers]
-    return len(model.found) - any(abs(clock - t) < SAME_OSCILLATOR * abs(t) for clock in clocks for t in tied)
+    read = sum("read" in e.aux for e in model.found)
+    return len(model.found) - read - any(abs(clock - t) < SAME_OSCILLATOR * abs(t) for clock in clocks for t in tied)
 
 
 def plausible(model: Model) -> bool:
