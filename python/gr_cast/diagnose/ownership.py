@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..effects import FAMILIES, Effect, stage_of
-from ..effects.base import RX_GAIN
+from ..effects.base import RX_GAIN, TX_LO
 from .fit import Fit, invert
 from .search import refit
 
@@ -73,7 +73,13 @@ def kind_of(finding, effect: Effect) -> tuple:
         return (effect.family, link_of(finding, effect), effect.aux.get("tap"))
     either = stage_of(effect) == RX_GAIN or effect.family == "carrier_frequency_offset"  # on which side, all recordings tell
     side = None if either else effect.aux.get("side")
-    return (effect.family, side, effect.aux.get("code"))
+    return (effect.family, side, effect.aux.get("code"), sender(finding, effect))
+
+
+def sender(finding, effect: Effect) -> str | None:
+    """The transmitter whose signal alone an effect changes, where others are heard beside it."""
+    several = len(finding.scene.transmitters) > 1 and stage_of(effect) < TX_LO
+    return finding.scene.transmitters[effect.aux["source"]] if several and "source" in effect.aux else None
 
 
 def link_of(finding, effect: Effect) -> str:
@@ -189,6 +195,8 @@ def owner(findings, members) -> tuple[dict, set[str]]:
         name = link_of(finding, effect)
         return {"level": "link", "name": name}, {f.observation.name for f, _ in members}
     options = owners(findings, effect)
+    if name := sender(finding, effect):  # what the others send does not have it
+        options = [o for o in options if o[:2] == ("tx", name)]
     if len(options) == 1:
         return {"level": options[0][0], "name": options[0][1]}, options[0][2]
     if len(findings) == 1 or len({frozenset(g) for _, _, g in options}) == 1:

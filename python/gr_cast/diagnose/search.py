@@ -2,6 +2,7 @@
 """Which effects: score tests of every family on the residual, joint refits of the best, a small beam,
 backward elimination."""
 
+import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -308,10 +309,10 @@ def search(data: Data, model: Model, proof_deadline: float = np.inf) -> list[Fit
         for fit in beam:
             if data.late:
                 break
-            for s in _worth_trying(candidates(fit)):
+            for more in (m for s in _worth_trying(candidates(fit)) for m in _with(fit, s.effect)):
                 if data.late:
                     break
-                trial = refit(data, fit.model.adding(s.effect), near=fit)
+                trial = refit(data, more, near=fit)
                 key = trial.model.families
                 if trial.evidence > fit.evidence + MARGIN and plausible(trial.model):
                     if key not in done or done[key].evidence < trial.evidence:
@@ -378,18 +379,33 @@ def _on_its_side(data: Data, fit: Fit) -> Fit:
     return fit
 
 
+def _with(fit: Fit, effect: Effect) -> list[Model]:
+    """The model of a fit with one more effect, and with one of each owner's own in its place."""
+    models = [fit.model.adding(effect)]
+    if own := FAMILIES[effect.family].apart(fit.data.scene, effect):
+        models.append(functools.reduce(Model.adding, own, fit.model))
+    return models
+
+
 def _polished(data: Data, fit: Fit) -> Fit:
-    """The fit with the amplifier and the filter in the forms that suit each other: the memory of one imitates the
-    other, and only together the order of the two matters."""
-    if not {"pa_nonlinearity", "front_end_filter"} <= {e.family for e in fit.model.found}:
+    """The fit with the amplifier and the filter, or with the filters of several transmitters, in the forms that suit each
+    other: the memory of one imitates the other, and only together their order and their lengths matter."""
+    filters = [e for e in fit.model.found if e.family == "front_end_filter"]
+    amplifiers = [e for e in fit.model.found if e.family == "pa_nonlinearity"]
+    if not filters or len(filters) + len(amplifiers) < 2:
         return fit
-    for family in ("pa_nonlinearity", "front_end_filter", "pa_nonlinearity"):
-        i = next(i for i, e in enumerate(fit.model.effects) if e.family == family and not e.fixed)
+    for one in (*amplifiers, *filters, *amplifiers):
+        i = next(i for i, e in enumerate(fit.model.effects) if _same_part(e, one))
         rest = fit.model.without(i)
-        for form in FAMILIES[family].forms(data.scene, fit.model.effects[i]):
+        for form in FAMILIES[one.family].forms(data.scene, fit.model.effects[i]):
             if not data.late:
                 fit = max(fit, refit(data, rest.adding(form)), key=lambda f: f.evidence)
     return fit
+
+
+def _same_part(a: Effect, b: Effect) -> bool:
+    """Whether two effects are forms of one, of the same transmitter where there are several."""
+    return a.family == b.family and not a.fixed and a.aux.get("source", 0) == b.aux.get("source", 0)
 
 
 def _best(grown, leader: Fit, gained: float) -> list[Fit]:
@@ -455,13 +471,20 @@ def eliminate(data: Data, fit: Fit, known: list[Fit]) -> Fit:
         for i, effect in enumerate(fit.model.effects):
             if effect.fixed or "read" in effect.aux or data.late:
                 continue
-            less = refit_or_known(data, fit.model.without(i), known)
+            less = _lesser(data, fit, i, known)
             if less.evidence > fit.evidence - MARGIN and (worst is None or less.evidence > worst.evidence):
                 worst = less
         if worst is None:
             return fit
         fit = worst
     return fit
+
+
+def _lesser(data: Data, fit: Fit, index: int, known: list[Fit]) -> Fit:
+    """The best fit without what effect `index` claims: without the effect, or with the part of it that claims less."""
+    effect, rest = fit.model.effects[index], fit.model.without(index)
+    models = [rest, *(rest.adding(e) for e in FAMILIES[effect.family].less(data.scene, effect, rest.effects))]
+    return max((refit_or_known(data, m, known) for m in models), key=lambda f: f.evidence)
 
 
 def proven(data: Data, fit: Fit, known: list[Fit]) -> Fit:
@@ -474,17 +497,17 @@ def proven(data: Data, fit: Fit, known: list[Fit]) -> Fit:
         worth = {i: unseen - _unseen(parts, less.model) if less else -np.inf for i, less in doubted.items()}
         if not worth or min(worth.values()) > LEAST_HELD_OUT or data.late:
             break
-        fit = refit_or_known(data, fit.model.without(min(worth, key=worth.get)), known)
+        fit = _lesser(data, fit, min(worth, key=worth.get), known)
     return fit
 
 
 def _doubted(data: Data, fit: Fit, known: list[Fit]) -> dict[int, Fit | None]:
-    """The effects of a fit that must prove themselves, each with the fit that lacks it; None where no proof can help."""
+    """The effects of a fit that must prove themselves, each with its `_lesser` fit; None where no proof can help."""
     doubted = {}
     for i, effect in enumerate(fit.model.effects):
         if effect.fixed or "read" in effect.aux:
             continue
-        less = refit_or_known(data, fit.model.without(i), known)
+        less = _lesser(data, fit, i, known)
         gain = fit.evidence - less.evidence
         if FAMILIES[effect.family].noise_like and gain < LEAST_OF_NOISE:
             doubted[i] = None

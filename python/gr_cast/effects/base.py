@@ -83,6 +83,14 @@ class Family:
         """Effects at zero strength at the places worth trying; the search turns them into fits."""
         return []
 
+    def apart(self, scene, effect: Effect) -> tuple[Effect, ...]:
+        """Effects of several owners that may stand in the place of one."""
+        return ()
+
+    def less(self, scene, effect: Effect, others: tuple[Effect, ...]) -> tuple[Effect, ...]:
+        """Effects that claim less and may explain the same beside `others`: each stands in where it does."""
+        return ()
+
     def values(self, scene, effect: Effect, p: np.ndarray) -> dict[str, float]:
         """The contract's parameters of internal `p`."""
         raise NotImplementedError

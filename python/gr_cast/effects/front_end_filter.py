@@ -5,6 +5,8 @@
 Internal: real and imaginary parts of the taps from aux low to aux high, the main tap left out.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from .base import RX_FILTER, TX_FILTER, Effect, Family, start
@@ -26,7 +28,8 @@ SIZES = (
 )
 
 
-FEW = 30_000  # samples of a recording in which every length is tried again once the rest is known
+PROBE = 1e-5  # size of the wave that is added to measure a derivative
+FEW = 30_000  # samples, of all transmitters together, in which every length is tried again once the rest is known
 
 
 class FrontEndFilter(Family):
@@ -73,6 +76,9 @@ class FrontEndFilter(Family):
     def columns(self, scene, effect, chain, before, rest):
         lags = np.delete(np.arange(effect.aux["low"], effect.aux["high"] + 1), -effect.aux["low"])
         steady = chain.wanted if effect.aux.get("side") == "tx" else before.y
+        if effect.aux.get("side") == "tx" and len(scene.sources) > 1:  # of all that is heard, what this transmitter sent
+            i = effect.aux["source"]
+            steady = (rest(before.copy(), effect, extra=(i, PROBE * before.waves[i])).y - chain.y) / PROBE
         return Lags(signals=steady[None], entries=tuple((0, int(lag)) for lag in lags))
 
     def starts(self, view):
@@ -91,16 +97,22 @@ class FrontEndFilter(Family):
                 aux = {"low": low, "high": high, **side}
                 yield start(self, np.zeros(2 * len(lags)), aux=aux, prior=prior, trials=len(SIZES))
 
+    def apart(self, scene, effect):
+        """The effects that may stand in its place where several transmitters are heard: a filter of each one's own."""
+        if len(scene.sources) == 1 or effect.aux["side"] == "tx":
+            return ()
+        return tuple(replace(effect, aux={**effect.aux, "side": "tx", "source": i}) for i in range(len(scene.sources)))
+
     def forms(self, scene, effect):
-        """On the other side of the channel, and of other lengths."""
-        if len(scene.sources) > 1:
-            return
+        """Of other lengths, and on the other side of the channel where one transmitter alone is heard."""
         here = {k: v for k, v in effect.aux.items() if k not in ("low", "high")}
         there = {"side": "rx"} if effect.aux.get("side") == "tx" else {"side": "tx", "source": 0}
         mine = effect.aux["low"], effect.aux["high"]
-        yield start(self, np.zeros(len(effect.p)), aux={**effect.aux, **there}, prior=effect.prior, trials=effect.trials)
-        for low, high in SIZES if scene.count < FEW else (mine,):
-            for side in (here, there):
+        sides = (here, there) if len(scene.sources) == 1 else (here,)
+        if there in sides:
+            yield start(self, np.zeros(len(effect.p)), aux={**effect.aux, **there}, prior=effect.prior, trials=effect.trials)
+        for low, high in SIZES if scene.count * len(scene.sources) < FEW else (mine,):
+            for side in sides:
                 if -10 <= low and high - low > 2 and ((low, high) != mine or effect.prior is not None or side is there):
                     p = np.zeros(2 * (high - low))
                     yield start(self, p, aux={**side, "low": low, "high": high}, trials=effect.trials)

@@ -12,6 +12,7 @@ from scipy import fft as sp_fft
 from .base import TX_PA, Effect, Family, db, start
 from .chain import oversampled
 from .columns import Lags
+from .front_end_filter import FrontEndFilter
 
 PROBE = 1e-5  # size of the wave that is added to measure a derivative
 ORDERS = ((1,), (1, 2), (1, 2, 3), (1, 2, 3, 4))
@@ -113,6 +114,15 @@ class PaNonlinearity(Family):
         for orders in ORDERS:
             if effect.aux.get("lags") or orders != effect.aux["orders"]:
                 yield start(self, np.zeros(self._shape(orders, ())), aux={**aux, "orders": orders})
+
+    def less(self, scene, effect, others):
+        """The same memory of a linear front end, where no filter of its own is there for it."""
+        i, lags, alone = effect.aux["source"], effect.aux.get("lags", ()), len(scene.sources) == 1
+        filters = [e.aux for e in others if e.family == "front_end_filter"]
+        if not lags or any(alone or aux["side"] == "tx" and aux["source"] == i for aux in filters):
+            return ()
+        low, high = min(0, *lags), max(0, *lags)
+        return (start(FrontEndFilter(), np.zeros(2 * (high - low)), aux={"low": low, "high": high, "side": "tx", "source": i}),)
 
     @staticmethod
     def driven(scene, effect):

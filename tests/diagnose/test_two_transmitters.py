@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Two transmitters heard at once, as the ports of one base station are: each has a front end of its own."""
+
+import numpy as np
+import pytest
+from gr_cast import recording
+from gr_cast.diagnose import diagnose, read_case
+
+RATE_HZ, PERIOD, COUNT, BAND = 1e6, 1500, 4500, 0.4  # band: of the rate, to either side of the carrier
+STRAIGHT, FIRST, SECOND = {0: 1.0}, {-1: 0.3j, 0: 1.0, 1: 0.5, 2: -0.2}, {-1: -0.2, 0: 1.0, 1: -0.4j, 2: 0.3 + 0.2j}
+
+
+def heard(world, folder, filters) -> dict:
+    """The diagnosis of two waveforms of Gaussian envelope, each sent through a filter {lag: tap}, in white noise."""
+    inside = np.abs(np.fft.fftfreq(PERIOD)) < BAND
+    draw = world.rng.normal(size=(2, PERIOD)) + 1j * world.rng.normal(size=(2, PERIOD))
+    waves = np.fft.ifft(np.fft.fft(draw) * inside)
+    sent = [sum(tap * np.roll(wave, lag + 37) for lag, tap in taps.items()) for wave, taps in zip(waves, filters, strict=True)]
+    world.noise_rms = 0.03
+    twin = world.twin() | {
+        "waveforms": {f"w{k}": {"file": f"wave{k}", "repeat": True} for k in (1, 2)},
+        "nodes": {"tx1": {"transmit": "w1"}, "tx2": {"transmit": "w2"}, "rx1": {}},
+        "links": [
+            {"tx": "tx1", "rx": "rx1", "taps": [{"delay_s": 0.0}]},
+            {"tx": "tx2", "rx": "rx1", "taps": [{"delay_s": 0.0}], "unknown": ["gain", "phase"]},
+        ],
+        "recordings": [{"file": "recording", "receiver": "rx1", "transmitters": ["tx1", "tx2"]}],
+    }
+    world.twin = lambda: twin
+    folder = world.write(folder, world.noisy(np.resize(0.3 * sent[0] + 0.2j * sent[1], len(world.n)))[:COUNT])
+    for k, wave in enumerate(waves, 1):
+        recording.write(folder / f"wave{k}", wave, sample_rate_hz=RATE_HZ)
+    return diagnose(read_case(folder), budget_s=1000).document
+
+
+def ripple_db(taps) -> float:
+    f = np.linspace(-BAND, BAND, 4001)
+    response = np.abs(sum(tap * np.exp(-2j * np.pi * f * lag) for lag, tap in taps.items()))
+    return 20 * np.log10(response.max() / response.min())
+
+
+@pytest.mark.parametrize("filters", [(FIRST, SECOND), (STRAIGHT, SECOND)], ids=["both", "second"])
+def test_every_transmitter_heard_has_its_own_filter_and_no_amplifier(world, tmp_path, filters):
+    document = heard(world, tmp_path / "case", filters)
+    found = {e["owner"]["name"]: e["parameters"]["ripple_db"] for e in document["effects"]}
+    assert {e["family"] for e in document["effects"]} == {"front_end_filter"}
+    assert set(found) == {f"tx{k}" for k, taps in enumerate(filters, 1) if taps is not STRAIGHT}
+    for name, ripple in found.items():
+        assert ripple["value"] == pytest.approx(ripple_db(filters[int(name[-1]) - 1]), abs=4 * ripple["std"] + 0.1)
+    assert document["fit"]["corrected_nmse_db"] == pytest.approx(document["fit"]["noise_floor_db"], abs=0.7)
