@@ -100,29 +100,31 @@ def main(argv=None) -> int:
     unknown = set(args.names) - set(truths)
     if unknown:
         parser.error(f"{', '.join(sorted(unknown))}: no truth of that name, there are {', '.join(truths)}")
-    print(f"{'case':16}{'verdict':14}{'twin':>7}{'NMSE':>7}{'bar':>7}{'floor':>7}{'time':>8}{'memory':>9}", flush=True)
+    print(f"{'case':28}{'verdict':14}{'twin':>7}{'NMSE':>7}{'bar':>7}{'floor':>7}{'time':>8}{'memory':>9}", flush=True)
     wrong = 0
     cases = [(args.data / "real" / name, truths[name]) for name in args.names or truths]
     if args.damage:
         args.output.mkdir(parents=True, exist_ok=True)
-        cases = [
-            (folder, real_damage.damage(case, truth, kind, folder))
-            for case, truth in cases
-            for kind in args.damage
-            for folder in [args.output / f"{case.name}_{kind}"]
-        ]
+        whole, cases = cases, []
+        for case, truth in whole:
+            for kind in args.damage:
+                folder = args.output / f"{case.name}_{kind}"
+                if why := real_damage.invisible(case, kind):
+                    print(f"{folder.name} cannot be seen: {why}")
+                else:
+                    cases.append((folder, real_damage.damage(case, truth, kind, folder)))
     for case, truth in cases:
         name = case.name
         document, seconds, megabytes = diagnose(case, args.output / "diagnoses", args.budget)
         if document is None:
-            print(f"{name:16}no diagnosis{seconds:41.0f} s{megabytes:6.0f} MB", flush=True)
+            print(f"{name:28}no diagnosis{seconds:41.0f} s{megabytes:6.0f} MB", flush=True)
             wrong += 1
             continue
         fit, faults = document["fit"], judge(document, truth)
         wrong += bool(faults)
         figures = "".join(f"{v:7.1f}" for v in (fit["twin_nmse_db"], fit["corrected_nmse_db"], truth["beat_db"]))
         figures += f"{fit['noise_floor_db']:7.1f}"
-        print(f"{name:16}{document['verdict']:14}{figures}{seconds:6.0f} s{megabytes:6.0f} MB")
+        print(f"{name:28}{document['verdict']:14}{figures}{seconds:6.0f} s{megabytes:6.0f} MB")
         for effect in document["effects"]:
             nats = effect["evidence"]["heldout_gain_nats"]
             print(f"  {effect['family']} ({effect['owner']['name']}) {nats:.0f} nats: {effect['sentence']}")

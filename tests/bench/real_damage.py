@@ -21,6 +21,7 @@ from gr_cast import recording
 
 DROPPED, CLOCK_PPM = 37, 12.0
 SHIFTED = 5  # samples
+LEAST_GAINED = 0.1  # samples
 
 
 def clip(y, about):
@@ -77,6 +78,21 @@ def _with_a_shifted_stretch(path: Path) -> list[float]:
 
 
 DAMAGES = {f.__name__: f for f in (clip, coarse, lost, second_oscillator, inverted, structural)}
+
+
+def invisible(case: Path, kind: str) -> str | None:
+    """Why a damage leaves no trace in a case, where it leaves none."""
+    twin = yaml.safe_load((case / "twin.yaml").read_text())
+    told = [recording.read(case / w["file"], allow_nan=True).samples for w in twin["waveforms"].values()]
+    known = [np.flatnonzero(np.isfinite(x)) for x in told]
+    gained = max(CLOCK_PPM * 1e-6 * (k[-1] - k[0]) for k in known)
+    if kind == "inverted" and all(not x[k].imag.any() for x, k in zip(told, known, strict=True)):
+        return "the waveform is real: another carrier, another filter"
+    if kind == "second_oscillator" and gained < LEAST_GAINED:
+        return f"the clock gains {gained:.3f} samples"
+    if kind == "lost" and all(k[-1] < len(x) // 2 for x, k in zip(told, known, strict=True)):
+        return "nothing is known from the middle on"
+    return None
 
 
 def _found(family, **limits):

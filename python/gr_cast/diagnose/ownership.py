@@ -73,7 +73,8 @@ def kind_of(finding, effect: Effect) -> tuple:
         return (effect.family, link_of(finding, effect), effect.aux.get("tap"))
     either = stage_of(effect) == RX_GAIN or effect.family == "carrier_frequency_offset"  # on which side, all recordings tell
     side = None if either else effect.aux.get("side")
-    return (effect.family, side, effect.aux.get("code"), sender(finding, effect))
+    converter = finding.observation.receiver if "read" in effect.aux else None  # two that clip are two
+    return (effect.family, side, effect.aux.get("code"), sender(finding, effect), converter)
 
 
 def sender(finding, effect: Effect) -> str | None:

@@ -23,7 +23,6 @@ BEAM = 2
 REFITS = 3
 MOST_EFFECTS = 4
 LEAST_TURN = 1e-3  # cycles by which late paths must differ for a carrier offset to show its side
-SAME_OSCILLATOR = 0.1  # by which clock and carrier of one oscillator may seem to differ
 LEAP_STEPS = 3  # of a fit, that score an effect which is elsewhere
 SEEN = 1e-5  # share of a derivative that must be left when what other parameters can do is taken out
 CLEAR_SHARE, FAR_SHARE = 0.1, 0.7  # of the best score: by which starts of one family, and families, must not stay behind it
@@ -319,7 +318,7 @@ def search(data: Data, model: Model, proof_deadline: float = np.inf) -> list[Fit
                         done[key] = grown[key] = trial
         leader = max(done.values(), key=lambda f: f.evidence)
         rounds = 0 if leader.evidence > before else rounds + 1
-        if causes(data.scene, leader.model) >= MOST_EFFECTS:
+        if causes(leader.model) >= MOST_EFFECTS:
             break
         beam = [_on_its_side(data, f) for f in _best(grown.values(), leader, leader.evidence - before)]
         done |= {f.model.families: f for f in beam}
@@ -420,14 +419,10 @@ def _best(grown, leader: Fit, gained: float) -> list[Fit]:
     return beam
 
 
-def causes(scene, model: Model) -> int:
-    """How many effects were searched out: what was read off the samples is none; carrier and sample clock of one oscillator
-    are one."""
-    carriers = [e.p[0] for e in model.found if e.family == "carrier_frequency_offset" and scene.carrier_hz]
-    clocks = [e.p[0] for e in model.found if e.family == "sample_clock_offset"]
-    tied = [c / scene.duration_s / scene.carrier_hz * scene.span for c in carriers]
-    read = sum("read" in e.aux for e in model.found)
-    return len(model.found) - read - any(abs(clock - t) < SAME_OSCILLATOR * abs(t) for clock in clocks for t in tied)
+def causes(model: Model) -> int:
+    """How many effects were searched out: what was read off the samples is none, carrier and sample clock are one."""
+    searched = [e.family for e in model.found if "read" not in e.aux]
+    return len(searched) - ({"carrier_frequency_offset", "sample_clock_offset"} <= set(searched))
 
 
 def plausible(model: Model) -> bool:
