@@ -49,6 +49,27 @@ def test_late_paths_tell_whose_a_large_offset_is_and_its_sign(world, tmp_path, s
     assert abs(offset["value"] - offset_hz) < 4 * offset["std"] < 2.0
 
 
+@pytest.mark.parametrize("cause", ["phase_noise", "front_end_filter", "narrowband_interference", "diffuse_tail"])
+def test_behind_an_inversion_other_causes_are_what_they_are(world, tmp_path, cause):
+    y, n, rng = world.clean(), len(world.n), world.rng
+    if cause == "phase_noise":
+        y = y * np.exp(0.2j * np.convolve(rng.normal(size=n), np.hanning(600) / 15, "same"))
+    elif cause == "front_end_filter":
+        y = np.convolve(y, [0.0, 1.0, 0.2 - 0.15j, -0.1j])[:n]
+    elif cause == "diffuse_tail":
+        tail = np.exp(-np.arange(40) / 24) * (rng.normal(size=40) + 1j * rng.normal(size=40)) * 0.05
+        y = np.convolve(y, np.concatenate([[1.0], tail]))[:n]
+    else:
+        band = np.abs(np.fft.fftfreq(n) - 0.21) < 0.02
+        y = y + np.fft.ifft(band * np.fft.fft(rng.normal(size=n) + 1j * rng.normal(size=n))) * 0.1
+    document = run(world, tmp_path, np.conj(world.noisy(y)))
+    assert set(named(document)) == {"spectral_inversion", cause}
+    if cause == "narrowband_interference":
+        assert said(document, cause, "frequency_hz")["value"] == pytest.approx(0.21 * RATE_HZ, abs=0.01 * RATE_HZ)
+    else:
+        assert document["fit"]["corrected_nmse_db"] < document["fit"]["noise_floor_db"] + 1.0
+
+
 def test_an_echo_is_placed_on_the_scale_of_the_taps(world, tmp_path):
     echo = 0.3 * np.exp(0.4j) * 0.1 * np.exp(1j) * world.path(23)
     document = run(world, tmp_path, world.noisy(world.clean() + echo))

@@ -128,7 +128,8 @@ def test_an_amplifier_compresses_by_what_it_reports():
     assert 20 * np.log10(abs(y[top] / x[top])) == pytest.approx(-1.0, abs=0.15)
 
 
-def test_derivatives_are_those_of_the_prediction():
+@pytest.mark.parametrize("inverted", [False, True])
+def test_derivatives_are_those_of_the_prediction(inverted):
     taps = [Path(source=0, delay=0.3, gain=1.0), Path(source=0, delay=7.8, gain=0.5j)]
     model = Model(base=np.array([0.2, 0.8, 0.3]))
     for name, p, aux in (
@@ -136,6 +137,10 @@ def test_derivatives_are_those_of_the_prediction():
         ("tap_fading", [0.01, 0.02, -0.01, 0.0], {"tap": 1}),
         ("phase_noise", [0.02, -0.01], {}),
         ("front_end_filter", [0.05, 0.01], {"low": 0, "high": 1, "side": "rx"}),
+        ("front_end_filter", [0.02, 0.03], {"low": 0, "high": 1, "side": "tx", "source": 0}),
+        ("diffuse_tail", [0.03, -0.02, 0.01, 0.02], {"source": 0, "first": 1.0}),
+        ("pa_nonlinearity", [-0.02, 0.01], {"source": 0, "peak": 1.0, "orders": (1,)}),
+        *([("spectral_inversion", [], {})] if inverted else []),
     ):
         model = model.adding(start(FAMILIES[name], p, aux=aux))
     world = scene(taps)
@@ -266,10 +271,11 @@ def test_inner_products_of_derivatives_are_those_of_their_rows():
     blocks = [
         Dense(signals=noise(3, COUNT)),
         Lags(signals=noise(2, COUNT), entries=((0, -2), (1, 0), (1, 5)), window=rng.random(COUNT)),
+        Lags(signals=noise(1, COUNT), entries=((0, 0), (0, 3)), paired=-1),
         Courses(signals=noise(2, COUNT), orders=7, scene=scene(ONE)),
         Courses(signals=noise(1, COUNT), orders=4, scene=scene(ONE)),
     ]
     rows = np.concatenate([b.full() for b in blocks])
     want = (np.conj(rows) @ rows.T).real
     miss = np.abs(gram(blocks) - want) / np.abs(want).max()
-    assert miss[:9, :9].max() < 1e-8 and miss.max() < 2e-3  # courses are taken over short blocks
+    assert miss[:13, :13].max() < 1e-8 and miss.max() < 2e-3  # courses are taken over short blocks

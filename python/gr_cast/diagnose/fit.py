@@ -96,6 +96,10 @@ class Fit:
     def covariance(self) -> np.ndarray:
         return invert(self.hessian + np.diag(self.model.prior_precision()))
 
+    def came(self, signal: np.ndarray) -> np.ndarray:
+        """A signal of the recording as it came in, before the receiver's inversion where there is one."""
+        return np.conj(signal) if self.chain.facing < 0 else signal
+
 
 def invert(matrix: np.ndarray, blind: float = 0.0) -> np.ndarray:
     """Inverse of a symmetric matrix, scaled to unit diagonal first; directions with less than `blind` of
@@ -219,6 +223,8 @@ def with_noise(fit: Fit, model: Model) -> Data:
                 family.variance(fit.data.scene, effect, fit.chain.wanted),
                 family.spectrum(fit.data.scene, effect),
             )
+            if s is not None and fit.chain.facing < 0:
+                s = np.roll(s[::-1], 1)
             variance = v if variance is None else variance if v is None else variance * v
             spectrum = s if spectrum is None else spectrum if s is None else spectrum * s
         elif effect.fixed and family.random:

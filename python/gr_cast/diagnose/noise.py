@@ -17,7 +17,7 @@ def view_of(fit) -> NoiseView:
         use=spread(fit.data.use > 0),
         energy=spread(np.abs(fit.residual) ** 2 / (1.0 if shape is None else shape)),
         wanted_power=spread(np.abs(fit.chain.wanted) ** 2),
-        weighted=spread(fit.residual * fit.data.root**2),
+        weighted=spread(fit.came(fit.residual) * fit.data.root**2),
     )
 
 

@@ -110,8 +110,8 @@ def _bonferroni(log_p: float, cells: int) -> float:
 
 
 def _normal(fit) -> np.ndarray:
-    """(n,) the residual made white and of unit power."""
-    return fit.data.whitened(fit.residual) / np.sqrt(fit.sigma2)
+    """(n,) the residual as it came in, made white and of unit power."""
+    return fit.came(fit.data.whitened(fit.residual)) / np.sqrt(fit.sigma2)
 
 
 def _place_in_code(fit) -> Leftover | None:
@@ -138,7 +138,7 @@ def _place_in_code(fit) -> Leftover | None:
 def _amplitude(fit, inside) -> Leftover | None:
     """Mean residual along and across the prediction, and power, in bins of predicted amplitude."""
     use = inside
-    z, w = _normal(fit)[use], fit.chain.wanted[use]
+    z, w = _normal(fit)[use], fit.came(fit.chain.wanted)[use]
     level = np.abs(w)
     if np.std(level) < 1e-6 * np.mean(level) + 1e-30:
         return None

@@ -30,17 +30,11 @@ class View:
     @cached_property
     def residual(self) -> np.ndarray:
         """The residual before the receiver's inversion, zero where samples are not used."""
-        r = self.fit.residual * self.weight
-        return np.conj(r) if self.inverted else r
-
-    @property
-    def inverted(self) -> bool:
-        return any(e.family == "spectral_inversion" for e in self.fit.model.effects)
+        return self.fit.came(self.fit.residual * self.weight)
 
     @cached_property
     def wanted(self) -> np.ndarray:
-        w = self.fit.chain.wanted
-        return np.conj(w) if self.inverted else w
+        return self.fit.came(self.fit.chain.wanted)
 
     @cached_property
     def carrier(self) -> np.ndarray:
@@ -66,7 +60,7 @@ class View:
     def modulation_peak(self) -> float | None:
         """Cycles over the recording by which the wanted part turns against the prediction, where that is
         far from 0."""
-        y = self.data.y if not self.inverted else np.conj(self.data.y)
+        y = self.fit.came(self.data.y)
         product = self.scene.spread(y * np.conj(self.wanted) * self.weight)
         size = sp_fft.next_fast_len(2 * len(product))
         spectrum = np.abs(sp_fft.fft(product, size))
@@ -214,7 +208,7 @@ class View:
     def _wanted_correlations(self, segments: int, reach: int):
         """c[m, d], d from −reach to reach, of the recording with the prediction, carrier taken out of
         both."""
-        y = (np.conj(self.data.y) if self.inverted else self.data.y) * self.weight * np.conj(self.carrier)
+        y = self.fit.came(self.data.y) * self.weight * np.conj(self.carrier)
         clean = self.wanted / np.where(self.carrier == 0, 1, self.carrier)
         n = self.scene.count
         edges = np.linspace(0, n, segments + 1).astype(int)
@@ -253,7 +247,7 @@ class View:
         segments = min(48, n // LEAST_SEGMENT)
         if segments < 4:
             return []
-        y = (np.conj(self.data.y) if self.inverted else self.data.y) * self.weight * np.conj(self.carrier)
+        y = self.fit.came(self.data.y) * self.weight * np.conj(self.carrier)
         c, lags = self.correlations(0, y, segments, reach=LONGEST_JUMP if self.scene.at is None else None)
         lag, size = lags - round(self.fit.model.base[0]), len(lags)
         if self.scene.sources[0].repeat:
@@ -284,7 +278,7 @@ class View:
     def _joint(self, guess: int, lost: int, later: bool, width: int) -> int:
         """The first sample after a joint, to the sample where the noise allows."""
         low, high = max(0, guess - 2 * width), min(self.scene.count, guess + 2 * width)
-        w, y = self.wanted, (np.conj(self.data.y) if self.inverted else self.data.y)
+        w, y = self.wanted, self.fit.came(self.data.y)
         moved = np.roll(w, lost if later else -lost)
         before, after = (moved, w) if later else (w, moved)
         before, after = before * gain_of(y, before, slice(None, guess)), after * gain_of(y, after, slice(guess, None))

@@ -248,6 +248,7 @@ class Chain:
     y: np.ndarray | None = None
     noise: Callable[["Chain"], np.ndarray] | None = None  # (n,) noise in front of the receiver, where it is played
     wanted: np.ndarray | None = None  # what of y comes from the wanted transmitters
+    facing: int = 1  # −1 where y is the conjugate of what came
 
     def copy(self) -> "Chain":
         other = copy.copy(self)

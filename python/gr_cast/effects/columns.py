@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Derivatives of a prediction, kept in the form in which their inner products are cheap.
 
-`Dense` holds them row by row; `Lags` shifted copies of a few signals, each times 1 and j; `Courses` a few signals times the
-cosines of a slow course. The last two are written out only where many are to be compared with them.
+`Dense` holds them row by row; `Lags` shifted copies of a few signals, each times 1 and j (−j behind an inversion); `Courses` a
+few signals times the cosines of a slow course. The last two are written out only where many are to be compared with them.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,8 @@ class Dense:
     """Derivatives as they are: (k, n) complex."""
 
     signals: np.ndarray
-    paired = kept = False
+    paired = 0
+    kept = False
 
     def __len__(self):
         return len(self.signals)
@@ -43,13 +44,13 @@ class Dense:
 
 @dataclass(frozen=True, kw_only=True)
 class Lags:
-    """c and j·c for every c = signals[i] `lag` samples later, in `entries` (i, lag); zeros where nothing is known."""
+    """c and j·paired·c for every c = signals[i] `lag` samples later, in `entries` (i, lag); zeros where nothing is known."""
 
     signals: np.ndarray  # (u, n)
     entries: tuple
     window: np.ndarray | None = None  # (n,) factor after the shift
     kept: bool = False  # whether `table` is worth its memory: much is compared with it
-    paired = True
+    paired: int = 1  # −1 where the recording is the conjugate
 
     def __len__(self):
         return 2 * len(self.entries)
@@ -77,7 +78,7 @@ class Lags:
 
     def full(self) -> np.ndarray:
         c = self.part(0, self.signals.shape[1])
-        return np.stack([c, 1j * c], 1).reshape(len(self), -1)
+        return np.stack([c, 1j * self.paired * c], 1).reshape(len(self), -1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +113,7 @@ def inner(a, b) -> np.ndarray:
                     product = a.scene.spread(np.conj(u) * row)
                     if b.paired:
                         out[:, i, 2 * j] = weights(product.real, a.orders)
-                        out[:, i, 2 * j + 1] = -weights(product.imag, a.orders)
+                        out[:, i, 2 * j + 1] = -b.paired * weights(product.imag, a.orders)
                     else:
                         out[:, i, j] = weights(product.real, a.orders)
         return out.reshape(len(a), len(b))
@@ -134,14 +135,14 @@ def inner(a, b) -> np.ndarray:
     return _real(total, a.paired, b.paired)
 
 
-def _real(products_, paired_a: bool, paired_b: bool) -> np.ndarray:
-    """Re⟨c, d⟩ for c, j·c against d, j·d where a side is paired."""
+def _real(products_, paired_a: int, paired_b: int) -> np.ndarray:
+    """Re⟨c, d⟩ for c, ±j·c against d, ±j·d where a side is paired."""
     g = products_
-    left = np.stack([g.real, g.imag], 1).reshape(-1, g.shape[1]) if paired_a else g.real
+    left = np.stack([g.real, paired_a * g.imag], 1).reshape(-1, g.shape[1]) if paired_a else g.real
     if not paired_b:
         return left
-    right = np.stack([-g.imag, g.real], 1).reshape(-1, g.shape[1]) if paired_a else -g.imag
-    return np.stack([left, right], 2).reshape(len(left), -1)
+    right = np.stack([-g.imag, paired_a * g.real], 1).reshape(-1, g.shape[1]) if paired_a else -g.imag
+    return np.stack([left, paired_b * right], 2).reshape(len(left), -1)
 
 
 def gram(blocks) -> np.ndarray:

@@ -39,7 +39,7 @@ class DiffuseTail(Family):
         one = before.copy()
         one.paths.append(Path(source=effect.aux["source"], delay=effect.aux["first"], gain=PROBE))
         unit = (rest(one, effect).y - chain.y) / PROBE
-        return Lags(signals=unit[None], entries=tuple((0, k) for k in range(len(effect.p) // 2)))
+        return Lags(signals=unit[None], entries=tuple((0, k) for k in range(len(effect.p) // 2)), paired=chain.facing)
 
     def starts(self, view):
         for i in range(len(view.scene.sources)):

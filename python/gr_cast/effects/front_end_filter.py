@@ -75,11 +75,15 @@ class FrontEndFilter(Family):
 
     def columns(self, scene, effect, chain, before, rest):
         lags = np.delete(np.arange(effect.aux["low"], effect.aux["high"] + 1), -effect.aux["low"])
-        steady = chain.wanted if effect.aux.get("side") == "tx" else before.y
-        if effect.aux.get("side") == "tx" and len(scene.sources) > 1:  # of all that is heard, what this transmitter sent
-            i = effect.aux["source"]
-            steady = (rest(before.copy(), effect, extra=(i, PROBE * before.waves[i])).y - chain.y) / PROBE
-        return Lags(signals=steady[None], entries=tuple((0, int(lag)) for lag in lags))
+        steady = before.y
+        if effect.aux.get("side") == "tx":
+            steady = chain.wanted
+            if len(scene.sources) > 1:  # of all that is heard, what this transmitter sent
+                i = effect.aux["source"]
+                steady = (rest(before.copy(), effect, extra=(i, PROBE * before.waves[i])).y - chain.y) / PROBE
+        elif chain.facing != before.facing:
+            steady = np.conj(before.y)
+        return Lags(signals=steady[None], entries=tuple((0, int(lag)) for lag in lags), paired=chain.facing)
 
     def starts(self, view):
         for low, high in SIZES:

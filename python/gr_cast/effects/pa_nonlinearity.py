@@ -87,7 +87,7 @@ class PaNonlinearity(Family):
         units = [(rest(before.copy(), effect, extra=(i, PROBE * terms[o])).y - chain.y) / PROBE for o in bends]
         entries = [(bends.index(o), 0) for o in orders]
         entries += [(bends.index(o), lag) for lag in lags for o in (0, *orders)]
-        return Lags(signals=np.array(units), entries=tuple(entries))
+        return Lags(signals=np.array(units), entries=tuple(entries), paired=chain.facing)
 
     @staticmethod
     def _shape(orders, lags):

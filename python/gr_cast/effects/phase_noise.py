@@ -53,7 +53,7 @@ class PhaseNoise(Family):
         )
 
     def columns(self, scene, effect, chain, before, rest):
-        return Courses(signals=1j * chain.wanted[None], orders=len(effect.p), scene=scene)
+        return Courses(signals=1j * chain.facing * chain.wanted[None], orders=len(effect.p), scene=scene)
 
     def starts(self, view):
         for size in course_orders(view.scene, MOST):

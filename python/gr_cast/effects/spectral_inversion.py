@@ -13,6 +13,7 @@ class SpectralInversion(Family):
     def apply(self, chain, effect):
         chain.y = np.conj(chain.y)
         chain.wanted = np.conj(chain.wanted)
+        chain.facing = -chain.facing
 
     def values(self, scene, effect, p):
         return {}

@@ -43,7 +43,7 @@ class TapFading(TapFamily):
         steady = before.copy()
         steady.paths.append(replace(path, gain=PROBE * path.gain))
         signal = (rest(steady, effect).y - chain.y) / PROBE
-        return Courses(signals=np.stack([signal, 1j * signal]), orders=len(effect.p) // 2, scene=scene)
+        return Courses(signals=np.stack([signal, 1j * chain.facing * signal]), orders=len(effect.p) // 2, scene=scene)
 
     def starts(self, view):
         for k in view.tap_order():
