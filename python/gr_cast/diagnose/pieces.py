@@ -10,6 +10,7 @@ LONGEST_PIECE, LEAST_PIECE = 2048, 64  # samples that are looked for together
 MOST_PIECES = 1000
 STEP_NATS, JUMP_NATS = 2.0, 100.0  # that a piece must bring to stand one sample, or many, from the one before it
 SPREAD = 8  # samples on either side in which another path may be the strongest for a while
+HERE = 1.05  # by which a piece that stands where the whole recording stands is believed more
 FEWEST = 3  # pieces on either side of a jump
 
 
@@ -25,11 +26,14 @@ def segments(samples, waveforms, delay: int) -> list[tuple[int, int, int]]:
         return [(0, len(samples), delay)]
     turn = _carrier(samples, waveforms[0], delay, pieces)
     told = np.array([sum(_nats(samples, x, delay, a, b, turn) for x in waveforms) for a, b in pieces])
+    told[:, REACH - SPREAD : REACH + SPREAD + 1] *= HERE  # pilots on every sixth carrier look alike a sixth of a symbol away
     lags = _course(ndimage.maximum_filter1d(told, 2 * SPREAD + 1, axis=1))
     jumps = np.flatnonzero(np.abs(np.diff(lags)) > SPREAD)
     ends = np.append(jumps, len(lags) - 1)
     jumps = jumps[np.diff(np.concatenate([[-1], ends]))[:-1] >= FEWEST]
     jumps = jumps[len(lags) - 1 - jumps >= FEWEST]
+    if not len(jumps):
+        return [(0, len(samples), delay)]
     edges = [0, *((pieces[k][1] + pieces[k + 1][0] + lags[k] + lags[k + 1]) // 2 + delay for k in jumps), len(samples)]
     around = [delay + round(np.median(part)) for part in np.split(lags, jumps + 1)]
     return [(int(a), int(b), at) for a, b, at in zip(edges, edges[1:], around, strict=False)]
