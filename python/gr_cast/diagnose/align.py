@@ -135,7 +135,10 @@ def find_delay(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: fl
 def find_near(y: np.ndarray, sources: list[Source], centre: int, reach: int):
     """`find_delay` by short segments within `reach` of a delay, for waveforms sent once and any carrier offset; and
     whether the delay stands out clearly."""
-    long, short = (_near(y, sources, centre, reach, segment) for segment in SEGMENTS)
+    long = _near(y, sources, centre, reach, SEGMENTS[0])
+    if long[2]:
+        return long
+    short = _near(y, sources, centre, reach, SEGMENTS[1])
     return short if short[1] > SHORT_FACTOR * long[1] else long
 
 
