@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gr_cast.diagnose import align, ambiguity, read_case
 from gr_cast.diagnose.ownership import kind_of
-from gr_cast.diagnose.search import _polished, causes, refit
+from gr_cast.diagnose.search import _colour, _polished, causes, refit
 from gr_cast.diagnose.view import View
 from gr_cast.effects import FAMILIES
 from gr_cast.effects.base import start
@@ -90,3 +90,14 @@ def test_peaks_of_a_band_of_noise_are_no_tones(world, tmp_path, half_width, tone
     case = read_case(world.write(tmp_path / "case", world.noisy(world.clean() + draw)))
     _, data, model = align.build(case, case.observations[0])
     assert View(refit(data, model)).lines(count=2)[:1] == [0.21 * n] * tones
+
+
+@pytest.mark.parametrize("a", [0.0, 0.4])
+def test_coloured_noise_is_worth_what_its_entropy_lacks(world, tmp_path, a):
+    noise = world.noisy(np.zeros(len(world.n)))
+    case = read_case(world.write(tmp_path / "case", world.clean() + noise + a * np.roll(noise, 1)))
+    _, data, model = align.build(case, case.observations[0])
+    fit = refit(data, model)
+    # The geometric mean of |1 + a·e^jω|² is 1, its mean 1 + a² (Kolmogorov's formula)
+    want = max(0.0, data.count * np.log(1 + a**2) - 10 * np.log(data.count))
+    assert _colour(fit) == pytest.approx(want, rel=0.1)

@@ -13,7 +13,7 @@ from ..effects.base import RX_FILTER, RX_GAIN, start
 from ..effects.columns import Dense, Lags, against, gram, inner
 from ..effects.quantization import is_coarse
 from . import heldout, noise, offsets
-from .fit import Data, Fit, invert, misfit, solve, with_noise
+from .fit import COLOUR_ORDERS, Data, Fit, filters_noise, invert, misfit, smooth_spectrum, solve, with_noise
 from .model import RIDGE, Model, _run, _start_chain, _steps, effect_columns, predict
 from .view import View
 
@@ -133,12 +133,26 @@ def score(fit: Fit, effect: Effect) -> Score:
     else:
         cost = occam + 0.5 * np.log(n)
     gain = -n * np.log(max(1 - gain / n, 1e-12))  # the noise level is fitted too
+    if stage_of(effect) == RX_FILTER and not filters_noise(fit.model):
+        gain += _colour(fit)
     found = replace(effect, p=p)
     if prior is not None:
         full = effect.prior.copy()
         full[free] = prior
         found = replace(found, prior=full)
     return Score(net=float(gain - cost - np.log(effect.trials)), effect=found)
+
+
+def _colour(fit: Fit) -> float:
+    """Nats that a receiver's filter may bring by the noise that passes it, its price paid."""
+    if fit.data.spectrum is not None:
+        return 0.0
+    if "colour" not in fit.notes:
+        spectrum, n = smooth_spectrum(fit.data, fit.residual), fit.data.count
+        power = np.abs(sp_fft.fft(fit.residual * (fit.data.use > 0))) ** 2
+        gain = n * np.log(power.mean() / np.mean(power / spectrum)) - COLOUR_ORDERS * np.log(n)
+        fit.notes["colour"] = max(0.0, float(gain))
+    return fit.notes["colour"]
 
 
 def _derivatives(fit: Fit, probe: Effect):
@@ -260,7 +274,8 @@ def _candidates(fit: Fit) -> list[Score]:
             if effect.family in ONCE and any(e.family == effect.family for e in fit.model.effects):
                 continue
             scores.append(score(fit, effect))
-    if not fit.data.late and max((s.net for s in scores), default=0.0) < CLEAR_NATS:  # else what is left is not the noise's yet
+    of_signal = (s.net - _colour(fit) * (stage_of(s.effect) == RX_FILTER) for s in scores)
+    if not fit.data.late and max(of_signal, default=0.0) < CLEAR_NATS:  # else what is left is not the noise's yet
         scores += [Score(net=net, effect=effect) for net, effect in noise.starts(fit)]
     scores.sort(key=lambda s: -s.net)
     kept, per_family = [], {}

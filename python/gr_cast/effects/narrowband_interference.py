@@ -9,6 +9,7 @@ from .noise_family import NoiseFamily, two_levels
 
 NYQUIST = 0.01  # of the sample rate on either side of its half: what interpolation between samples cannot know
 
+WIDEST = 3  # a band wider than this part of the rate is what a filter leaves of the noise
 FINE = 12  # steps per cell in which the edges of a band are looked for
 
 
@@ -66,7 +67,7 @@ class NarrowbandInterference(NoiseFamily):
                 best = (float(gain[i]), i, length)
         gain, i, length = best
         share = view.use.sum() / n
-        if gain * share < 20:
+        if gain * share < 20 or length > cells // WIDEST:
             return 0.0, None
         gain, first, last = _edges(power, edges[i % cells], edges[i % cells] + n2[i + length] - n2[i], n // cells)
         on_n = last - first
