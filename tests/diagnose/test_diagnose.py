@@ -49,6 +49,19 @@ def test_late_paths_tell_whose_a_large_offset_is_and_its_sign(world, tmp_path, s
     assert abs(offset["value"] - offset_hz) < 4 * offset["std"] < 2.0
 
 
+@pytest.mark.parametrize("side", ["tx", "rx"])
+def test_a_fast_hum_is_on_the_side_that_late_paths_and_noise_tell(world, tmp_path, side):
+    hum = lambda n: 1 + 0.08 * np.cos(2 * np.pi * 151.3 * n / len(world.n) + 1)  # noqa: E731
+    if side == "tx":
+        y = world.noisy(0.3 * sum(a * world.path(d) * hum(world.n - d) for d, a in world.taps))
+    else:
+        y = world.noisy(world.clean()) * hum(world.n)
+    document = run(world, tmp_path, y)
+    assert named(document) == ["power_supply_hum"]
+    assert document["effects"][0]["owner"]["level"] == side
+    assert said(document, "power_supply_hum", "depth")["value"] == pytest.approx(0.08, abs=0.002)
+
+
 @pytest.mark.parametrize("cause", ["phase_noise", "front_end_filter", "narrowband_interference", "diffuse_tail"])
 def test_behind_an_inversion_other_causes_are_what_they_are(world, tmp_path, cause):
     y, n, rng = world.clean(), len(world.n), world.rng

@@ -8,6 +8,7 @@ import pytest
 from gr_cast.diagnose.model import Model, jacobian, predict
 from gr_cast.effects import FAMILIES
 from gr_cast.effects.base import start
+from gr_cast.effects.basis import course
 from gr_cast.effects.chain import PAD, Path, Scene, Source
 from gr_cast.effects.columns import Courses, Dense, Lags, gram
 from gr_cast.effects.quantization import mean_of_quantizer, variance_of_quantizer
@@ -92,6 +93,21 @@ def test_a_transmitters_offset_comes_as_late_as_the_path(cycles):
     want = at(N) * turn + 0.5j * at(N - 31) * turn * np.exp(-2j * np.pi * cycles * 31 / COUNT)
     ratio = predicted(taps, effect) / want
     assert np.allclose(ratio, ratio[0], atol=1e-9) and abs(ratio[0]) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("name", ["power_supply_hum", "phase_noise", "gain_drift"])
+def test_what_a_transmitter_does_over_time_comes_as_late_as_the_path(name):
+    taps = [Path(source=0, delay=0.0, gain=1.0), Path(source=0, delay=31.0, gain=0.5j)]
+    u = lambda n: np.clip(n, 0, None) / COUNT  # noqa: E731
+    p, aux, over_time = {
+        "power_supply_hum": ([0.1, -0.05, 40.0], {}, lambda n: 1 + 0.1 * np.cos(w(n)) - 0.05 * np.sin(w(n))),
+        "phase_noise": ([0.0, 0.0, 0.6], {}, lambda n: np.exp(1j * np.interp(n, N, course(np.array([0.0, 0.0, 0.6]), COUNT)))),
+        "gain_drift": ([0.5, -4.0], {"relaxes": True}, lambda n: np.exp(0.5 * (1 - np.exp(-u(n) / np.exp(-4.0))))),
+    }[name]
+    w = lambda n: 2 * np.pi * 40.0 * (n / COUNT - 0.5)  # noqa: E731
+    got = predicted(taps, start(FAMILIES[name], p, aux={**aux, "side": "tx", "source": 0}))
+    want = at(N) * over_time(N) + 0.5j * at(N - 31) * over_time(N - 31)
+    assert np.abs(got - want)[40:].max() < 2e-3 * np.abs(want).max()
 
 
 def test_an_image_rejection_is_the_power_of_the_conjugate():

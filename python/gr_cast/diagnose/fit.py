@@ -281,7 +281,7 @@ def gain_of_receiver(fit: Fit, model: Model):
     chain.y = chain.wanted = np.ones(fit.data.scene.count)
     changed = False
     for effect in model.effects:
-        if stage_of(effect) == RX_GAIN and effect.aux.get("side") != "tx":
+        if stage_of(effect) == RX_GAIN:
             FAMILIES[effect.family].apply(chain, effect)
             changed = True
     return np.maximum(chain.y**2, 1e-6) if changed else None

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..effects import FAMILIES, Effect, stage_of
-from ..effects.base import RX_GAIN, TX_LO
+from ..effects.base import TX_LO
 from .fit import Fit, invert
 from .search import refit
 
@@ -71,15 +71,14 @@ def kind_of(finding, effect: Effect) -> tuple:
     family = FAMILIES[effect.family]
     if family.level == "link":
         return (effect.family, link_of(finding, effect), effect.aux.get("tap"))
-    either = stage_of(effect) == RX_GAIN or effect.family == "carrier_frequency_offset"  # on which side, all recordings tell
-    side = None if either else effect.aux.get("side")
+    side = None if family.either_side else effect.aux.get("side")
     converter = finding.observation.receiver if "read" in effect.aux else None  # two that clip are two
     return (effect.family, side, effect.aux.get("code"), sender(finding, effect), converter)
 
 
 def sender(finding, effect: Effect) -> str | None:
     """The transmitter whose signal alone an effect changes, where others are heard beside it."""
-    several = len(finding.scene.transmitters) > 1 and stage_of(effect) < TX_LO
+    several = len(finding.scene.transmitters) > 1 and stage_of(effect) <= TX_LO
     return finding.scene.transmitters[effect.aux["source"]] if several and "source" in effect.aux else None
 
 

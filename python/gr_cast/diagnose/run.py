@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..effects import FAMILIES, Effect, stage_of
-from ..effects.base import RX_GAIN, start
+from ..effects import FAMILIES, Effect
+from ..effects.base import start
 from ..effects.noise_family import profile
-from ..effects.phase_noise import MOST, shape_of
+from ..effects.phase_noise import MOST
 from ..effects.signal_dependent_noise import told_floor
 from . import align, ambiguity, gate, heldout, joints, noise, offsets, residual
 from .finding import MOST_TRUSTED, Finding, Worth, nmse, worth
@@ -208,7 +208,7 @@ def _settle(fit: Fit, finer: bool) -> Fit:
         freed = refit(fit.data, replace(fit.model, effects=effects))
         if freed.likelihood > fit.likelihood - 1.0:
             fit = freed
-    fit = _with_jitter(_whose_gain(_finer(fit) if finer else fit))
+    fit = _with_jitter(_finer(fit) if finer else fit)
     covariance = fit.covariance
     effects = []
     for i, e in enumerate(fit.model.effects):
@@ -236,10 +236,7 @@ def _finer(fit: Fit) -> Fit:
         return fit
     effect, tried = fit.model.effects[at], [fit]
     for law in ({"law": "flat"}, {"law": "held", "corner": size / 8}):
-        prior = shape_of(law, size)
-        prior *= effect.prior.sum() / prior[:MOST].sum()
-        p = np.concatenate([effect.p, np.zeros(size - MOST)])
-        wide = replace(effect, p=p, prior=prior, free=np.ones(size, bool), aux=law)
+        wide = FAMILIES["phase_noise"].wider(effect, size, law)
         tried.append(refit(fit.data, _with(fit.model, at, wide)))
     return max(tried, key=lambda f: f.evidence)
 
@@ -271,15 +268,6 @@ def _directions(fit: Fit):
     turned = (fit.residual * np.conj(w))[used]
     power = np.maximum(np.abs(w[used]) ** 2, 1e-300)
     return turned.imag**2 / power, turned.real**2 / power, power
-
-
-def _whose_gain(fit: Fit) -> Fit:
-    """A gain that changes is the transmitter's where the noise does not change with it."""
-    for i, e in enumerate(fit.model.effects):
-        if stage_of(e) == RX_GAIN and not e.fixed:
-            other = refit(fit.data, _with(fit.model, i, replace(e, aux={**e.aux, "side": "tx"})))
-            fit = other if other.likelihood > fit.likelihood + 1.0 else fit
-    return fit
 
 
 def _floor(finding: Finding) -> None:

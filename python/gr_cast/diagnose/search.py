@@ -9,8 +9,10 @@ import numpy as np
 from scipy import fft as sp_fft
 
 from ..effects import FAMILIES, Effect, stage_of
-from ..effects.base import RX_FILTER, RX_GAIN, start
+from ..effects.base import RX_FILTER, RX_GAIN, RX_LO, start
+from ..effects.basis import course_orders
 from ..effects.columns import Dense, Lags, against, gram, inner
+from ..effects.phase_noise import MOST
 from ..effects.quantization import is_coarse
 from . import heldout, noise, offsets
 from .fit import COLOUR_ORDERS, Data, Fit, filters_noise, invert, misfit, smooth_spectrum, solve, with_noise
@@ -296,6 +298,7 @@ ONCE = {
     "gain_drift",
     "sample_clock_offset",
     "dc_offset",
+    "power_supply_hum",
 }
 
 
@@ -335,13 +338,13 @@ def search(data: Data, model: Model, proof_deadline: float = np.inf) -> list[Fit
         rounds = 0 if leader.evidence > before else rounds + 1
         if causes(leader.model) >= MOST_EFFECTS:
             break
-        beam = [_on_its_side(data, f) for f in _best(grown.values(), leader, leader.evidence - before)]
+        beam = [_on_their_sides(data, f) for f in _best(grown.values(), leader, leader.evidence - before)]
         done |= {f.model.families: f for f in beam}
         if not any(f is leader or not f.model.flexible for f in beam):
             break
     ranked = sorted(done.values(), key=lambda f: -f.evidence)
     cut, data = data.late, replace(data, deadline=max(data.deadline, proof_deadline))
-    best = _on_its_side(data, proven(data, eliminate(data, _polished(data, ranked[0]), ranked), ranked))
+    best = _on_their_sides(data, proven(data, eliminate(data, _polished(data, ranked[0]), ranked), ranked))
     best.notes["cut"] = cut or data.late
     return [best, *ranked]
 
@@ -350,7 +353,7 @@ def _beginnings(data: Data, model: Model) -> list[Fit]:
     """The fits that a search begins with, the best first: as the twin has it, and with the offset at which the recording
     turns against it."""
     turning = [other for way in _ways_round(data.scene, model) for other in _gross_offsets(data, way)]
-    fits = [refit(data, model), *(_on_its_side(data, refit(data, other)) for other in turning)]
+    fits = [refit(data, model), *(_on_their_sides(data, refit(data, other)) for other in turning)]
     worth = {id(f): f.evidence - MARGIN * _inverted(f.model) for f in fits}
     fits.sort(key=lambda f: -worth[id(f)])
     return [f for f in fits if worth[id(f)] > worth[id(fits[0])] - 10.0][:BEAM]
@@ -373,7 +376,32 @@ def _inverted(model: Model) -> bool:
     return any(e.family == "spectral_inversion" for e in model.effects)
 
 
-def _on_its_side(data: Data, fit: Fit) -> Fit:
+def _on_their_sides(data: Data, fit: Fit) -> Fit:
+    """The fit with what either side may have on the sides that make the recording likelier: a gain that changes is a
+    transmitter's where the noise does not change with it, and so is what changes later on late paths."""
+    fit = _whose_carrier(data, fit)
+    for k, effect in enumerate(fit.model.effects):
+        stage, family = stage_of(effect), FAMILIES[effect.family]
+        of_either = stage == RX_GAIN or stage == RX_LO and family.linear and _is_late(fit, effect)
+        if effect.fixed or data.late or not of_either:
+            continue
+        forms = [replace(effect, aux={**effect.aux, "side": "tx", "source": i}) for i in range(len(data.scene.sources))]
+        if family.linear:  # on the wrong side only slow wander could be followed
+            sizes = [size for size in course_orders(data.scene, MOST) if size > len(effect.p)]
+            forms += [family.wider(forms[0], size, {"law": "held", "corner": size / 8}) for size in sizes]
+        best = max((refit(data, fit.model.without(k).adding(form)) for form in forms), key=lambda f: f.evidence)
+        if best.evidence > fit.evidence + 1.0:
+            return _on_their_sides(data, best)
+    return fit
+
+
+def _is_late(fit: Fit, effect: Effect) -> bool:
+    """Whether a course of the phase would differ between the paths of the one transmitter."""
+    course = FAMILIES[effect.family].course(fit.data.scene, effect, effect.p)
+    return len(fit.data.scene.sources) == 1 and fit.chain.late_by_its_path(0, course)
+
+
+def _whose_carrier(data: Data, fit: Fit) -> Fit:
     """The fit with a carrier offset on the side that the phases of late paths tell, or the edges of the band; unsaid where
     they do not."""
     scene, model, family = data.scene, fit.model, FAMILIES["carrier_frequency_offset"]

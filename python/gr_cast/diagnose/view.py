@@ -15,6 +15,7 @@ SKIRT, AROUND = 6, 64  # half cycles over the recording: what a line reaches its
 LEAST_SEGMENT = 40  # samples in which a waveform is looked for alone
 LONGEST_JUMP = 900  # samples of a waveform that is sent once; of one that repeats every jump is one within its period
 JUMP_NATS = 10.0  # by which two parts must be likelier than one
+SHORT_HUM = 200.0  # cycles over the recording up to which a hum is looked for, however short it is
 LINE_NATS = 5.0  # by which a line stands out of the largest of as many peaks of noise
 
 
@@ -39,7 +40,8 @@ class View:
     @cached_property
     def carrier(self) -> np.ndarray:
         """The complex factor that oscillators and gain put on every path of the first transmitter."""
-        return self.receiver * self.fit.chain.carriers.get(0, (0.0, 1.0))[1]
+        chain = self.fit.chain
+        return self.receiver * chain.carriers.get(0, (0.0, 1.0))[1] * chain.modulations.get(0, 1.0)
 
     @cached_property
     def receiver(self) -> np.ndarray:
@@ -83,8 +85,8 @@ class View:
 
     @property
     def hum_bins(self) -> float:
-        """Cycles up to which a hum is looked for: 20 kHz, or a sixteenth of the rate."""
-        return min(20e3 * self.scene.duration_s, self.scene.span / 16)
+        """Cycles up to which a hum is looked for: 20 kHz, more in a short recording (supplies switch up to some MHz)."""
+        return min(max(20e3 * self.scene.duration_s, SHORT_HUM), self.scene.span / 16)
 
     def lines(self, count: int) -> list[float]:
         """Cycles over the recording of the strongest lines of the residual that stand out of their surroundings: the
@@ -172,7 +174,11 @@ class View:
             u=self.fit.chain.u,
             shift=self.fit.chain.shift,
         )
-        chain.waves, chain.carriers = self.fit.chain.waves, self.fit.chain.carriers
+        chain.waves, chain.carriers, chain.modulations = (
+            self.fit.chain.waves,
+            self.fit.chain.carriers,
+            self.fit.chain.modulations,
+        )
         out = []
         for k in range(len(self.scene.taps)):
             one = chain.copy()

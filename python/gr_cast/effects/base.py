@@ -70,6 +70,7 @@ class Family:
     linear = False  # the prediction is linear in its numbers
     flexible = False  # fits much: tried after the simple ones
     linear = False  # the prediction is linear in its numbers: no step is too long
+    either_side = False  # the same of a transmitter or the receiver but for small traces: all recordings together tell
     leaps = False  # no small step leads to it: all else must move with it before its worth is seen
     random = False  # its numbers are a law: what a twin has of it runs another course in every recording
     same_as: dict[str, str] = {}  # families that are counted as the same answer, and when
@@ -160,6 +161,12 @@ def turned(p: np.ndarray, cycles: float) -> np.ndarray:
     """Numbers whose first two are Re and Im of a gain, after so many cycles."""
     gain = complex_pair(p) * np.exp(2j * np.pi * cycles)
     return np.concatenate([[gain.real, gain.imag], p[2:]])
+
+
+def side_of(model: dict) -> dict:
+    """The side of an effect that either may have, as `aux` holds it: where a diagnosis saw it ("at"), whoever it holds to own
+    it, else the owner's."""
+    return {"side": "tx", "source": model.get("source", 0)} if model.get("at", model.get("side")) == "tx" else {}
 
 
 def rms_of(scene, effect: Effect) -> float:

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .base import RX_LO, TX_LO, Family, start
+from .base import RX_LO, TX_LO, Family, side_of, start
 
 FASTEST_DRIFT = 1e-3  # share of the carrier per second; what turns faster is no oscillator's drift
 LEAST_DRIFT = 0.1  # cycles of it that a recording must be long enough for
@@ -20,6 +20,7 @@ class CarrierFrequencyOffset(Family):
     name = "carrier_frequency_offset"
     level = "tx"
     stage = RX_LO
+    either_side = True
     follows_carrier = {"offset_hz": 1, "drift_hz_per_s": 1}
 
     def at(self, effect):
@@ -73,9 +74,7 @@ class CarrierFrequencyOffset(Family):
 
     def parse(self, scene, parameters, model):
         drift = parameters.get("drift_hz_per_s", 0.0) * scene.duration_s**2
-        side = model.get("at", model.get("side"))  # a diagnosis says where it saw the offset, whoever it holds to own it
-        aux = {"side": "tx", "source": model.get("source", 0)} if side == "tx" else {}
-        return start(self, [parameters.get("offset_hz", 0.0) * scene.duration_s + 0.5 * drift, drift], aux=aux)
+        return start(self, [parameters.get("offset_hz", 0.0) * scene.duration_s + 0.5 * drift, drift], aux=side_of(model))
 
     def model(self, scene, effect):
         return {"at": effect.aux.get("side", "rx")}

@@ -23,6 +23,7 @@ OVERSAMPLING = 8
 BINS = 512  # of a coarse spectrum
 KEPT_DELAYS = 16
 KEPT_TABLES = 4
+SLOW = 3e-4  # by which a gain may change between two paths that are taken together
 FEW_PATHS = 3  # that are cheaper one by one from a table than together by an FFT
 
 
@@ -241,6 +242,7 @@ class Chain:
     waves: list[np.ndarray] = field(default_factory=list)
     leaks: dict[int, complex] = field(default_factory=dict)
     carriers: dict[int, tuple] = field(default_factory=dict)  # of a source: cycles per sample, (n,) turn at no delay
+    modulations: dict[int, np.ndarray] = field(default_factory=dict)  # of a source: (n,) gain over time at no delay
     paths: list[Path] = field(default_factory=list)
     clock: float = 0.0  # samples that the received waveform gains over the recording
     shift: np.ndarray | None = None  # (n,) whole samples that the recording is ahead
@@ -259,12 +261,14 @@ class Chain:
         """y = Σ paths; paths that share source, Doppler and track are added in the frequency domain."""
         scene = self.scene
         groups: dict[tuple, list[Path]] = {}
+        fast = {i for i, gain in self.modulations.items() if self.late_by_its_path(i, gain)}
         for path in self.paths:
-            groups.setdefault((path.source, path.doppler, path.drift, id(path.track)), []).append(path)
+            alone = path.delay if path.source in fast else None
+            groups.setdefault((path.source, path.doppler, path.drift, id(path.track), alone), []).append(path)
         y = np.zeros(scene.count, complex)
         spectra = {}
         carrier = {i: self.carriers.get(i, (0.0, 1.0)) for i in range(len(self.waves))}
-        for (i, doppler, drift, _), paths in groups.items():
+        for (i, doppler, drift, _, alone), paths in groups.items():
             stretch = self.clock - drift
             if self.slips(stretch) and len(paths) <= FEW_PATHS and all(p.shape is None for p in paths):
                 signal = sum(
@@ -283,15 +287,33 @@ class Chain:
                 signal = signal * np.exp(1j * TAU * doppler * self.u)
             if paths[0].track is not None:
                 signal = signal * paths[0].track
+            if i in self.modulations:
+                signal = signal * self._modulation(i, alone)
             y += self.ports.get(i, 1.0) * signal * carrier[i][1]
         for i, leak in self.leaks.items():
             for path in self.paths:
                 if path.source == i:
                     tone = np.exp(1j * TAU * path.doppler * self.u) if path.doppler else 1.0
                     gain = path.gain if path.shape is None else path.gain * _turned_shape(path, carrier[i][0]).sum()
-                    y += self.ports.get(i, 1.0) * leak * gain * _behind(path, carrier[i][0]) * tone * carrier[i][1]
+                    turn = _behind(path, carrier[i][0]) * carrier[i][1] * self._modulation(i)
+                    y += self.ports.get(i, 1.0) * leak * gain * tone * turn
         self.y = y
         self.wanted = self.y
+
+    def modulate(self, source: int, factor: np.ndarray) -> None:
+        """Put a factor over time (n,) on what a transmitter sends."""
+        self.modulations = {**self.modulations, source: self.modulations.get(source, 1.0) * factor}
+
+    def late_by_its_path(self, source: int, gain: np.ndarray) -> bool:
+        """Whether a factor over time (n,) of a transmitter changes between the delays of its paths."""
+        delays = [p.delay for p in self.paths if p.source == source]
+        return float(np.abs(np.diff(gain)).max()) * (max(delays) - min(delays)) > SLOW
+
+    def _modulation(self, source: int, delay: float | None = None):
+        """(n,) a transmitter's gain as a path of this delay brings it; None: where the delay makes no difference."""
+        gain = self.modulations.get(source, 1.0)
+        u = self.scene.u
+        return np.interp(u - delay / self.scene.span, u, gain) if delay else gain
 
     def _response(self, path: Path, size: int, carrier: float) -> np.ndarray:
         turn = path.gain * _behind(path, carrier) * self.scene.delayed(path.delay + self.delay, size, carrier)

@@ -4,12 +4,12 @@
 
 import numpy as np
 
-from .base import RX_GAIN, Family, start
+from .base import side_of, start
+from .gain_family import GainFamily
 
 
-class GainDrift(Family):
+class GainDrift(GainFamily):
     name = "gain_drift"
-    stage = RX_GAIN
 
     def _shape(self, u, effect, p):
         if not effect.aux.get("relaxes"):
@@ -17,10 +17,8 @@ class GainDrift(Family):
         tau = np.exp(p[1])
         return (1 - np.exp(-u / tau)) / (1 - np.exp(-1 / tau))
 
-    def apply(self, chain, effect):
-        factor = np.exp(effect.p[0] * self._shape(chain.scene.u, effect, effect.p))
-        chain.y = chain.y * factor
-        chain.wanted = chain.wanted * factor
+    def factor(self, scene, effect):
+        return np.exp(effect.p[0] * self._shape(scene.u, effect, effect.p))
 
     def starts(self, view):
         yield start(self, [0.0, 0.0], free=[True, False])
@@ -40,10 +38,10 @@ class GainDrift(Family):
         share = np.expm1(-scene.duration_s / tau_s) / np.expm1(-told_s / tau_s) if relaxes else scene.duration_s / told_s
         tau = np.log(tau_s / scene.duration_s) if relaxes else 0.0
         total = parameters["total_db"] * np.log(10) / 20 * share
-        return start(self, [total, tau], free=[True, relaxes], aux={"relaxes": relaxes})
+        return start(self, [total, tau], free=[True, relaxes], aux={"relaxes": relaxes, **side_of(model)})
 
     def model(self, scene, effect):
-        return {"duration_s": scene.duration_s}
+        return {**super().model(scene, effect), "duration_s": scene.duration_s}
 
     def describe(self, number):
         return f"The gain drifts by {number('total_db')} over the recording."

@@ -4,18 +4,16 @@
 
 import numpy as np
 
-from .base import RX_GAIN, Family, start
+from .base import side_of, start
+from .gain_family import GainFamily
 
 
-class GainStep(Family):
+class GainStep(GainFamily):
     name = "gain_step"
-    stage = RX_GAIN
 
-    def apply(self, chain, effect):
+    def factor(self, scene, effect):
         step, u0 = effect.p
-        factor = np.where(chain.scene.u >= u0, np.exp(step), 1.0)
-        chain.y = chain.y * factor
-        chain.wanted = chain.wanted * factor
+        return np.where(scene.u >= u0, np.exp(step), 1.0)
 
     def starts(self, view):
         score, norm = view.amplitude_moments()
@@ -39,6 +37,7 @@ class GainStep(Family):
             self,
             [parameters["step_db"] * np.log(10) / 20, parameters["time_s"] / scene.duration_s],
             free=[True, False],
+            aux=side_of(model),
         )
 
     def where(self, scene, effect, values):

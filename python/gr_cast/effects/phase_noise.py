@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .base import RX_LO, Family, start
+from .base import RX_LO, TX_LO, Family, side_of, start
 from .basis import course_length, course_orders, grid_of
 from .columns import Courses
 
@@ -32,17 +32,22 @@ class PhaseNoise(Family):
     flexible = True
     linear = True
     random = True
+    either_side = True
     follows_carrier = {"linewidth_hz": 2, "rms_rad": 1}
 
     def at(self, effect):
-        return RX_LO
+        return TX_LO if effect.aux.get("side") == "tx" else RX_LO
 
     def course(self, scene, effect, p):
         return scene.course(p)
 
     def apply(self, chain, effect):
-        chain.y = chain.y * np.exp(1j * self.course(chain.scene, effect, effect.p))
-        chain.wanted = chain.y
+        turn = np.exp(1j * self.course(chain.scene, effect, effect.p))
+        if effect.aux.get("side") == "tx":
+            chain.modulate(effect.aux["source"], turn)
+        else:
+            chain.y = chain.y * turn
+            chain.wanted = chain.y
 
     def nest(self, scene, effect):
         size = course_orders(scene, MOST)[-1]
@@ -60,6 +65,14 @@ class PhaseNoise(Family):
             laws = [{"law": "flat"}, {"law": "held", "corner": size / 8}]
             for law in [{"law": "free"}, *laws] if size < 200 else laws:
                 yield start(self, np.zeros(size), prior=shape_of(law, size), trials=12, aux=law)
+
+    def wider(self, effect, size: int, law: dict):
+        """The effect followed to `size` cosines under another law, with the power that it has."""
+        prior, have = shape_of(law, size), len(effect.p)
+        prior *= effect.prior.sum() / prior[:have].sum()
+        side = {key: effect.aux[key] for key in ("side", "source") if key in effect.aux}
+        p = np.concatenate([effect.p, np.zeros(size - have)])
+        return replace(effect, p=p, prior=prior, free=np.ones(size, bool), aux=law | side)
 
     def values(self, scene, effect, p):
         unseen = float(np.sum(effect.aux.get("_variance", [0.0])))  # of the course around its estimate
@@ -90,10 +103,11 @@ class PhaseNoise(Family):
             prior = 2 * told["linewidth_hz"] * scene.duration_s / np.pi / k**2
         else:
             prior = parameters.get("rms_rad", 0.0) ** 2 / k**2 / np.sum(1.0 / k**2)
-        return start(self, np.zeros(len(k)), prior=prior, aux=law)
+        return start(self, np.zeros(len(k)), prior=prior, aux=law | side_of(model))
 
     def model(self, scene, effect):
         law = {"law": effect.aux.get("law", "free"), "highest_hz": len(effect.p) / 2 / scene.duration_s}
+        law["at"] = effect.aux.get("side", "rx")
         if law["law"] == "held":
             return law | {"corner_hz": effect.aux["corner"] / 2 / scene.duration_s}
         return law | ({"linewidth_hz": np.pi / 2 / scene.duration_s * effect.prior[0]} if law["law"] == "free" else {})

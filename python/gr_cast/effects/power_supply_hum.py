@@ -4,19 +4,17 @@ the recording."""
 
 import numpy as np
 
-from .base import RX_GAIN, Family, start, turned
+from .base import side_of, start, turned
+from .gain_family import GainFamily
 
 
-class PowerSupplyHum(Family):
+class PowerSupplyHum(GainFamily):
     name = "power_supply_hum"
-    stage = RX_GAIN
 
-    def apply(self, chain, effect):
+    def factor(self, scene, effect):
         a, b, cycles = effect.p
-        angle = 2 * np.pi * cycles * (chain.scene.u - 0.5)
-        factor = 1 + a * np.cos(angle) + b * np.sin(angle)
-        chain.y = chain.y * factor
-        chain.wanted = chain.wanted * factor
+        angle = 2 * np.pi * cycles * (scene.u - 0.5)
+        return 1 + a * np.cos(angle) + b * np.sin(angle)
 
     def starts(self, view):
         for cycles in view.amplitude_lines(count=2):
@@ -31,12 +29,12 @@ class PowerSupplyHum(Family):
     def parse(self, scene, parameters, model):
         m, cycles = parameters["depth"], parameters["frequency_hz"] * scene.duration_s
         phase = model.get("phase_rad", 0.0) + np.pi * cycles
-        return start(self, [m * np.cos(phase), -m * np.sin(phase), cycles])
+        return start(self, [m * np.cos(phase), -m * np.sin(phase), cycles], aux=side_of(model))
 
     def model(self, scene, effect):
         cycles = abs(effect.p[2])
         phase = np.arctan2(-np.sign(effect.p[2]) * effect.p[1], effect.p[0]) - np.pi * cycles  # at t = 0
-        return {"phase_rad": float((phase + np.pi) % (2 * np.pi) - np.pi)}
+        return {**super().model(scene, effect), "phase_rad": float((phase + np.pi) % (2 * np.pi) - np.pi)}
 
     def describe(self, number):
         return f"The gain hums at {number('frequency_hz')} with a depth of {number('depth')}."
