@@ -7,6 +7,7 @@ import yaml
 from conftest_world import RATE_HZ
 from gr_cast import recording
 from gr_cast.diagnose import diagnose, read_case
+from scipy import signal
 
 PATIENCE_S = 3000.0  # the time limit has a test of its own; a busy machine decides nothing here
 
@@ -113,6 +114,21 @@ def test_dc_with_a_carrier_offset_in_the_twin_is_dc_and_not_leakage(world, tmp_p
     document = diagnose(read_case(folder), budget_s=PATIENCE_S).document
     assert named(document) == ["dc_offset"]
     assert said(document, "dc_offset", "level_dbc")["value"] == pytest.approx(20 * np.log10(0.03), abs=0.5)
+
+
+def test_noise_that_a_receiver_colours_beside_the_signal_is_no_mismatch(world, tmp_path):
+    """A low-pass far outside the band of a narrow waveform: the wanted signal passes as it is."""
+    code = np.repeat(np.sign(world.rng.normal(size=50)), 16)
+    wave = signal.lfilter(signal.firwin(127, 0.08), 1, np.resize(code, 4000)).astype(np.complex64)[2400:3200]
+    world.x = wave
+    noise = world.noisy(np.zeros(len(world.n)))
+    coloured = signal.filtfilt(*signal.butter(2, 0.75), noise)
+    folder = world.write(tmp_path / "case", world.clean() + coloured)
+    recording.write(folder / "sent", wave, sample_rate_hz=RATE_HZ)
+    twin = yaml.safe_load((folder / "twin.yaml").read_text()) | {"waveforms": {"w1": {"file": "sent", "repeat": True}}}
+    (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
+    document = diagnose(read_case(folder), budget_s=PATIENCE_S).document
+    assert document["verdict"] == "no_mismatch" and document["effects"] == []
 
 
 def test_rails_are_found_to_the_last_bit(world, tmp_path):

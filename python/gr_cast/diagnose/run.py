@@ -5,18 +5,19 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import fft as sp_fft
 
-from ..effects import FAMILIES, Effect
-from ..effects.base import start
+from ..effects import FAMILIES, Effect, stage_of
+from ..effects.base import RX_FILTER, start
 from ..effects.noise_family import profile
 from ..effects.phase_noise import MOST
 from ..effects.signal_dependent_noise import told_floor
 from . import align, ambiguity, gate, heldout, joints, noise, offsets, residual
 from .finding import MOST_TRUSTED, Finding, Worth, nmse, worth
-from .fit import Fit, gain_of_receiver, misfit
+from .fit import COLOUR_ORDERS, Fit, gain_of_receiver, misfit, solve
 from .model import predict
 from .ownership import agree_on_sides
-from .search import refit, search
+from .search import MARGIN, refit, search
 from .verdict import conclude
 
 BUDGET_S = 240.0
@@ -87,6 +88,7 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
     if again is not fit.model:
         fit = refit(data, again)
     fit = _without_fine_lattice(_settle(_without_crowds(_until(fit, deadline)), finer=known is None))
+    fit = _of_noise_alone(fit)
     # In the first fit the wanted signal may have been next to nothing.
     scene.level = known.scene.level if known else scene.rms * _wanted_rms(fit) / _wanted_rms(first)
     finding = Finding(
@@ -119,6 +121,16 @@ def _confirmed(known: Finding, data, model, proof: float) -> list[Fit]:
         if rest.p_value < UNEXPLAINED_P and rest.nats > UNEXPLAINED_NATS + 2 * before.get(rest.test, 0.0):
             return search(data, fit.model, proof)
     return [fit]
+
+
+def _of_noise_alone(fit: Fit) -> Fit:
+    """The fit without a receiver's filter, where that is all that was found and the noise alone shows it: what a twin predicts
+    does not pass the filter's edges, and noise that a receiver colours is no mismatch."""
+    model = fit.model
+    if [stage_of(e) for e in model.found] != [RX_FILTER]:
+        return fit
+    bare = solve(fit.data, model.without(model.effects.index(model.found[0])))
+    return bare if bare.evidence > fit.evidence + COLOUR_ORDERS * np.log(fit.data.count) - MARGIN else fit
 
 
 def _until(fit: Fit, deadline: float) -> Fit:
@@ -294,6 +306,10 @@ def _floor(finding: Finding) -> None:
         along = np.zeros(fit.data.scene.count)
         along[fit.data.use > 0] = 2 * _directions(fit)[1]
         energy = along[inside] / shape[inside] / told
+    if fit.data.spectrum is not None and not any(FAMILIES[e.family].noise_like for e in fit.model.effects):
+        # of noise that a filter coloured, what is told is the floor where the signal is
+        energy = energy * (_beside_signal(fit) / told / energy.mean())
+        n *= float(np.mean(fit.data.scene.occupied))
     ratio = float(energy.mean())
     nats = n * (ratio - 1 - np.log(ratio))
     # A gain that changes has no level of its own: how far it moves is how well the floor is known.
@@ -341,6 +357,14 @@ def _floor(finding: Finding) -> None:
     finding.fit = replace(fit, model=fit.model.adding(floor))
     finding.worths[id(floor.p)] = Worth(evidence=float(nats), held_out=held_out)
     finding.stds[floor.family] = std
+
+
+def _beside_signal(fit: Fit) -> float:
+    """Power per sample of the residual, if it were everywhere as dense as in the signal's band."""
+    used, occupied = fit.data.use > 0, fit.data.scene.occupied
+    power = np.abs(sp_fft.fft(fit.residual * used)) ** 2
+    bins = np.arange(len(power)) * len(occupied) // len(power)
+    return float(np.mean(power[occupied[bins]]) / used.sum())
 
 
 def off_the_rails(fit: Fit) -> np.ndarray:
