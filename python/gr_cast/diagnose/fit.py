@@ -257,6 +257,11 @@ def smooth_spectrum(data: Data, residual: np.ndarray, orders: int = COLOUR_ORDER
     return np.exp(np.clip(sp_fft.fft(wide).real, -6, 6))
 
 
+def in_band(scene, size: int) -> np.ndarray:
+    """(size,) bool: the bins of an FFT in which the wanted signals lie."""
+    return scene.occupied[np.arange(size) * len(scene.occupied) // size]
+
+
 def filters_noise(model: Model) -> bool:
     """Whether the receiver has a filter that noise passes too."""
     return any(stage_of(e) == RX_FILTER for e in model.effects)

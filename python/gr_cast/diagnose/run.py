@@ -14,7 +14,7 @@ from ..effects.phase_noise import MOST
 from ..effects.signal_dependent_noise import told_floor
 from . import align, ambiguity, gate, heldout, joints, noise, offsets, residual
 from .finding import MOST_TRUSTED, Finding, Worth, nmse, worth
-from .fit import COLOUR_ORDERS, Fit, gain_of_receiver, misfit, solve
+from .fit import COLOUR_ORDERS, Fit, gain_of_receiver, in_band, misfit, solve
 from .model import predict
 from .ownership import agree_on_sides
 from .search import MARGIN, refit, search
@@ -361,10 +361,9 @@ def _floor(finding: Finding) -> None:
 
 def _beside_signal(fit: Fit) -> float:
     """Power per sample of the residual, if it were everywhere as dense as in the signal's band."""
-    used, occupied = fit.data.use > 0, fit.data.scene.occupied
+    used = fit.data.use > 0
     power = np.abs(sp_fft.fft(fit.residual * used)) ** 2
-    bins = np.arange(len(power)) * len(occupied) // len(power)
-    return float(np.mean(power[occupied[bins]]) / used.sum())
+    return float(np.mean(power[in_band(fit.data.scene, len(power))]) / used.sum())
 
 
 def off_the_rails(fit: Fit) -> np.ndarray:

@@ -15,7 +15,7 @@ from ..effects.columns import Dense, Lags, against, gram, inner
 from ..effects.phase_noise import MOST
 from ..effects.quantization import is_coarse
 from . import heldout, noise, offsets
-from .fit import COLOUR_ORDERS, Data, Fit, filters_noise, invert, misfit, smooth_spectrum, solve, with_noise
+from .fit import COLOUR_ORDERS, Data, Fit, filters_noise, in_band, invert, misfit, smooth_spectrum, solve, with_noise
 from .model import RIDGE, Model, _run, _start_chain, _steps, effect_columns, predict
 from .view import View
 
@@ -27,6 +27,7 @@ MOST_EFFECTS = 4
 LEAST_TURN = 1e-3  # cycles by which late paths must differ for a carrier offset to show its side
 LEAP_STEPS = 3  # of a fit, that score an effect which is elsewhere
 SEEN = 1e-5  # share of a derivative that must be left when what other parameters can do is taken out
+LOUDEST = 1.6  # density of noise that a filter coloured, over its median in the signal's band
 CLEAR_SHARE, FAR_SHARE = 0.1, 0.7  # of the best score: by which starts of one family, and families, must not stay behind it
 CLEAR_NATS = 300.0  # a signal that promises more is fitted before the law of the noise is asked for
 SURE_NATS = 100.0  # evidence from which a simple family needs no other proof
@@ -135,8 +136,6 @@ def score(fit: Fit, effect: Effect) -> Score:
     else:
         cost = occam + 0.5 * np.log(n)
     gain = -n * np.log(max(1 - gain / n, 1e-12))  # the noise level is fitted too
-    if stage_of(effect) == RX_FILTER and not filters_noise(fit.model):
-        gain += _colour(fit)
     found = replace(effect, p=p)
     if prior is not None:
         full = effect.prior.copy()
@@ -146,15 +145,16 @@ def score(fit: Fit, effect: Effect) -> Score:
 
 
 def _colour(fit: Fit) -> float:
-    """Nats that a receiver's filter may bring by the noise that passes it, its price paid."""
-    if fit.data.spectrum is not None:
+    """Nats that a receiver's filter brings by the colour that it gives the noise, its price paid; a filter that leaves the
+    signal as it is only takes away beside it."""
+    if fit.data.spectrum is not None or filters_noise(fit.model):
         return 0.0
-    if "colour" not in fit.notes:
-        spectrum, n = smooth_spectrum(fit.data, fit.residual), fit.data.count
-        power = np.abs(sp_fft.fft(fit.residual * (fit.data.use > 0))) ** 2
-        gain = n * np.log(power.mean() / np.mean(power / spectrum)) - COLOUR_ORDERS * np.log(n)
-        fit.notes["colour"] = max(0.0, float(gain))
-    return fit.notes["colour"]
+    power, n = np.abs(sp_fft.fft(fit.residual * (fit.data.use > 0))) ** 2, fit.data.count
+    colour = smooth_spectrum(fit.data, fit.residual)
+    if colour.max() > LOUDEST * np.median(colour[in_band(fit.data.scene, len(colour))]):
+        return 0.0
+    gain = n * np.log(power.mean() / np.mean(power / colour))
+    return max(0.0, float(gain - COLOUR_ORDERS * np.log(n)))
 
 
 def _derivatives(fit: Fit, probe: Effect):
@@ -276,9 +276,12 @@ def _candidates(fit: Fit) -> list[Score]:
             if effect.family in ONCE and any(e.family == effect.family for e in fit.model.effects):
                 continue
             scores.append(score(fit, effect))
-    of_signal = (s.net - _colour(fit) * (stage_of(s.effect) == RX_FILTER) for s in scores)
-    if not fit.data.late and max(of_signal, default=0.0) < CLEAR_NATS:  # else what is left is not the noise's yet
-        scores += [Score(net=net, effect=effect) for net, effect in noise.starts(fit)]
+    if not fit.data.late and max((s.net for s in scores), default=0.0) < CLEAR_NATS:  # else what is left is not the noise's yet
+        noises = [Score(net=net, effect=effect) for net, effect in noise.starts(fit)]
+        colour = _colour(fit)
+        if colour > max((s.net for s in noises), default=0.0):
+            scores = [replace(s, net=s.net + colour * (stage_of(s.effect) == RX_FILTER)) for s in scores]
+        scores += noises
     scores.sort(key=lambda s: -s.net)
     kept, per_family = [], {}
     for s in scores:
