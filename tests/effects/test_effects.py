@@ -110,6 +110,14 @@ def test_what_a_transmitter_does_over_time_comes_as_late_as_the_path(name):
     assert np.abs(got - want)[40:].max() < 2e-3 * np.abs(want).max()
 
 
+def test_two_offsets_of_one_transmitter_add_and_a_loss_moves_their_phase_on_either_side():
+    family, lost = FAMILIES["carrier_frequency_offset"], start(FAMILIES["sample_loss"], [1000.0, 37.0], free=[False, False])
+    side = {"side": "tx", "source": 0}
+    sent = predicted(ONE, start(family, [60.0, 0.0], aux=side), start(family, [40.0, 0.0], aux=side), lost)
+    received = predicted(ONE, start(family, [100.0, 0.0]), lost)
+    assert np.abs(sent - received).max() < 1e-9 * np.abs(received).max()
+
+
 def test_an_image_rejection_is_the_power_of_the_conjugate():
     effect = FAMILIES["iq_imbalance"].parse(scene(ONE), {"gain_imbalance_db": 0.4, "phase_imbalance_rad": 0.03}, {})
     y, x = predicted(ONE, effect), at(N)

@@ -168,6 +168,18 @@ def test_another_carrier_scales_offset_and_doppler_and_turns_paths(tmp_path, own
     assert np.median(np.abs(turned - np.median(turned))) < 1e-3
 
 
+@pytest.mark.parametrize("owner", ["tx1", "rx1"])
+def test_a_transmitters_hum_is_late_with_every_path_in_every_block(tmp_path, owner):
+    count = BLOCK + 30_000
+    y = played(twin(tmp_path, [("power_supply_hum", owner, {"frequency_hz": 9e3, "depth": 0.2})]), count)
+    n = np.arange(count)
+    hum = lambda t: 1 + 0.2 * np.cos(2 * np.pi * 9e3 * t / RATE_HZ)  # noqa: E731
+    late = 7.3 if owner == "tx1" else 0.0
+    echo = 10 ** (-6 / 20) * np.exp(0.7j + 2j * np.pi * 30 * n / RATE_HZ) * np.resize(at(np.arange(PERIOD) - 7.3), count)
+    want = np.resize(X, count) * hum(n) + echo * hum(n - late)
+    assert np.abs(y - want).max() < 2e-3 * np.abs(want).max()
+
+
 def test_noise_is_the_twins_floor_and_white(tmp_path):
     path = twin(tmp_path)
     noise = played(path, 100_000, Conditions(seed=3)) - played(path, 100_000)

@@ -59,9 +59,15 @@ def rescaled(effect: Effect, ratio: float) -> Effect:
         "sample_clock_offset": (1,),
         "extra_path": (0, 0, 0, 1),
         "tap_doppler": (1, 0),
+        "power_supply_hum": (0, 0, 1),
+        "tone_interference": (0, 0, 1),
+        "second_transmitter": (0, 0, 0, 1),
     }
-    grow = power.get(effect.family)
-    return effect if grow is None else effect.moved(effect.p * ratio ** np.array(grow, float))
+    if effect.family not in power:
+        return effect
+    grow = np.zeros(len(effect.p))
+    grow[: len(power[effect.family])] = power[effect.family]
+    return effect.moved(effect.p * ratio**grow)
 
 
 def _expected(known: Finding, part) -> tuple[float, bool]:

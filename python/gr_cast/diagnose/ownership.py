@@ -14,6 +14,7 @@ import numpy as np
 from ..effects import FAMILIES, Effect, stage_of
 from ..effects.base import TX_LO
 from .fit import Fit, invert
+from .model import in_scene
 from .search import refit
 
 # Numbers that are the same wherever the owner is seen; others are compared by presence alone.
@@ -73,7 +74,8 @@ def kind_of(finding, effect: Effect) -> tuple:
         return (effect.family, link_of(finding, effect), effect.aux.get("tap"))
     side = None if family.either_side else effect.aux.get("side")
     converter = finding.observation.receiver if "read" in effect.aux else None  # two that clip are two
-    return (effect.family, side, effect.aux.get("code"), sender(finding, effect), converter)
+    alone = None if family.either_side else sender(finding, effect)
+    return (effect.family, side, effect.aux.get("code"), alone, converter)
 
 
 def sender(finding, effect: Effect) -> str | None:
@@ -93,10 +95,16 @@ def voices(findings, members, trust: float = 1.0) -> list[Voice]:
     template = strongest.fit.model.effects[at]
     out = []
     for finding in findings:
+        there = in_scene(template, strongest.scene, finding.scene)
         own = next((i for f, i in members if f is finding), None)
         if own is not None:
             out.append(_voice(finding, finding.fit, own, finding.gain_of(own), True))
-        elif FAMILIES[template.family].noise_like or not template.free.any() or template.prior is not None:
+        elif (
+            there is None
+            or FAMILIES[template.family].noise_like
+            or not template.free.any()
+            or template.prior is not None
+        ):
             out.append(
                 Voice(
                     finding=finding,
@@ -108,7 +116,7 @@ def voices(findings, members, trust: float = 1.0) -> list[Voice]:
                 )
             )
         else:
-            aux = {k: v for k, v in template.aux.items() if k != "nats"}
+            aux = {k: v for k, v in there.aux.items() if k != "nats"}
             effect = replace(template, aux=aux)
             forced = refit(finding.data, finding.fit.model.adding(effect))
             index = next(i for i, e in enumerate(forced.model.effects) if e.family == effect.family and e.aux == aux)

@@ -15,7 +15,7 @@ from ..effects.signal_dependent_noise import told_floor
 from . import align, ambiguity, gate, heldout, joints, noise, offsets, residual
 from .finding import MOST_TRUSTED, Finding, Worth, nmse, worth
 from .fit import COLOUR_ORDERS, Fit, gain_of_receiver, in_band, misfit, solve
-from .model import predict
+from .model import in_scene, predict
 from .ownership import agree_on_sides
 from .search import MARGIN, refit, search
 from .verdict import conclude
@@ -129,7 +129,8 @@ def _of_noise_alone(fit: Fit) -> Fit:
     model = fit.model
     if [stage_of(e) for e in model.found] != [RX_FILTER]:
         return fit
-    bare = solve(fit.data, model.without(model.effects.index(model.found[0])))
+    at = next(i for i, e in enumerate(model.effects) if e is model.found[0])
+    bare = solve(fit.data, model.without(at))
     return bare if bare.evidence > fit.evidence + COLOUR_ORDERS * np.log(fit.data.count) - MARGIN else fit
 
 
@@ -404,7 +405,8 @@ def predict_only(case, observation, findings, deadline: float = np.inf) -> tuple
     data = replace(data, use=data.vault.astype(float), deadline=deadline)
     twin = refit(data, model)
     ratio = scene.span / like.scene.span
-    found = tuple(joints.rescaled(e, ratio) for e in like.fit.model.found if not FAMILIES[e.family].noise_like)
+    there = (in_scene(e, like.scene, scene) for e in like.fit.model.found if not FAMILIES[e.family].noise_like)
+    found = tuple(joints.rescaled(e, ratio) for e in there if e is not None)
     for effect in found:
         if effect.family not in {e.family for e in model.effects}:
             model = model.adding(replace(effect, free=np.zeros(len(effect.p), bool)))

@@ -24,7 +24,7 @@ MARGIN = 5.0  # nats of evidence that an effect must bring beyond its price
 BEAM = 2
 REFITS = 3
 MOST_EFFECTS = 4
-LEAST_TURN = 1e-3  # cycles by which late paths must differ for a carrier offset to show its side
+LEAST_TURN = 1e-5  # cycles by which late paths must differ for a carrier offset to show its side
 LEAP_STEPS = 3  # of a fit, that score an effect which is elsewhere
 SEEN = 1e-5  # share of a derivative that must be left when what other parameters can do is taken out
 LOUDEST = 1.6  # density of noise that a filter coloured, over its median in the signal's band
@@ -341,13 +341,14 @@ def search(data: Data, model: Model, proof_deadline: float = np.inf) -> list[Fit
         rounds = 0 if leader.evidence > before else rounds + 1
         if causes(leader.model) >= MOST_EFFECTS:
             break
-        beam = [_on_their_sides(data, f) for f in _best(grown.values(), leader, leader.evidence - before)]
-        done |= {f.model.families: f for f in beam}
+        beam = _best(grown.values(), leader, leader.evidence - before)
         if not any(f is leader or not f.model.flexible for f in beam):
             break
+        beam = [_on_their_sides(data, f) for f in beam]
+        done |= {f.model.families: f for f in beam if f.evidence >= done.get(f.model.families, f).evidence}
     ranked = sorted(done.values(), key=lambda f: -f.evidence)
     cut, data = data.late, replace(data, deadline=max(data.deadline, proof_deadline))
-    best = _on_their_sides(data, proven(data, eliminate(data, _polished(data, ranked[0]), ranked), ranked))
+    best = _on_their_sides(data, proven(data, eliminate(data, _polished(data, ranked[0]), ranked), ranked), again=True)
     best.notes["cut"] = cut or data.late
     return [best, *ranked]
 
@@ -379,10 +380,10 @@ def _inverted(model: Model) -> bool:
     return any(e.family == "spectral_inversion" for e in model.effects)
 
 
-def _on_their_sides(data: Data, fit: Fit) -> Fit:
+def _on_their_sides(data: Data, fit: Fit, again: bool = False) -> Fit:
     """The fit with what either side may have on the sides that make the recording likelier: a gain that changes is a
     transmitter's where the noise does not change with it, and so is what changes later on late paths."""
-    fit = _whose_carrier(data, fit)
+    fit = _whose_carrier(data, fit, again)
     for k, effect in enumerate(fit.model.effects):
         stage, family = stage_of(effect), FAMILIES[effect.family]
         of_either = stage == RX_GAIN or stage == RX_LO and family.linear and _is_late(fit, effect)
@@ -400,26 +401,29 @@ def _on_their_sides(data: Data, fit: Fit) -> Fit:
 
 def _is_late(fit: Fit, effect: Effect) -> bool:
     """Whether a course of the phase would differ between the paths of the one transmitter."""
-    course = FAMILIES[effect.family].course(fit.data.scene, effect, effect.p)
-    return len(fit.data.scene.sources) == 1 and fit.chain.late_by_its_path(0, course)
+    course = lambda late: fit.data.scene.course(effect.p, late)  # noqa: E731
+    return len(fit.data.scene.sources) == 1 and fit.chain.late_by_its_path(0, [course])
 
 
-def _whose_carrier(data: Data, fit: Fit) -> Fit:
+def _whose_carrier(data: Data, fit: Fit, again: bool) -> Fit:
     """The fit with a carrier offset on the side that the phases of late paths tell, or the edges of the band; unsaid where
-    they do not."""
+    they do not. `again`: also where a side was said before all else was known."""
     scene, model, family = data.scene, fit.model, FAMILIES["carrier_frequency_offset"]
-    at = next((i for i, e in enumerate(model.effects) if e.family == family.name and not e.fixed and "side" not in e.aux), None)
-    if at is None or scene.free_ports or data.late:  # ports of one transmitter have one oscillator
+    at = next((i for i, e in enumerate(model.effects) if e.family == family.name and not e.fixed), None)
+    if at is None or not again and "side" in model.effects[at].aux or data.late:
+        return fit
+    if scene.free_ports:  # ports of one transmitter have one oscillator
         return fit
     offset, delays = model.effects[at], [p.delay for p in fit.chain.paths]
     carrier, apart = abs(offset.p[0]) / scene.span, max(delays) - min(delays)
     if carrier * max(1.0, apart) < LEAST_TURN:
         return fit
     receiver, *senders = family.sides(scene, offset)
-    best = max((refit(data, model.without(at).adding(form)) for form in senders), key=lambda f: f.evidence)
+    others = senders if offset.aux.get("side") != "tx" else [receiver]
+    best = max((refit(data, model.without(at).adding(form)) for form in others), key=lambda f: f.evidence)
     if best.evidence > fit.evidence + MARGIN:
         return best
-    if fit.evidence > best.evidence + MARGIN and carrier * apart > LEAST_TURN:
+    if others is senders and fit.evidence > best.evidence + MARGIN and carrier * apart > LEAST_TURN:
         return replace(fit, model=replace(model, effects=(*model.effects[:at], receiver, *model.effects[at + 1 :])))
     return fit
 

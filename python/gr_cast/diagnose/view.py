@@ -40,8 +40,12 @@ class View:
     @cached_property
     def carrier(self) -> np.ndarray:
         """The complex factor that oscillators and gain put on every path of the first transmitter."""
-        chain = self.fit.chain
-        return self.receiver * chain.carriers.get(0, (0.0, 1.0))[1] * chain.modulations.get(0, 1.0)
+        return self.carrier_of(0)
+
+    def carrier_of(self, code) -> np.ndarray:
+        """The complex factor that oscillators and gain put on what one transmitter sends; only the receiver's on what is not
+        on the air in the twin."""
+        return self.receiver * self.fit.chain.sent(code) if isinstance(code, int) else self.receiver
 
     @cached_property
     def receiver(self) -> np.ndarray:
@@ -140,7 +144,7 @@ class View:
         residual holds
         the waveform once more."""
         segments = 32 if self.scene.count > 2048 else 4
-        c, lags = self.correlations(code, self.residual * np.conj(self.carrier), segments)
+        c, lags = self.correlations(code, self.residual * np.conj(self.carrier_of(code)), segments)
         source = self.scene.sources[code] if isinstance(code, int) else self.scene.extra[code]
         spectrum = np.abs(sp_fft.fft(c, 2 * segments, axis=0))
         window = np.sinc(sp_fft.fftfreq(2 * segments) * 1.0)  # loss within a segment
@@ -189,8 +193,9 @@ class View:
 
     def tap_shift(self, k: int, reach: int = 24) -> list[float]:
         t = self.tap_signals[k]
-        total = (self.residual + t * self.weight) * np.conj(self.carrier) / np.abs(self.carrier) ** 2
-        clean = t / self.carrier
+        carrier = self.carrier_of(self.scene.taps[k].source)
+        total = (self.residual + t * self.weight) * np.conj(carrier) / np.abs(carrier) ** 2
+        clean = t / carrier
         size = sp_fft.next_fast_len(len(t) + 64)
         c = np.abs(sp_fft.ifft(sp_fft.fft(total, size) * np.conj(sp_fft.fft(clean, size))))
         near = np.concatenate([c[-reach:], c[: reach + 1]])

@@ -164,9 +164,10 @@ def turned(p: np.ndarray, cycles: float) -> np.ndarray:
 
 
 def side_of(model: dict) -> dict:
-    """The side of an effect that either may have, as `aux` holds it: where a diagnosis saw it ("at"), whoever it holds to own
-    it, else the owner's."""
-    return {"side": "tx", "source": model.get("source", 0)} if model.get("at", model.get("side")) == "tx" else {}
+    """The side of an effect that either may have, as `aux` holds it: a transmitter's, where that owns it and a diagnosis did
+    not see it at the receiver ("at")."""
+    of_sender = model.get("side") == "tx" and model.get("at", "tx") == "tx"
+    return {"side": "tx", "source": model.get("source", 0)} if of_sender else {}
 
 
 def rms_of(scene, effect: Effect) -> float:

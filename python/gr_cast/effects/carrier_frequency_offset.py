@@ -27,22 +27,12 @@ class CarrierFrequencyOffset(Family):
         return TX_LO if effect.aux.get("side") == "tx" else RX_LO
 
     def apply(self, chain, effect):
-        turn = self._turn(chain, effect.p)
         if effect.aux.get("side") == "tx":
-            chain.carriers = {**chain.carriers, effect.aux["source"]: (effect.p[0] / chain.scene.span, turn)}
+            i = effect.aux["source"]
+            chain.carriers = {**chain.carriers, i: chain.carriers.get(i, 0.0) + effect.p}
         else:
-            chain.y = chain.y * turn
+            chain.y = chain.y * chain.turn(effect.p)
             chain.wanted = chain.y
-
-    @staticmethod
-    def _turn(chain, p) -> np.ndarray:
-        """(n,) the factor that the offset is; kept between calls, most steps of a derivative leave the carrier alone."""
-        held, key = chain.scene.notes.get("carrier"), (*p, id(chain.u))
-        if held is None or held[0] != key:
-            v = chain.u - 0.5
-            turn = np.exp(2j * np.pi * v * (p[0] + 0.5 * p[1] * v))
-            chain.scene.notes["carrier"] = held = key, turn, chain.u
-        return held[1]
 
     def sides(self, scene, effect) -> list:
         """The forms of an effect: the receiver's, and one of each transmitter."""
@@ -77,7 +67,7 @@ class CarrierFrequencyOffset(Family):
         return start(self, [parameters.get("offset_hz", 0.0) * scene.duration_s + 0.5 * drift, drift], aux=side_of(model))
 
     def model(self, scene, effect):
-        return {"at": effect.aux.get("side", "rx")}
+        return {"at": effect.aux.get("side", "rx")} if "side" in effect.aux or len(scene.sources) > 1 else {}
 
     def describe(self, number):
         return f"The carrier lies {number('offset_hz')} off at the start and drifts by {number('drift_hz_per_s')}."

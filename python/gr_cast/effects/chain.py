@@ -144,8 +144,10 @@ class Scene:
             self._turns[key] = np.exp((-1j * TAU) * delay * f)
         return self._turns[key]
 
-    def course(self, coefficients: np.ndarray) -> np.ndarray:
-        """(n,) the smooth course of these coefficients."""
+    def course(self, coefficients: np.ndarray, late: float = 0.0) -> np.ndarray:
+        """(n,) the smooth course of these coefficients, so many samples late."""
+        if late:
+            return course_on(grid_of(coefficients), np.maximum(self.index - late, 0.0) / course_length(self.span))
         if self.at is not None:
             return course(coefficients, self.span)[self.at]
         if self.first == 0 and self.span == self.count:
@@ -241,8 +243,8 @@ class Chain:
     ports: dict[int, complex]
     waves: list[np.ndarray] = field(default_factory=list)
     leaks: dict[int, complex] = field(default_factory=dict)
-    carriers: dict[int, tuple] = field(default_factory=dict)  # of a source: cycles per sample, (n,) turn at no delay
-    modulations: dict[int, np.ndarray] = field(default_factory=dict)  # of a source: (n,) gain over time at no delay
+    carriers: dict[int, np.ndarray] = field(default_factory=dict)  # of a source: cycles at mid-recording, and of drift
+    modulations: dict[int, list] = field(default_factory=dict)  # of a source: functions of a delay in samples → (n,) factor
     paths: list[Path] = field(default_factory=list)
     clock: float = 0.0  # samples that the received waveform gains over the recording
     shift: np.ndarray | None = None  # (n,) whole samples that the recording is ahead
@@ -261,19 +263,19 @@ class Chain:
         """y = Σ paths; paths that share source, Doppler and track are added in the frequency domain."""
         scene = self.scene
         groups: dict[tuple, list[Path]] = {}
-        fast = {i for i, gain in self.modulations.items() if self.late_by_its_path(i, gain)}
+        fast = {i for i, factors in self.modulations.items() if self.late_by_its_path(i, factors)}
         for path in self.paths:
             alone = path.delay if path.source in fast else None
             groups.setdefault((path.source, path.doppler, path.drift, id(path.track), alone), []).append(path)
         y = np.zeros(scene.count, complex)
         spectra = {}
-        carrier = {i: self.carriers.get(i, (0.0, 1.0)) for i in range(len(self.waves))}
+        carrier = {i: (self.carriers[i][0] / scene.span if i in self.carriers else 0.0) for i in range(len(self.waves))}
         for (i, doppler, drift, _, alone), paths in groups.items():
             stretch = self.clock - drift
             if self.slips(stretch) and len(paths) <= FEW_PATHS and all(p.shape is None for p in paths):
                 signal = sum(
                     p.gain
-                    * _behind(p, carrier[i][0])
+                    * _behind(p, carrier[i])
                     * self.copy_of(scene.sources[i], self.waves[i], p.delay + self.delay, stretch)
                     for p in paths
                 )
@@ -281,39 +283,62 @@ class Chain:
                 if i not in spectra:
                     plain = self.waves[i] is scene.sources[i].samples
                     spectra[i] = scene.spectrum_of_source(i) if plain else sp_fft.fft(self.waves[i])
-                response = sum(self._response(p, len(self.waves[i]), carrier[i][0]) for p in paths)
+                response = sum(self._response(p, len(self.waves[i]), carrier[i]) for p in paths)
                 signal = self.sample(scene.sources[i], spectra[i] * response, stretch)
             if doppler:
                 signal = signal * np.exp(1j * TAU * doppler * self.u)
             if paths[0].track is not None:
                 signal = signal * paths[0].track
             if i in self.modulations:
-                signal = signal * self._modulation(i, alone)
-            y += self.ports.get(i, 1.0) * signal * carrier[i][1]
+                signal = signal * self._modulation(i, self._first_delay(i) if alone is None else alone)
+            if i in self.carriers:
+                signal = signal * self.turn(self.carriers[i])
+            y += self.ports.get(i, 1.0) * signal
         for i, leak in self.leaks.items():
             for path in self.paths:
                 if path.source == i:
                     tone = np.exp(1j * TAU * path.doppler * self.u) if path.doppler else 1.0
-                    gain = path.gain if path.shape is None else path.gain * _turned_shape(path, carrier[i][0]).sum()
-                    turn = _behind(path, carrier[i][0]) * carrier[i][1] * self._modulation(i)
+                    gain = path.gain if path.shape is None else path.gain * _turned_shape(path, carrier[i]).sum()
+                    turn = _behind(path, carrier[i]) * self.sent(i, path.delay)
                     y += self.ports.get(i, 1.0) * leak * gain * tone * turn
         self.y = y
         self.wanted = self.y
 
-    def modulate(self, source: int, factor: np.ndarray) -> None:
-        """Put a factor over time (n,) on what a transmitter sends."""
-        self.modulations = {**self.modulations, source: self.modulations.get(source, 1.0) * factor}
+    def modulate(self, source: int, factor: Callable[[float], np.ndarray]) -> None:
+        """Put a factor over time on what a transmitter sends: a function of the samples by which it is late, to (n,)."""
+        self.modulations = {**self.modulations, source: [*self.modulations.get(source, []), factor]}
 
-    def late_by_its_path(self, source: int, gain: np.ndarray) -> bool:
-        """Whether a factor over time (n,) of a transmitter changes between the delays of its paths."""
+    def late_by_its_path(self, source: int, factors: list) -> bool:
+        """Whether factors over time of a transmitter differ between its paths."""
         delays = [p.delay for p in self.paths if p.source == source]
-        return float(np.abs(np.diff(gain)).max()) * (max(delays) - min(delays)) > SLOW
+        if len(delays) < 2:
+            return False
+        first, last = min(delays), max(delays)
+        return any(float(np.abs(factor(first) - factor(last)).max()) > SLOW for factor in factors)
 
-    def _modulation(self, source: int, delay: float | None = None):
-        """(n,) a transmitter's gain as a path of this delay brings it; None: where the delay makes no difference."""
-        gain = self.modulations.get(source, 1.0)
-        u = self.scene.u
-        return np.interp(u - delay / self.scene.span, u, gain) if delay else gain
+    def turn(self, p: np.ndarray) -> np.ndarray:
+        """(n,) the factor of a carrier offset of p[0] cycles at mid-recording and p[1] cycles of drift; kept between calls,
+        most steps of a derivative leave the carrier alone."""
+        held, key = self.scene.notes.get("carrier"), (*p, id(self.u))
+        if held is None or held[0] != key:
+            v = self.u - 0.5
+            self.scene.notes["carrier"] = held = key, np.exp(1j * TAU * v * (p[0] + 0.5 * p[1] * v)), self.u
+        return held[1]
+
+    def sent(self, source: int, delay: float = 0.0):
+        """(n,) what a transmitter's oscillator and gain make of a path of this delay, but for the carrier's own phase."""
+        turn = self.turn(self.carriers[source]) if source in self.carriers else 1.0
+        return turn * self._modulation(source, delay)
+
+    def _first_delay(self, source: int) -> float:
+        return next(p.delay for p in self.paths if p.source == source)
+
+    def _modulation(self, source: int, delay: float):
+        """(n,) a transmitter's factors over time as a path of this delay brings them."""
+        factor = 1.0
+        for over_time in self.modulations.get(source, []):
+            factor = factor * over_time(delay)
+        return factor
 
     def _response(self, path: Path, size: int, carrier: float) -> np.ndarray:
         turn = path.gain * _behind(path, carrier) * self.scene.delayed(path.delay + self.delay, size, carrier)

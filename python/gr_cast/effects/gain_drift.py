@@ -17,8 +17,8 @@ class GainDrift(GainFamily):
         tau = np.exp(p[1])
         return (1 - np.exp(-u / tau)) / (1 - np.exp(-1 / tau))
 
-    def factor(self, scene, effect):
-        return np.exp(effect.p[0] * self._shape(scene.u, effect, effect.p))
+    def factor(self, effect, u):
+        return np.exp(effect.p[0] * self._shape(np.maximum(u, 0.0), effect, effect.p))
 
     def starts(self, view):
         yield start(self, [0.0, 0.0], free=[True, False])

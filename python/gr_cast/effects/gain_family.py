@@ -2,6 +2,8 @@
 """What the families have in common that change the gain over time: y·g(t), at the receiver with the noise in front of it, or
 (aux side tx) at a transmitter, where it is as late as the path it takes."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from .base import RX_GAIN, TX_LO, Family
@@ -13,15 +15,16 @@ class GainFamily(Family):
     def at(self, effect):
         return TX_LO if effect.aux.get("side") == "tx" else RX_GAIN
 
-    def factor(self, scene, effect) -> np.ndarray:
-        """(n,) the gain over time."""
+    def factor(self, effect, u: np.ndarray) -> np.ndarray:
+        """(n,) the gain at the times `u` (n,), shares of the recording."""
         raise NotImplementedError
 
     def apply(self, chain, effect):
-        factor = self.factor(chain.scene, effect)
+        scene = chain.scene
         if effect.aux.get("side") == "tx":
-            chain.modulate(effect.aux["source"], factor)
+            chain.modulate(effect.aux["source"], lru_cache(lambda late: self.factor(effect, scene.u - late / scene.span)))
         else:
+            factor = self.factor(effect, scene.u)
             chain.y = chain.y * factor
             chain.wanted = chain.wanted * factor
 

@@ -11,9 +11,9 @@ from .gain_family import GainFamily
 class GainStep(GainFamily):
     name = "gain_step"
 
-    def factor(self, scene, effect):
+    def factor(self, effect, u):
         step, u0 = effect.p
-        return np.where(scene.u >= u0, np.exp(step), 1.0)
+        return np.where(u >= u0, np.exp(step), 1.0)
 
     def starts(self, view):
         score, norm = view.amplitude_moments()

@@ -8,6 +8,7 @@ with the density 1/(1 + (f/corner)²) of a loop of first order.
 """
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from .base import RX_LO, TX_LO, Family, side_of, start
 from .basis import course_length, course_orders, grid_of
 from .columns import Courses
 
+PROBE = 1e-5  # share of a wave that is added to measure what it does
 MOST = 480  # cosines: the fastest wander that is followed
 
 
@@ -42,11 +44,11 @@ class PhaseNoise(Family):
         return scene.course(p)
 
     def apply(self, chain, effect):
-        turn = np.exp(1j * self.course(chain.scene, effect, effect.p))
         if effect.aux.get("side") == "tx":
-            chain.modulate(effect.aux["source"], turn)
+            scene = chain.scene
+            chain.modulate(effect.aux["source"], lru_cache(lambda late: np.exp(1j * scene.course(effect.p, late))))
         else:
-            chain.y = chain.y * turn
+            chain.y = chain.y * np.exp(1j * self.course(chain.scene, effect, effect.p))
             chain.wanted = chain.y
 
     def nest(self, scene, effect):
@@ -58,7 +60,11 @@ class PhaseNoise(Family):
         )
 
     def columns(self, scene, effect, chain, before, rest):
-        return Courses(signals=1j * chain.facing * chain.wanted[None], orders=len(effect.p), scene=scene)
+        turned = chain.wanted
+        if effect.aux.get("side") == "tx" and len(scene.sources) > 1:  # of all that is heard, what this transmitter sent
+            i = effect.aux["source"]
+            turned = (rest(before.copy(), effect, extra=(i, PROBE * before.waves[i])).y - chain.y) / PROBE
+        return Courses(signals=1j * chain.facing * turned[None], orders=len(effect.p), scene=scene)
 
     def starts(self, view):
         for size in course_orders(view.scene, MOST):

@@ -11,9 +11,9 @@ from .gain_family import GainFamily
 class PowerSupplyHum(GainFamily):
     name = "power_supply_hum"
 
-    def factor(self, scene, effect):
+    def factor(self, effect, u):
         a, b, cycles = effect.p
-        angle = 2 * np.pi * cycles * (scene.u - 0.5)
+        angle = 2 * np.pi * cycles * (u - 0.5)
         return 1 + a * np.cos(angle) + b * np.sin(angle)
 
     def starts(self, view):
