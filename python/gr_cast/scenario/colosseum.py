@@ -184,7 +184,7 @@ def _check_limits(delay_s: np.ndarray, iq: np.ndarray, when, faults: Faults) -> 
             place = (row, column, instants[0], tap)
             more = f" (and {instants.size - 1} more instants)" if instants.size > 1 else ""
             if what == "delay":
-                index = delay_s[place] / GRID_STEP_S
+                index = float(delay_s[place]) / GRID_STEP_S  # a float of Python overflows to infinity without a word
                 got = f"delay: got {delay_s[place]:.4g} s (tap index {index:.0f} on the 10 ns grid)"
                 limit = f"0 to {MAX_DELAY_S * 1e6:.2f} us"
             else:
