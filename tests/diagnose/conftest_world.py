@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 import yaml
 from gr_cast import codes, recording
+from gr_cast.diagnose import read_case
+from gr_cast.diagnose.case import Case
 
 RATE_HZ, COUNT = 1e6, 20_000
 
@@ -52,6 +54,28 @@ class World:
         recording.write(folder / "recording", y, sample_rate_hz=RATE_HZ, datatype=datatype, center_frequency_hz=1e9)
         (folder / "twin.yaml").write_text(yaml.safe_dump(self.twin()))
         return folder
+
+
+def noise(rng, n, rms=1.0) -> np.ndarray:
+    return rms / np.sqrt(2) * (rng.normal(size=n) + 1j * rng.normal(size=n))
+
+
+def sent_once(folder, recorded, sent) -> Case:
+    """The case of a waveform, NaN where it is not known, that is sent once over one path."""
+    for stem, samples in (("recording", recorded), ("sent", sent)):
+        recording.write(folder / stem, samples, sample_rate_hz=RATE_HZ)
+    twin = {
+        "cast_twin": 1,
+        "sample_rate_hz": RATE_HZ,
+        "center_frequency_hz": 1e9,
+        "waveforms": {"w1": {"file": "sent", "repeat": False}},
+        "nodes": {"tx1": {"transmit": "w1"}, "rx1": {}},
+        "links": [{"tx": "tx1", "rx": "rx1", "taps": [{"delay_s": 0.0}]}],
+        "recordings": [{"file": "recording", "receiver": "rx1", "transmitters": ["tx1"]}],
+        "unknown": ["delay", "phase", "gain"],
+    }
+    (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
+    return read_case(folder)
 
 
 @pytest.fixture

@@ -1,45 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Twin and recording brought together: where a waveform is, which part of a long recording is looked at, what is held out."""
 
+from functools import partial
+
 import numpy as np
 import pytest
-import yaml
+from conftest_world import RATE_HZ, noise, sent_once
 from gr_cast import recording
-from gr_cast.diagnose import align, case, read_case
-
-RATE_HZ = 1e6
+from gr_cast.diagnose import align, case
 
 
 @pytest.fixture
 def burst(tmp_path):
-    """write(recorded, sent): a case of a waveform that is sent once."""
-
-    def write(y, x):
-        for stem, samples in (("recording", y), ("sent", x)):
-            recording.write(tmp_path / stem, samples, sample_rate_hz=RATE_HZ)
-        twin = {
-            "cast_twin": 1,
-            "sample_rate_hz": RATE_HZ,
-            "center_frequency_hz": 1e9,
-            "waveforms": {"w1": {"file": "sent", "repeat": False}},
-            "nodes": {"tx1": {"transmit": "w1"}, "rx1": {}},
-            "links": [{"tx": "tx1", "rx": "rx1", "taps": [{"delay_s": 0.0}]}],
-            "recordings": [{"file": "recording", "receiver": "rx1", "transmitters": ["tx1"]}],
-        }
-        (tmp_path / "twin.yaml").write_text(yaml.safe_dump(twin))
-        return read_case(tmp_path)
-
-    return write
-
-
-def _noise(rng, n, rms=1.0):
-    return (rms / np.sqrt(2) * (rng.normal(size=n) + 1j * rng.normal(size=n))).astype(np.complex64)
+    """burst(recorded, sent): a case of a waveform that is sent once."""
+    return partial(sent_once, tmp_path)
 
 
 def test_a_recording_is_trimmed_to_what_is_known_and_the_waveform_stays_in_place(burst):
     rng = np.random.default_rng(1)
-    x = _noise(rng, 9000)
-    y = 0.1 * np.roll(x, 7) + _noise(rng, 9000, 0.01)
+    x = noise(rng, 9000)
+    y = 0.1 * np.roll(x, 7) + noise(rng, 9000, 0.01)
     x[:3000] = x[3800:] = np.nan
     found = burst(y, x)
     (part, near), *others = align.parts_of(found, found.observations[0])
@@ -49,8 +29,8 @@ def test_a_recording_is_trimmed_to_what_is_known_and_the_waveform_stays_in_place
 
 def test_a_burst_is_found_in_a_long_recording_and_only_its_surroundings_are_looked_at(burst):
     rng = np.random.default_rng(2)
-    x, at = _noise(rng, 20_000), 101_234
-    y = _noise(rng, 260_000, 0.02)
+    x, at = noise(rng, 20_000), 101_234
+    y = noise(rng, 260_000, 0.02)
     y[at : at + len(x)] += 0.1 * x * np.exp(2j * np.pi * 30.0 * np.arange(len(x)) / RATE_HZ)
     found = burst(y, x)
     parts = align.parts_of(found, found.observations[0])
@@ -70,7 +50,7 @@ def test_the_vault_is_one_valid_run_in_eight_whatever_is_valid():
 
 def test_a_long_file_stays_on_disk_and_its_slices_are_those_of_the_whole(burst, tmp_path, monkeypatch):
     rng = np.random.default_rng(3)
-    x = _noise(rng, 5000)
+    x = noise(rng, 5000)
     monkeypatch.setattr(case, "LONGEST_IN_MEMORY", 4000)
     found = burst(0.1 * x, x)
     stored, whole = found.observations[0].samples, recording.read(tmp_path / "recording").samples
@@ -83,9 +63,9 @@ def test_a_long_file_stays_on_disk_and_its_slices_are_those_of_the_whole(burst, 
 @pytest.mark.parametrize("offset_hz", [-11e3, 3e3])
 def test_a_carrier_offset_does_not_hide_a_waveform_that_is_sent_once(burst, offset_hz):
     rng = np.random.default_rng(3)
-    x = _noise(rng, 30_000)
+    x = noise(rng, 30_000)
     turned = np.roll(x, 12) * np.exp(2j * np.pi * offset_hz * np.arange(len(x)) / RATE_HZ)
-    found = burst(0.1 * turned + _noise(rng, len(x), 0.03), x)
+    found = burst(0.1 * turned + noise(rng, len(x), 0.03), x)
     assert align.locate(found, found.observations[0]) == (12, False)
-    short = burst(0.1 * turned[:9000] + _noise(rng, 9000, 0.03), x[:6000])
+    short = burst(0.1 * turned[:9000] + noise(rng, 9000, 0.03), x[:6000])
     assert align.locate(short, short.observations[0]) == (12, False)

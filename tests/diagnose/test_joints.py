@@ -3,39 +3,15 @@
 
 import numpy as np
 import pytest
-import yaml
-from gr_cast import recording
+from conftest_world import RATE_HZ, noise, sent_once
 from gr_cast.diagnose import align, diagnose, pieces, read_case
-
-RATE_HZ = 1e6
-
-
-def _noise(rng, n, rms=1.0):
-    return rms / np.sqrt(2) * (rng.normal(size=n) + 1j * rng.normal(size=n))
 
 
 def _bursts(rng, count=24_000, every=3000, known=900):
     """(sent, what the twin knows of it): bursts of which the rest was never published."""
-    x = _noise(rng, count)
+    x = noise(rng, count)
     told = np.where(np.arange(count) % every < known, x, np.nan)
     return x, told
-
-
-def _case(folder, y, told):
-    for stem, samples in (("recording", y), ("sent", told)):
-        recording.write(folder / stem, samples, sample_rate_hz=RATE_HZ)
-    twin = {
-        "cast_twin": 1,
-        "sample_rate_hz": RATE_HZ,
-        "center_frequency_hz": 1e9,
-        "waveforms": {"w1": {"file": "sent", "repeat": False}},
-        "nodes": {"tx1": {"transmit": "w1"}, "rx1": {}},
-        "links": [{"tx": "tx1", "rx": "rx1", "taps": [{"delay_s": 0.0}]}],
-        "recordings": [{"file": "recording", "receiver": "rx1", "transmitters": ["tx1"]}],
-        "unknown": ["delay", "phase", "gain"],
-    }
-    (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
-    return read_case(folder)
 
 
 def _without(y, at, lost):
@@ -50,10 +26,10 @@ def _turned(y, cycles):
 def test_stretches_end_where_samples_were_lost_between_bursts(lost):
     rng = np.random.default_rng(1)
     x, told = _bursts(rng)
-    y = np.concatenate([_noise(rng, 57), 0.1 * x])
+    y = np.concatenate([noise(rng, 57), 0.1 * x])
     at = 57 + 4 * 3000 + 1900
-    y = _without(y, at, lost) if lost > 0 else np.concatenate([y[:at], _noise(rng, -lost), y[at:]])
-    y = _turned(y, 3e-4) + _noise(rng, len(y), 0.03)
+    y = _without(y, at, lost) if lost > 0 else np.concatenate([y[:at], noise(rng, -lost), y[at:]])
+    y = _turned(y, 3e-4) + noise(rng, len(y), 0.03)
     first, second = pieces.segments(y, [told], 57)
     assert (first[0], second[1]) == (0, len(y)) and 57 + 4 * 3000 + 900 <= first[1] == second[0] <= 57 + 5 * 3000 - lost
     assert abs(first[2] - 57) <= pieces.SPREAD and abs(second[2] - (57 - lost)) <= pieces.SPREAD
@@ -66,15 +42,15 @@ def test_a_clock_that_drifts_and_an_echo_that_takes_over_are_no_jumps():
     told = np.where(np.isnan(told), np.nan, np.convolve(x, np.ones(4) / 2, "same"))
     fading = 0.5 * np.sin(np.arange(24_000) / 2000)
     y = (0.5 + fading) * slow + (0.5 - fading) * np.roll(slow, 6)
-    assert len(pieces.segments(y + _noise(rng, 24_000, 0.1), [told], 0)) == 1
+    assert len(pieces.segments(y + noise(rng, 24_000, 0.1), [told], 0)) == 1
 
 
 def test_samples_lost_between_bursts_are_counted_and_placed_between_them(tmp_path):
     rng = np.random.default_rng(3)
     x, told = _bursts(rng)
     y = _without(_turned(0.1 * np.concatenate([np.zeros(57), x]), 3e-4), 57 + 4 * 3000 + 1900, 41)
-    y += _noise(rng, len(y), 0.005)
-    document = diagnose(_case(tmp_path, y, told)).document
+    y += noise(rng, len(y), 0.005)
+    document = diagnose(sent_once(tmp_path, y, told)).document
     found = {e["family"]: e for e in document["effects"]}
     assert document["verdict"] == "identified" and set(found) == {"sample_loss", "carrier_frequency_offset"}
     assert found["sample_loss"]["parameters"]["samples"]["value"] == 41
@@ -100,8 +76,8 @@ def test_samples_lost_in_a_short_frame_are_found(tmp_path):
     rng = np.random.default_rng(4)
     x = np.repeat(rng.integers(0, 2, 180), 2).astype(complex)  # on-off keying
     y = _without(_turned(np.concatenate([0.2 * x, np.zeros(80)]), -0.035), 170, 37)
-    y += _noise(rng, len(y), 0.01)
-    document = diagnose(_case(tmp_path, y, np.concatenate([x, np.zeros(80)]))).document
+    y += noise(rng, len(y), 0.01)
+    document = diagnose(sent_once(tmp_path, y, np.concatenate([x, np.zeros(80)]))).document
     found = {e["family"]: e for e in document["effects"]}
     assert set(found) == {"sample_loss", "carrier_frequency_offset"}
     assert found["sample_loss"]["parameters"]["samples"]["value"] == 37

@@ -28,6 +28,14 @@ class Model:
     def without(self, index: int) -> "Model":
         return replace(self, effects=self.effects[:index] + self.effects[index + 1 :])
 
+    def replacing(self, index: int, effect: Effect) -> "Model":
+        """The model with another effect of the same stage in the place of one."""
+        return replace(self, effects=(*self.effects[:index], effect, *self.effects[index + 1 :]))
+
+    @property
+    def inverted(self) -> bool:
+        return any(e.family == "spectral_inversion" for e in self.effects)
+
     @property
     def found(self) -> list[Effect]:
         return [e for e in self.effects if not e.fixed]

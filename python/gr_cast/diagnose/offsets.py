@@ -61,7 +61,7 @@ def with_gains(data, model: Model) -> Model:
         silent = _alone(scene, base, model.effects, dict.fromkeys(range(len(scene.sources)), 0.0))
         rows += [row - silent for row in sent(scene, base, model.effects)[list(ports)]]
     gains = np.linalg.lstsq((np.array(rows) * w).T, data.y * w, rcond=None)[0]
-    if any(e.family == "spectral_inversion" for e in model.effects):
+    if model.inverted:
         gains = np.conj(gains)
     shares = gains[1:] / gains[0]
     return replace(model, base=np.array([base[0], gains[0].real, gains[0].imag, *np.ravel([[g.real, g.imag] for g in shares])]))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft as sp_fft
 
-from ..effects import FAMILIES, Effect, stage_of
+from ..effects import FAMILIES, stage_of
 from ..effects.base import RX_FILTER, start
 from ..effects.noise_family import profile
 from ..effects.phase_noise import MOST
@@ -157,7 +157,7 @@ def _under_the_lattice(data, model):
     tries = []
     for sigma in (0.05, 0.07, 0.09, 0.11, 0.13, 0.16, 0.2, 0.25, 0.3, 0.36, 0.45, 0.6, 1.0):
         effect = model.effects[at].moved(np.array([*model.effects[at].p[:2], sigma]))
-        other = replace(model, effects=(*model.effects[:at], effect, *model.effects[at + 1 :]))
+        other = model.replacing(at, effect)
         tries.append((misfit(data, predict(data.scene, other).y), sigma, other))
     return min(tries, key=lambda t: t[:2])[2]
 
@@ -237,10 +237,6 @@ def _wanted_rms(fit: Fit) -> float:
     return float(np.sqrt(np.mean(np.abs(fit.chain.wanted[fit.data.use > 0]) ** 2)))
 
 
-def _with(model, index: int, effect: Effect):
-    return replace(model, effects=(*model.effects[:index], effect, *model.effects[index + 1 :]))
-
-
 def _finer(fit: Fit) -> Fit:
     """Phase noise as fast as the search follows, followed to faster wander still where that is there."""
     at = next((i for i, e in enumerate(fit.model.effects) if e.family == "phase_noise" and len(e.p) == MOST), None)
@@ -250,7 +246,7 @@ def _finer(fit: Fit) -> Fit:
     effect, tried = fit.model.effects[at], [fit]
     for law in ({"law": "flat"}, {"law": "held", "corner": size / 8}):
         wide = FAMILIES["phase_noise"].wider(effect, size, law)
-        tried.append(refit(fit.data, _with(fit.model, at, wide)))
+        tried.append(refit(fit.data, fit.model.replacing(at, wide)))
     return max(tried, key=lambda f: f.evidence)
 
 
@@ -272,7 +268,7 @@ def _with_jitter(fit: Fit) -> Fit:
             fit = refit(fit.data, fit.model.without(follows))
             return _with_jitter(fit)
     noisy = effects[at]
-    return replace(fit, model=_with(fit.model, at, replace(noisy, aux={**noisy.aux, "_jitter": float(jitter)})))
+    return replace(fit, model=fit.model.replacing(at, replace(noisy, aux={**noisy.aux, "_jitter": float(jitter)})))
 
 
 def _directions(fit: Fit):

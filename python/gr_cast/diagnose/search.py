@@ -10,9 +10,7 @@ from scipy import fft as sp_fft
 
 from ..effects import FAMILIES, Effect, stage_of
 from ..effects.base import RX_FILTER, RX_GAIN, RX_LO, start
-from ..effects.basis import course_orders
 from ..effects.columns import Dense, Lags, against, gram, inner
-from ..effects.phase_noise import MOST
 from ..effects.quantization import is_coarse
 from . import heldout, noise, offsets
 from .fit import COLOUR_ORDERS, Data, Fit, filters_noise, in_band, invert, misfit, smooth_spectrum, solve, with_noise
@@ -226,8 +224,7 @@ def _with_likely_priors(fit: Fit) -> Model:
             variance = np.diag(fit.covariance)[model.span(i)]
             factor = float(np.clip(np.mean((e.p**2 + variance) / e.prior), 0.1, 10.0))
             if not 0.8 < factor < 1.25:
-                effects = (*model.effects[:i], replace(e, prior=e.prior * factor), *model.effects[i + 1 :])
-                model = replace(model, effects=effects)
+                model = model.replacing(i, replace(e, prior=e.prior * factor))
     return model
 
 
@@ -329,7 +326,7 @@ def search(data: Data, model: Model, proof_deadline: float = np.inf) -> list[Fit
         for fit in beam:
             if data.late:
                 break
-            for more in (m for s in _worth_trying(candidates(fit)) for m in _with(fit, s.effect)):
+            for more in (m for s in _worth_trying(candidates(fit)) for m in _adding(fit, s.effect)):
                 if data.late:
                     break
                 trial = refit(data, more, near=fit)
@@ -358,7 +355,7 @@ def _beginnings(data: Data, model: Model) -> list[Fit]:
     turns against it."""
     turning = [other for way in _ways_round(data.scene, model) for other in _gross_offsets(data, way)]
     fits = [refit(data, model), *(_on_their_sides(data, refit(data, other)) for other in turning)]
-    worth = {id(f): f.evidence - MARGIN * _inverted(f.model) for f in fits}
+    worth = {id(f): f.evidence - MARGIN * f.model.inverted for f in fits}
     fits.sort(key=lambda f: -worth[id(f)])
     return [f for f in fits if worth[id(f)] > worth[id(fits[0])] - 10.0][:BEAM]
 
@@ -376,10 +373,6 @@ def _ways_round(scene, model: Model) -> list[Model]:
     return [model, replace(other, base=base)]
 
 
-def _inverted(model: Model) -> bool:
-    return any(e.family == "spectral_inversion" for e in model.effects)
-
-
 def _on_their_sides(data: Data, fit: Fit, again: bool = False) -> Fit:
     """The fit with what either side may have on the sides that make the recording likelier: a gain that changes is a
     transmitter's where the noise does not change with it, and so is what changes later on late paths."""
@@ -389,14 +382,17 @@ def _on_their_sides(data: Data, fit: Fit, again: bool = False) -> Fit:
         of_either = stage == RX_GAIN or stage == RX_LO and family.linear and _is_late(fit, effect)
         if effect.fixed or data.late or not of_either:
             continue
-        forms = [replace(effect, aux={**effect.aux, "side": "tx", "source": i}) for i in range(len(data.scene.sources))]
-        if family.linear:  # on the wrong side only slow wander could be followed
-            sizes = [size for size in course_orders(data.scene, MOST) if size > len(effect.p)]
-            forms += [family.wider(forms[0], size, {"law": "held", "corner": size / 8}) for size in sizes]
+        forms = _as_sent(data.scene, effect)
+        forms += family.finer(data.scene, forms[0])
         best = max((refit(data, fit.model.without(k).adding(form)) for form in forms), key=lambda f: f.evidence)
         if best.evidence > fit.evidence + 1.0:
             return _on_their_sides(data, best)
     return fit
+
+
+def _as_sent(scene, effect: Effect) -> list[Effect]:
+    """The effect as that of each transmitter."""
+    return [replace(effect, aux={**effect.aux, "side": "tx", "source": i}) for i in range(len(scene.sources))]
 
 
 def _is_late(fit: Fit, effect: Effect) -> bool:
@@ -408,8 +404,8 @@ def _is_late(fit: Fit, effect: Effect) -> bool:
 def _whose_carrier(data: Data, fit: Fit, again: bool) -> Fit:
     """The fit with a carrier offset on the side that the phases of late paths tell, or the edges of the band; unsaid where
     they do not. `again`: also where a side was said before all else was known."""
-    scene, model, family = data.scene, fit.model, FAMILIES["carrier_frequency_offset"]
-    at = next((i for i, e in enumerate(model.effects) if e.family == family.name and not e.fixed), None)
+    scene, model = data.scene, fit.model
+    at = next((i for i, e in enumerate(model.effects) if e.family == "carrier_frequency_offset" and not e.fixed), None)
     if at is None or not again and "side" in model.effects[at].aux or data.late:
         return fit
     if scene.free_ports:  # ports of one transmitter have one oscillator
@@ -418,17 +414,17 @@ def _whose_carrier(data: Data, fit: Fit, again: bool) -> Fit:
     carrier, apart = abs(offset.p[0]) / scene.span, max(delays) - min(delays)
     if carrier * max(1.0, apart) < LEAST_TURN:
         return fit
-    receiver, *senders = family.sides(scene, offset)
-    others = senders if offset.aux.get("side") != "tx" else [receiver]
+    sent = offset.aux.get("side") == "tx"
+    others = [replace(offset, aux={"side": "rx"})] if sent else _as_sent(scene, offset)
     best = max((refit(data, model.without(at).adding(form)) for form in others), key=lambda f: f.evidence)
     if best.evidence > fit.evidence + MARGIN:
         return best
-    if others is senders and fit.evidence > best.evidence + MARGIN and carrier * apart > LEAST_TURN:
-        return replace(fit, model=replace(model, effects=(*model.effects[:at], receiver, *model.effects[at + 1 :])))
+    if not sent and fit.evidence > best.evidence + MARGIN and carrier * apart > LEAST_TURN:
+        return replace(fit, model=model.replacing(at, replace(offset, aux={"side": "rx"})))
     return fit
 
 
-def _with(fit: Fit, effect: Effect) -> list[Model]:
+def _adding(fit: Fit, effect: Effect) -> list[Model]:
     """The model of a fit with one more effect, and with one of each owner's own in its place."""
     models = [fit.model.adding(effect)]
     if own := FAMILIES[effect.family].apart(fit.data.scene, effect):
@@ -490,7 +486,7 @@ def _gross_offsets(data: Data, model: Model) -> list[Model]:
         return offsets.models(data, model)
     chain = predict(scene, model)
     y, wanted = data.y, chain.wanted
-    if _inverted(model):
+    if model.inverted:
         y, wanted = np.conj(y), np.conj(wanted)
     product = y * np.conj(wanted) * data.use
     size = sp_fft.next_fast_len(4 * len(product))

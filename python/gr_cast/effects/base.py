@@ -34,6 +34,8 @@ import numpy as np
 ) = range(19)
 CHANNEL_AFTER = CLOCK
 
+PROBE = 1e-5  # size of the wave, path or tap that is added to measure a derivative
+
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
@@ -121,6 +123,10 @@ class Family:
         """Whether the numbers can be those of real equipment."""
         return True
 
+    def finer(self, scene, effect: Effect) -> list[Effect]:
+        """The effect with more freedom, for where what stood in its way is gone."""
+        return []
+
     def later(self, effect: Effect, lengths: float) -> Effect:
         """The effect in a stretch that begins so many lengths of the recording later."""
         return effect
@@ -161,6 +167,14 @@ def turned(p: np.ndarray, cycles: float) -> np.ndarray:
     """Numbers whose first two are Re and Im of a gain, after so many cycles."""
     gain = complex_pair(p) * np.exp(2j * np.pi * cycles)
     return np.concatenate([[gain.real, gain.imag], p[2:]])
+
+
+def of_sender(effect, chain, before, rest) -> np.ndarray:
+    """(n,) what the transmitter of an effect adds to the prediction `chain`; `before` and `rest` as `columns` has them."""
+    if len(chain.scene.sources) == 1:
+        return chain.wanted
+    i = effect.aux["source"]
+    return (rest(before.copy(), effect, extra=(i, PROBE * before.waves[i])).y - chain.y) / PROBE
 
 
 def side_of(model: dict) -> dict:

@@ -6,8 +6,6 @@ A transmitter's offset (aux side tx) is delayed with its signal: a path that com
 a receiver's offset makes of it. Where no path comes much later the two are the same, and no side is said.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from .base import RX_LO, TX_LO, Family, side_of, start
@@ -33,11 +31,6 @@ class CarrierFrequencyOffset(Family):
         else:
             chain.y = chain.y * chain.turn(effect.p)
             chain.wanted = chain.y
-
-    def sides(self, scene, effect) -> list:
-        """The forms of an effect: the receiver's, and one of each transmitter."""
-        forms = [{"side": "rx"}, *({"side": "tx", "source": i} for i in range(len(scene.sources)))]
-        return [replace(effect, aux=form) for form in forms]
 
     def starts(self, view):
         yield start(self, [0.0, 0.0], free=[True, False])

@@ -289,10 +289,8 @@ class Chain:
                 signal = signal * np.exp(1j * TAU * doppler * self.u)
             if paths[0].track is not None:
                 signal = signal * paths[0].track
-            if i in self.modulations:
-                signal = signal * self._modulation(i, self._first_delay(i) if alone is None else alone)
-            if i in self.carriers:
-                signal = signal * self.turn(self.carriers[i])
+            if i in self.carriers or i in self.modulations:
+                signal = signal * self.sent(i, self._first_delay(i) if alone is None else alone)
             y += self.ports.get(i, 1.0) * signal
         for i, leak in self.leaks.items():
             for path in self.paths:
@@ -327,18 +325,13 @@ class Chain:
 
     def sent(self, source: int, delay: float = 0.0):
         """(n,) what a transmitter's oscillator and gain make of a path of this delay, but for the carrier's own phase."""
-        turn = self.turn(self.carriers[source]) if source in self.carriers else 1.0
-        return turn * self._modulation(source, delay)
-
-    def _first_delay(self, source: int) -> float:
-        return next(p.delay for p in self.paths if p.source == source)
-
-    def _modulation(self, source: int, delay: float):
-        """(n,) a transmitter's factors over time as a path of this delay brings them."""
-        factor = 1.0
+        factor = self.turn(self.carriers[source]) if source in self.carriers else 1.0
         for over_time in self.modulations.get(source, []):
             factor = factor * over_time(delay)
         return factor
+
+    def _first_delay(self, source: int) -> float:
+        return next(p.delay for p in self.paths if p.source == source)
 
     def _response(self, path: Path, size: int, carrier: float) -> np.ndarray:
         turn = path.gain * _behind(path, carrier) * self.scene.delayed(path.delay + self.delay, size, carrier)

@@ -6,11 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from .base import LINK, Family, start
+from .base import LINK, PROBE, Family, start
 from .chain import Path
 from .columns import Lags
 
-PROBE = 1e-5  # size of the tap that is added to measure a derivative
 SIZES = (8, 16, 32, 64)
 
 

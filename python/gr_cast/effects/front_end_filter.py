@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .base import RX_FILTER, TX_FILTER, Effect, Family, start
+from .base import RX_FILTER, TX_FILTER, Effect, Family, of_sender, start
 from .columns import Lags
 
 SIZES = (
@@ -28,7 +28,6 @@ SIZES = (
 )
 
 
-PROBE = 1e-5  # size of the wave that is added to measure a derivative
 FEW = 30_000  # samples, of all transmitters together, in which every length is tried again once the rest is known
 
 
@@ -75,14 +74,10 @@ class FrontEndFilter(Family):
 
     def columns(self, scene, effect, chain, before, rest):
         lags = np.delete(np.arange(effect.aux["low"], effect.aux["high"] + 1), -effect.aux["low"])
-        steady = before.y
         if effect.aux.get("side") == "tx":
-            steady = chain.wanted
-            if len(scene.sources) > 1:  # of all that is heard, what this transmitter sent
-                i = effect.aux["source"]
-                steady = (rest(before.copy(), effect, extra=(i, PROBE * before.waves[i])).y - chain.y) / PROBE
-        elif chain.facing != before.facing:
-            steady = np.conj(before.y)
+            steady = of_sender(effect, chain, before, rest)
+        else:
+            steady = before.y if chain.facing == before.facing else np.conj(before.y)
         return Lags(signals=steady[None], entries=tuple((0, int(lag)) for lag in lags), paired=chain.facing)
 
     def starts(self, view):

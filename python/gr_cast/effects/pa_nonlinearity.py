@@ -9,12 +9,11 @@ parts.
 import numpy as np
 from scipy import fft as sp_fft
 
-from .base import TX_PA, Effect, Family, db, start
+from .base import PROBE, TX_PA, Effect, Family, db, start
 from .chain import oversampled
 from .columns import Lags
 from .front_end_filter import FrontEndFilter
 
-PROBE = 1e-5  # size of the wave that is added to measure a derivative
 ORDERS = ((1,), (1, 2), (1, 2, 3), (1, 2, 3, 4))
 
 

@@ -12,11 +12,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from .base import RX_LO, TX_LO, Family, side_of, start
+from .base import RX_LO, TX_LO, Family, of_sender, side_of, start
 from .basis import course_length, course_orders, grid_of
 from .columns import Courses
 
-PROBE = 1e-5  # share of a wave that is added to measure what it does
 MOST = 480  # cosines: the fastest wander that is followed
 
 
@@ -60,10 +59,7 @@ class PhaseNoise(Family):
         )
 
     def columns(self, scene, effect, chain, before, rest):
-        turned = chain.wanted
-        if effect.aux.get("side") == "tx" and len(scene.sources) > 1:  # of all that is heard, what this transmitter sent
-            i = effect.aux["source"]
-            turned = (rest(before.copy(), effect, extra=(i, PROBE * before.waves[i])).y - chain.y) / PROBE
+        turned = of_sender(effect, chain, before, rest) if effect.aux.get("side") == "tx" else chain.wanted
         return Courses(signals=1j * chain.facing * turned[None], orders=len(effect.p), scene=scene)
 
     def starts(self, view):
@@ -79,6 +75,11 @@ class PhaseNoise(Family):
         side = {key: effect.aux[key] for key in ("side", "source") if key in effect.aux}
         p = np.concatenate([effect.p, np.zeros(size - have)])
         return replace(effect, p=p, prior=prior, free=np.ones(size, bool), aux=law | side)
+
+    def finer(self, scene, effect):
+        """To faster wander, which on the wrong side could not be followed."""
+        sizes = [size for size in course_orders(scene, MOST) if size > len(effect.p)]
+        return [self.wider(effect, size, {"law": "held", "corner": size / 8}) for size in sizes]
 
     def values(self, scene, effect, p):
         unseen = float(np.sum(effect.aux.get("_variance", [0.0])))  # of the course around its estimate

@@ -4,12 +4,11 @@ where it has echoes of its own, Re and Im of taps at whole samples (aux lags) fr
 
 import numpy as np
 
-from .base import ENVIRONMENT, Family, complex_pair, db, start, turned
+from .base import ENVIRONMENT, PROBE, Family, complex_pair, db, start, turned
 from .chain import BINS, TAU, frequencies
 from .columns import Dense
 
 ECHOES = tuple(lag for lag in range(-4, 13) if lag)
-PROBE = 1e-5
 
 
 class SecondTransmitter(Family):

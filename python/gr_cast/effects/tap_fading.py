@@ -6,12 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from .base import start
+from .base import PROBE, start
 from .basis import course_orders
 from .columns import Courses
 from .tap import TapFamily
-
-PROBE = 1e-5  # size of the path that is added to measure a derivative
 
 
 class TapFading(TapFamily):
