@@ -25,6 +25,7 @@ def main(argv=None):
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--cases", type=int, default=200, metavar="N", help="how many cases (default 200)")
+    parser.add_argument("--nulls", type=int, default=0, metavar="N", help="so many more with nothing wrong (default 0)")
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="of all that is drawn (default 1)")
     parser.add_argument(
         "--jobs", type=int, default=1, metavar="J", help="diagnoses at the same time (default 1)"
@@ -34,10 +35,11 @@ def main(argv=None):
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="all figures as JSON")
     args = parser.parse_args(argv)
-    if args.cases < 1 or args.jobs < 1:
-        parser.error(f"--cases and --jobs: got {args.cases} and {args.jobs}, need 1 or more")
+    if args.cases < 1 or args.jobs < 1 or args.nulls < 0:
+        given = f"{args.cases}, {args.jobs} and {args.nulls}"
+        parser.error(f"--cases, --jobs and --nulls: got {given}, need 1, 1 and 0 or more")
     cases, truths, diagnoses = (args.output / name for name in ("cases", "truth", "diagnoses"))
-    seal = build.build(cases, truths, args.seed, args.cases, _progress)
+    seal = build.build(cases, truths, args.seed, args.cases, args.nulls, _progress)
     print(f"sealed: {seal}", flush=True)
     names = sorted(path.stem for path in truths.glob("*.json"))
     program = [str(ROOT / "apps" / "cast_diagnose.py"), *(str(cases / name) for name in names)]

@@ -93,3 +93,22 @@ def test_what_is_left_in_a_later_part_stands_at_its_time_in_the_recording(world,
     told = [w["time_s"] for w in document["residual"]["where"] if "time_s" in w]
     assert document["verdict"] == "unexplained" and "impulsive_noise" not in {e["family"] for e in document["effects"]}
     assert any(a * RATE_HZ < 16_300 and b * RATE_HZ > 16_000 for a, b in told)
+
+
+def _short_frame(rng, folder, wrong):
+    """The diagnosis of 255 chips, sent once, of which the samples `wrong` are heard amiss."""
+    x = np.sign(rng.normal(size=255)).astype(complex)
+    y = 0.2 * x + noise(rng, 255, 0.005)
+    y[wrong] += noise(rng, len(wrong), 0.3)
+    folder.mkdir()
+    return diagnose(sent_once(folder, y, x)).document
+
+
+def test_a_wrong_stretch_of_a_short_frame_is_placed_and_impulses_are_named(tmp_path):
+    document = _short_frame(np.random.default_rng(5), tmp_path / "stretch", np.arange(140, 156))
+    told = [w["time_s"] for w in document["residual"]["where"] if "time_s" in w]
+    assert document["verdict"] == "unexplained" and not document["effects"]
+    assert any(a * RATE_HZ < 156 and b * RATE_HZ > 140 for a, b in told)
+    rng = np.random.default_rng(6)
+    (impulses,) = _short_frame(rng, tmp_path / "impulses", rng.choice(255, 12, replace=False))["effects"]
+    assert impulses["family"] == "impulsive_noise"

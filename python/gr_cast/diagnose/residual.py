@@ -15,7 +15,8 @@ from ..effects.quantization import is_coarse
 from .view import View
 
 WINDOWS = 64  # of time, in which impulses are counted
-LONGEST_IMPULSE = 8  # samples that a receiver's band makes of one
+LEAST_WINDOW = 16  # samples
+LONGEST_IMPULSE = 8  # samples that a receiver's band makes of one where it colours the noise
 HEARD = 0.1  # of the mean wanted power, from which on a course is held by the recording
 
 
@@ -189,18 +190,23 @@ def jumps(fit) -> list[Leftover]:
 
 
 def crowded_impulses(fit) -> float:
-    """p-value of the fullest of many windows of time under impulses that come at random (Poisson); 1 without impulses."""
+    """p-value of the fullest of many windows of time, half over each other, under impulses that come at random (Poisson); 1
+    without impulses."""
     effect = next((e for e in fit.model.found if e.family == "impulsive_noise"), None)
     used = np.flatnonzero(fit.data.use > 0)
-    if effect is None or len(used) < 4 * WINDOWS:
+    windows = min(WINDOWS, len(used) // LEAST_WINDOW)
+    if effect is None or windows < 4:
         return 1.0
     energy = np.abs(_normal(replace(fit, data=replace(fit.data, variance=None)))[used]) ** 2
     at = np.flatnonzero(FAMILIES[effect.family].shares(effect, energy * fit.sigma2 / effect.aux["_level"]) > 0.5)
     if not len(at):
         return 1.0
-    long = min(LONGEST_IMPULSE, len(at) / (1 + np.count_nonzero(np.diff(at) > 2)))  # samples that one lasts
-    fullest = np.bincount(at * WINDOWS // len(used)).max() / long
-    return _bonferroni(float(stats.poisson.logsf(fullest - 1, len(at) / long / WINDOWS)), WINDOWS)
+    long = 1.0  # samples that one lasts
+    if fit.data.spectrum is not None:
+        long = min(LONGEST_IMPULSE, len(at) / (1 + np.count_nonzero(np.diff(at) > 2)))
+    halves = np.bincount(at * 2 * windows // len(used), minlength=2 * windows)
+    fullest = (halves[1:] + halves[:-1]).max() / long
+    return _bonferroni(float(stats.poisson.logsf(fullest - 1, len(at) / long / windows)), 2 * windows)
 
 
 def delay_time(fit, segments: int = 24, longest: float = 0.0) -> tuple[np.ndarray, np.ndarray]:

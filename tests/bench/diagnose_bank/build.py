@@ -28,12 +28,12 @@ def checked(case):
     return max(found) if found else None
 
 
-def build(cases_dir, truth_dir, seed, total, progress=lambda *a: None):
-    """Writes all cases aside and renames at the end of each; truths are sealed last. Returns the seal."""
+def build(cases_dir, truth_dir, seed, total, nulls=0, progress=lambda *a: None):
+    """Writes all cases aside and renames at the end of each, `nulls` after `total`; truths are sealed last. Returns the seal."""
     cases_dir, truth_dir = Path(cases_dir), Path(truth_dir)
     cases_dir.mkdir(parents=True, exist_ok=True)
     truth_dir.mkdir(parents=True, exist_ok=True)
-    for index in range(total):
+    for index in range(total + nulls):
         name = name_of(seed, index)
         if (truth_dir / f"{name}.json").exists() and (cases_dir / name).exists():
             continue
@@ -46,7 +46,7 @@ def build(cases_dir, truth_dir, seed, total, progress=lambda *a: None):
         files.write_case(aside, case.twin, case.waveforms, case.recordings, case.datatype)
         aside.rename(cases_dir / name)
         truth.write(truth_dir, name, {**case.truth, "case": name})
-        progress(index + 1, total, name, case, miss)
+        progress(index + 1, total + nulls, name, case, miss)
     return truth.seal(truth_dir)
 
 

@@ -20,9 +20,9 @@ PLAN = (
 
 
 def draw(seed, index, total):
-    """Case `index` of `total`: kinds follow the plan's shares in order, and all else the seed."""
+    """Case `index` of `total`: kinds follow the plan's shares in order, and all else the seed; those beyond `total` are nulls."""
     kind = int(np.searchsorted(np.cumsum([share for share, _ in PLAN]), (index + 0.5) / total))
-    make = PLAN[min(kind, len(PLAN) - 1)][1]
+    make = null if index >= total else PLAN[min(kind, len(PLAN) - 1)][1]
     for attempt in range(200):
         rng = np.random.default_rng([seed, index, attempt])
         try:
