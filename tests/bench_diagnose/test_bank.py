@@ -104,7 +104,7 @@ def test_truth_gives_by_formula_what_gnu_radio_played(key):
     cause = world.Cause(key=key, owner=tune.owner_of(rng, family, scene), strength=family.start, draw=draw)
     (cause,) = tune.tune([scene], [cause], 0, 400.0)
     lam = world.strength_lambda(scene, [cause], cause)
-    effect = truth.effect(cause, scene, [scene], lam, network=False)
+    effect = truth.effect(cause, scene, [scene], lam, network=False, wanted=world.wanted_power(scene, [cause]))
     assert lam > 250
     assert closed_form.misfit(scene, [effect], [cause]) < 0.01 * lam
     # the formula without the cause misses its λ: the test can fail
@@ -120,7 +120,7 @@ def test_noise_floor_rises_by_its_change():
         strength=0.5,
         draw=FAMILIES["noise_floor"].draw(rng, scene.context),
     )
-    parameters = truth.effect(cause, scene, [scene], 500.0, network=False)["parameters"]
+    parameters = truth.effect(cause, scene, [scene], 500.0, False, scene.context.power)["parameters"]
     added = world.play(scene, [cause]) - world.play(scene, noise=False)
     change = 10 * np.log10(np.mean(np.abs(added) ** 2) / scene.context.noise)
     assert change == pytest.approx(parameters["change_db"]["value"], abs=4 * 4.343 / np.sqrt(scene.context.count))

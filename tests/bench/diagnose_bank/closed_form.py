@@ -142,6 +142,7 @@ def clean(scene, effects, causes):
         margin = 4 * period + 2000
         m, x = _transmit(scene, effects, causes, -int(np.floor(c.bulk)) - extra - margin, len(n) + 2 * margin)
         y = _long_paths(x, taps, c, n, margin)
+    wanted = np.sqrt(np.mean(np.abs(y * c.gain) ** 2))
     for e, k in _sides(effects, causes, "environment"):
         if e["family"] == "second_transmitter":
             tap = {
@@ -154,7 +155,7 @@ def clean(scene, effects, causes):
     y = y * c.gain
     for e, _k in _sides(effects, causes, "environment"):
         if e["family"] == "tone_interference":
-            level = np.sqrt(c.power) * 10 ** (_v(e, "power_dbc") / 20)
+            level = wanted * 10 ** (_v(e, "power_dbc") / 20)
             y = y + level * np.exp(2j * np.pi * _v(e, "frequency_hz") * n / c.rate)
     y = y * np.exp(2j * np.pi * c.offset_known_hz * n / c.rate)
     for e, k in _sides(effects, causes, "rx"):
@@ -162,7 +163,7 @@ def clean(scene, effects, causes):
         if family == "iq_imbalance":
             y = _imbalanced(y, e, True)
         elif family == "dc_offset":
-            y = y + np.sqrt(c.power) * 10 ** (_v(e, "level_dbc") / 20) * np.exp(1j * k.draw["phase"])
+            y = y + wanted * 10 ** (_v(e, "level_dbc") / 20) * np.exp(1j * k.draw["phase"])
         elif family == "carrier_frequency_offset":
             y = _turned(y, e, n, c.rate)
         elif family in ("gain_step", "gain_drift", "power_supply_hum"):

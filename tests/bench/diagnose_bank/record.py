@@ -121,7 +121,8 @@ def finish(
     network = kind == "network"
     for c in causes:
         mine = [s for s in scenes if world.touches(c, s)]
-        effects.append(truth.effect(c, mine[0], mine, total_lambda(scenes, everything, c), network))
+        lam, wanted = total_lambda(scenes, everything, c), world.wanted_power(mine[0], everything)
+        effects.append(truth.effect(c, mine[0], mine, lam, network, wanted))
     if lam_outside is not None:
         effects = [lam_outside]
     context = scenes[0].context

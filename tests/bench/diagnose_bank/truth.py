@@ -5,6 +5,8 @@ import hashlib
 import json
 from pathlib import Path
 
+import numpy as np
+
 SEAL = "SEAL.sha256"
 
 
@@ -46,9 +48,17 @@ def owners_ok(owner, network, transmitter, receiver):
     return [transmitter, receiver, link]
 
 
-def effect(cause, scene, scenes, lam, network):
-    """One entry of truth's `effects`. scene: the one whose context its parameters are given in."""
+def _raised(parameter, more_db):
+    return {**parameter, "value": parameter["value"] + more_db, "also": [a + more_db for a in parameter["also"]]}
+
+
+def effect(cause, scene, scenes, lam, network, wanted):
+    """One entry of truth's `effects`. scene: the one whose context its parameters are given in; wanted: mean wanted power in its
+    recording, which causes make another than that of the twin."""
     parameters, values, where = cause.family.truth(cause.strength, cause.draw, scene.context)
+    if cause.owner["level"] in ("environment", "rx"):
+        more_db = 10 * np.log10(scene.context.power / wanted)
+        parameters = {k: _raised(p, more_db) if k in ("power_dbc", "level_dbc") else p for k, p in parameters.items()}
     if lam < 20 or cause.family.stochastic:
         parameters = {
             k: {**p, "z": p["z"] and not cause.family.stochastic and lam >= 20} for k, p in parameters.items()

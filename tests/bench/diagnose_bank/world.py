@@ -138,6 +138,12 @@ def play(scene, causes=(), *, noise=True, absent=()):
     return y[c.first : c.first + c.count]
 
 
+def wanted_power(scene, causes):
+    """Mean power in the recording of what the twin's transmitter sends, as its hardware and the channel leave it."""
+    y = play(scene, [k for k in causes if k.owner["level"] in ("tx", "link")], noise=False)
+    return float(np.mean(np.abs(y) ** 2))
+
+
 def _outside(x, scene, place):
     return scene.after(x, scene.context) if scene.place == place else x
 
