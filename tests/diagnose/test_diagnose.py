@@ -177,7 +177,9 @@ def test_a_recording_for_the_vault_is_predicted_and_never_fitted(world, tmp_path
     assert fit["corrected_nmse_db"] == pytest.approx(fit["noise_floor_db"], abs=0.3)
 
 
-def test_an_owner_is_the_node_whose_recordings_show_the_effect(world, tmp_path):
+def network(world, tmp_path, factor):
+    """The diagnosis of two transmitters that two receivers hear one by one, each link times factor(transmitter), asked anew for
+    every recording."""
     names = [(tx, rx) for tx in ("tx1", "tx2") for rx in ("rx1", "rx2")]
     folder = world.write(tmp_path / "case", world.noisy(world.clean()))
     twin = world.twin()
@@ -190,14 +192,43 @@ def test_an_owner_is_the_node_whose_recordings_show_the_effect(world, tmp_path):
         {"file": file, "receiver": rx, "transmitters": [tx]} for file, (tx, rx) in zip(files, names, strict=True)
     ]
     for file, (tx, _) in zip(files, names, strict=True):
-        offset_hz = 6.0 if tx == "tx2" else 0.0
-        y = world.clean() * np.exp(2j * np.pi * offset_hz * world.n / RATE_HZ)
-        recording.write(folder / file, world.noisy(y), sample_rate_hz=RATE_HZ)
+        recording.write(folder / file, world.noisy(world.clean() * factor(tx)), sample_rate_hz=RATE_HZ)
     (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
-    document = diagnose(read_case(folder), budget_s=PATIENCE_S).document
+    return diagnose(read_case(folder), budget_s=PATIENCE_S).document
+
+
+def test_an_owner_is_the_node_whose_recordings_show_the_effect(world, tmp_path):
+    document = network(world, tmp_path, lambda tx: np.exp(2j * np.pi * 6.0 * (tx == "tx2") * world.n / RATE_HZ))
     assert named(document) == ["carrier_frequency_offset"]
     assert document["effects"][0]["owner"] == {"level": "tx", "name": "tx2"}
     assert document["effects"][0]["where"]["recording"] == ["tx2_rx1", "tx2_rx2"]
+
+
+def test_a_small_step_whose_moment_no_recording_tells_well_is_one_step(world, tmp_path):
+    document = network(world, tmp_path, lambda tx: np.where((tx == "tx1") & (world.n >= 6000), 10 ** (-0.06 / 20), 1.0))
+    assert named(document) == ["gain_step"]
+    assert document["effects"][0]["where"]["recording"] == ["tx1_rx1", "tx1_rx2"]
+    moment = said(document, "gain_step", "time_s")
+    assert all(abs(m["value"] - 0.006) < 4 * m["std"] for m in moment.get("per_recording", {"": moment}).values())
+
+
+def test_the_wander_of_one_oscillator_is_no_offset_where_it_happens_to_be_slow(world, tmp_path):
+    walk = np.random.default_rng(3)
+    course = lambda: np.cumsum(walk.normal(size=len(world.n))) * 4e-5  # noqa: E731
+    document = network(world, tmp_path, lambda tx: np.exp(1j * course()) if tx == "tx1" else 1.0)
+    assert named(document) == ["phase_noise"]
+    assert document["effects"][0]["owner"] == {"level": "tx", "name": "tx1"}
+
+
+def test_a_band_of_noise_beside_a_senders_filter_is_not_the_colour_of_a_receivers(world, tmp_path):
+    world.noise_rms = 0.03
+    y, band = world.clean(), signal.firwin(401, 0.02)
+    y = y + 0.1 * np.roll(y, 1) - 0.06 * np.roll(y, 2)
+    interference = signal.lfilter(band, 1, world.noisy(np.zeros(len(world.n))))
+    interference *= 0.012 / np.sqrt(np.mean(np.abs(interference) ** 2)) * np.exp(2j * np.pi * 0.1 * world.n)
+    document = run(world, tmp_path, world.noisy(y) + interference)
+    assert sorted(named(document)) == ["front_end_filter", "narrowband_interference"]
+    assert said(document, "narrowband_interference", "frequency_hz")["value"] == pytest.approx(1e5, abs=3e3)
 
 
 def test_dc_and_leakage_stay_open_without_a_carrier_offset(world, tmp_path):

@@ -64,6 +64,15 @@ def test_the_model_of_carrier_and_clock_explains_what_it_can_before_a_fit(pilots
     assert np.mean(left) == pytest.approx(0.1**2 * 0.25 * 1.2 + 2 * 0.03**2, rel=0.1)
 
 
+def test_behind_an_inversion_carrier_and_clock_are_those_in_front_of_it(pilots):
+    _, data, model = align.build(pilots, pilots.observations[0])
+    mirrored = replace(data, y=np.conj(data.y)), model.adding(start(FAMILIES["spectral_inversion"], []))
+    for straight, other in zip(offsets.models(data, model), offsets.models(*mirrored), strict=True):
+        assert np.allclose(predict(data.scene, other).y, np.conj(predict(data.scene, straight).y))
+        for effect in straight.found:
+            assert np.array_equal(effect.p, next(e.p for e in other.found if e.family == effect.family))
+
+
 def test_samples_that_are_left_out_change_no_prediction(pilots, monkeypatch):
     observation = pilots.observations[0]
     scene, data, model = align.build(pilots, observation)

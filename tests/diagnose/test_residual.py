@@ -2,11 +2,13 @@
 """What is left after a fit: jumps that no oscillator makes, errors of a coarse lattice that are no place of their own,
 and what is too fast to be followed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from gr_cast.diagnose import align, gate, noise, read_case, residual, run
+from gr_cast.diagnose import align, diagnose, gate, noise, read_case, residual, run
 from gr_cast.diagnose.finding import Finding
-from gr_cast.diagnose.search import refit
+from gr_cast.diagnose.search import refit, under_the_lattice
 from gr_cast.effects import FAMILIES
 from gr_cast.effects.base import start
 from gr_cast.effects.phase_noise import shape_of
@@ -84,9 +86,33 @@ def test_a_lattice_of_few_steps_leaves_nothing_unexplained(world, tmp_path):
     coarse = step * (np.round(y.real / step) + 1j * np.round(y.imag / step))
     data, model = _built(world, tmp_path / "case", coarse)
     (lattice, _), = gate.discrete(coarse, "cf32_le")
-    fit = refit(data, run._under_the_lattice(data, model.adding(lattice)))
+    fit = refit(data, under_the_lattice(data, model.adding(lattice)))
     for rest in residual.leftovers(fit, run.off_the_rails(fit)):
         assert rest.p_value > run.UNEXPLAINED_P or rest.nats < run.UNEXPLAINED_NATS
+
+
+def test_a_lattice_and_lost_samples_are_all_that_is_found_of_both(world, tmp_path):
+    world.taps = [(0, 1.0), (9, 0.5 * np.exp(0.7j)), (31, 0.4 * np.exp(2j)), (40, 0.3 * np.exp(-1j))]
+    world.code = {"code": "zadoff_chu", "length": 509, "root": 7, "samples_per_chip": 1}
+    index, step = np.arange(509), 1 / 32
+    world.x = np.exp(-1j * np.pi * 7 * index * (index + 1) / 509)
+    world.noise_rms = 0.004
+    y = world.noisy(np.where(world.n < 17_000, world.clean(), np.roll(world.clean(), 155)))
+    coarse = step * (np.round(y.real / step) + 1j * np.round(y.imag / step))
+    document = diagnose(read_case(world.write(tmp_path / "case", coarse)), budget_s=3000).document
+    assert document["verdict"] == "identified"
+    assert {e["family"] for e in document["effects"]} == {"sample_loss", "quantization"}
+
+
+def test_the_mean_of_a_tap_that_fades_is_no_cause_of_its_own(world, tmp_path):
+    fit = _faded(world, tmp_path / "case", 1 + 0.3 * np.cos(world.n / 800))
+    finding = Finding(observation=None, scene=fit.data.scene, data=fit.data, twin=fit, fit=fit)
+    others = [start(FAMILIES["spectral_inversion"], []), start(FAMILIES["carrier_frequency_offset"], [1.0, 0.0])]
+    for more in others:
+        finding.fit = replace(finding.fit, model=finding.fit.model.adding(more))
+    assert len(finding.fit.model.found) == 4 and not finding.crowded
+    finding.fit = replace(finding.fit, model=finding.fit.model.adding(start(FAMILIES["sample_loss"], [9.0, 1.0])))
+    assert finding.crowded
 
 
 def test_noise_in_a_band_raises_no_floor_and_leaves_nothing_beside_it(world, tmp_path):

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from gr_cast.diagnose import align, ambiguity, read_case
+from gr_cast.diagnose import align, ambiguity, read_case, search
 from gr_cast.diagnose.ownership import kind_of
 from gr_cast.diagnose.search import _colour, _polished, causes, refit
 from gr_cast.diagnose.view import View
@@ -102,3 +102,11 @@ def test_coloured_noise_is_worth_what_its_entropy_lacks_where_it_is_densest_in_t
     # The geometric mean of |1 + a·e^jω|² is 1, its mean 1 + a² (Kolmogorov's formula); densest at ω = 0 for a > 0
     want = data.count * np.log(1 + a**2) - 10 * np.log(data.count) if a > 0 else 0.0
     assert _colour(refit(data, model)) == pytest.approx(want, rel=0.1, abs=50.0)
+
+
+def test_starts_that_are_elsewhere_are_scored_in_every_size_of_a_course(world, tmp_path, monkeypatch):
+    case = read_case(world.write(tmp_path / "case", world.noisy(world.clean())))
+    _, data, model = align.build(case, case.observations[0])
+    monkeypatch.setattr(search, "ELSEWHERE", -1.0)
+    fit = search.refit(data, model.adding(start(FAMILIES["carrier_frequency_offset"], [0.1, 0.0])))
+    assert all(np.isfinite(s.net) for s in search.candidates(fit))

@@ -45,6 +45,18 @@ class Finding:
     ambiguous: list = field(default_factory=list)
     worths: dict = field(default_factory=dict)  # effect → Worth
 
+    def part_of_fading(self, effect) -> bool:
+        """Whether an effect is the mean, or a strong moment, of a tap that fades, and no cause of its own."""
+        taps = [e.aux["tap"] for e in self.fit.model.effects if e.family == "tap_fading" and not e.fixed]
+        if effect.family == "tap_gain_error":
+            return effect.aux["tap"] in taps
+        return effect.family == "extra_path" and any(abs(self.scene.taps[k].delay - effect.p[2]) < 1.0 for k in taps)
+
+    @property
+    def crowded(self) -> bool:
+        """Whether more was found than can be trusted to be the whole truth."""
+        return sum(not self.part_of_fading(e) for e in self.fit.model.found) > MOST_TRUSTED
+
     def gain_of(self, index: int) -> float:
         """Evidence that is lost without an effect."""
         return self.worth_of(index).evidence

@@ -35,8 +35,10 @@ class Offset:
 
 def models(data, model: Model) -> list[Model]:
     """The model with the likeliest offset of the carrier alone, and with those of carrier and clock, its gains fitted."""
-    scene, out = data.scene, []
-    for offset in find(scene, model.base, data.y * (data.use > 0), model.effects):
+    scene, out, y, effects = data.scene, [], data.y * (data.use > 0), model.effects
+    if model.inverted:  # oscillators are in front of the inversion
+        y, effects = np.conj(y), tuple(e for e in effects if e.family != "spectral_inversion")
+    for offset in find(scene, model.base, y, effects):
         carrier = start(FAMILIES["carrier_frequency_offset"], [offset.cycles, 0.0], trials=scene.span)
         carrier = replace(carrier, free=FAMILIES[carrier.family].settled(scene, carrier))
         base = np.concatenate([[model.base[0] + offset.delay], model.base[1:]])

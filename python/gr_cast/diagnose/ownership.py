@@ -15,7 +15,7 @@ from ..effects import FAMILIES, Effect, stage_of
 from ..effects.base import TX_LO
 from .fit import Fit, invert
 from .model import in_scene
-from .search import refit
+from .search import MARGIN, candidates, refit
 
 # Numbers that are the same wherever the owner is seen; others are compared by presence alone.
 COMMON = {
@@ -57,6 +57,27 @@ def agree_on_sides(findings) -> None:
         if sum(fit.likelihood for fit in best) > found - SIDES_ALIKE_NATS * len(holders):
             for (finding, _), fit in zip(holders, best, strict=True):
                 finding.fit = fit
+
+
+def agree_on_wander(findings) -> None:
+    """Where one recording shows a carrier offset and another the phase noise of the same oscillator, let it be phase noise in
+    both, if that costs no more than what one effect less is worth: the slow part of a wander is an offset."""
+    wandering = [f for f in findings if any(e.family == "phase_noise" for e in f.fit.model.found)]
+    for finding in findings:
+        fit = finding.fit
+        offsets = [i for i, e in enumerate(fit.model.effects) if e.family == "carrier_frequency_offset" and not e.fixed]
+        if not offsets or any(other is finding for other in wandering) or not any(_meet(finding, w) for w in wandering):
+            continue
+        bare = refit(fit.data, fit.model.without(offsets[0]))
+        course = next((s.effect for s in candidates(bare) if s.effect.family == "phase_noise"), None)
+        other = refit(fit.data, bare.model.adding(course)) if course else fit
+        if other.evidence > fit.evidence - MARGIN:
+            finding.fit = other
+
+
+def _meet(a, b) -> bool:
+    """Whether two recordings have a radio in common."""
+    return a.observation.receiver == b.observation.receiver or bool(set(a.scene.transmitters) & set(b.scene.transmitters))
 
 
 def _on_side(fit: Fit, index: int, side: str) -> Fit:

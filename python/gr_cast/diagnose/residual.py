@@ -16,7 +16,7 @@ from .view import View
 
 WINDOWS = 64  # of time, in which impulses are counted
 LEAST_WINDOW = 16  # samples
-LONGEST_IMPULSE = 8  # samples that a receiver's band makes of one where it colours the noise
+CROWDED_P = 1e-3  # of impulses in one window of time, below which they do not come at random
 HEARD = 0.1  # of the mean wanted power, from which on a course is held by the recording
 
 
@@ -201,9 +201,10 @@ def crowded_impulses(fit) -> float:
     at = np.flatnonzero(FAMILIES[effect.family].shares(effect, energy * fit.sigma2 / effect.aux["_level"]) > 0.5)
     if not len(at):
         return 1.0
-    long = 1.0  # samples that one lasts
+    long = 1.0  # samples that one lasts: more where a receiver's band colours the noise
     if fit.data.spectrum is not None:
-        long = min(LONGEST_IMPULSE, len(at) / (1 + np.count_nonzero(np.diff(at) > 2)))
+        coherence = np.abs(sp_fft.ifft(fit.data.spectrum)) ** 2
+        long = min(2 * coherence.sum() / coherence[0], len(at) / (1 + np.count_nonzero(np.diff(at) > 2)))
     halves = np.bincount(at * 2 * windows // len(used), minlength=2 * windows)
     fullest = (halves[1:] + halves[:-1]).max() / long
     return _bonferroni(float(stats.poisson.logsf(fullest - 1, len(at) / long / windows)), 2 * windows)

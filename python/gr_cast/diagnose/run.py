@@ -13,11 +13,11 @@ from ..effects.noise_family import profile
 from ..effects.phase_noise import MOST
 from ..effects.signal_dependent_noise import told_floor
 from . import align, ambiguity, gate, heldout, joints, noise, offsets, residual
-from .finding import MOST_TRUSTED, Finding, Worth, nmse, worth
-from .fit import COLOUR_ORDERS, Fit, gain_of_receiver, in_band, misfit, solve
-from .model import in_scene, predict
-from .ownership import agree_on_sides
-from .search import MARGIN, refit, search
+from .finding import Finding, Worth, nmse, worth
+from .fit import COLOUR_ORDERS, Fit, gain_of_receiver, in_band, solve
+from .model import in_scene
+from .ownership import agree_on_sides, agree_on_wander
+from .search import MARGIN, lattice_again, refit, search, under_the_lattice
 from .verdict import conclude
 
 BUDGET_S = 240.0
@@ -65,12 +65,12 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
             stds[effect.family] = std
     twin = first = refit(data, plain)
     if model.effects != plain.effects:
-        model = _under_the_lattice(data, refit(data, model).model)
+        model = under_the_lattice(data, refit(data, model).model)
         first = refit(data, model)
         if {"adc_clipping", "quantization"} <= {e.family for e in model.found}:
             # On a lattice a signal of few levels heaps up as rails would: real ones cut the prediction.
             rails = next(i for i, e in enumerate(model.effects) if e.family == "adc_clipping")
-            uncut = _under_the_lattice(data, model.without(rails))
+            uncut = under_the_lattice(data, model.without(rails))
             free = refit(data, uncut)
             if free.likelihood > first.likelihood - CUT_NATS:
                 model, first = uncut, free
@@ -84,9 +84,7 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
     proof = begun + PROOF * (deadline - begun)
     fit, *known_fits = search(data, model, proof) if known is None else _confirmed(known, data, model, proof)
     complete = not fit.notes.get("cut", data.late)
-    again = _under_the_lattice(data, fit.model)
-    if again is not fit.model:
-        fit = refit(data, again)
+    fit = lattice_again(data, fit)
     fit = _without_fine_lattice(_settle(_without_crowds(_until(fit, deadline)), finer=known is None))
     fit = _of_noise_alone(fit)
     # In the first fit the wanted signal may have been next to nothing.
@@ -103,7 +101,7 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
         later=known is not None,
         elsewhere_nats=elsewhere_nats,
     )
-    if known is None and len(fit.model.found) <= MOST_TRUSTED:
+    if known is None and not finding.crowded:
         _compare(finding)
     for i, effect in enumerate(fit.model.effects):
         if not effect.fixed:
@@ -148,23 +146,9 @@ def _light(finding: Finding, deadline: float) -> None:
     finding.scene.forget()
 
 
-def _under_the_lattice(data, model):
-    """The model with the noise in front of a coarse quantiser, in steps, under which its mean output fits
-    best."""
-    at = next((i for i, e in enumerate(model.effects) if e.family == "quantization"), None)
-    if at is None:
-        return model
-    tries = []
-    for sigma in (0.05, 0.07, 0.09, 0.11, 0.13, 0.16, 0.2, 0.25, 0.3, 0.36, 0.45, 0.6, 1.0):
-        effect = model.effects[at].moved(np.array([*model.effects[at].p[:2], sigma]))
-        other = model.replacing(at, effect)
-        tries.append((misfit(data, predict(data.scene, other).y), sigma, other))
-    return min(tries, key=lambda t: t[:2])[2]
-
-
 def _without_crowds(fit: Fit) -> Fit:
     """The fit without impulses that stand together in one stretch of time: that is something else, and is left."""
-    if residual.crowded_impulses(fit) > UNEXPLAINED_P:
+    if residual.crowded_impulses(fit) > residual.CROWDED_P:
         return fit
     return refit(fit.data, fit.model.without(next(i for i, e in enumerate(fit.model.effects) if e.family == "impulsive_noise")))
 
@@ -195,7 +179,7 @@ def _compare(finding: Finding) -> None:
     """Every found effect against its rivals."""
     fit = finding.fit
     for i, effect in enumerate(fit.model.effects):
-        if effect.fixed:
+        if effect.fixed or finding.part_of_fading(effect):
             continue
         bare, rivals = ambiguity.rivals(fit, i, finding.known)
         finding.worths[id(effect.p)] = worth(fit, bare, rivals)
@@ -439,6 +423,7 @@ def diagnose(case, *, budget_s: float = BUDGET_S, progress=lambda where: None) -
         for finding in findings:
             _light(finding, begun + budget_s)
     agree_on_sides(findings)
+    agree_on_wander(findings)
     document = conclude(case, findings, [predict_only(case, o, findings, begun + budget_s) for o in case.observations if o.vault])
     document["seconds"] = round(time.monotonic() - begun, 3)
     return Diagnosis(case=case, document=document, findings=findings, deadline=begun + PICTURES * budget_s)

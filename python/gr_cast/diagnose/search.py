@@ -25,6 +25,7 @@ MOST_EFFECTS = 4
 LEAST_TURN = 1e-5  # cycles by which late paths must differ for a carrier offset to show its side
 LEAP_STEPS = 3  # of a fit, that score an effect which is elsewhere
 SEEN = 1e-5  # share of a derivative that must be left when what other parameters can do is taken out
+ELSEWHERE = 1e-9  # power by which a start differs from the fit, over that of the fit; less is rounding
 LOUDEST = 1.6  # density of noise that a filter coloured, over its median in the signal's band
 CLEAR_SHARE, FAR_SHARE = 0.1, 0.7  # of the best score: by which starts of one family, and families, must not stay behind it
 CLEAR_NATS = 300.0  # a signal that promises more is fitted before the law of the noise is asked for
@@ -91,7 +92,7 @@ def score(fit: Fit, effect: Effect) -> Score:
         probe = nest[1] if nest else effect
         chain, columns = _derivatives(fit, probe)
         change = chain.y - fit.chain.y
-        if float(np.vdot(change, change).real) > 1e-12 * float(np.vdot(fit.chain.y, fit.chain.y).real):
+        if float(np.vdot(change, change).real) > ELSEWHERE * float(np.vdot(fit.chain.y, fit.chain.y).real):
             # The start is elsewhere: gain and phase are set free there, the rest of the model stands still.
             residual = data.whitened((data.y - chain.y)[None])
             rows = data.whitened(np.stack([chain.y, 1j * chain.y]))
@@ -104,9 +105,9 @@ def score(fit: Fit, effect: Effect) -> Score:
             h_cj, slope = others.against(columns)
             part = 2 / sigma2 * inner(columns, columns), 2 / sigma2 * h_cj, 2 / sigma2 * slope
         if nest:
-            fit.notes[key] = part
+            fit.notes[key] = part, inverse, b_j, saved
     if nest:
-        h_cc, h_cj, slope = fit.notes[key]
+        (h_cc, h_cj, slope), inverse, b_j, saved = fit.notes[key]
         part = h_cc[np.ix_(nest[2], nest[2])], h_cj[nest[2]], slope[nest[2]]
     gain = saved + 0.5 * b_j @ inverse @ b_j
     p, prior, occam = effect.p.copy(), None, 0.0
@@ -341,7 +342,7 @@ def search(data: Data, model: Model, proof_deadline: float = np.inf) -> list[Fit
         beam = _best(grown.values(), leader, leader.evidence - before)
         if not any(f is leader or not f.model.flexible for f in beam):
             break
-        beam = [_on_their_sides(data, f) for f in beam]
+        beam = [lattice_again(data, _on_their_sides(data, f)) for f in beam]
         done |= {f.model.families: f for f in beam if f.evidence >= done.get(f.model.families, f).evidence}
     ranked = sorted(done.values(), key=lambda f: -f.evidence)
     cut, data = data.late, replace(data, deadline=max(data.deadline, proof_deadline))
@@ -395,6 +396,36 @@ def _as_sent(scene, effect: Effect) -> list[Effect]:
     return [replace(effect, aux={**effect.aux, "side": "tx", "source": i}) for i in range(len(scene.sources))]
 
 
+def under_the_lattice(data: Data, model: Model) -> Model:
+    """The model with the noise in front of a coarse quantiser, in steps, under which its mean output fits best; itself where
+    that is so."""
+    at = next((i for i, e in enumerate(model.effects) if e.family == "quantization"), None)
+    if at is None:
+        return model
+    tries = []
+    for sigma in (0.05, 0.07, 0.09, 0.11, 0.13, 0.16, 0.2, 0.25, 0.3, 0.36, 0.45, 0.6, 1.0):
+        effect = model.effects[at].moved(np.array([*model.effects[at].p[:2], sigma]))
+        other = model.replacing(at, effect)
+        tries.append((misfit(data, predict(data.scene, other).y), sigma, other))
+    _, sigma, other = min(tries, key=lambda t: t[:2])
+    return model if sigma == model.effects[at].p[2] else other
+
+
+def lattice_again(data: Data, fit: Fit) -> Fit:
+    """The fit with the noise in front of a coarse quantiser that suits what else was found: much noise hides the lattice's own
+    error, and other effects would be found in its place."""
+    model = under_the_lattice(data, fit.model)
+    if model is fit.model or data.late:
+        return fit
+    return max(fit, refit(data, model), key=lambda f: f.evidence)
+
+
+def _filter_as_sent(fit: Fit) -> list[Model]:
+    """The model of a fit with what a receiver filters as that of each transmitter; none without such a filter."""
+    of_receiver = [i for i, e in enumerate(fit.model.effects) if stage_of(e) == RX_FILTER and not e.fixed]
+    return [fit.model.without(i).adding(form) for i in of_receiver for form in _as_sent(fit.data.scene, fit.model.effects[i])]
+
+
 def _is_late(fit: Fit, effect: Effect) -> bool:
     """Whether a course of the phase would differ between the paths of the one transmitter."""
     course = lambda late: fit.data.scene.course(effect.p, late)  # noqa: E731
@@ -425,8 +456,11 @@ def _whose_carrier(data: Data, fit: Fit, again: bool) -> Fit:
 
 
 def _adding(fit: Fit, effect: Effect) -> list[Model]:
-    """The model of a fit with one more effect, and with one of each owner's own in its place."""
+    """The model of a fit with one more effect, and with one of each owner's own in its place; a band of noise is not also the
+    colour of a receiver's filter, which may be a transmitter's then."""
     models = [fit.model.adding(effect)]
+    if effect.family == "narrowband_interference":
+        models += [m.adding(effect) for m in _filter_as_sent(fit)]
     if own := FAMILIES[effect.family].apart(fit.data.scene, effect):
         models.append(functools.reduce(Model.adding, own, fit.model))
     return models
@@ -466,8 +500,9 @@ def _best(grown, leader: Fit, gained: float) -> list[Fit]:
 
 
 def causes(model: Model) -> int:
-    """How many effects were searched out: what was read off the samples is none, carrier and sample clock are one."""
-    searched = [e.family for e in model.found if "read" not in e.aux]
+    """How many effects were searched out: what was read off the samples is none, nor an inversion, under which the twin was
+    found; carrier and sample clock are one."""
+    searched = [e.family for e in model.found if "read" not in e.aux and e.family != "spectral_inversion"]
     return len(searched) - ({"carrier_frequency_offset", "sample_clock_offset"} <= set(searched))
 
 

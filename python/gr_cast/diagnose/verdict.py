@@ -5,10 +5,11 @@ import numpy as np
 
 from ..effects import FAMILIES
 from . import heldout
-from .finding import MOST_TRUSTED, Finding, nmse, numbers
+from .finding import Finding, nmse, numbers
 from .ownership import kind_of, owner
 
 SAME_DELAY_SAMPLES = 0.7
+SURELY_APART = 3.0  # standard deviations
 HURRIED = 0.9  # of the confidence of an effect of a search that its time ended, with nothing left that would tell against it
 UNTRUSTED = 0.2  # of the confidence of an effect that stands in a list with something left unexplained
 LEAST_NATS = 8.0  # that an effect must bring over all recordings
@@ -16,40 +17,36 @@ LEAST_NATS = 8.0  # that an effect must bring over all recordings
 
 def _group(findings: list[Finding]) -> list[list[tuple[Finding, int]]]:
     """Effects of several recordings that are one: the same kind at the same place."""
-    groups: list[tuple[tuple, float, list]] = []
+    groups: list[tuple[tuple, float, float, list]] = []
     for finding in findings:
         for i, effect in enumerate(finding.fit.model.effects):
-            if effect.fixed or _part_of_fading(finding, effect):
+            if effect.fixed or finding.part_of_fading(effect):
                 continue
-            kind, place = kind_of(finding, effect), _place(finding, effect)
-            for other, where, members in groups:
-                if other == kind and abs(where - place) < SAME_DELAY_SAMPLES and all(f is not finding for f, _ in members):
+            kind, (place, doubt) = kind_of(finding, effect), _place(finding, i)
+            for other, where, theirs, members in groups:
+                near = abs(where - place) < max(SAME_DELAY_SAMPLES, SURELY_APART * np.hypot(doubt, theirs))
+                if other == kind and near and all(f is not finding for f, _ in members):
                     members.append((finding, i))
                     break
             else:
-                groups.append((kind, place, [(finding, i)]))
-    return [members for _, _, members in groups]
+                groups.append((kind, place, doubt, [(finding, i)]))
+    return [members for *_, members in groups]
 
 
-def _part_of_fading(finding: Finding, effect) -> bool:
-    """Whether an effect is the mean, or a strong moment, of a tap that fades, and no cause of its own."""
-    taps = [e.aux["tap"] for e in finding.fit.model.effects if e.family == "tap_fading" and not e.fixed]
-    if effect.family == "tap_gain_error":
-        return effect.aux["tap"] in taps
-    return effect.family == "extra_path" and any(abs(finding.scene.taps[k].delay - effect.p[2]) < 1.0 for k in taps)
-
-
-def _place(finding: Finding, effect) -> float:
-    """A coordinate that is the same where the effect is the same, in units of SAME_DELAY_SAMPLES."""
+def _place(finding: Finding, index: int) -> tuple[float, float]:
+    """A coordinate that is the same where the effect is the same, and its standard deviation where that may be large, in units
+    of SAME_DELAY_SAMPLES."""
+    effect = finding.fit.model.effects[index]
     if effect.family == "extra_path":
-        return float(effect.p[2])
+        return float(effect.p[2]), 0.0
     if effect.family == "tone_interference":
-        return float(effect.p[2]) / 4
+        return float(effect.p[2]) / 4, 0.0
     if effect.family == "sample_loss":
-        return (finding.observation.first + float(effect.p[0])) / 50 if finding.observation.first else float(effect.p[0]) / 50
+        return (finding.observation.first + float(effect.p[0])) / 50, 0.0
     if effect.family == "gain_step":
-        return float(effect.p[1]) * 100
-    return 0.0
+        time = numbers(finding, index)[0]["time_s"]
+        return 100 * time["value"] / finding.scene.duration_s, 100 * time["std"] / finding.scene.duration_s
+    return 0.0, 0.0
 
 
 def conclude(case, findings: list[Finding], vault: list[tuple]) -> dict:
@@ -57,7 +54,7 @@ def conclude(case, findings: list[Finding], vault: list[tuple]) -> dict:
     effects = [entry for members in _group(findings) if (entry := _entry(findings, members))]
     left = [(f, rest) for f in findings for rest in f.left]
     ambiguous = _ambiguities(findings)
-    crowded = max(len(f.fit.model.found) for f in findings) > MOST_TRUSTED
+    crowded = any(f.crowded for f in findings)
     if left or not all(f.complete for f in findings):
         verdict = "unexplained"
     elif ambiguous:
