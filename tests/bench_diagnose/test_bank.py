@@ -88,7 +88,10 @@ def test_case_without_causes_is_the_contracts_model_plus_noise_at_the_stated_pow
 def _scene_for(family, rng):
     """A scene in which the family shows, of a waveform that repeats."""
     for _ in range(400):
-        scene, _ = scenes.with_second(rng, scenes.draw_scene(rng, snr_db=20.0), always=True)
+        try:
+            scene, _ = scenes.with_second(rng, scenes.draw_scene(rng, snr_db=20.0), always=True)
+        except scenes.Retry:
+            continue
         if scene.context.waveform.repeat and len(scene.context.taps) >= 3 and family.fits(scene.context):
             return scene
     raise AssertionError(f"no scene fits {family.name}")
