@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from conftest_world import RATE_HZ, noise, sent_once
-from gr_cast.diagnose import align, diagnose, pieces, read_case
+from gr_cast.diagnose import align, diagnose, pieces, read_case, residual, search
 
 
 def _bursts(rng, count=24_000, every=3000, known=900):
@@ -112,3 +112,42 @@ def test_a_wrong_stretch_of_a_short_frame_is_placed_and_impulses_are_named(tmp_p
     rng = np.random.default_rng(6)
     (impulses,) = _short_frame(rng, tmp_path / "impulses", rng.choice(255, 12, replace=False))["effects"]
     assert impulses["family"] == "impulsive_noise"
+
+
+def test_beside_a_wrong_stretch_everything_else_is_found_as_without_it(world, tmp_path):
+    turn = np.exp(2j * np.pi * 7.0 * world.n / RATE_HZ)
+    wrong = (world.n >= 9_000) & (world.n < 10_500)
+    y = world.noisy(np.where(wrong, np.roll(world.clean(), 5), world.clean()) * turn)
+    document = diagnose(read_case(world.write(tmp_path / "case", y))).document
+    assert document["verdict"] == "unexplained"
+    (place,) = document["residual"]["where"]
+    assert [t * RATE_HZ for t in place["time_s"]] == pytest.approx([9_000, 10_500], abs=200)
+    (offset,) = document["effects"]
+    assert offset["family"] == "carrier_frequency_offset"
+    assert offset["parameters"]["offset_hz"]["value"] == pytest.approx(7.0, abs=4 * offset["parameters"]["offset_hz"]["std"])
+    # the picture of the fit leaves the stretch in
+    assert document["fit"]["corrected_nmse_db"] > document["fit"]["noise_floor_db"] + 10
+
+
+@pytest.mark.parametrize("cause", ["none", "gain", "phase", "lost", "burst", "noise"])
+def test_no_stretch_is_foreign_that_the_twin_only_hears_otherwise(world, tmp_path, cause):
+    rng, y, inside = np.random.default_rng(7), world.clean(), (world.n >= 9_000) & (world.n < 11_000)
+    changed = {
+        "none": y,
+        "gain": np.where(inside, 2.5 * y, y),
+        "phase": np.where(inside, -y, y),
+        "lost": np.where(world.n >= 16_000, np.roll(y, -40), y),
+        "burst": np.where(inside | (world.n // 1000 % 5 == 1), y + noise(rng, len(y), 0.5), y),
+        "noise": y + noise(rng, len(y), 0.3),
+    }
+    case = read_case(world.write(tmp_path / "case", world.noisy(changed[cause])))
+    _, data, model = align.build(case, case.observations[0])
+    assert residual.foreign(search.beginnings(data, model)[0]) is None
+
+
+def test_what_follows_lost_samples_until_a_burst_ends_is_not_foreign(tmp_path):
+    rng = np.random.default_rng(8)
+    x = np.concatenate([noise(rng, 9_000), np.zeros(6_000)])
+    case = sent_once(tmp_path, _without(0.2 * x, 7_000, 41) + noise(rng, 15_000 - 41, 0.01), x)
+    _, data, model = align.build(case, case.observations[0])
+    assert residual.foreign(search.beginnings(data, model)[0]) is None

@@ -34,9 +34,11 @@ class Maps:
 
 
 def before_and_after(finding, floor: float) -> tuple[Maps, Maps]:
-    """The maps of the twin's fit and of the corrected twin's, over the same delays."""
+    """The maps of the twin's fit and of the corrected twin's, over the same delays and samples: a stretch that the search was
+    made without is shown too."""
     longest = max(p.delay for p in finding.fit.chain.paths)
-    return maps_of(finding.twin, floor, longest), maps_of(finding.fit, floor, longest)
+    after = replace(finding.fit, data=replace(finding.fit.data, use=finding.twin.data.use))
+    return maps_of(finding.twin, floor, longest), maps_of(after, floor, longest)
 
 
 def maps_of(fit, floor: float, longest: float = 0.0) -> Maps:

@@ -17,6 +17,9 @@ from .view import View
 WINDOWS = 64  # of time, in which impulses are counted
 LEAST_WINDOW = 16  # samples
 CROWDED_P = 1e-3  # of impulses in one window of time, below which they do not come at random
+FOREIGN_CELLS, LEAST_CELL = 128, 8  # cells of time, and samples in each at least, in which a stretch is looked for that is not
+# what the twin says
+FOREIGN, TWIN_FITS = 0.5, 0.35  # residual over the mean wanted power, from which a cell is foreign, up to which the twin fits
 HEARD = 0.1  # of the mean wanted power, from which on a course is held by the recording
 
 
@@ -187,6 +190,38 @@ def jumps(fit) -> list[Leftover]:
             )
         )
     return out
+
+
+def foreign(fit) -> tuple[np.ndarray, Leftover] | None:
+    """((n,) bool, what is left) of the one stretch, a quarter of the recording at most, that has nothing of what the twin
+    says, while before and behind it the twin fits: a waveform that is wrong there. None without such a stretch."""
+    data, scene = fit.data, fit.data.scene
+    used = np.flatnonzero((data.use > 0) | data.vault)
+    edges = np.linspace(0, len(used), min(FOREIGN_CELLS, len(used) // LEAST_CELL) + 1).astype(int)
+    if len(edges) < 17:
+        return None
+
+    def cells(x):
+        return np.add.reduceat(x[used], edges[:-1])
+
+    y, wanted = data.y, fit.chain.wanted
+    sent, heard, both = cells(np.abs(wanted) ** 2), cells(np.abs(y) ** 2), np.abs(cells(y * np.conj(wanted))) ** 2
+    energy = cells(np.abs(fit.residual) ** 2)
+    missed = energy / np.diff(edges) / (sent.sum() / len(used))
+    typical, alien = np.median(missed), both < 0.5 * heard * sent  # with a gain of its own it would fit no better
+    wrong = np.flatnonzero(alien & (missed > max(FOREIGN, 3 * typical)))
+    if typical > TWIN_FITS or not len(wrong):
+        return None
+    first, last = wrong[0], wrong[-1]
+    long, beside = last - first + 1, min(sent[:first].sum(), sent[last + 1 :].sum())
+    if not 2 <= long <= len(sent) / 4 or len(wrong) < 0.6 * long or beside < 0.05 * sent.sum():
+        return None
+    stretch = np.zeros(scene.count, bool)
+    stretch[used[edges[first - 1]] : used[edges[min(last + 2, len(sent))] - 1] + 1] = True  # and what it reaches on either side
+    count, over = edges[last + 1] - edges[first], energy[first : last + 1].sum() / max(typical * sent.sum() / len(used), 1e-300)
+    time_s = [float(scene.index[used[edges[k]]] / scene.sample_rate_hz) for k in (first, min(last + 1, len(sent) - 1))]
+    p_value = _bonferroni(float(stats.gamma.logsf(over, count)), len(sent) ** 2)
+    return stretch, Leftover(test="time", p_value=p_value, nats=float(over - count), where={"time_s": time_s})
 
 
 def crowded_impulses(fit) -> float:

@@ -17,7 +17,7 @@ from .finding import Finding, Worth, nmse, worth
 from .fit import COLOUR_ORDERS, Fit, gain_of_receiver, in_band, solve
 from .model import in_scene
 from .ownership import agree_on_sides, agree_on_wander
-from .search import MARGIN, lattice_again, refit, search, under_the_lattice
+from .search import MARGIN, beginnings, lattice_again, refit, search, under_the_lattice
 from .verdict import conclude
 
 BUDGET_S = 240.0
@@ -81,6 +81,7 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
             model = model.adding(joints.carried(effect, known, part, scene))
     if known:
         model = offsets.with_gains(data, model)
+    data, foreign = _beside_foreign(data, model, known)
     proof = begun + PROOF * (deadline - begun)
     fit, *known_fits = search(data, model, proof) if known is None else _confirmed(known, data, model, proof)
     complete = not fit.notes.get("cut", data.late)
@@ -100,6 +101,7 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
         stds=stds,
         later=known is not None,
         elsewhere_nats=elsewhere_nats,
+        left=foreign,
     )
     if known is None and not finding.crowded:
         _compare(finding)
@@ -109,6 +111,16 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
     _floor(finding)
     _look_for_rest(finding)
     return finding
+
+
+def _beside_foreign(data, model, known: Finding | None):
+    """(the data without a stretch that is not what the twin says, [what is left there] or [])."""
+    nearest = beginnings(data, model)[0] if known is None else refit(data, model)
+    found = residual.foreign(nearest)
+    if found is None:
+        return data, []
+    stretch, left = found
+    return replace(data, use=np.where(stretch, 0.0, data.use), vault=data.vault & ~stretch), [left]
 
 
 def _confirmed(known: Finding, data, model, proof: float) -> list[Fit]:

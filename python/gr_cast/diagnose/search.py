@@ -319,7 +319,7 @@ def _worth_trying(scores: list[Score]) -> list[Score]:
 def search(data: Data, model: Model, proof_deadline: float = np.inf) -> list[Fit]:
     """Fits by falling evidence, the best first; every effect of the best has paid its price. What was found by the data's
     deadline has until `proof_deadline` to prove itself; the note `cut` of the best says whether that ended too soon."""
-    beam = _beginnings(data, model)
+    beam = beginnings(data, model)
     done = {fit.model.families: fit for fit in reversed(beam)}
     rounds = 0  # since the leader changed
     while not data.late and rounds < 2:
@@ -351,7 +351,7 @@ def search(data: Data, model: Model, proof_deadline: float = np.inf) -> list[Fit
     return [best, *ranked]
 
 
-def _beginnings(data: Data, model: Model) -> list[Fit]:
+def beginnings(data: Data, model: Model) -> list[Fit]:
     """The fits that a search begins with, the best first: as the twin has it, and with the offset at which the recording
     turns against it."""
     turning = [other for way in _ways_round(data.scene, model) for other in _gross_offsets(data, way)]

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """All recordings together: whose effect it is, what cannot be told apart, and the verdict."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..effects import FAMILIES
@@ -90,15 +92,22 @@ def _fit_numbers(findings, vault) -> dict:
     every recording."""
     twin, corrected, floor = ([v[k] for v in vault] for k in range(3))
     for f in findings if not vault else ():
-        inside = f.data.vault if f.data.vault.any() else f.data.use > 0
-        twin.append(nmse(f.data, f.twin.chain.y, inside))
-        corrected.append(nmse(f.data, f.fit.chain.y, inside))
-        told = f.data.noise_power
-        floor.append((told if told else f.fit.sigma2) / float(np.mean(np.abs(f.data.y) ** 2)))
+        data = f.twin.data  # a stretch that the search was made without counts too
+        inside = data.vault if data.vault.any() else data.use > 0
+        twin.append(nmse(data, f.twin.chain.y, inside))
+        corrected.append(nmse(data, f.fit.chain.y, inside))
+        told = data.noise_power
+        floor.append((told if told else f.fit.sigma2) / float(np.mean(np.abs(data.y) ** 2)))
     names = ("twin_nmse_db", "corrected_nmse_db", "noise_floor_db")
     numbers = {name: round(float(10 * np.log10(np.mean(v))), 4) for name, v in zip(names, (twin, corrected, floor), strict=True)}
-    gain = sum(heldout.log_likelihood(f.fit) - heldout.log_likelihood(f.twin) for f in findings)
+    gain = sum(heldout.log_likelihood(f.fit) - heldout.log_likelihood(_where_fitted(f)) for f in findings)
     return numbers | {"split": "vault", "heldout_gain_nats": round(float(gain), 2)}
+
+
+def _where_fitted(finding: Finding):
+    """The twin's fit on the samples that the search was made with."""
+    data = finding.fit.data
+    return replace(finding.twin, data=replace(finding.twin.data, use=data.use, vault=data.vault))
 
 
 def _entry(findings, members) -> dict | None:
