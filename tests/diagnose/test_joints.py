@@ -151,3 +151,15 @@ def test_what_follows_lost_samples_until_a_burst_ends_is_not_foreign(tmp_path):
     case = sent_once(tmp_path, _without(0.2 * x, 7_000, 41) + noise(rng, 15_000 - 41, 0.01), x)
     _, data, model = align.build(case, case.observations[0])
     assert residual.foreign(search.beginnings(data, model)[0]) is None
+
+
+def test_samples_lost_behind_a_delay_between_two_samples_are_counted_exactly(tmp_path):
+    rng, count = np.random.default_rng(9), 12_000
+    f = np.fft.fftfreq(count)
+    spectrum = np.where(np.abs(f) < 0.1, rng.normal(size=count) + 1j * rng.normal(size=count), 0)
+    x, late = (np.fft.ifft(spectrum * np.exp(-2j * np.pi * f * d)) * np.sqrt(count) for d in (0.0, 40.5))
+    y = _without(0.2 * late, 7_000, 15)
+    document = diagnose(sent_once(tmp_path, y + noise(rng, len(y), 0.002), x)).document
+    (loss,) = document["effects"]
+    assert document["verdict"] == "identified" and loss["family"] == "sample_loss"
+    assert loss["parameters"]["samples"]["value"] == 15

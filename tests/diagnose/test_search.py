@@ -5,7 +5,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from gr_cast.diagnose import align, ambiguity, read_case, search
+import yaml
+from conftest_world import RATE_HZ
+from gr_cast import recording
+from gr_cast.diagnose import align, ambiguity, noise, read_case, search
 from gr_cast.diagnose.ownership import kind_of
 from gr_cast.diagnose.search import _colour, _polished, causes, refit
 from gr_cast.diagnose.view import View
@@ -110,3 +113,19 @@ def test_starts_that_are_elsewhere_are_scored_in_every_size_of_a_course(world, t
     monkeypatch.setattr(search, "ELSEWHERE", -1.0)
     fit = search.refit(data, model.adding(start(FAMILIES["carrier_frequency_offset"], [0.1, 0.0])))
     assert all(np.isfinite(s.net) for s in search.candidates(fit))
+
+
+@pytest.mark.parametrize(("centre", "told"), [(0.0, False), (0.25, True)])
+def test_noise_that_fills_just_the_signals_band_is_no_interference(world, tmp_path, centre, told):
+    n = len(world.n)
+    f = np.fft.fftfreq(n)
+    world.x = np.fft.ifft(np.where(np.abs(np.fft.fftfreq(510)) < 0.1, np.fft.fft(world.x), 0))
+    loud = np.fft.ifft(np.fft.fft(world.noisy(np.zeros(n))) * np.where(np.abs(f - centre) < 0.1, 2.0, 0.0))
+    folder = world.write(tmp_path / "case", world.noisy(world.clean()) + loud)
+    recording.write(folder / "sent", world.x, sample_rate_hz=RATE_HZ)
+    twin = world.twin() | {"waveforms": {"w1": {"file": "sent", "repeat": True}}}
+    (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
+    case = read_case(folder)
+    _, data, model = align.build(case, case.observations[0])
+    families = [effect.family for _, effect in noise.starts(search.refit(data, model))]
+    assert ("narrowband_interference" in families) == told

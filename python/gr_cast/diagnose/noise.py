@@ -8,6 +8,7 @@ from ..effects.noise_family import NoiseView
 from ..effects.quantization import is_coarse
 from .fit import shape_of_receiver
 
+PASSBAND = 0.8  # common share of two bands from which they are one
 TESTED = ("signal_dependent_noise", "impulsive_noise", "pulsed_interference", "narrowband_interference")
 
 
@@ -31,7 +32,17 @@ def starts(fit):
     out, view = [], view_of(fit)
     for name in TESTED:
         gain, effect = FAMILIES[name].find(view)
-        if effect is not None:
+        if effect is not None and not _is_passband(fit.data.scene, effect):
             cost = 0.5 * FAMILIES[name].strengths * np.log(fit.data.count) + np.log(effect.trials)
             out.append((gain - cost, effect))
     return out
+
+
+def _is_passband(scene, effect) -> bool:
+    """Whether a band of noise is just the signal's: what a receiver's filter leaves of all noise, and no interference."""
+    if effect.family != "narrowband_interference":
+        return False
+    signal = scene.occupied
+    f = np.arange(len(signal)) / len(signal)
+    band = np.abs((f - effect.p[1] + 0.5) % 1.0 - 0.5) < effect.p[2] / 2
+    return (band & signal).sum() > PASSBAND * (band | signal).sum()

@@ -332,7 +332,7 @@ def search(data: Data, model: Model, proof_deadline: float = np.inf) -> list[Fit
                     break
                 trial = refit(data, more, near=fit)
                 key = trial.model.families
-                if trial.evidence > fit.evidence + MARGIN and plausible(trial.model):
+                if trial.evidence > fit.evidence + _least(fit, more) and plausible(trial.model):
                     if key not in done or done[key].evidence < trial.evidence:
                         done[key] = grown[key] = trial
         leader = max(done.values(), key=lambda f: f.evidence)
@@ -349,6 +349,13 @@ def search(data: Data, model: Model, proof_deadline: float = np.inf) -> list[Fit
     best = _on_their_sides(data, proven(data, eliminate(data, _polished(data, ranked[0]), ranked), ranked), again=True)
     best.notes["cut"] = cut or data.late
     return [best, *ranked]
+
+
+def _least(fit: Fit, more: Model) -> float:
+    """Nats that a model must bring over a fit that it grew from: as much more as the colour of the noise is priced at, where that
+    is a receiver's filter's no longer, for the signal tells most of that colour anyway."""
+    given_up = filters_noise(fit.model) and not filters_noise(more)
+    return MARGIN + (COLOUR_ORDERS * np.log(fit.data.count) if given_up else 0.0)
 
 
 def beginnings(data: Data, model: Model) -> list[Fit]:

@@ -252,8 +252,8 @@ class View:
         return float(-np.clip(slope, -16, 16))
 
     def jumps(self) -> list[tuple[float, float, bool]]:
-        """The likeliest (first sample after the joint, samples lost, whether the delay is that of the later part), where
-        two parts with a gain each make the recording far likelier than one."""
+        """The likeliest (first sample after the joint, samples lost, whether the delay is that of the later part) and those of
+        one more and one less, where two parts with a gain each make the recording far likelier than one."""
         n = self.scene.count
         segments = min(48, n // LEAST_SEGMENT)
         if segments < 4:
@@ -282,8 +282,9 @@ class View:
                 continue
             lost = int(lag[d] if later else -lag[d])
             first = (m + 1 if later else segments - m - 1) * -(-n // segments)
-            joint = self._joint(first, lost, later, n // segments)
-            found.append((float(self.scene.index[min(joint, n - 1)]), float(lost), later))
+            for nearby in (lost, lost - 1, lost + 1):  # a delay between two samples hides one
+                joint = self._joint(first, nearby, later, n // segments)
+                found.append((float(self.scene.index[min(joint, n - 1)]), float(nearby), later))
         return found
 
     def _joint(self, guess: int, lost: int, later: bool, width: int) -> int:
