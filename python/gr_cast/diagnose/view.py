@@ -283,19 +283,24 @@ class View:
             lost = int(lag[d] if later else -lag[d])
             first = (m + 1 if later else segments - m - 1) * -(-n // segments)
             for nearby in (lost, lost - 1, lost + 1):  # a delay between two samples hides one
-                joint = self._joint(first, nearby, later, n // segments)
+                joint = self._joint(first, nearby, later)
                 found.append((float(self.scene.index[min(joint, n - 1)]), float(nearby), later))
         return found
 
-    def _joint(self, guess: int, lost: int, later: bool, width: int) -> int:
-        """The first sample after a joint, to the sample where the noise allows."""
-        low, high = max(0, guess - 2 * width), min(self.scene.count, guess + 2 * width)
-        w, y = self.wanted, self.fit.came(self.data.y)
-        moved = np.roll(w, lost if later else -lost)
-        before, after = (moved, w) if later else (w, moved)
-        before, after = before * gain_of(y, before, slice(None, guess)), after * gain_of(y, after, slice(guess, None))
-        cost = (np.abs(y - before) ** 2 - np.abs(y - after) ** 2)[low:high] * self.weight[low:high]
-        return low + int(np.argmin(np.concatenate([[0.0], np.cumsum(cost)])))
+    def _joint(self, guess: int, lost: int, later: bool) -> int:
+        """The first sample after a joint, to the sample where the noise allows; the delay that the fit gave both parts may be
+        off by most of a sample, and then the guess is anywhere."""
+        y, spectrum, f = self.fit.came(self.data.y), sp_fft.fft(self.wanted), sp_fft.fftfreq(self.scene.count)
+        best = np.inf, guess
+        for off in np.arange(-3, 4) / 4:
+            w = sp_fft.ifft(spectrum * np.exp(-2j * np.pi * f * off))
+            moved = np.roll(w, lost if later else -lost)
+            before, after = (moved, w) if later else (w, moved)
+            before, after = before * gain_of(y, before, slice(None, guess)), after * gain_of(y, after, slice(guess, None))
+            first, second = np.abs(y - before) ** 2 * self.weight, np.abs(y - after) ** 2 * self.weight
+            cost = np.concatenate([[0.0], np.cumsum(first - second)]) + second.sum()
+            best = min(best, (float(cost.min()), int(np.argmin(cost))))
+        return best[1]
 
 
 def gain_of(y, prediction, inside) -> complex:
