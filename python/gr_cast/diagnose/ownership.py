@@ -66,7 +66,8 @@ def agree_on_wander(findings) -> None:
     for finding in findings:
         fit = finding.fit
         offsets = [i for i, e in enumerate(fit.model.effects) if e.family == "carrier_frequency_offset" and not e.fixed]
-        if not offsets or any(other is finding for other in wandering) or not any(_meet(finding, w) for w in wandering):
+        apart = any(other is finding for other in wandering) or not any(_meet(finding, w) for w in wandering)
+        if not offsets or apart or finding.later:
             continue
         bare = refit(fit.data, fit.model.without(offsets[0]))
         course = next((s.effect for s in candidates(bare) if s.effect.family == "phase_noise"), None)

@@ -207,6 +207,8 @@ def foreign(fit) -> tuple[np.ndarray, Leftover] | None:
     y, wanted = data.y, fit.chain.wanted
     sent, heard, both = cells(np.abs(wanted) ** 2), cells(np.abs(y) ** 2), np.abs(cells(y * np.conj(wanted))) ** 2
     energy = cells(np.abs(fit.residual) ** 2)
+    if not sent.any():
+        return None
     missed = energy / np.diff(edges) / (sent.sum() / len(used))
     typical, alien = np.median(missed), both < 0.5 * heard * sent  # with a gain of its own it would fit no better
     wrong = np.flatnonzero(alien & (missed > max(FOREIGN, 3 * typical)))
