@@ -257,15 +257,6 @@ def test_dc_is_told_relative_to_the_wanted_signal_however_late_that_is_found(wor
     assert said(document, "dc_offset", "level_dbc")["value"] == pytest.approx(want, abs=0.1)
 
 
-def test_a_small_error_of_a_taps_phase_is_no_doppler(world, tmp_path):
-    world.taps = [*world.taps, (23, 0.4 * np.exp(-2j))]
-    y = world.clean() + 0.3 * np.exp(0.4j) * world.taps[1][1] * (np.exp(0.008j) - 1) * world.path(9)
-    document = run(world, tmp_path, world.noisy(y))
-    assert document["verdict"] == "identified" and named(document) == ["tap_gain_error"]
-    error = said(document, "tap_gain_error", "error_rad")
-    assert abs(error["value"] - 0.008) < 4 * error["std"] < 0.004
-
-
 def test_a_small_doppler_of_a_tap_is_no_error_of_its_phase(world, tmp_path):
     world.taps = [*world.taps, (23, 0.4 * np.exp(-2j))]
     turn = np.exp(2j * np.pi * 0.3 * world.n / RATE_HZ)

@@ -43,7 +43,7 @@ def rivals(fit: Fit, index: int, known: list[Fit]) -> tuple[Fit, list[Rival]]:
     lost = fit.evidence - bare.evidence
     found = []
     for s in candidates(bare) if not fit.data.late else ():
-        if _same(effect, s.effect) or s.net < 0 or _claims_more(fit, s.effect, effect):
+        if _same(effect, s.effect) or s.net < 0:
             continue
         far = s.net < lost - max(NEAR_NATS, NEAR_SHARE * lost)  # a score is rough where an effect is strong
         if far or FAMILIES[s.effect.family].flexible and {effect.family, s.effect.family} != TAPS:
@@ -70,11 +70,6 @@ def _same(a: Effect, b: Effect) -> bool:
     if a.family == b.family:
         return a.aux.get("tap") == b.aux.get("tap")
     return b.family in FAMILIES[a.family].same_as or a.family in FAMILIES[b.family].same_as
-
-
-def _claims_more(fit: Fit, a: Effect, b: Effect) -> bool:
-    """Whether `a` explains what `b` does by what they have in common, and claims something else besides."""
-    return any(e.family == b.family and e.aux == b.aux for e in FAMILIES[a.family].less(fit.data.scene, a, ()))
 
 
 def alike(effect: Effect, rival: Rival) -> bool:

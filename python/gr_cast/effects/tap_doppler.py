@@ -8,7 +8,6 @@ import numpy as np
 
 from .base import start
 from .tap import TapFamily
-from .tap_gain_error import TapGainError
 
 
 class TapDoppler(TapFamily):
@@ -27,11 +26,6 @@ class TapDoppler(TapFamily):
             yield start(self, [0.0, 0.0], aux={"tap": k}, trials=len(view.scene.taps))
             for cycles in view.tap_lines(k):
                 yield start(self, [cycles, 0.0], aux={"tap": k}, trials=len(view.scene.taps) * 50)
-
-    def less(self, scene, effect, others):
-        """The tap's phase alone."""
-        error = start(TapGainError(), [0.0, 0.0], aux={"tap": effect.aux["tap"]})
-        return () if any((e.family, e.aux) == (error.family, error.aux) for e in others) else (error,)
 
     def later(self, effect, lengths):
         return effect.moved(effect.p + np.array([0.0, 2 * np.pi * effect.p[0] * lengths]))
