@@ -44,5 +44,5 @@ def _is_passband(scene, effect) -> bool:
         return False
     signal = scene.occupied
     f = np.arange(len(signal)) / len(signal)
-    band = np.abs((f - effect.p[1] + 0.5) % 1.0 - 0.5) < effect.p[2] / 2
+    band = FAMILIES[effect.family].distance(effect, f) < effect.p[2] / 2
     return (band & signal).sum() > PASSBAND * (band | signal).sum()

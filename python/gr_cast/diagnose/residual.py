@@ -105,7 +105,7 @@ def _bands_of_interference(fit, bins: int) -> np.ndarray:
     own, f = np.zeros(bins, bool), np.fft.fftfreq(bins)
     for e in fit.model.found:
         if e.family == "narrowband_interference":
-            own |= np.abs((f - e.p[1] + 0.5) % 1.0 - 0.5) < e.p[2] + 0.5 / bins
+            own |= FAMILIES[e.family].distance(e, f) < e.p[2] + 0.5 / bins
     return own
 
 

@@ -81,9 +81,9 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
             model = model.adding(joints.carried(effect, known, part, scene))
     if known:
         model = offsets.with_gains(data, model)
-    data, foreign = _beside_foreign(data, model, known)
+    data, begun_with, foreign = _begun(data, model, known)
     proof = begun + PROOF * (deadline - begun)
-    fit, *known_fits = search(data, model, proof) if known is None else _confirmed(known, data, model, proof)
+    fit, *known_fits = search(data, begun_with, proof) if known is None else _confirmed(known, data, begun_with[0], proof)
     complete = not fit.notes.get("cut", data.late)
     fit = lattice_again(data, fit)
     fit = _without_fine_lattice(_settle(_without_crowds(_until(fit, deadline)), finer=known is None))
@@ -113,23 +113,27 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
     return finding
 
 
-def _beside_foreign(data, model, known: Finding | None):
-    """(the data without a stretch that is not what the twin says, [what is left there] or [])."""
-    nearest = beginnings(data, model)[0] if known is None else refit(data, model)
-    found = residual.foreign(nearest)
+def _begun(data, model, known: Finding | None):
+    """(the data without a stretch that is not what the twin says, the fits to begin with, [what is left there] or [])."""
+
+    def fits(data):
+        return beginnings(data, model) if known is None else [refit(data, model)]
+
+    begun_with = fits(data)
+    found = residual.foreign(begun_with[0])
     if found is None:
-        return data, []
+        return data, begun_with, []
     stretch, left = found
-    return replace(data, use=np.where(stretch, 0.0, data.use), vault=data.vault & ~stretch), [left]
+    data = replace(data, use=np.where(stretch, 0.0, data.use), vault=data.vault & ~stretch)
+    return data, fits(data), [left]
 
 
-def _confirmed(known: Finding, data, model, proof: float) -> list[Fit]:
+def _confirmed(known: Finding, data, fit: Fit, proof: float) -> list[Fit]:
     """A later part of a recording: the fit of what its first part showed, and a search where more is left than there."""
-    fit = refit(data, model)
     before = {rest.test: rest.nats for rest in residual.leftovers(known.fit, off_the_rails(known.fit))}
     for rest in residual.leftovers(fit, off_the_rails(fit)):
         if rest.p_value < UNEXPLAINED_P and rest.nats > UNEXPLAINED_NATS + 2 * before.get(rest.test, 0.0):
-            return search(data, fit.model, proof)
+            return search(data, beginnings(data, fit.model), proof)
     return [fit]
 
 

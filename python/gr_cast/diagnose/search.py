@@ -316,10 +316,10 @@ def _worth_trying(scores: list[Score]) -> list[Score]:
     return simple[:REFITS] + flexible[:2] + noises[:2]
 
 
-def search(data: Data, model: Model, proof_deadline: float = np.inf) -> list[Fit]:
-    """Fits by falling evidence, the best first; every effect of the best has paid its price. What was found by the data's
-    deadline has until `proof_deadline` to prove itself; the note `cut` of the best says whether that ended too soon."""
-    beam = beginnings(data, model)
+def search(data: Data, beam: list[Fit], proof_deadline: float = np.inf) -> list[Fit]:
+    """Fits by falling evidence, the best first, grown from those of `beam`; every effect of the best has paid its price. What was
+    found by the data's deadline has until `proof_deadline` to prove itself; the note `cut` of the best says whether that ended
+    too soon."""
     done = {fit.model.families: fit for fit in reversed(beam)}
     rounds = 0  # since the leader changed
     while not data.late and rounds < 2:

@@ -18,10 +18,13 @@ class NarrowbandInterference(NoiseFamily):
     level = "environment"
     strengths = 3
 
+    @staticmethod
+    def distance(effect, f):
+        """How far frequencies, as shares of the rate, lie from the middle of the band."""
+        return np.abs((f - effect.p[1] + 0.5) % 1.0 - 0.5)
+
     def spectrum(self, scene, effect):
-        f = np.fft.fftfreq(scene.count)
-        distance = np.abs((f - effect.p[1] + 0.5) % 1.0 - 0.5)
-        return 1 + np.exp(effect.p[0]) * (distance <= effect.p[2] / 2)
+        return 1 + np.exp(effect.p[0]) * (self.distance(effect, np.fft.fftfreq(scene.count)) <= effect.p[2] / 2)
 
     def values(self, scene, effect, p):
         floor = effect.aux["_floor"]
