@@ -265,3 +265,21 @@ def test_a_small_doppler_of_a_tap_is_no_error_of_its_phase(world, tmp_path):
     assert document["verdict"] == "identified" and named(document) == ["tap_doppler"]
     doppler = said(document, "tap_doppler", "doppler_hz")
     assert abs(doppler["value"] - 0.3) < 4 * doppler["std"] < 0.3
+
+
+def test_a_small_error_of_a_taps_phase_is_no_doppler(world, tmp_path):
+    world.taps = [*world.taps, (23, 0.4 * np.exp(-2j))]
+    y = world.clean() + 0.3 * np.exp(0.4j) * world.taps[1][1] * (np.exp(0.008j) - 1) * world.path(9)
+    document = run(world, tmp_path, world.noisy(y))
+    assert document["verdict"] == "identified" and named(document) == ["tap_gain_error"]
+    error = said(document, "tap_gain_error", "error_rad")
+    assert abs(error["value"] - 0.008) < 4 * error["std"] < 0.004
+
+
+def test_a_doppler_of_a_tap_whose_phase_is_another_too_is_one_cause(world, tmp_path):
+    world.taps = [*world.taps, (23, 0.4 * np.exp(-2j))]
+    turn = np.exp(2j * np.pi * 3.0 * world.n / RATE_HZ + 0.5j)
+    y = world.clean() + 0.3 * np.exp(0.4j) * world.taps[1][1] * (turn - 1) * world.path(9)
+    document = run(world, tmp_path, world.noisy(y))
+    assert document["verdict"] == "identified" and named(document) == ["tap_doppler"]
+    assert abs(document["effects"][0]["model"]["phase_rad"] - 0.5) < 0.02

@@ -214,6 +214,7 @@ FOUND = {
     "lo_leakage": ([0.03, -0.01], {"source": 0}),
     "pa_nonlinearity": ([-0.1, 0.02, 0.03, 0.01, -0.02, 0.0], {"source": 0, "peak": 0.3, "orders": (1,), "lags": (2,)}),
     "extra_path": ([0.1, -0.05, 20.3, 1.2], {"source": 0}),
+    "tap_doppler": ([0.7, 0.4], {"tap": 1}),
     "diffuse_tail": ([0.1, 0.02, -0.03, 0.01], {"source": 0, "first": 1.0}),
     "second_transmitter": ([0.1, 0.2, 3.3, 4.0], {"code": "other"}),
     "front_end_filter": ([0.05, 0.01, 0.02, 0.0], {"low": -1, "high": 1, "side": "rx"}),

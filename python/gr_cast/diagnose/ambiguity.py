@@ -79,9 +79,15 @@ def alike(effect: Effect, rival: Rival) -> bool:
         return False
     if {effect.family, rival.effect.family} == TAPS:
         return abs(rival.evidence) <= ALIKE_TAPS_NATS
-    if abs(rival.likelihood) > ALIKE_NATS or effect.prior is not None:
+    if abs(rival.likelihood) > ALIKE_NATS or effect.prior is not None or _holds(rival, effect):
         return False
     return int(rival.effect.free.sum()) <= int(effect.free.sum()) and rival.effect.prior is None
+
+
+def _holds(rival: Rival, effect: Effect) -> bool:
+    """Whether a rival explains the same only by what it has of the effect's own family."""
+    less = FAMILIES[rival.effect.family].less(rival.fit.data.scene, rival.effect, rival.fit.model.effects)
+    return any(e.family == effect.family for e in less)
 
 
 def record_next(first: Fit, second: Fit) -> str:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A tap of the twin with another Doppler. Internal: cycles over the recording, phase kept at mid-
-recording."""
+"""A tap of the twin with another Doppler. Internal: cycles over the recording, and by how much the phase differs from the
+twin's: amid the recording, or at its first sample where it is `held` at the twin's."""
 
 from dataclasses import replace
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from .base import start
 from .tap import TapFamily
+from .tap_gain_error import TapGainError
 
 
 class TapDoppler(TapFamily):
@@ -18,7 +19,7 @@ class TapDoppler(TapFamily):
     def apply(self, chain, effect):
         k, extra = effect.aux["tap"], effect.p[0]
         path = chain.paths[k]
-        gain = path.gain * np.exp(1j * (effect.p[1] - np.pi * extra))
+        gain = path.gain * np.exp(1j * _begins_at(effect))
         chain.paths[k] = replace(path, gain=gain, doppler=path.doppler + extra, drift=path.drift + chain.scene.drift_of(extra))
 
     def starts(self, view):
@@ -26,6 +27,13 @@ class TapDoppler(TapFamily):
             yield start(self, [0.0, 0.0], aux={"tap": k}, trials=len(view.scene.taps))
             for cycles in view.tap_lines(k):
                 yield start(self, [cycles, 0.0], aux={"tap": k}, trials=len(view.scene.taps) * 50)
+
+    def less(self, scene, effect, others):
+        """Nothing but the Doppler is wrong, as the twin's phase at the first sample tells, or nothing but the phase."""
+        if "held" in effect.aux:
+            return ()
+        error = start(TapGainError(), [0.0, effect.p[1]], aux=effect.aux, trials=effect.trials)
+        return _held(self, effect.aux["tap"], effect.p[0], 0.0, effect.trials), error
 
     def later(self, effect, lengths):
         return effect.moved(effect.p + np.array([0.0, 2 * np.pi * effect.p[0] * lengths]))
@@ -36,10 +44,22 @@ class TapDoppler(TapFamily):
             "doppler_hz": (scene.taps[effect.aux["tap"]].doppler + p[0]) / scene.duration_s,
         }
 
+    def model(self, scene, effect):
+        return {} if "held" in effect.aux else {"phase_rad": float(_begins_at(effect))}
+
     def parse(self, scene, parameters, model):
         k = self.find(scene, parameters, model)
         extra = parameters.get("doppler_hz", 0.0) * scene.duration_s - scene.taps[k].doppler
-        return start(self, [extra, np.pi * extra], aux={"tap": k})
+        return _held(self, k, extra, model.get("phase_rad", 0.0), 1.0)
 
     def describe(self, number):
         return f"The twin's path at {number('delay_s')} moves: Doppler {number('doppler_hz')}."
+
+
+def _held(family, tap, cycles, phase_rad, trials):
+    return start(family, [cycles, phase_rad], free=[True, False], aux={"tap": tap, "held": True}, trials=trials)
+
+
+def _begins_at(effect) -> float:
+    """Radian by which the phase differs from the twin's at the first sample."""
+    return effect.p[1] - (0.0 if "held" in effect.aux else np.pi * effect.p[0])
