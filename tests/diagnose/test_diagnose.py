@@ -24,6 +24,15 @@ def run(world, tmp_path, y, datatype="cf32_le"):
     return diagnose(read_case(world.write(tmp_path / "case", y, datatype)), budget_s=PATIENCE_S).document
 
 
+def run_of_wave(world, tmp_path, y):
+    """As `run`, of a twin that has the waveform in a file."""
+    folder = world.write(tmp_path / "case", y)
+    recording.write(folder / "sent", world.x, sample_rate_hz=RATE_HZ)
+    twin = yaml.safe_load((folder / "twin.yaml").read_text()) | {"waveforms": {"w1": {"file": "sent", "repeat": True}}}
+    (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
+    return diagnose(read_case(folder), budget_s=PATIENCE_S).document
+
+
 def test_a_true_twin_is_not_accused(world, tmp_path):
     document = run(world, tmp_path, world.noisy(world.clean()))
     assert document["verdict"] == "no_mismatch" and document["effects"] == []
@@ -123,11 +132,7 @@ def test_noise_that_a_receiver_colours_beside_the_signal_is_no_mismatch(world, t
     world.x = wave
     noise = world.noisy(np.zeros(len(world.n)))
     coloured = signal.filtfilt(*signal.butter(2, 0.75), noise)
-    folder = world.write(tmp_path / "case", world.clean() + coloured)
-    recording.write(folder / "sent", wave, sample_rate_hz=RATE_HZ)
-    twin = yaml.safe_load((folder / "twin.yaml").read_text()) | {"waveforms": {"w1": {"file": "sent", "repeat": True}}}
-    (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
-    document = diagnose(read_case(folder), budget_s=PATIENCE_S).document
+    document = run_of_wave(world, tmp_path, world.clean() + coloured)
     assert document["verdict"] == "no_mismatch" and document["effects"] == []
 
 
@@ -136,6 +141,16 @@ def test_rails_are_found_to_the_last_bit(world, tmp_path):
     document = run(world, tmp_path, np.clip(y.real, -0.3, 0.3) + 1j * np.clip(y.imag, -0.3, 0.3))
     assert named(document) == ["adc_clipping"]
     assert said(document, "adc_clipping", "level")["value"] == pytest.approx(0.3, abs=1e-5)
+
+
+def test_rails_that_noise_softens_are_no_amplifier(world, tmp_path):
+    world.x = signal.lfilter(signal.firwin(31, 0.3), 1, np.resize(world.x, 4000))[2400:3200].astype(np.complex64)
+    world.taps = world.taps[:1]
+    world.noise_rms = 0.3 * np.sqrt(np.mean(np.abs(world.clean()) ** 2))
+    y = world.noisy(world.clean())
+    level = np.quantile(np.abs(y.real), 0.9)
+    document = run_of_wave(world, tmp_path, np.clip(y.real, -level, level) + 1j * np.clip(y.imag, -level, level))
+    assert document["verdict"] == "identified" and named(document) == ["adc_clipping"]
 
 
 def test_a_gain_step_is_found_at_its_moment(world, tmp_path):

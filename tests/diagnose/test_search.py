@@ -53,7 +53,7 @@ def test_a_filter_moves_in_front_of_the_amplifier_that_bends_its_peaks(bent):
 
 def test_what_is_read_off_the_samples_takes_no_place_of_what_is_searched_for(bent):
     _, model = bent
-    rails = start(FAMILIES["adc_clipping"], [1.0], free=[False], aux={"read": True})
+    rails = start(FAMILIES["adc_clipping"], [1.0, 0.0], free=[False] * 2, aux={"read": True})
     leak = start(FAMILIES["lo_leakage"], [0.0, 0.0], aux={"source": 0})
     assert [causes(m) for m in (model.adding(rails), model.adding(rails).adding(leak))] == [0, 1]
 
@@ -61,7 +61,7 @@ def test_what_is_read_off_the_samples_takes_no_place_of_what_is_searched_for(ben
 def test_two_converters_that_clip_are_two_causes_and_an_offset_in_both_is_one():
     scene = SimpleNamespace(transmitters=["tx1"])
     seen = [SimpleNamespace(observation=SimpleNamespace(receiver=name), scene=scene) for name in ("rx1", "rx2")]
-    rails = start(FAMILIES["adc_clipping"], [1.0], free=[False], aux={"read": True})
+    rails = start(FAMILIES["adc_clipping"], [1.0, 0.0], free=[False] * 2, aux={"read": True})
     carrier = start(FAMILIES["carrier_frequency_offset"], [1.0, 0.0])
     assert [len({kind_of(finding, effect) for finding in seen}) for effect in (rails, carrier)] == [2, 1]
 

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from gr_cast.diagnose.model import Model, jacobian, predict
 from gr_cast.effects import FAMILIES
+from gr_cast.effects.adc_clipping import mean_of_limiter
 from gr_cast.effects.base import start
 from gr_cast.effects.basis import course
 from gr_cast.effects.chain import PAD, Path, Scene, Source
 from gr_cast.effects.columns import Courses, Dense, Lags, gram
 from gr_cast.effects.quantization import mean_of_quantizer, variance_of_quantizer
+from scipy import integrate, stats
 
 RATE_HZ, COUNT, PERIOD = 1e6, 3000, 97
 RNG = np.random.default_rng(5)
@@ -136,6 +138,15 @@ def test_the_mean_and_variance_of_a_quantiser_are_those_of_many_trials():
     assert mean_of_quantizer(np.array([value]), step, 0.0, sigma)[0] == pytest.approx(output.mean(), abs=1e-3)
     variance = variance_of_quantizer(np.array([value]), step, 0.0, sigma)[0] * step**2
     assert variance == pytest.approx(output.var(), rel=0.01)
+
+
+@pytest.mark.parametrize("value", [-1.7, -1.0, -0.4, 0.0, 0.9, 1.1])
+def test_the_mean_of_a_limiter_under_noise_is_that_of_its_integral(value):
+    level, sigma = 1.0, 0.3
+    density = stats.norm(value, sigma).pdf
+    parts = (-4, -level), (-level, level), (level, 4)
+    mean = sum(integrate.quad(lambda x: np.clip(x, -level, level) * density(x), a, b)[0] for a, b in parts)
+    assert mean_of_limiter(np.array([value]), level, sigma)[0] == pytest.approx(mean, abs=1e-5)
 
 
 def test_lost_samples_move_the_waveform_ahead_from_their_moment_on():

@@ -279,6 +279,16 @@ def shape_of_receiver(fit: Fit, model: Model):
     return shape
 
 
+def off_the_rails(fit: Fit) -> np.ndarray:
+    """(n,) bool: used samples whose prediction stays three noise deviations inside the rails."""
+    inside = fit.data.use > 0
+    for e in fit.model.effects:
+        if e.family == "adc_clipping":
+            level = e.p[0] - 3 * np.sqrt(fit.sigma2 / 2)
+            inside = inside & (np.abs(fit.chain.y.real) < level) & (np.abs(fit.chain.y.imag) < level)
+    return inside if inside.sum() > 100 else fit.data.use > 0
+
+
 def gain_of_receiver(fit: Fit, model: Model):
     """Noise enters before the receiver's gain, so that a change of gain scales it too; None where there is
     none."""

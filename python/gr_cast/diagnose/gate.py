@@ -48,7 +48,7 @@ def rails(y: np.ndarray, datatype: str, step: float) -> tuple[float, float, int]
         on = int((part >= top - 0.6 * unit).sum())
         # What a smooth distribution would hold in a cell of this width, judged from the cells just below.
         below = int(((part < top - 0.6 * unit) & (part >= top - 0.6 * unit - 3 * grain)).sum())
-        expected = max(below / 3 if step else below / 3, 0.3)
+        expected = max(below / 3, 0.3)
         heaps.append(on > 4 * expected + 5 if step else on >= 4 and on > 3 * expected + 2)
         levels.append((top, on))
     tops = np.array([t for t, _ in levels])
@@ -74,7 +74,7 @@ def discrete(y: np.ndarray, datatype: str) -> list[tuple[Effect, dict]]:
     if top:
         found.append(
             (
-                start(FAMILIES["adc_clipping"], [top[0]], free=[False], aux={"read": True}),
+                start(FAMILIES["adc_clipping"], [top[0], 0.0], free=[False] * 2, aux={"read": True}),
                 {"level": top[1], "samples": top[2]},
             )
         )

@@ -14,7 +14,7 @@ from ..effects.phase_noise import MOST
 from ..effects.signal_dependent_noise import told_floor
 from . import align, ambiguity, gate, heldout, joints, noise, offsets, residual
 from .finding import Finding, Worth, nmse, worth
-from .fit import COLOUR_ORDERS, Fit, gain_of_receiver, in_band, solve
+from .fit import COLOUR_ORDERS, Fit, gain_of_receiver, in_band, off_the_rails, solve
 from .model import in_scene
 from .ownership import agree_on_sides, agree_on_wander
 from .search import MARGIN, beginnings, lattice_again, refit, search, under_the_lattice
@@ -361,16 +361,6 @@ def _beside_signal(fit: Fit) -> float:
     used = fit.data.use > 0
     power = np.abs(sp_fft.fft(fit.residual * used)) ** 2
     return float(np.mean(power[in_band(fit.data.scene, len(power))]) / used.sum())
-
-
-def off_the_rails(fit: Fit) -> np.ndarray:
-    """(n,) bool: used samples whose prediction stays three noise deviations inside the rails."""
-    inside = fit.data.use > 0
-    for e in fit.model.effects:
-        if e.family == "adc_clipping":
-            level = e.p[0] - 3 * np.sqrt(fit.sigma2 / 2)
-            inside = inside & (np.abs(fit.chain.y.real) < level) & (np.abs(fit.chain.y.imag) < level)
-    return inside if inside.sum() > 100 else fit.data.use > 0
 
 
 def _look_for_rest(finding: Finding) -> None:

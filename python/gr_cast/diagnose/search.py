@@ -13,7 +13,19 @@ from ..effects.base import RX_FILTER, RX_GAIN, RX_LO, start
 from ..effects.columns import Dense, Lags, against, gram, inner
 from ..effects.quantization import is_coarse
 from . import heldout, noise, offsets
-from .fit import COLOUR_ORDERS, Data, Fit, filters_noise, in_band, invert, misfit, smooth_spectrum, solve, with_noise
+from .fit import (
+    COLOUR_ORDERS,
+    Data,
+    Fit,
+    filters_noise,
+    in_band,
+    invert,
+    misfit,
+    off_the_rails,
+    smooth_spectrum,
+    solve,
+    with_noise,
+)
 from .model import RIDGE, Model, _run, _start_chain, _steps, effect_columns, predict
 from .view import View
 
@@ -31,6 +43,9 @@ CLEAR_SHARE, FAR_SHARE = 0.1, 0.7  # of the best score: by which starts of one f
 CLEAR_NATS = 300.0  # a signal that promises more is fitted before the law of the noise is asked for
 SURE_NATS = 100.0  # evidence from which a simple family needs no other proof
 PROOF_STEPS = 2  # of a fit to three quarters of the samples, from the fit to all
+NOISIEST = 0.3  # of a rail's level, the most noise that softens it: more is a signal not yet found
+SETTLED = 0.1  # relative change of that noise that makes no difference
+SOFTENED_STEPS = 3  # of a fit, when it changed
 LEAST_HELD_OUT = 3.0  # nats on unseen samples that an effect must bring
 LEAST_OF_NOISE = 15.0  # nats of evidence: a law of noise fits what a model of the signal leaves over
 FEW_SHARE = 0.05  # of the best score: how rough a score is
@@ -195,14 +210,13 @@ def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2, it
     if data.late:  # it stays where it stands: no shape of the noise is worth its time
         return solve(begun, model)
     noisy = any(FAMILIES[e.family].noise_like and not e.fixed for e in model.effects)
-    shaped = noisy or any(
-        stage_of(e) in (RX_GAIN, RX_FILTER) or is_coarse(e) for e in model.effects
-    )
+    shaped = noisy or any(stage_of(e) in (RX_GAIN, RX_FILTER) or is_coarse(e) for e in model.effects)
     if not noisy or near is None:
         fit = solve(begun if shaped else white, model, iterations=iterations)
         likely = _with_likely_priors(fit)
         if likely is not fit.model:
             fit = solve(fit.data, likely, iterations=iterations)
+        fit = _softened(fit)
     if not shaped:
         return fit
     if near is not None and noisy:
@@ -215,6 +229,20 @@ def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2, it
         fit = solve(with_noise(replace(fit, data=white), model), model, iterations=iterations)
         model = fit.model
     return fit
+
+
+def _softened(fit: Fit) -> Fit:
+    """The fit with the converter's rails as soft as the noise in front of them makes them; behind a lattice that has the noise
+    in it they stay hard."""
+    at = next((i for i, e in enumerate(fit.model.effects) if e.family == "adc_clipping"), None)
+    if at is None or any(is_coarse(e) for e in fit.model.effects):
+        return fit
+    level, before = fit.model.effects[at].p
+    sigma = min(np.sqrt(np.mean(np.abs(fit.residual[off_the_rails(fit)]) ** 2) / 2), NOISIEST * level)
+    if abs(sigma - before) < SETTLED * sigma:
+        return fit
+    effect = fit.model.effects[at].moved(np.array([level, sigma]))
+    return solve(fit.data, fit.model.replacing(at, effect), iterations=SOFTENED_STEPS)
 
 
 def _with_likely_priors(fit: Fit) -> Model:
