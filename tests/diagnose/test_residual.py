@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from gr_cast.diagnose import align, diagnose, gate, noise, read_case, residual, run
 from gr_cast.diagnose.finding import Finding
+from gr_cast.diagnose.fit import off_the_rails
 from gr_cast.diagnose.search import refit, under_the_lattice
 from gr_cast.effects import FAMILIES
 from gr_cast.effects.base import start
@@ -87,7 +88,7 @@ def test_a_lattice_of_few_steps_leaves_nothing_unexplained(world, tmp_path):
     data, model = _built(world, tmp_path / "case", coarse)
     (lattice, _), = gate.discrete(coarse, "cf32_le")
     fit = refit(data, under_the_lattice(data, model.adding(lattice)))
-    for rest in residual.leftovers(fit, run.off_the_rails(fit)):
+    for rest in residual.leftovers(fit, off_the_rails(fit)):
         assert rest.p_value > run.UNEXPLAINED_P or rest.nats < run.UNEXPLAINED_NATS
 
 
@@ -130,3 +131,29 @@ def test_noise_in_a_band_raises_no_floor_and_leaves_nothing_beside_it(world, tmp
     run._look_for_rest(finding)
     assert [e.family for e in finding.fit.model.found] == ["narrowband_interference"]
     assert not finding.left
+
+
+@pytest.mark.parametrize(("frequency", "told"), [(0.498, False), (0.398, True)])
+def test_what_interpolation_cannot_know_is_not_told_as_left(world, tmp_path, frequency, told):
+    rng, n = world.rng, len(world.n)
+    band = (np.abs(np.abs(np.fft.fftfreq(n)) - frequency) < 0.002) * (rng.normal(size=n) + 1j * rng.normal(size=n))
+    y = world.noisy(world.clean() + 2 * world.noise_rms * np.sqrt(n / 2) * np.fft.ifft(band))
+    fit = refit(*_built(world, tmp_path / "case", y))
+    rest = next(rest for rest in residual.leftovers(fit, off_the_rails(fit)) if rest.test == "frequency")
+    assert (rest.p_value < 1e-5) == told
+
+
+@pytest.mark.parametrize("side", ["tx", "rx"])
+def test_an_image_may_change_the_floor_by_what_unequal_gains_can(world, tmp_path, side):
+    world.noise_rms *= 10 ** (-0.16 / 20)
+    y, told = world.noisy(world.clean()), world.noise_rms * 10 ** (0.16 / 20)
+    world.noise_rms = told
+    case = read_case(world.write(tmp_path / "case", y))
+    scene, data, model = align.build(case, case.observations[0])
+    for effects, floors in (([], 1), ([start(FAMILIES["iq_imbalance"], [1e-4, -0.011], aux={"side": side, "source": 0})], 0)):
+        fit = refit(data, model)
+        for effect in effects:
+            fit = replace(fit, model=fit.model.adding(effect))
+        finding = Finding(observation=case.observations[0], scene=scene, data=data, twin=fit, fit=fit)
+        run._floor(finding)
+        assert [e.family for e in finding.fit.model.found].count("noise_floor") == floors

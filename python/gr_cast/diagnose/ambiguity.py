@@ -15,7 +15,7 @@ from ..effects.base import start
 from ..effects.chain import Source
 from .fit import Fit
 from .model import predict
-from .search import candidates, plausible, refit_or_known
+from .search import FEW_NATS, FEW_SHARE, candidates, plausible, refit_or_known
 
 ALIKE_NATS = 3.0  # in ln L: two fits that differ by less are alike
 ALIKE_TAPS_NATS = 12.0  # in evidence: what the priors of two rows of taps may differ by
@@ -40,13 +40,16 @@ def rivals(fit: Fit, index: int, known: list[Fit]) -> tuple[Fit, list[Rival]]:
     made."""
     effect = fit.model.effects[index]
     bare = refit_or_known(fit.data, fit.model.without(index), known)
-    lost = fit.evidence - bare.evidence
+    # A search prices what it fitted, a fit of what was found all that has an error.
+    told = max((f.evidence for f in known if f.model.families == fit.model.families), default=fit.evidence)
+    lost = max(told, fit.evidence) - bare.evidence
     found = []
     for s in candidates(bare) if not fit.data.late else ():
         if _same(effect, s.effect) or s.net < 0:
             continue
         far = s.net < lost - max(NEAR_NATS, NEAR_SHARE * lost)  # a score is rough where an effect is strong
-        if far or FAMILIES[s.effect.family].flexible and {effect.family, s.effect.family} != TAPS:
+        promises = s.net > lost - FEW_NATS - FEW_SHARE * lost or {effect.family, s.effect.family} == TAPS
+        if far or FAMILIES[s.effect.family].flexible and not promises:
             if not found:
                 found.append(Rival(effect=s.effect, evidence=lost - s.net, likelihood=lost - s.net, fit=None))
             continue
@@ -58,7 +61,7 @@ def rivals(fit: Fit, index: int, known: list[Fit]) -> tuple[Fit, list[Rival]]:
             found.append(
                 Rival(
                     effect=s.effect,
-                    evidence=fit.evidence - other.evidence,
+                    evidence=bare.evidence + lost - other.evidence,
                     likelihood=fit.likelihood - other.likelihood,
                     fit=other,
                 )
@@ -72,13 +75,25 @@ def _same(a: Effect, b: Effect) -> bool:
     return b.family in FAMILIES[a.family].same_as or a.family in FAMILIES[b.family].same_as
 
 
+def all_alike(effect: Effect, rivals: list[Rival]) -> list[Rival]:
+    """The rivals that the data leave open beside an effect, and what the data leave open beside those."""
+    open_ones = [r for r in rivals if alike(effect, r)]
+    for r in rivals:
+        rows = [o for o in open_ones if {o.effect.family, r.effect.family} == TAPS]
+        if r.fit and not any(r is o for o in open_ones) and any(abs(r.evidence - o.evidence) <= ALIKE_TAPS_NATS for o in rows):
+            open_ones.append(r)
+    return open_ones
+
+
 def alike(effect: Effect, rival: Rival) -> bool:
-    """Whether the data leave both open: as good a fit with no more freedom, both simple; or both a row of taps whose
-    evidence is alike."""
+    """Whether the data leave both open: as good a fit with no more freedom, both simple; or, where the rival is flexible,
+    evidence that is alike."""
     if rival.fit is None:
         return False
     if {effect.family, rival.effect.family} == TAPS:
         return abs(rival.evidence) <= ALIKE_TAPS_NATS
+    if FAMILIES[rival.effect.family].flexible:
+        return abs(rival.evidence) <= ALIKE_NATS
     if abs(rival.likelihood) > ALIKE_NATS or effect.prior is not None or _holds(rival, effect):
         return False
     return int(rival.effect.free.sum()) <= int(effect.free.sum()) and rival.effect.prior is None

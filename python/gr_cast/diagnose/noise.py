@@ -8,7 +8,7 @@ from ..effects.noise_family import NoiseView
 from ..effects.quantization import is_coarse
 from .fit import shape_of_receiver
 
-PASSBAND = 0.8  # common share of two bands from which they are one
+PASSBAND = 0.65  # common share of two bands from which they are one: a filter falls off within the signal's own edges
 TESTED = ("signal_dependent_noise", "impulsive_noise", "pulsed_interference", "narrowband_interference")
 
 

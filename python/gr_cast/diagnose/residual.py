@@ -11,6 +11,7 @@ from scipy import fft as sp_fft
 from scipy import stats
 
 from ..effects import FAMILIES
+from ..effects.narrowband_interference import NYQUIST
 from ..effects.quantization import is_coarse
 from .view import View
 
@@ -67,8 +68,8 @@ def leftovers(fit, inside) -> list[Leftover]:
         spread = max(1.0, float(np.var(power) / np.mean(power) ** 2))
         energy, count = energy / spread, count / spread
     rows, bins = energy.shape
-    own = _bands_of_interference(fit, bins)  # how its density falls off there is not part of its law
-    energy[:, own] = count[:, own]
+    untold = _bands_not_told(fit, bins)
+    energy[:, untold] = count[:, untold]
     t = np.append(scene.index, scene.index[-1] + 1)[np.arange(rows + 1) * (scene.count // rows)] / scene.sample_rate_hz
     for name, e, c in (
         ("time × frequency", energy, count),
@@ -100,13 +101,15 @@ def leftovers(fit, inside) -> list[Leftover]:
     return sorted((o for o in out if o is not None), key=lambda o: o.p_value)
 
 
-def _bands_of_interference(fit, bins: int) -> np.ndarray:
-    """(bins,) bool: what a found narrowband interference reaches, with skirts of half its width."""
-    own, f = np.zeros(bins, bool), np.fft.fftfreq(bins)
+def _bands_not_told(fit, bins: int) -> np.ndarray:
+    """(bins,) bool: what a found narrowband interference reaches, with skirts of half its width, for how its density
+    falls off there is not part of its law; and half the sample rate."""
+    f = np.fft.fftfreq(bins)
+    untold = np.abs(f) > 0.5 - NYQUIST
     for e in fit.model.found:
         if e.family == "narrowband_interference":
-            own |= FAMILIES[e.family].distance(e, f) < e.p[2] + 0.5 / bins
-    return own
+            untold |= FAMILIES[e.family].distance(e, f) < e.p[2] + 0.5 / bins
+    return untold
 
 
 def _bonferroni(log_p: float, cells: int) -> float:

@@ -8,11 +8,12 @@ import numpy as np
 from scipy import fft as sp_fft
 
 from ..effects import FAMILIES, stage_of
-from ..effects.base import RX_FILTER, start
+from ..effects.base import RX_FILTER, complex_pair, db, start
 from ..effects.noise_family import profile
 from ..effects.phase_noise import MOST
 from ..effects.signal_dependent_noise import told_floor
 from . import align, ambiguity, gate, heldout, joints, noise, offsets, residual
+from .exchange import exchanged
 from .finding import Finding, Worth, nmse, worth
 from .fit import COLOUR_ORDERS, Fit, gain_of_receiver, in_band, off_the_rails, solve
 from .model import in_scene
@@ -85,6 +86,7 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
     proof = begun + PROOF * (deadline - begun)
     fit, *known_fits = search(data, begun_with, proof) if known is None else _confirmed(known, data, begun_with[0], proof)
     complete = not fit.notes.get("cut", data.late)
+    fit = exchanged(_until(fit, proof), known_fits) if known is None else fit
     fit = lattice_again(data, fit)
     fit = _without_fine_lattice(_settle(_without_crowds(_until(fit, deadline)), finer=known is None))
     fit = _of_noise_alone(fit)
@@ -199,7 +201,7 @@ def _compare(finding: Finding) -> None:
             continue
         bare, rivals = ambiguity.rivals(fit, i, finding.known)
         finding.worths[id(effect.p)] = worth(fit, bare, rivals)
-        equal = [r for r in rivals if ambiguity.alike(effect, r)]
+        equal = ambiguity.all_alike(effect, rivals)
         if equal:
             families = list(dict.fromkeys([effect.family, *(r.effect.family for r in equal)]))[:3]
             apart = abs(equal[0].likelihood)
@@ -316,8 +318,9 @@ def _floor(finding: Finding) -> None:
     if any(e.family in noise.TESTED for e in fit.model.effects):
         doubt_db += 0.3  # the shape of such noise is not known so well
     for e in fit.model.effects:
-        if e.family == "iq_imbalance":  # noise passes the unequal gains too
-            doubt_db += abs(FAMILIES[e.family].values(fit.data.scene, e, e.p)["gain_imbalance_db"])
+        if e.family == "iq_imbalance":  # noise passes the receiver's unequal gains too, unequal by so much at most
+            image = abs(complex_pair(e.p))
+            doubt_db += db((1 + image) / (1 - image))
     if any(e.prior is not None and FAMILIES[e.family].flexible for e in fit.model.effects):
         doubt_db += 1.0  # what a random course leaves over is not the floor's
     if nats < 0.5 * np.log(n) + 8 or abs(10 * np.log10(ratio)) < doubt_db:

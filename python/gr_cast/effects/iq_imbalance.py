@@ -9,6 +9,7 @@ import numpy as np
 from .base import RX_IQ, TX_IQ, Family, complex_pair, db, start
 
 WEAKEST = 10 ** (-55 / 20)  # no radio is balanced better, and no model of its other parts is as good
+STRONGEST = 0.3  # an image of -10 dB: nothing that calls itself a radio is balanced worse
 
 
 class IqImbalance(Family):
@@ -31,7 +32,7 @@ class IqImbalance(Family):
             yield start(self, [0.0, 0.0], aux={"side": "tx", "source": i})
 
     def plausible(self, effect):
-        return WEAKEST < abs(complex_pair(effect.p)) < 0.5
+        return WEAKEST < abs(complex_pair(effect.p)) < STRONGEST
 
     def values(self, scene, effect, p):
         beta = complex_pair(p)
