@@ -157,3 +157,13 @@ def test_an_image_may_change_the_floor_by_what_unequal_gains_can(world, tmp_path
         finding = Finding(observation=case.observations[0], scene=scene, data=data, twin=fit, fit=fit)
         run._floor(finding)
         assert [e.family for e in finding.fit.model.found].count("noise_floor") == floors
+
+
+@pytest.mark.parametrize("raised_db", [0.0, 0.5])
+def test_a_floor_beside_phase_noise_is_told_from_what_is_too_fast_to_follow(world, tmp_path, raised_db):
+    told = world.noise_rms
+    world.noise_rms = told * 10 ** (raised_db / 20)
+    y = world.noisy(world.clean() * np.exp(0.03j * _wander(world.rng, len(world.n), 60)))
+    world.noise_rms = told
+    document = diagnose(read_case(world.write(tmp_path / "case", y)), budget_s=3000).document
+    assert [e["family"] for e in document["effects"]] == ["phase_noise"] + ["noise_floor"] * (raised_db > 0)

@@ -29,6 +29,7 @@ RECORDINGS, FIRST_PART, SEARCH, PROOF = 0.8, 0.8, 0.7, 0.9
 HUNGRY = 3.0  # times the mean share that a recording may take of what is left; most need far less
 CUT_NATS = 10.0  # by which rails on a lattice must make a recording likelier
 FINE_LATTICE = 10.0  # energy of its error over the noise, over the whole recording
+FAINT = 0.01  # of the mean power: what is weaker has no direction
 JITTER_SURE = 2.5  # standard deviations by which noise across the signal must exceed noise along it
 FINEST = 3  # times the fastest wander of the search
 UNEXPLAINED_P = 1e-5
@@ -301,10 +302,11 @@ def _floor(finding: Finding) -> None:
     told = float(np.clip(np.mean(power[inside]), told, told + rounding))
     n = float(inside.sum())
     energy = power[inside] / told
-    if any("_jitter" in e.aux for e in fit.model.effects):  # only along the signal is noise alone
-        along = np.zeros(fit.data.scene.count)
-        along[fit.data.use > 0] = 2 * _directions(fit)[1]
-        energy = along[inside] / shape[inside] / told
+    if any(e.family == "phase_noise" for e in fit.model.found):  # what it leaves over is across the signal
+        along, wanted = np.zeros((2, fit.data.scene.count))
+        _, along[fit.data.use > 0], wanted[fit.data.use > 0] = _directions(fit)
+        inside = inside & (wanted > FAINT * wanted[inside].mean())
+        energy, n = 2 * along[inside] / shape[inside] / told, inside.sum() / 2
     if fit.data.spectrum is not None and not any(FAMILIES[e.family].noise_like for e in fit.model.effects):
         # of noise that a filter coloured, what is told is the floor where the signal is
         energy = energy * (_beside_signal(fit) / told / energy.mean())
@@ -321,7 +323,7 @@ def _floor(finding: Finding) -> None:
         if e.family == "iq_imbalance":  # noise passes the receiver's unequal gains too, unequal by so much at most
             image = abs(complex_pair(e.p))
             doubt_db += db((1 + image) / (1 - image))
-    if any(e.prior is not None and FAMILIES[e.family].flexible for e in fit.model.effects):
+    if any(e.prior is not None and FAMILIES[e.family].flexible and e.family != "phase_noise" for e in fit.model.effects):
         doubt_db += 1.0  # what a random course leaves over is not the floor's
     if nats < 0.5 * np.log(n) + 8 or abs(10 * np.log10(ratio)) < doubt_db:
         return
