@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import yaml
 from conftest_world import RATE_HZ
-from gr_cast import recording
+from gr_cast import codes, recording
 from gr_cast.diagnose import diagnose, read_case
 from scipy import signal
 
@@ -141,6 +141,20 @@ def test_rails_are_found_to_the_last_bit(world, tmp_path):
     document = run(world, tmp_path, np.clip(y.real, -0.3, 0.3) + 1j * np.clip(y.imag, -0.3, 0.3))
     assert named(document) == ["adc_clipping"]
     assert said(document, "adc_clipping", "level")["value"] == pytest.approx(0.3, abs=1e-5)
+
+
+def leaning(world):
+    """The world with one path and a waveform that is far from zero at one end alone."""
+    world.taps = world.taps[:1]
+    world.x = (signal.lfilter(signal.firwin(31, 0.3), 1, np.resize(world.x, 4000))[2400:3200] + 0.5).astype(np.complex64)
+    return world.clean()
+
+
+def test_rails_at_one_end_are_found(world, tmp_path):
+    y = world.noisy(leaning(world))
+    level = np.quantile(y.real, 0.98)
+    document = run_of_wave(world, tmp_path, np.minimum(y.real, level) + 1j * y.imag)
+    assert document["verdict"] == "identified" and named(document) == ["adc_clipping"]
 
 
 def test_rails_that_noise_softens_are_no_amplifier(world, tmp_path):
@@ -298,3 +312,22 @@ def test_a_doppler_of_a_tap_whose_phase_is_another_too_is_one_cause(world, tmp_p
     document = run(world, tmp_path, world.noisy(y))
     assert document["verdict"] == "identified" and named(document) == ["tap_doppler"]
     assert abs(document["effects"][0]["model"]["phase_rad"] - 0.5) < 0.02
+
+
+def test_an_echo_that_moves_may_be_another_transmitter_of_the_same_code(world, tmp_path):
+    world.taps = world.taps[:1]
+    echo = 0.3 * np.exp(1.4j) * 0.03 * world.path(23) * np.exp(2j * np.pi * 4.0 * world.n / RATE_HZ)
+    folder = world.write(tmp_path / "case", world.noisy(world.clean() + echo))
+    twin = yaml.safe_load((folder / "twin.yaml").read_text())
+    twin["waveforms"]["w9"] = twin["waveforms"]["w1"]
+    (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
+    document = diagnose(read_case(folder), budget_s=PATIENCE_S).document
+    assert [set(a["families"]) for a in document["ambiguous"]] == [{"extra_path", "second_transmitter"}]
+
+
+@pytest.mark.parametrize(("samples_per_chip", "found"), [(1, []), (2, ["tone_interference"])])
+def test_a_line_at_half_the_rate_is_a_tone_where_the_signal_has_nothing(world, tmp_path, samples_per_chip, found):
+    world.code["samples_per_chip"] = samples_per_chip
+    world.x = codes.from_spec(world.code).astype(complex)
+    line = world.noise_rms * np.sqrt(80 / len(world.n)) * np.exp(2j * np.pi * 0.4996 * world.n)
+    assert named(run(world, tmp_path, world.noisy(world.clean() + line))) == found

@@ -15,7 +15,7 @@ from ..effects.base import start
 from ..effects.chain import Source
 from .fit import Fit
 from .model import predict
-from .search import FEW_NATS, FEW_SHARE, candidates, plausible, refit_or_known
+from .search import FEW_NATS, FEW_SHARE, REFITS, candidates, plausible, refit_or_known
 
 ALIKE_NATS = 3.0  # in ln L: two fits that differ by less are alike
 ALIKE_TAPS_NATS = 12.0  # in evidence: what the priors of two rows of taps may differ by
@@ -53,10 +53,15 @@ def rivals(fit: Fit, index: int, known: list[Fit]) -> tuple[Fit, list[Rival]]:
             if not found:
                 found.append(Rival(effect=s.effect, evidence=lost - s.net, likelihood=lost - s.net, fit=None))
             continue
-        if len([r for r in found if r.fit]) >= 3 or fit.data.late:
+        kind = FAMILIES[s.effect.family].flexible
+        if sum(r.fit is not None and FAMILIES[r.effect.family].flexible == kind for r in found) >= REFITS:
+            continue
+        if fit.data.late:
             break
         near = bare if FAMILIES[s.effect.family].noise_like else None
-        other = refit_or_known(fit.data, bare.model.adding(s.effect), known, near=near)
+        # With all that has an error free, as what was found is.
+        settled = replace(s.effect, free=FAMILIES[s.effect.family].settled(fit.data.scene, s.effect))
+        other = refit_or_known(fit.data, bare.model.adding(settled), known, near=near)
         if plausible(other.model):
             found.append(
                 Rival(

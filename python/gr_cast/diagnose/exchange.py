@@ -40,4 +40,5 @@ def _in_place_of(fit: Fit, index: int, known: list[Fit]) -> list[Fit]:
 
 
 def _is(a: Effect, b: Effect) -> bool:
-    return a.family == b.family and a.aux.get("tap") == b.aux.get("tap")
+    """Whether two effects are one, and not two lengths of a row of taps or of a course."""
+    return a.family == b.family and a.aux.get("tap") == b.aux.get("tap") and (a.prior is None or len(a.p) == len(b.p))

@@ -38,8 +38,8 @@ def lattice(y: np.ndarray, datatype: str) -> tuple[float, float, float] | None:
     return step, std * unit, (origin / slope) % 1.0
 
 
-def rails(y: np.ndarray, datatype: str, step: float) -> tuple[float, float, int] | None:
-    """(level, its standard deviation, samples on it) where I and Q pile up at ±level."""
+def rails(y: np.ndarray, datatype: str, step: float) -> tuple[float, float, int, bool] | None:
+    """(level, its standard deviation, samples on it, whether at one end alone) where I and Q pile up at ±level."""
     unit = max(native_step(datatype), 1e-7)
     grain = max(step, unit)
     heaps, levels = [], []
@@ -52,16 +52,17 @@ def rails(y: np.ndarray, datatype: str, step: float) -> tuple[float, float, int]
         heaps.append(on > 4 * expected + 5 if step else on >= 4 and on > 3 * expected + 2)
         levels.append((top, on))
     tops = np.array([t for t, _ in levels])
-    if sum(heaps) < 2:
+    lone = sum(heaps) == 1 and not step
+    if sum(heaps) < 2 and not lone:
         return None
     level = float(np.median(tops[heaps]))
     close = np.abs(tops - level) <= (0.8 * grain if step else 2.1 * unit)
     good = [bool(h and c) for h, c in zip(heaps, close, strict=True)]
-    if sum(good) < 2 or (tops > level + (0.8 if step else 1.6) * grain).any():
+    if sum(good) < 2 - lone or (tops > level + (0.8 if step else 1.6) * grain).any():
         return None
     samples = int(sum(on for (_, on), g in zip(levels, good, strict=True) if g))
     level = float(np.mean(tops[good]))
-    return level, max(unit * 0.5, 1e-6 * level), samples
+    return level, max(unit * 0.5, 1e-6 * level), samples, lone
 
 
 def discrete(y: np.ndarray, datatype: str) -> list[tuple[Effect, dict]]:
@@ -72,12 +73,10 @@ def discrete(y: np.ndarray, datatype: str) -> list[tuple[Effect, dict]]:
     step = grid[0] if grid else 0.0
     top = rails(y, datatype, step)
     if top:
-        found.append(
-            (
-                start(FAMILIES["adc_clipping"], [top[0], 0.0], free=[False] * 2, aux={"read": True}),
-                {"level": top[1], "samples": top[2]},
-            )
-        )
+        level, std, samples, lone = top
+        aux = {"read": True} | ({"lone": True} if lone else {})
+        effect = start(FAMILIES["adc_clipping"], [level, 0.0], free=[False] * 2, aux=aux)
+        found.append((effect, {"level": std, "samples": samples}))
     if grid:
         effect = start(FAMILIES["quantization"], [step, grid[2], 1.0], free=[False] * 3, aux={"read": True})
         found.append((effect, {"step": grid[1]}))

@@ -27,7 +27,7 @@ PICTURES = 1.1  # of the budget: what a report still draws after the search ends
 # what it found to prove itself.
 RECORDINGS, FIRST_PART, SEARCH, PROOF = 0.8, 0.8, 0.7, 0.9
 HUNGRY = 3.0  # times the mean share that a recording may take of what is left; most need far less
-CUT_NATS = 10.0  # by which rails on a lattice must make a recording likelier
+CUT_NATS = 10.0  # by which rails on a lattice, or at one end alone, must make a recording likelier
 FINE_LATTICE = 10.0  # energy of its error over the noise, over the whole recording
 FAINT = 0.01  # of the mean power: what is weaker has no direction
 JITTER_SURE = 2.5  # standard deviations by which noise across the signal must exceed noise along it
@@ -69,13 +69,7 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
     if model.effects != plain.effects:
         model = under_the_lattice(data, refit(data, model).model)
         first = refit(data, model)
-        if {"adc_clipping", "quantization"} <= {e.family for e in model.found}:
-            # On a lattice a signal of few levels heaps up as rails would: real ones cut the prediction.
-            rails = next(i for i, e in enumerate(model.effects) if e.family == "adc_clipping")
-            uncut = under_the_lattice(data, model.without(rails))
-            free = refit(data, uncut)
-            if free.likelihood > first.likelihood - CUT_NATS:
-                model, first = uncut, free
+        model, first = _without_false_rails(data, model, first)
     scene.rms = known.scene.rms if known else _wanted_rms(first) * align.whole_over_part(case, whole, part, scene)
     have = LOCAL | {e.family for e in model.effects}
     for effect in known.fit.model.found if known else ():
@@ -114,6 +108,18 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
     _floor(finding)
     _look_for_rest(finding)
     return finding
+
+
+def _without_false_rails(data, model, first: Fit):
+    """(model, its fit) without rails that may be something else, unless they cut the prediction: on a lattice a signal of few
+    levels heaps up as rails would, and at one end alone so may the peak of a waveform."""
+    at = next((i for i, e in enumerate(model.effects) if e.family == "adc_clipping" and not e.fixed), None)
+    on_lattice = any(e.family == "quantization" for e in model.found)
+    if at is None or not on_lattice and "lone" not in model.effects[at].aux:
+        return model, first
+    uncut = under_the_lattice(data, model.without(at))
+    free = refit(data, uncut)
+    return (model, first) if free.likelihood < first.likelihood - CUT_NATS else (uncut, free)
 
 
 def _begun(data, model, known: Finding | None):

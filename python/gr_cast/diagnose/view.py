@@ -10,6 +10,7 @@ from scipy import fft as sp_fft
 from ..effects import FAMILIES, stage_of
 from ..effects.base import RX_GAIN, RX_LO, peaks
 from ..effects.chain import PAD
+from ..effects.narrowband_interference import NYQUIST
 
 SKIRT, AROUND = 6, 64  # half cycles over the recording: what a line reaches itself, and its surroundings
 LEAST_SEGMENT = 40  # samples in which a waveform is looked for alone
@@ -94,16 +95,19 @@ class View:
 
     def lines(self, count: int) -> list[float]:
         """Cycles over the recording of the strongest lines of the residual that stand out of their surroundings: the
-        peaks of a band of noise do not."""
-        spectrum = np.abs(sp_fft.fft(self.scene.spread(self.residual), 2 * self.scene.span))
+        peaks of a band of noise do not, nor at half the sample rate what interpolation leaves of the signal."""
+        span = self.scene.span
+        spectrum, wanted = (np.abs(sp_fft.fft(self.scene.spread(s), 2 * span)) for s in (self.residual, self.wanted))
         around = np.concatenate([np.arange(-AROUND, -SKIRT), np.arange(SKIRT + 1, AROUND + 1)])
         found = []
         for i in peaks(spectrum, count, 4):
-            beside = np.mean(spectrum[(i + around) % len(spectrum)] ** 2)
+            near = (i + around) % len(spectrum)
+            beside = np.mean(spectrum[near] ** 2)
+            if abs(i - span) < NYQUIST * 2 * span:
+                beside = max(beside, np.mean(wanted[near] ** 2))
             if spectrum[i] ** 2 < (np.log(len(spectrum)) + LINE_NATS) * beside:
                 continue
-            k = i if i < self.scene.span else i - 2 * self.scene.span
-            found.append(k / 2)
+            found.append((i if i < span else i - 2 * span) / 2)
         return found
 
     def correlations(self, code, signal, segments: int, reach: int | None = None):

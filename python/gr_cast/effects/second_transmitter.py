@@ -74,6 +74,9 @@ class SecondTransmitter(Family):
                             trials=trials,
                         )
 
+    def settled(self, scene, effect):
+        return effect.free if "lags" in effect.aux else np.ones(len(effect.p), bool)
+
     def later(self, effect, lengths):
         cycles = effect.p[3] * lengths
         pairs = [turned(pair, cycles) for pair in effect.p[4:].reshape(-1, 2)]
