@@ -159,6 +159,28 @@ def test_an_image_may_change_the_floor_by_what_unequal_gains_can(world, tmp_path
         assert [e.family for e in finding.fit.model.found].count("noise_floor") == floors
 
 
+@pytest.mark.parametrize("family", ["noise_floor", "signal_dependent_noise"])
+def test_noise_beside_phase_noise_has_the_law_that_it_has(world, tmp_path, family):
+    world.taps = [(0, 1.0), (9, 0.8 * np.exp(0.7j))]  # a signal whose power changes
+    clean = world.clean() * np.exp(0.05j * _wander(world.rng, len(world.n), 400))
+    extra = 0.5 if family == "noise_floor" else 0.5 * np.abs(clean) ** 2 / np.mean(np.abs(clean) ** 2)
+    noise = world.noisy(np.zeros(len(world.n)))
+    case = read_case(world.write(tmp_path / "case", clean + noise * np.sqrt(1 + extra)))
+    document = diagnose(case, budget_s=3000).document
+    assert [e["family"] for e in document["effects"]] == ["phase_noise", family]
+
+
+def test_rails_under_a_lattice_that_has_the_noise_in_it_are_hard(world, tmp_path):
+    step = 1 / 32
+    y = world.noisy(world.clean())
+    coarse = step * (np.round(y.real / step) + 1j * np.round(y.imag / step))
+    data, model = _built(world, tmp_path / "case", np.clip(coarse.real, -0.25, 0.25) + 1j * np.clip(coarse.imag, -0.25, 0.25))
+    rails = start(FAMILIES["adc_clipping"], [0.25, 0.01], free=[False] * 2)
+    lattice = start(FAMILIES["quantization"], [step, 0.0, 0.3], free=[False] * 3)
+    assert refit(data, model.adding(rails)).model.found[0].p[1] > 0
+    assert refit(data, model.adding(rails).adding(lattice)).model.found[0].p[1] == 0
+
+
 @pytest.mark.parametrize("raised_db", [0.0, 0.5])
 def test_a_floor_beside_phase_noise_is_told_from_what_is_too_fast_to_follow(world, tmp_path, raised_db):
     told = world.noise_rms

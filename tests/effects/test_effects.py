@@ -250,6 +250,19 @@ def test_what_a_diagnosis_writes_predicts_what_it_found(name):
     assert np.abs(got - want).max() < 1e-9 * np.abs(want).max()
 
 
+def test_a_doppler_of_a_later_part_is_that_of_the_recording():
+    """Twin and diagnosis count a tap's phase from the recording's first sample; in a later part it is free."""
+    family, cycles, later = FAMILIES["tap_doppler"], 0.7, 2.5
+    world = scene([ONE[0], Path(source=0, delay=9.0, gain=0.5)])
+    part = replace(world, begins=int(later * world.span))
+    first = start(family, [cycles, 0.4], aux={"tap": 1})
+    told = {**family.values(world, first, first.p), **family.constants(world, first)}
+    moved, read = family.later(first, later), family.parse(part, told, family.model(world, first))
+    assert read.p == pytest.approx(moved.p) and moved.free.all()
+    turns = [np.exp(1j * family.model(where, effect)["phase_rad"]) for where, effect in ((world, first), (part, moved))]
+    assert turns[1] == pytest.approx(turns[0])
+
+
 NOISES = {
     "noise_floor": {"change_db": 1.5},
     "signal_dependent_noise": {"slope_db": -4.0},

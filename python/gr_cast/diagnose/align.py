@@ -317,6 +317,7 @@ def build(case, observation, *, near: tuple[float, bool] | None = None):
         transmitters=names,
         receiver=observation.receiver,
         anchor=0 if repeat else whole,
+        begins=observation.first,
         carrier_hz=observation.center_frequency_hz,
         free_ports=tuple(i for i, link in enumerate(links) if i and {"gain", "phase"} & set(link.unknown)),
     )

@@ -14,7 +14,7 @@ from ..effects import FAMILIES, Effect
 from ..effects.base import start
 from ..effects.chain import Source
 from .fit import Fit
-from .model import predict
+from .model import Model, predict
 from .search import FEW_NATS, FEW_SHARE, REFITS, candidates, plausible, refit_or_known
 
 ALIKE_NATS = 3.0  # in ln L: two fits that differ by less are alike
@@ -41,7 +41,7 @@ def rivals(fit: Fit, index: int, known: list[Fit]) -> tuple[Fit, list[Rival]]:
     effect = fit.model.effects[index]
     bare = refit_or_known(fit.data, fit.model.without(index), known)
     # A search prices what it fitted, a fit of what was found all that has an error.
-    told = max((f.evidence for f in known if f.model.families == fit.model.families), default=fit.evidence)
+    told = max((f.evidence for f in known if _what(f.model) == _what(fit.model)), default=fit.evidence)
     lost = max(told, fit.evidence) - bare.evidence
     found = []
     for s in candidates(bare) if not fit.data.late else ():
@@ -74,6 +74,11 @@ def rivals(fit: Fit, index: int, known: list[Fit]) -> tuple[Fit, list[Rival]]:
     return bare, sorted(found, key=lambda r: r.evidence)
 
 
+def _what(model: Model) -> list[tuple]:
+    """What a model claims, whatever the numbers and whichever of them are free."""
+    return sorted((e.family, *(str(e.aux.get(name)) for name in ("tap", "side", "source", "held"))) for e in model.found)
+
+
 def _same(a: Effect, b: Effect) -> bool:
     if a.family == b.family:
         return a.aux.get("tap") == b.aux.get("tap")
@@ -96,9 +101,9 @@ def alike(effect: Effect, rival: Rival) -> bool:
     if rival.fit is None:
         return False
     if {effect.family, rival.effect.family} == TAPS:
-        return abs(rival.evidence) <= ALIKE_TAPS_NATS
+        return rival.evidence <= ALIKE_TAPS_NATS
     if FAMILIES[rival.effect.family].flexible:
-        return abs(rival.evidence) <= ALIKE_NATS
+        return rival.evidence <= ALIKE_NATS
     if abs(rival.likelihood) > ALIKE_NATS or effect.prior is not None or _holds(rival, effect):
         return False
     return int(rival.effect.free.sum()) <= int(effect.free.sum()) and rival.effect.prior is None

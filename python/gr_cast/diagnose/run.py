@@ -290,7 +290,7 @@ def _directions(fit: Fit):
 
 def _floor(finding: Finding) -> None:
     """Compare the noise with the twin's, on samples that the rails do not touch."""
-    fit, told = finding.fit, finding.data.noise_power
+    fit, told, sources = finding.fit, finding.data.noise_power, finding.data.scene.sources
     # A filter's own gain is unknown, and with it the floor before it; one link cannot tell whose filter it is.
     if told is None or any(e.family == "front_end_filter" for e in fit.model.effects):
         return
@@ -308,7 +308,8 @@ def _floor(finding: Finding) -> None:
     told = float(np.clip(np.mean(power[inside]), told, told + rounding))
     n = float(inside.sum())
     energy = power[inside] / told
-    if any(e.family == "phase_noise" for e in fit.model.found):  # what it leaves over is across the signal
+    wanders = [e for e in fit.model.found if e.family == "phase_noise" and (e.aux.get("side") != "tx" or len(sources) == 1)]
+    if wanders:  # what it leaves over is across the signal
         along, wanted = np.zeros((2, fit.data.scene.count))
         _, along[fit.data.use > 0], wanted[fit.data.use > 0] = _directions(fit)
         inside = inside & (wanted > FAINT * wanted[inside].mean())
@@ -326,11 +327,11 @@ def _floor(finding: Finding) -> None:
     if any(e.family in noise.TESTED for e in fit.model.effects):
         doubt_db += 0.3  # the shape of such noise is not known so well
     for e in fit.model.effects:
-        if e.family == "iq_imbalance":  # noise passes the receiver's unequal gains too, unequal by so much at most
+        if e.family == "iq_imbalance":  # noise passes a receiver's unequal gains too; whose they are is not known yet
             image = abs(complex_pair(e.p))
             doubt_db += db((1 + image) / (1 - image))
-    if any(e.prior is not None and FAMILIES[e.family].flexible and e.family != "phase_noise" for e in fit.model.effects):
-        doubt_db += 1.0  # what a random course leaves over is not the floor's
+        if e.prior is not None and FAMILIES[e.family].flexible:  # what a random course leaves over is not the floor's
+            doubt_db += 0.2 if any(e is wander for wander in wanders) else 1.0
     if nats < 0.5 * np.log(n) + 8 or abs(10 * np.log10(ratio)) < doubt_db:
         return
     floor = start(
@@ -346,7 +347,7 @@ def _floor(finding: Finding) -> None:
         wanted = np.abs(fit.chain.wanted[inside]) ** 2
         mean = max(wanted.mean(), 1e-300)
         strength, likelihood = told_floor(energy, wanted / mean)
-        lead = float(-n * np.log(ratio) - n) - likelihood  # of a raised floor over noise that follows the signal
+        lead = -n * (np.log(ratio) + 1 + likelihood / len(energy))  # of a raised floor over noise that follows the signal
         other = start(FAMILIES["signal_dependent_noise"], [strength], free=[False], aux={"nats": float(nats - lead)})
         if abs(lead) < ambiguity.ALIKE_NATS:
             finding.ambiguous.append(

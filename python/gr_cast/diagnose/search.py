@@ -232,14 +232,16 @@ def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2, it
 
 
 def _softened(fit: Fit) -> Fit:
-    """The fit with the converter's rails as soft as the noise in front of them makes them; behind a lattice that has the noise
-    in it they stay hard."""
+    """The fit with the converter's rails as soft as the noise in front of them makes them; under a lattice that has the noise
+    in it they are hard."""
     at = next((i for i, e in enumerate(fit.model.effects) if e.family == "adc_clipping"), None)
-    if at is None or any(is_coarse(e) for e in fit.model.effects):
+    if at is None:
         return fit
     level, before = fit.model.effects[at].p
     sigma = min(np.sqrt(np.mean(np.abs(fit.residual[off_the_rails(fit)]) ** 2) / 2), NOISIEST * level)
-    if abs(sigma - before) < SETTLED * sigma:
+    if any(is_coarse(e) for e in fit.model.effects):
+        sigma = 0.0
+    if abs(sigma - before) <= SETTLED * sigma:
         return fit
     effect = fit.model.effects[at].moved(np.array([level, sigma]))
     return solve(fit.data, fit.model.replacing(at, effect), iterations=SOFTENED_STEPS)
@@ -258,12 +260,13 @@ def _with_likely_priors(fit: Fit) -> Model:
 
 
 def refit_or_known(data: Data, model: Model, known: list[Fit], near: Fit | None = None) -> Fit:
-    """`refit`, or the fit of the same effects in `known`, to which a new one is added."""
+    """`refit`, or the fit of the same effects in `known`, to which a new one is added; with the deadline of `data`."""
     same = [f for f in known if f.model.signature == model.signature]
     if not same:
         same = [refit(data, model, near=near)]
         known.extend(same)
-    return max(same, key=lambda f: f.evidence)
+    best = max(same, key=lambda f: f.evidence)
+    return replace(best, data=replace(best.data, deadline=data.deadline))
 
 
 def _again(fit: Fit, effect: Effect) -> Effect:
@@ -280,7 +283,10 @@ def _again(fit: Fit, effect: Effect) -> Effect:
 def candidates(fit: Fit) -> list[Score]:
     """Every family's score on a fit, best first, at most two starts of a family; worked out once for a fit."""
     if "candidates" not in fit.notes:
-        fit.notes["candidates"] = _candidates(fit)
+        found = _candidates(fit)
+        if fit.data.late:  # these are not all
+            return found
+        fit.notes["candidates"] = found
         for heavy in [k for k in fit.notes if k != "candidates"]:
             del fit.notes[heavy]
     return fit.notes["candidates"]

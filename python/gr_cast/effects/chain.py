@@ -74,6 +74,7 @@ class Scene:
     level: float = 0.0  # the same as it is known now; 0: that
     floor: float = 1e-12  # the noise power that the twin tells
     front_end: np.ndarray = field(default_factory=lambda: np.ones(1))  # taps of the receiver's filter, where numbers are told
+    begins: int = 0  # samples of the recording in front of what is looked at
     first: int = 0  # number of the first sample here
     span: int = 0  # samples that "over the recording" means; 0: those that are here
     at: np.ndarray | None = None  # (count,) whole numbers of the samples here, where only some of a stretch are kept

@@ -9,7 +9,7 @@ import numpy as np
 from .base import RX_IQ, TX_IQ, Family, complex_pair, db, start
 
 WEAKEST = 10 ** (-55 / 20)  # no radio is balanced better, and no model of its other parts is as good
-STRONGEST = 0.3  # an image of -10 dB: nothing that calls itself a radio is balanced worse
+STRONGEST = 10 ** (-10 / 20)  # nothing that calls itself a radio is balanced worse
 
 
 class IqImbalance(Family):

@@ -29,14 +29,16 @@ class TapDoppler(TapFamily):
                 yield start(self, [cycles, 0.0], aux={"tap": k}, trials=len(view.scene.taps) * 50)
 
     def less(self, scene, effect, others):
-        """Nothing but the Doppler is wrong, as the twin's phase at the first sample tells, or nothing but the phase."""
-        if "held" in effect.aux:
+        """Nothing but the Doppler is wrong, as the twin's phase at the recording's first sample tells, or nothing but the
+        phase."""
+        if "held" in effect.aux or scene.begins:
             return ()
-        error = start(TapGainError(), [0.0, effect.p[1]], aux=effect.aux, trials=effect.trials)
-        return _held(self, effect.aux["tap"], effect.p[0], 0.0, effect.trials), error
+        aux = {"tap": effect.aux["tap"], "held": True}
+        held = start(self, [effect.p[0], 0.0], free=[True, False], aux=aux, trials=effect.trials)
+        return held, start(TapGainError(), [0.0, effect.p[1]], aux=effect.aux, trials=effect.trials)
 
     def later(self, effect, lengths):
-        return effect.moved(effect.p + np.array([0.0, 2 * np.pi * effect.p[0] * lengths]))
+        return _free(self, effect.aux["tap"], effect.p[0], _begins_at(effect) + 2 * np.pi * effect.p[0] * lengths)
 
     def values(self, scene, effect, p):
         return {
@@ -45,19 +47,20 @@ class TapDoppler(TapFamily):
         }
 
     def model(self, scene, effect):
-        return {} if "held" in effect.aux else {"phase_rad": float(_begins_at(effect))}
+        later = scene.begins / scene.span
+        return {} if "held" in effect.aux else {"phase_rad": float(_begins_at(effect) - 2 * np.pi * effect.p[0] * later)}
 
     def parse(self, scene, parameters, model):
         k = self.find(scene, parameters, model)
         extra = parameters.get("doppler_hz", 0.0) * scene.duration_s - scene.taps[k].doppler
-        return _held(self, k, extra, model.get("phase_rad", 0.0), 1.0)
+        return _free(self, k, extra, model.get("phase_rad", 0.0) + 2 * np.pi * extra * scene.begins / scene.span)
 
     def describe(self, number):
         return f"The twin's path at {number('delay_s')} moves: Doppler {number('doppler_hz')}."
 
 
-def _held(family, tap, cycles, phase_rad, trials):
-    return start(family, [cycles, phase_rad], free=[True, False], aux={"tap": tap, "held": True}, trials=trials)
+def _free(family, tap, cycles, begins_at_rad):
+    return start(family, [cycles, begins_at_rad + np.pi * cycles], aux={"tap": tap})
 
 
 def _begins_at(effect) -> float:
