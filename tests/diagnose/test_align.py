@@ -38,6 +38,15 @@ def test_a_burst_is_found_in_a_long_recording_and_only_its_surroundings_are_look
     assert min(part.first for part, _ in parts) >= at - 2 * align.LEAST_PART
 
 
+def test_an_offset_that_turns_within_what_is_short_is_no_hindrance_in_a_long_recording(burst):
+    rng = np.random.default_rng(6)
+    x, at = noise(rng, 20_000), 9_169
+    y = noise(rng, 84_000, 0.02)
+    y[at : at + len(x)] += 0.1 * x * np.exp(2j * np.pi * 790.0 * np.arange(len(x)) / RATE_HZ)
+    found = burst(y, x)
+    assert align.locate(found, found.observations[0]) == (at, False)
+
+
 def test_the_vault_is_one_valid_run_in_eight_whatever_is_valid():
     for count, run in ((800, 4), (64_000, 16)):
         valid = np.zeros(3 * count, bool)

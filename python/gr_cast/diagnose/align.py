@@ -114,7 +114,8 @@ def find_delay(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: fl
     energy = float(np.vdot(y, y).real)
     power = sum(s.power * np.sum(np.abs([t.amplitude for t in link]) ** 2) for s, link in zip(sources, taps, strict=True))
     best = (-np.inf, 0)
-    lengths = {n // 32, *((1024, 128, 32, 8) if repeat else ()), *((16,) if n < 4000 else ())}
+    sent = n if repeat else min(n, np.count_nonzero(sources[0].samples))  # the offset turns what is sent, not the silence
+    lengths = {n // 32, sent // 32, *((1024, 128, 32, 8) if repeat else ()), *((16,) if n < 4000 else ())}
     for segment in sorted({max(8, length) for length in lengths}, reverse=True):
         if segment > n or (n // segment) * size > 1e8:
             continue
