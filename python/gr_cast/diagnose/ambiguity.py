@@ -15,7 +15,7 @@ from ..effects.base import start
 from ..effects.chain import Source
 from .fit import Fit
 from .model import Model, predict
-from .search import FEW_NATS, FEW_SHARE, REFITS, candidates, plausible, refit_or_known
+from .search import REFITS, candidates, claim_the_same, plausible, refit_or_known, roughness
 
 ALIKE_NATS = 3.0  # in ln L: two fits that differ by less are alike
 ALIKE_TAPS_NATS = 12.0  # in evidence: what the priors of two rows of taps may differ by
@@ -47,20 +47,20 @@ def rivals(fit: Fit, index: int, known: list[Fit]) -> tuple[Fit, list[Rival]]:
     for s in candidates(bare) if not fit.data.late else ():
         if _same(effect, s.effect) or s.net < 0:
             continue
+        family = FAMILIES[s.effect.family]
         far = s.net < lost - max(NEAR_NATS, NEAR_SHARE * lost)  # a score is rough where an effect is strong
-        promises = s.net > lost - FEW_NATS - FEW_SHARE * lost or {effect.family, s.effect.family} == TAPS
-        if far or FAMILIES[s.effect.family].flexible and not promises:
+        promises = s.net > lost - roughness(lost) or {effect.family, s.effect.family} == TAPS
+        if far or family.flexible and not promises:
             if not found:
                 found.append(Rival(effect=s.effect, evidence=lost - s.net, likelihood=lost - s.net, fit=None))
             continue
-        kind = FAMILIES[s.effect.family].flexible
-        if sum(r.fit is not None and FAMILIES[r.effect.family].flexible == kind for r in found) >= REFITS:
+        if sum(r.fit is not None and FAMILIES[r.effect.family].flexible == family.flexible for r in found) >= REFITS:
             continue
         if fit.data.late:
             break
-        near = bare if FAMILIES[s.effect.family].noise_like else None
+        near = bare if family.noise_like else None
         # With all that has an error free, as what was found is.
-        settled = replace(s.effect, free=FAMILIES[s.effect.family].settled(fit.data.scene, s.effect))
+        settled = replace(s.effect, free=family.settled(fit.data.scene, s.effect))
         other = refit_or_known(fit.data, bare.model.adding(settled), known, near=near)
         if plausible(other.model):
             found.append(
@@ -80,9 +80,7 @@ def _what(model: Model) -> list[tuple]:
 
 
 def _same(a: Effect, b: Effect) -> bool:
-    if a.family == b.family:
-        return a.aux.get("tap") == b.aux.get("tap")
-    return b.family in FAMILIES[a.family].same_as or a.family in FAMILIES[b.family].same_as
+    return claim_the_same(a, b) or b.family in FAMILIES[a.family].same_as or a.family in FAMILIES[b.family].same_as
 
 
 def all_alike(effect: Effect, rivals: list[Rival]) -> list[Rival]:

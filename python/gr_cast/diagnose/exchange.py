@@ -2,11 +2,9 @@
 """What explains more in the place of what was found: a search tries simple families first, and a flexible one only where its
 score promises far more."""
 
-from dataclasses import replace
-
 from ..effects import FAMILIES, Effect
 from .fit import Fit
-from .search import FEW_NATS, FEW_SHARE, MARGIN, MOST_EFFECTS, candidates, eliminate, plausible, proven, refit_or_known
+from .search import MARGIN, MOST_EFFECTS, candidates, claim_the_same, eliminate, plausible, proven, refit_or_known, roughness
 
 
 def exchanged(fit: Fit, known: list[Fit]) -> Fit:
@@ -20,7 +18,7 @@ def exchanged(fit: Fit, known: list[Fit]) -> Fit:
         after = proven(fit.data, eliminate(fit.data, best, known), known)
         if after.evidence <= fit.evidence or fit.data.late:
             break
-        fit = replace(after, notes={**after.notes, **{k: v for k, v in fit.notes.items() if k == "cut"}})
+        fit = after
     return fit
 
 
@@ -32,13 +30,13 @@ def _in_place_of(fit: Fit, index: int, known: list[Fit]) -> list[Fit]:
     bare = refit_or_known(data, fit.model.without(index), known)
     lost, found = fit.evidence - bare.evidence, []
     for s in candidates(bare):
-        if s.net < lost - FEW_NATS - FEW_SHARE * lost or data.late:
+        if s.net < lost - roughness(lost) or data.late:
             break
-        if not _is(effect, s.effect) and not FAMILIES[s.effect.family].noise_like:
+        if not _is_one(effect, s.effect) and not FAMILIES[s.effect.family].noise_like:
             found.append(refit_or_known(data, bare.model.adding(s.effect), known))
     return [f for f in found if f.evidence > fit.evidence + MARGIN and plausible(f.model)]
 
 
-def _is(a: Effect, b: Effect) -> bool:
+def _is_one(a: Effect, b: Effect) -> bool:
     """Whether two effects are one, and not two lengths of a row of taps or of a course."""
-    return a.family == b.family and a.aux.get("tap") == b.aux.get("tap") and (a.prior is None or len(a.p) == len(b.p))
+    return claim_the_same(a, b) and (a.prior is None or len(a.p) == len(b.p))

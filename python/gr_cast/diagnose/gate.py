@@ -53,7 +53,7 @@ def rails(y: np.ndarray, datatype: str, step: float) -> tuple[float, float, int,
         levels.append((top, on))
     tops = np.array([t for t, _ in levels])
     lone = sum(heaps) == 1 and not step
-    if sum(heaps) < 2 and not lone:
+    if sum(heaps) < 2 - lone:
         return None
     level = float(np.median(tops[heaps]))
     close = np.abs(tops - level) <= (0.8 * grain if step else 2.1 * unit)

@@ -11,7 +11,7 @@ from scipy import fft as sp_fft
 from scipy import stats
 
 from ..effects import FAMILIES
-from ..effects.narrowband_interference import NYQUIST
+from ..effects.base import at_half_the_rate
 from ..effects.quantization import is_coarse
 from .view import View
 
@@ -105,7 +105,7 @@ def _bands_not_told(fit, bins: int) -> np.ndarray:
     """(bins,) bool: what a found narrowband interference reaches, with skirts of half its width, for how its density
     falls off there is not part of its law; and half the sample rate."""
     f = np.fft.fftfreq(bins)
-    untold = np.abs(f) > 0.5 - NYQUIST
+    untold = at_half_the_rate(f)
     for e in fit.model.found:
         if e.family == "narrowband_interference":
             untold |= FAMILIES[e.family].distance(e, f) < e.p[2] + 0.5 / bins

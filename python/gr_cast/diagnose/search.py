@@ -48,8 +48,7 @@ SETTLED = 0.1  # relative change of that noise that makes no difference
 SOFTENED_STEPS = 3  # of a fit, when it changed
 LEAST_HELD_OUT = 3.0  # nats on unseen samples that an effect must bring
 LEAST_OF_NOISE = 15.0  # nats of evidence: a law of noise fits what a model of the signal leaves over
-FEW_SHARE = 0.05  # of the best score: how rough a score is
-FEW_NATS = 10.0  # a flexible family is tried when no simple one comes this near
+ROUGH_NATS, ROUGH_SHARE = 10.0, 0.05  # by which, and by which share of it, a score may be off
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,6 +155,11 @@ def score(fit: Fit, effect: Effect) -> Score:
         full[free] = prior
         found = replace(found, prior=full)
     return Score(net=float(gain - cost - np.log(effect.trials)), effect=found)
+
+
+def roughness(net: float) -> float:
+    """Nats by which a score may be off: a flexible family is tried when no simple one comes this near."""
+    return ROUGH_NATS + ROUGH_SHARE * net
 
 
 def _colour(fit: Fit) -> float:
@@ -345,7 +349,7 @@ def _worth_trying(scores: list[Score]) -> list[Score]:
     simple = [s for s in options if not FAMILIES[s.effect.family].flexible and not FAMILIES[s.effect.family].noise_like]
     best = simple[0].net if simple else 0.0
     simple = [s for s in simple if s.net > best - max(CLEAR_NATS, FAR_SHARE * best)]
-    flexible = [s for s in options if FAMILIES[s.effect.family].flexible and s.net > best + FEW_NATS + FEW_SHARE * best]
+    flexible = [s for s in options if FAMILIES[s.effect.family].flexible and s.net > best + roughness(best)]
     noises = [s for s in options if FAMILIES[s.effect.family].noise_like and s.net > best]
     return simple[:REFITS] + flexible[:2] + noises[:2]
 
@@ -545,6 +549,11 @@ def causes(model: Model) -> int:
     found; carrier and sample clock are one."""
     searched = [e.family for e in model.found if "read" not in e.aux and e.family != "spectral_inversion"]
     return len(searched) - ({"carrier_frequency_offset", "sample_clock_offset"} <= set(searched))
+
+
+def claim_the_same(a: Effect, b: Effect) -> bool:
+    """Whether two effects are of one family and one place."""
+    return a.family == b.family and a.aux.get("tap") == b.aux.get("tap")
 
 
 def plausible(model: Model) -> bool:

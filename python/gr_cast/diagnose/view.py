@@ -8,9 +8,8 @@ import numpy as np
 from scipy import fft as sp_fft
 
 from ..effects import FAMILIES, stage_of
-from ..effects.base import RX_GAIN, RX_LO, peaks
+from ..effects.base import RX_GAIN, RX_LO, at_half_the_rate, peaks
 from ..effects.chain import PAD
-from ..effects.narrowband_interference import NYQUIST
 
 SKIRT, AROUND = 6, 64  # half cycles over the recording: what a line reaches itself, and its surroundings
 LEAST_SEGMENT = 40  # samples in which a waveform is looked for alone
@@ -97,13 +96,14 @@ class View:
         """Cycles over the recording of the strongest lines of the residual that stand out of their surroundings: the
         peaks of a band of noise do not, nor at half the sample rate what interpolation leaves of the signal."""
         span = self.scene.span
-        spectrum, wanted = (np.abs(sp_fft.fft(self.scene.spread(s), 2 * span)) for s in (self.residual, self.wanted))
+        spectrum = np.abs(sp_fft.fft(self.scene.spread(self.residual), 2 * span))
         around = np.concatenate([np.arange(-AROUND, -SKIRT), np.arange(SKIRT + 1, AROUND + 1)])
         found = []
         for i in peaks(spectrum, count, 4):
             near = (i + around) % len(spectrum)
             beside = np.mean(spectrum[near] ** 2)
-            if abs(i - span) < NYQUIST * 2 * span:
+            if at_half_the_rate(i / (2 * span)):
+                wanted = np.abs(sp_fft.fft(self.scene.spread(self.wanted), 2 * span))
                 beside = max(beside, np.mean(wanted[near] ** 2))
             if spectrum[i] ** 2 < (np.log(len(spectrum)) + LINE_NATS) * beside:
                 continue

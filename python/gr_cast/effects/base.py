@@ -35,6 +35,7 @@ import numpy as np
 CHANNEL_AFTER = CLOCK
 
 PROBE = 1e-5  # size of the wave, path or tap that is added to measure a derivative
+NYQUIST = 0.01  # of the sample rate on either side of its half: what interpolation between samples cannot know
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,6 +192,11 @@ def rms_of(scene, effect: Effect) -> float:
 
 def said_rms(model: dict) -> dict:
     return {"rms": float(model["wanted_rms"])} if "wanted_rms" in model else {}
+
+
+def at_half_the_rate(f):
+    """Whether frequencies, as shares of the sample rate from -1/2 to 1, lie where interpolation leaves some of the signal."""
+    return np.abs(np.abs(f) - 0.5) < NYQUIST
 
 
 def peaks(spectrum: np.ndarray, count: int, apart: int) -> list[int]:

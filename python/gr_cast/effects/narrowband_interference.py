@@ -4,10 +4,8 @@
 import numpy as np
 from scipy import fft as sp_fft
 
-from .base import start
+from .base import at_half_the_rate, start
 from .noise_family import NoiseFamily, two_levels
-
-NYQUIST = 0.01  # of the sample rate on either side of its half: what interpolation between samples cannot know
 
 WIDEST = 3  # a band wider than this part of the rate is what a filter leaves of the noise
 FINE = 12  # steps per cell in which the edges of a band are looked for
@@ -54,7 +52,7 @@ class NarrowbandInterference(NoiseFamily):
         edges = np.linspace(0, n, cells + 1).astype(int)
         energy = np.add.reduceat(power, edges[:-1])
         size = np.diff(edges)
-        top = np.abs(edges[:-1] + size / 2 - n / 2) < NYQUIST * n
+        top = at_half_the_rate((edges[:-1] + size / 2) / n)
         energy[top] = size[top] * energy[~top].sum() / size[~top].sum()
         e2, n2 = np.cumsum(np.concatenate([[0], energy, energy])), np.cumsum(np.concatenate([[0], size, size]))
         best = (0.0, 0, 1)
