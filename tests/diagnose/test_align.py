@@ -38,11 +38,24 @@ def test_a_burst_is_found_in_a_long_recording_and_only_its_surroundings_are_look
     assert min(part.first for part, _ in parts) >= at - 2 * align.LEAST_PART
 
 
-def test_an_offset_that_turns_within_what_is_short_is_no_hindrance_in_a_long_recording(burst):
+@pytest.mark.parametrize("inverted", [False, True])
+@pytest.mark.parametrize("offset_hz", [0.0, -790.0, RATE_HZ / 80])
+@pytest.mark.parametrize(("sent", "recorded", "at"), [(20_000, 84_000, 9_169), (2_000, 84_000, 50_000), (4_000, 3_000, -700)])
+def test_no_offset_hides_what_is_sent_once_wherever_it_is(burst, sent, recorded, at, offset_hz, inverted):
     rng = np.random.default_rng(6)
-    x, at = noise(rng, 20_000), 9_169
-    y = noise(rng, 84_000, 0.02)
-    y[at : at + len(x)] += 0.1 * x * np.exp(2j * np.pi * 790.0 * np.arange(len(x)) / RATE_HZ)
+    x, y = noise(rng, sent), noise(rng, recorded, 0.2)
+    first, last = max(0, at), min(recorded, at + sent)
+    y[first:last] += 0.1 * (x * np.exp(2j * np.pi * offset_hz * np.arange(sent) / RATE_HZ))[first - at : last - at]
+    found = burst(np.conj(y) if inverted else y, x)
+    assert align.locate(found, found.observations[0]) == (at, inverted)
+
+
+def test_a_silence_and_a_loud_stranger_are_not_taken_for_a_burst(burst):
+    rng = np.random.default_rng(7)
+    x, y, at = noise(rng, 3_000), noise(rng, 60_000, 0.02), 31_000
+    x[:300], x[1_000:1_900], y[:4_000] = 0.0, 0.0, 0.0
+    y[at : at + len(x)] += 0.1 * x
+    y[45_000:50_000] += noise(rng, 5_000, 10.0)
     found = burst(y, x)
     assert align.locate(found, found.observations[0]) == (at, False)
 

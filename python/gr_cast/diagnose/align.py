@@ -10,7 +10,7 @@ from scipy import fft as sp_fft
 from ..effects import FAMILIES
 from ..effects.base import start
 from ..effects.chain import PAD, Path, Scene, Source, reach
-from . import pieces
+from . import delays, pieces
 from .fit import Data
 from .model import Model, predict
 
@@ -25,9 +25,6 @@ LEAST_PART = 1000  # known samples that make a part worth a look
 LEAST_GATHERED = 4000  # samples of a recording of which some are left out
 MOSTLY = 0.7  # share of the samples from which on none is left out
 LONGEST_SCAN = 1 << 21  # samples in which a waveform that is shorter than the recording is looked for
-SHORT, SHORT_FACTOR = 128, 2.0  # samples; segments below that must explain so much more: a chirp's delay looks like an offset
-CLEAR = 12.0  # standard deviations of the other lags by which a delay stands out
-SEGMENTS = (256, 48)  # samples that are added with their phases: carrier offsets of 1/400 and 1/80 of the rate do no harm
 MARGIN = 64  # samples kept around what is known of a short recording
 EDGE = 24  # samples at either end that a filter's memory makes uncertain
 
@@ -70,102 +67,6 @@ def _stretch(waveform, amplitude: float, first: int, size: int) -> Source:
 def _window(waveform, amplitude: float, delay: int, count: int) -> Source:
     """A waveform as the recording sees it at `delay` whole samples: `count` samples with PAD on either side."""
     return _stretch(waveform, amplitude, -delay - PAD, sp_fft.next_fast_len(count + 2 * PAD))
-
-
-def _response(taps, length: int, rate: float) -> np.ndarray:
-    f = sp_fft.fftfreq(length) * rate
-    return sum(t.amplitude * np.exp(-2j * np.pi * f * t.delay_s) for t in taps)
-
-
-def _segment_correlations(y, templates, repeat, segment):
-    """(lags,) Σ over segments and templates of |Σ over a segment of y[n]·conj(template[n − d])|², and how many were
-    added; lags of a repeated template are all of one period."""
-    total, count = 0.0, 0
-    for first in range(0, len(y), segment):
-        piece = y[first : first + segment]
-        for _, spectrum in templates:
-            p = len(spectrum)
-            if repeat:
-                index = (np.arange(len(piece)) + first) % p
-                buffer = np.bincount(index, piece.real, p) + 1j * np.bincount(index, piece.imag, p)
-            else:
-                buffer = np.zeros(p, complex)
-                buffer[first : first + len(piece)] = piece
-            total = total + np.abs(sp_fft.ifft(sp_fft.fft(buffer) * np.conj(spectrum))) ** 2
-            count += 1
-    return total, count
-
-
-def find_delay(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: float) -> tuple[int, float]:
-    """Whole-sample delay of the twin's prediction in `y`, and the share of the recording's energy that it
-    holds.
-
-    Segments are added without phase, so that a carrier offset does no harm; of several segment lengths the
-    one that explains most is taken.
-    """
-    n = len(y)
-    repeat = all(s.repeat for s in sources)
-    templates = []
-    for source, link in zip(sources, taps, strict=True):
-        p = len(source.samples)
-        size = p if repeat else sp_fft.next_fast_len(n + p + 64)
-        templates.append((source, sp_fft.fft(source.samples, size) * _response(link, size, rate)))
-    size = len(templates[0][1])
-    energy = float(np.vdot(y, y).real)
-    power = sum(s.power * np.sum(np.abs([t.amplitude for t in link]) ** 2) for s, link in zip(sources, taps, strict=True))
-    best = (-np.inf, 0)
-    sent = n if repeat else min(n, np.count_nonzero(sources[0].samples))  # the offset turns what is sent, not the silence
-    lengths = {n // 32, sent // 32, *((1024, 128, 32, 8) if repeat else ()), *((16,) if n < 4000 else ())}
-    for segment in sorted({max(8, length) for length in lengths}, reverse=True):
-        if segment > n or (n // segment) * size > 1e8:
-            continue
-        total, count = _segment_correlations(y, templates, repeat, segment)
-        share = total / (segment * power * energy)
-        if not repeat:
-            share = share * max(1.0, n / len(sources[0].samples))
-        share = share - 3 * count / n
-        d = int(np.argmax(share))
-        if share[d] > best[0] * (SHORT_FACTOR if segment < SHORT and best[0] > 0 else 1.0):
-            best = (float(share[d]), d)
-    delay, share = best[1], best[0]
-    if not repeat:
-        delay = delay - size if delay > n else delay
-    return delay, share
-
-
-def find_near(y: np.ndarray, sources: list[Source], centre: int, reach: int):
-    """`find_delay` by short segments within `reach` of a delay, for waveforms sent once and any carrier offset; and
-    whether the delay stands out clearly."""
-    long = _near(y, sources, centre, reach, SEGMENTS[0])
-    if long[2]:
-        return long
-    short = _near(y, sources, centre, reach, SEGMENTS[1])
-    return short if short[1] > SHORT_FACTOR * long[1] else long
-
-
-def _near(y: np.ndarray, sources: list[Source], centre: int, reach: int, segment: int):
-    n = len(y)
-    total, energy = np.zeros(2 * reach), 0.0
-    size = sp_fft.next_fast_len(segment + 2 * reach)
-    firsts = np.arange(0, n - segment, segment)
-    sent = np.concatenate([[0.0], np.cumsum(np.abs(sources[0].samples))])
-    inside = np.clip(np.stack([firsts, firsts + segment]) - centre, 0, len(sent) - 1)
-    firsts = firsts[sent[inside[1]] > sent[inside[0]]]  # where something that is known was sent
-    for first in firsts[:: len(firsts) // 400 + 1]:
-        piece = y[first : first + segment]
-        begin = first - centre - reach + 1
-        for source in sources:
-            template = source.samples[max(begin, 0) : max(begin + segment + 2 * reach - 1, 0)]
-            if not template.any():
-                continue
-            template = np.concatenate([np.zeros(max(-begin, 0)), template])
-            both = sp_fft.ifft(sp_fft.fft(template, size) * np.conj(sp_fft.fft(piece, size)))[: 2 * reach]
-            total += np.abs(both[::-1]) ** 2 / (segment * source.power)
-        energy += float(np.vdot(piece, piece).real)
-    d = int(np.argmax(total))
-    height = float(total[d] - np.median(total))
-    others = np.delete(total, np.arange(max(0, d - reach // 32), min(len(total), d + reach // 32)))
-    return centre + d - reach, height / max(energy, 1e-300), height > CLEAR * others.std()
 
 
 def parts_of(case, observation) -> list[tuple]:
@@ -268,13 +169,14 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
     taps, told = [link.taps for link in links], _told_inverted(case, observation)
     signals = [np.conj(y) * turn] if told else [y * turn, np.conj(y) * turn]
     if about:
-        return find_near(signals[about[1]], sources, low + about[0], reach=64)[0] - low, about[1]
-    near = []
+        return delays.near(signals[about[1]], sources, low + about[0], reach=64)[0] - low, about[1]
+    found = []
     if not sources[0].repeat and len(sources[0].samples) >= n and n > 4000:
-        near = [find_near(signal, sources, low - observation.first, reach=2048) for signal in signals]
-    found = [answer[:2] for answer in near]
-    if not any(clear for *_, clear in near):
-        found += [find_delay(signal, sources, taps, rate) for signal in signals]
+        near = [delays.near(signal, sources, low - observation.first, reach=2048) for signal in signals]
+        found = [answer[:2] for answer in near] if any(clear for *_, clear in near) else []
+    if not found:
+        find = delays.of_repeated if sources[0].repeat else delays.of_sent_once
+        found = [find(signal, sources, taps, rate) for signal in signals]
     straight = max(found[:: len(signals)], key=lambda f: f[1])
     if told:
         return straight[0] - low, False

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""At which whole-sample delay a recording holds what was sent, whatever the carrier offset: segments are correlated and added
+without phase, of several lengths that which explains most."""
+
+import numpy as np
+from scipy import fft as sp_fft
+
+from ..effects.chain import Source
+
+SHORT, SHORT_FACTOR = 128, 2.0  # samples; segments below that must explain so much more: a chirp's delay looks like an offset
+CLEAR = 12.0  # standard deviations of the other lags by which a delay stands out
+SEGMENTS = (256, 48)  # samples that are added with their phases: carrier offsets of 1/400 and 1/80 of the rate do no harm
+PIECES, LEAST_PIECE = 1024, 8  # of a waveform that is sent once, and samples in each at least
+WORK = 1 << 28  # lags of all pieces together
+SILENT = 1e-4  # of the mean energy of a piece: one with less is the tail of a link's response, or nothing
+GROWTH = 4  # how much longer the pieces of the next length are
+BEHIND = 64  # samples behind the last path that a link's response is followed
+
+
+def response(taps, length: int, rate: float) -> np.ndarray:
+    """(length,) complex response of a link's taps at the frequencies of an FFT."""
+    f = sp_fft.fftfreq(length) * rate
+    return sum(t.amplitude * np.exp(-2j * np.pi * f * t.delay_s) for t in taps)
+
+
+def of_repeated(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: float) -> tuple[int, float]:
+    """Delay within the period of the twin's prediction in `y`, and the share of the recording's energy that it holds."""
+    n = len(y)
+    templates = [sp_fft.fft(s.samples) * response(link, len(s.samples), rate) for s, link in zip(sources, taps, strict=True)]
+    energy = float(np.vdot(y, y).real)
+    power = sum(s.power * np.sum(np.abs([t.amplitude for t in link]) ** 2) for s, link in zip(sources, taps, strict=True))
+    best = (-np.inf, 0)
+    for segment in sorted({max(8, n // 32), 1024, 128, 32, 8, *((16,) if n < 4000 else ())}, reverse=True):
+        if segment > n or (n // segment) * len(templates[0]) > 1e8:
+            continue
+        total, count = _folded_correlations(y, templates, segment)
+        share = total / (segment * power * energy) - 3 * count / n
+        d = int(np.argmax(share))
+        if share[d] > best[0] * (SHORT_FACTOR if segment < SHORT and best[0] > 0 else 1.0):
+            best = (float(share[d]), d)
+    return best[1], best[0]
+
+
+def _folded_correlations(y, templates, segment):
+    """(lags of one period,) Σ over segments and templates of |Σ over a segment of y[n]·conj(template[n − d])|², and how many
+    were added."""
+    total, count = 0.0, 0
+    for first in range(0, len(y), segment):
+        piece = y[first : first + segment]
+        for spectrum in templates:
+            p = len(spectrum)
+            index = (np.arange(len(piece)) + first) % p
+            buffer = np.bincount(index, piece.real, p) + 1j * np.bincount(index, piece.imag, p)
+            total = total + np.abs(sp_fft.ifft(sp_fft.fft(buffer) * np.conj(spectrum))) ** 2
+            count += 1
+    return total, count
+
+
+def of_sent_once(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: float) -> tuple[int, float]:
+    """Delay of what is sent once in `y`, anywhere, and the share of the energy there that it explains.
+
+    Of all lags and lengths of the pieces those that noise alone would reach least: of n samples, M pieces with a gain each
+    explain a share s > q = M/n with a probability of exp(−n·(q·ln(q/s) + (1 − q)·ln((1 − q)/(1 − s)))) at most (Chernoff)."""
+    sent = np.flatnonzero(np.any([s.samples != 0 for s in sources], axis=0))
+    if not len(sent):
+        return 0, 0.0
+    first, last = sent[0], sent[-1] + 1
+    templates = [_filtered(s.samples[first:last], link, rate) for s, link in zip(sources, taps, strict=True)]
+    size = max(len(t) for t in templates)
+    count = int(np.clip(WORK // (len(y) + size), 1, min(PIECES, -(-size // LEAST_PIECE))))
+    piece = -(-size // count)
+    templates = [np.pad(t, (0, count * piece - len(t))) for t in templates]
+    known = np.all([s.known[first:last] for s in sources], axis=0)
+    known = np.pad(known, (0, count * piece - len(known)), constant_values=True)  # what late paths bring
+    energy, samples = _sliding(np.abs(y) ** 2, known), np.rint(_sliding(np.ones(len(y)), known))
+    gains = len(templates) * np.count_nonzero(known.reshape(count, piece).any(1)) / len(sent)
+    best = (-np.inf, 0, 0.0)
+    for k, level in enumerate(zip(*(_explained(y, t, piece) for t in templates), strict=True)):
+        q = np.clip(gains / GROWTH**k, 1 / np.maximum(samples, 2.0), 0.5)
+        s = np.clip(sum(level) / np.maximum(energy, 1e-12 * energy.max()), q, 1 - 1e-6)
+        nats = samples * (q * np.log(q / s) + (1 - q) * np.log((1 - q) / (1 - s)))
+        d = int(np.argmax(nats))
+        if nats[d] > best[0]:
+            best = (float(nats[d]), d - (count * piece - 1) - int(first), float(s[d] - q[d]))
+    return best[1:]
+
+
+def _filtered(sent: np.ndarray, taps, rate: float) -> np.ndarray:
+    """What a link makes of a waveform that is sent once, from its first sample to the last path's last."""
+    last = max(0, int(np.ceil(max(t.delay_s for t in taps) * rate)))
+    length = len(sent) + last + BEHIND
+    size = sp_fft.next_fast_len(length + BEHIND)
+    return sp_fft.ifft(sp_fft.fft(sent, size) * response(taps, size, rate))[:length]
+
+
+def _explained(y: np.ndarray, template: np.ndarray, piece: int) -> list[np.ndarray]:
+    """[(lags,) energy of `y` that pieces of a template explain, each with a gain of its own], pieces of `piece` samples first
+    and then ever longer ones; lags from 1 − the template's length on."""
+    count = len(template) // piece
+    block = sp_fft.next_fast_len(max(1024, 4 * piece))
+    step = block - piece + 1
+    blocks = -(-(len(y) + piece - 1) // step)
+    padded = np.concatenate([np.zeros(piece - 1), y, np.zeros(blocks * step + block - len(y) - piece + 1)]).astype(np.complex64)
+    frames = np.lib.stride_tricks.sliding_window_view(padded, block)[::step][:blocks]
+    spectra = sp_fft.fft(frames, axis=1)
+    lengths = [1]
+    while lengths[-1] < count:
+        lengths.append(lengths[-1] * GROWTH)
+    lags, least = len(y) + len(template) - 1, SILENT * float(np.vdot(template, template).real) / count
+    totals = [np.zeros(lags, np.float32) for _ in lengths]
+    sums, energies = [np.zeros(lags, np.complex64) for _ in lengths], [0.0] * len(lengths)
+    for m in range(count):
+        part = template[m * piece : (m + 1) * piece].astype(np.complex64)
+        at = slice((count - 1 - m) * piece, (count - 1 - m) * piece + len(y) + piece - 1)
+        energy, c = float(np.vdot(part, part).real), None
+        if energy > least:
+            both = sp_fft.ifft(spectra * np.conj(sp_fft.fft(part, block)), axis=1)[:, :step]
+            c = both.reshape(-1)[: len(y) + piece - 1]
+        for k, length in enumerate(lengths):
+            if c is not None:
+                sums[k][at] += c
+                energies[k] += energy
+            if ((m + 1) % length == 0 or m == count - 1) and energies[k]:
+                first = (count - 1 - m) * piece
+                near = slice(first, first + len(y) + min(length, m + 1) * piece - 1)
+                totals[k][near] += (sums[k][near].real ** 2 + sums[k][near].imag ** 2) / energies[k]
+                sums[k][near], energies[k] = 0.0, 0.0
+    return totals
+
+
+def _sliding(x: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """(lags,) sum of x (n,) where what is `known` (m,) of a waveform falls; lags from 1 − m on."""
+    size = sp_fft.next_fast_len(len(x) + len(known) - 1, real=True)
+    both = sp_fft.irfft(sp_fft.rfft(x, size) * sp_fft.rfft(known[::-1].astype(float), size), size)
+    return both[: len(x) + len(known) - 1]
+
+
+def near(y: np.ndarray, sources: list[Source], centre: int, reach: int):
+    """`of_sent_once` by short segments within `reach` of a delay, for waveforms sent once and any carrier offset; and
+    whether the delay stands out clearly."""
+    long = _near(y, sources, centre, reach, SEGMENTS[0])
+    if long[2]:
+        return long
+    short = _near(y, sources, centre, reach, SEGMENTS[1])
+    return short if short[1] > SHORT_FACTOR * long[1] else long
+
+
+def _near(y: np.ndarray, sources: list[Source], centre: int, reach: int, segment: int):
+    n = len(y)
+    total, energy = np.zeros(2 * reach), 0.0
+    size = sp_fft.next_fast_len(segment + 2 * reach)
+    firsts = np.arange(0, n - segment, segment)
+    sent = np.concatenate([[0.0], np.cumsum(np.abs(sources[0].samples))])
+    inside = np.clip(np.stack([firsts, firsts + segment]) - centre, 0, len(sent) - 1)
+    firsts = firsts[sent[inside[1]] > sent[inside[0]]]  # where something that is known was sent
+    for first in firsts[:: len(firsts) // 400 + 1]:
+        piece = y[first : first + segment]
+        begin = first - centre - reach + 1
+        for source in sources:
+            template = source.samples[max(begin, 0) : max(begin + segment + 2 * reach - 1, 0)]
+            if not template.any():
+                continue
+            template = np.concatenate([np.zeros(max(-begin, 0)), template])
+            both = sp_fft.ifft(sp_fft.fft(template, size) * np.conj(sp_fft.fft(piece, size)))[: 2 * reach]
+            total += np.abs(both[::-1]) ** 2 / (segment * source.power)
+        energy += float(np.vdot(piece, piece).real)
+    d = int(np.argmax(total))
+    height = float(total[d] - np.median(total))
+    others = np.delete(total, np.arange(max(0, d - reach // 32), min(len(total), d + reach // 32)))
+    return centre + d - reach, height / max(energy, 1e-300), height > CLEAR * others.std()
