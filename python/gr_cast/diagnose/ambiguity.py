@@ -45,9 +45,9 @@ def rivals(fit: Fit, index: int, known: list[Fit]) -> tuple[Fit, list[Rival]]:
     lost = max(told, fit.evidence) - bare.evidence
     found = []
     for s in candidates(bare) if not fit.data.late else ():
-        if _same(effect, s.effect) or s.net < 0:
-            continue
         family = FAMILIES[s.effect.family]
+        if _same(effect, s.effect) or s.net < 0 or family.beyond:
+            continue
         far = s.net < lost - max(NEAR_NATS, NEAR_SHARE * lost)  # a score is rough where an effect is strong
         promises = s.net > lost - roughness(lost) or {effect.family, s.effect.family} == TAPS
         if far or family.flexible and not promises:

@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from .. import codes, recording
-from ..effects import FAMILIES
+from ..effects import NAMED
 from ..errors import CastError, Faults
 
 VERSION = 1
@@ -386,8 +386,8 @@ def _effects(r: _Reader, entries, nodes, links) -> tuple[dict, ...]:
         place = f"effects[{index}]"
         if not r.keys(place, entry, _EFFECT_KEYS, ("family", "owner", "parameters")):
             continue
-        if entry.get("family") not in FAMILIES:
-            r.faults.add(f"{place}.family", f"got {entry.get('family')!r}, needs one of {', '.join(FAMILIES)}")
+        if entry.get("family") not in NAMED:
+            r.faults.add(f"{place}.family", f"got {entry.get('family')!r}, needs one of {', '.join(NAMED)}")
         owner = entry.get("owner")
         if not isinstance(owner, dict) or owner.get("name") not in owners:
             r.faults.add(

@@ -170,6 +170,7 @@ def _since_the_beginning(finding: Finding, values: dict[str, float]) -> dict[str
 # What one realisation of a random course leaves open: a share of the number, or dB.
 LEAST_OF_COURSES = {
     "rms_rad": 0.1,
+    "rms_s": 0.1,
     "k_factor_db": 0.6,
     "doppler_spread_hz": 0.2,
     "decay_s": 0.15,

@@ -14,12 +14,12 @@ from ..effects.phase_noise import MOST
 from ..effects.signal_dependent_noise import told_floor
 from . import align, ambiguity, gate, heldout, joints, noise, offsets, residual
 from .exchange import exchanged
-from .finding import Finding, Worth, nmse, worth
+from .finding import Finding, Worth, nmse, numbers, worth
 from .fit import COLOUR_ORDERS, Fit, gain_of_receiver, in_band, off_the_rails, solve
 from .model import in_scene
 from .ownership import agree_on_sides, agree_on_wander
 from .search import MARGIN, beginnings, lattice_again, refit, search, under_the_lattice
-from .verdict import conclude
+from .verdict import Words, conclude
 
 BUDGET_S = 240.0
 PICTURES = 1.1  # of the budget: what a report still draws after the search ends then
@@ -197,14 +197,14 @@ LOCAL = {
     "adc_clipping",
     "quantization",
 }
-LOCAL |= {"phase_noise", "tap_fading", "impulsive_noise"}
+LOCAL |= {"phase_noise", "tap_fading", "impulsive_noise", "clock_wander"}
 
 
 def _compare(finding: Finding) -> None:
     """Every found effect against its rivals."""
     fit = finding.fit
     for i, effect in enumerate(fit.model.effects):
-        if effect.fixed or finding.part_of_fading(effect):
+        if effect.fixed or FAMILIES[effect.family].beyond or finding.part_of_fading(effect):
             continue
         bare, rivals = ambiguity.rivals(fit, i, finding.known)
         finding.worths[id(effect.p)] = worth(fit, bare, rivals)
@@ -381,11 +381,19 @@ def _look_for_rest(finding: Finding) -> None:
     for rest in residual.leftovers(fit, off_the_rails(fit)):
         if rest.p_value < UNEXPLAINED_P and rest.nats > max(UNEXPLAINED_NATS, UNEXPLAINED_SHARE * explained):
             finding.left.append(rest)
+    finding.left += [_beyond(finding, i) for i, e in enumerate(fit.model.effects) if FAMILIES[e.family].beyond]
     finding.left += [jump for jump in residual.jumps(fit) if jump.p_value < UNEXPLAINED_P]
     later = finding.observation.first / finding.scene.sample_rate_hz
     for rest in finding.left:
         if "time_s" in rest.where:
             rest.where["time_s"] = [later + t for t in rest.where["time_s"]]
+
+
+def _beyond(finding: Finding, index: int) -> residual.Leftover:
+    """An effect that is no cause of the contract, as what is left."""
+    nats, family = finding.gain_of(index), FAMILIES[finding.fit.model.effects[index].family]
+    sentence, where = family.describe(Words(*numbers(finding, index))), {"time_s": [0.0, finding.scene.duration_s]}
+    return residual.Leftover(test=sentence.rstrip("."), p_value=float(np.exp(-max(nats, 0.0))), nats=nats, where=where)
 
 
 def predict_only(case, observation, findings, deadline: float = np.inf) -> tuple[float, float, float]:

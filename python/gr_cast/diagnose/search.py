@@ -329,6 +329,7 @@ def _candidates(fit: Fit) -> list[Score]:
 
 REPEATABLE = {"extra_path", "tone_interference", "sample_loss", "second_transmitter", "gain_step"}
 ONCE = {
+    "clock_wander",
     "carrier_frequency_offset",
     "front_end_filter",
     "pa_nonlinearity",

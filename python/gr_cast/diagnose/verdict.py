@@ -22,7 +22,7 @@ def _group(findings: list[Finding]) -> list[list[tuple[Finding, int]]]:
     groups: list[tuple[tuple, float, float, list]] = []
     for finding in findings:
         for i, effect in enumerate(finding.fit.model.effects):
-            if effect.fixed or finding.part_of_fading(effect):
+            if effect.fixed or FAMILIES[effect.family].beyond or finding.part_of_fading(effect):
                 continue
             kind, (place, doubt) = kind_of(finding, effect), _place(finding, i)
             for other, where, theirs, members in groups:
@@ -152,7 +152,7 @@ def _entry(findings, members) -> dict | None:
         "parameters": {**values, **constants},
         "evidence": evidence,
         "confidence": confidence(gain),
-        "sentence": family.describe(_Words(values, constants)),
+        "sentence": family.describe(Words(values, constants)),
         "model": family.model(scene, effect),
     }
 
@@ -226,7 +226,7 @@ UNITS = {
 }
 
 
-class _Words:
+class Words:
     """Parameters as text, with their interval and unit."""
 
     def __init__(self, values: dict, constants: dict):
@@ -238,7 +238,7 @@ class _Words:
         if "per_recording" in self.values[name]:
             every = self.values[name]["per_recording"].values()
             low, high = min(every, key=lambda v: v["value"]), max(every, key=lambda v: v["value"])
-            return f"{_Words({name: low}, {})(name)} to {_Words({name: high}, {})(name)} (by recording)"
+            return f"{Words({name: low}, {})(name)} to {Words({name: high}, {})(name)} (by recording)"
         value, std = self.values[name]["value"], self.values[name]["std"]
         unit = next((u for s, u in sorted(UNITS.items(), key=lambda p: -len(p[0])) if name.endswith(s)), "")
         scale, prefix = 1.0, ""

@@ -4,6 +4,7 @@
 from .adc_clipping import AdcClipping
 from .base import CHANNEL_AFTER, Effect, Family
 from .carrier_frequency_offset import CarrierFrequencyOffset
+from .clock_wander import ClockWander
 from .dc_offset import DcOffset
 from .diffuse_tail import DiffuseTail
 from .extra_path import ExtraPath
@@ -56,6 +57,7 @@ FAMILIES: dict[str, Family] = {
         PowerSupplyHum(),
         DcOffset(),
         ToneInterference(),
+        ClockWander(),
         SpectralInversion(),
         AdcClipping(),
         Quantization(),
@@ -68,10 +70,13 @@ FAMILIES: dict[str, Family] = {
 }
 
 
+NAMED = tuple(name for name, family in FAMILIES.items() if not family.beyond)  # that a twin or a diagnosis may list
+
+
 def stage_of(effect: Effect) -> int:
     """Where in the signal order an effect stands."""
     family = FAMILIES[effect.family]
     return family.at(effect) if hasattr(family, "at") else family.stage
 
 
-__all__ = ["CHANNEL_AFTER", "FAMILIES", "Effect", "Family", "stage_of"]
+__all__ = ["CHANNEL_AFTER", "FAMILIES", "NAMED", "Effect", "Family", "stage_of"]

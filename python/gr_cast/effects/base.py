@@ -76,6 +76,7 @@ class Family:
     either_side = False  # the same of a transmitter or the receiver but for small traces: all recordings together tell
     leaps = False  # no small step leads to it: all else must move with it before its worth is seen
     random = False  # its numbers are a law: what a twin has of it runs another course in every recording
+    beyond = False  # physics that a diagnosis has no name for: what is left, and no cause
     same_as: dict[str, str] = {}  # families that are counted as the same answer, and when
     follows_carrier: dict[str, int] = {}  # numbers (of parameters or model) that grow with that power of the carrier
 
