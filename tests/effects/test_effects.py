@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gr_cast.diagnose.model import Model, jacobian, predict
+from gr_cast.diagnose.verdict import Words
 from gr_cast.effects import FAMILIES
 from gr_cast.effects.adc_clipping import mean_of_limiter
 from gr_cast.effects.base import start
@@ -328,3 +329,11 @@ def test_inner_products_of_derivatives_are_those_of_their_rows():
     want = (np.conj(rows) @ rows.T).real
     miss = np.abs(gram(blocks) - want) / np.abs(want).max()
     assert miss[:13, :13].max() < 1e-8 and miss.max() < 2e-3  # courses are taken over short blocks
+
+
+def test_a_carrier_of_which_no_drift_is_known_is_not_said_to_drift():
+    family = FAMILIES["carrier_frequency_offset"]
+    told = {"offset_hz": {"value": 120.0, "std": 1.0}, "drift_hz_per_s": {"value": 0.0, "std": 0.0}}
+    assert family.describe(Words(told, {})) == "The carrier lies 120.0 ± 1.0 Hz off."
+    told["drift_hz_per_s"] = {"value": 30.0, "std": 2.0}
+    assert "drifts by 30.0 ± 2.0 Hz/s" in family.describe(Words(told, {}))

@@ -63,4 +63,6 @@ class CarrierFrequencyOffset(Family):
         return {"at": effect.aux.get("side", "rx")} if "side" in effect.aux or len(scene.sources) > 1 else {}
 
     def describe(self, number):
-        return f"The carrier lies {number('offset_hz')} off at the start and drifts by {number('drift_hz_per_s')}."
+        drift = number("drift_hz_per_s")
+        drifts = "" if drift == "0 Hz/s" else f" at the start and drifts by {drift}"  # too short a recording shows none
+        return f"The carrier lies {number('offset_hz')} off{drifts}."
