@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Gains are measured on samples that nothing was fitted to, and time that is over ends the search."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gr_cast.diagnose import align, diagnose, heldout, read_case
 from gr_cast.diagnose.search import proven, refit
+from gr_cast.diagnose.verdict import conclude
 from gr_cast.effects import FAMILIES
 from gr_cast.effects.base import start
 
@@ -60,3 +63,14 @@ def test_a_budget_that_is_over_leaves_an_unexplained_case_with_what_was_found(wo
     document = diagnose(read_case(folder), budget_s=0.2).document
     assert document["verdict"] == "unexplained"
     assert document["seconds"] < 20
+
+
+def test_a_cause_whose_proof_was_cut_short_is_not_claimed_against_unseen_samples(world, tmp_path):
+    case = read_case(world.write(tmp_path / "case", world.noisy(world.clean() + 0.02)))
+    (finding,) = diagnose(case).findings
+    index = next(i for i, e in enumerate(finding.fit.model.effects) if e.family == "dc_offset")
+    finding.worths[id(finding.fit.model.effects[index].p)] = replace(finding.worth_of(index), held_out=-300.0)
+    assert [e["family"] for e in conclude(case, [finding], [])["effects"]] == ["dc_offset"]
+    finding.complete = False
+    document = conclude(case, [finding], [])
+    assert document["verdict"] == "unexplained" and not document["effects"]

@@ -120,6 +120,9 @@ def _entry(findings, members) -> dict | None:
     effect = finding.fit.model.effects[index]
     if gain < LEAST_NATS and effect.free.any():
         return None
+    held_out = sum(f.worth_of(i).held_out for f, i in members)
+    if held_out < 0 and not all(f.complete for f, _ in members):  # its proof was cut short, and unseen samples speak against it
+        return None
     family, scene = FAMILIES[effect.family], finding.scene
     values, constants = numbers(finding, index)
     plain = {k: v["value"] for k, v in values.items()}
@@ -141,7 +144,7 @@ def _entry(findings, members) -> dict | None:
     }
     others = finding.worth_of(index).rivals
     evidence = {
-        "heldout_gain_nats": round(sum(f.worth_of(i).held_out for f, i in members), 2),
+        "heldout_gain_nats": round(held_out, 2),
         "runner_up": others[0].effect.family if others else None,
         "runner_up_margin_nats": round(others[0].evidence, 2) if others else None,
     }
