@@ -60,6 +60,24 @@ def test_a_silence_and_a_loud_stranger_are_not_taken_for_a_burst(burst):
     assert align.locate(found, found.observations[0]) == (at, False)
 
 
+def test_pulses_with_silence_between_them_are_found_in_noise(burst):
+    rng = np.random.default_rng(8)
+    x, y, at = np.zeros(3_000, complex), noise(rng, 3_900), 500
+    x[::300] = 1.0
+    y[at : at + len(x)] += 6 * x
+    found = burst(y, x)
+    assert align.locate(found, found.observations[0]) == (at, False)
+
+
+def test_one_click_is_not_taken_for_a_burst(burst):
+    rng = np.random.default_rng(9)
+    x, y, at = noise(rng, 3_000), noise(rng, 9_000), 5_000
+    y[at : at + len(x)] += x
+    y[2_500] += 1_000.0
+    found = burst(y, x)
+    assert align.locate(found, found.observations[0]) == (at, False)
+
+
 def test_the_vault_is_one_valid_run_in_eight_whatever_is_valid():
     for count, run in ((800, 4), (64_000, 16)):
         valid = np.zeros(3 * count, bool)

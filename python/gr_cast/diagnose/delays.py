@@ -57,32 +57,46 @@ def _folded_correlations(y, templates, segment):
 
 
 def of_sent_once(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: float) -> tuple[int, float]:
-    """Delay of what is sent once in `y`, anywhere, and the share of the energy there that it explains.
+    """Delay of what is sent once in `y`, anywhere, and the nats by which noise would not reach what it explains there.
 
-    Of all lags and lengths of the pieces those that noise alone would reach least: of n samples, M pieces with a gain each
-    explain a share s > q = M/n with a probability of exp(−n·(q·ln(q/s) + (1 − q)·ln((1 − q)/(1 − s)))) at most (Chernoff)."""
+    Of n samples, M pieces with a gain each explain a share s > q = M/n with a probability of
+    exp(−n·(q·ln(q/s) + (1 − q)·ln((1 − q)/(1 − s)))) at most (Chernoff); a few loud samples count as few."""
     sent = np.flatnonzero(np.any([s.samples != 0 for s in sources], axis=0))
     if not len(sent):
         return 0, 0.0
     first, last = sent[0], sent[-1] + 1
-    templates = [_filtered(s.samples[first:last], link, rate) for s, link in zip(sources, taps, strict=True)]
+    known = np.all([s.known[first:last] for s in sources], axis=0)
+    templates = [_filtered(s.samples[first:last] * known, link, rate) for s, link in zip(sources, taps, strict=True)]
     size = max(len(t) for t in templates)
     count = int(np.clip(WORK // (len(y) + size), 1, min(PIECES, -(-size // LEAST_PIECE))))
     piece = -(-size // count)
     templates = [np.pad(t, (0, count * piece - len(t))) for t in templates]
-    known = np.all([s.known[first:last] for s in sources], axis=0)
     known = np.pad(known, (0, count * piece - len(known)), constant_values=True)  # what late paths bring
     energy, samples = _sliding(np.abs(y) ** 2, known), np.rint(_sliding(np.ones(len(y)), known))
-    gains = len(templates) * np.count_nonzero(known.reshape(count, piece).any(1)) / len(sent)
-    best = (-np.inf, 0, 0.0)
+    energy = np.maximum(energy, 1e-12 * energy.max())
+    samples = np.clip(2 * energy**2 / np.maximum(_sliding(np.abs(y) ** 4, known), 1e-300), 2.0, np.maximum(samples, 2.0))
+    gains = sum(np.count_nonzero(_audible(t, piece)) for t in templates) / max(1, np.count_nonzero(known))
+    alike = _alike(templates)
+    best = (-np.inf, 0)
     for k, level in enumerate(zip(*(_explained(y, t, piece) for t in templates), strict=True)):
-        q = np.clip(gains / GROWTH**k, 1 / np.maximum(samples, 2.0), 0.5)
-        s = np.clip(sum(level) / np.maximum(energy, 1e-12 * energy.max()), q, 1 - 1e-6)
+        q = np.clip(gains / GROWTH**k, 1 / samples, 0.5)
+        s = np.clip(sum(level) / alike / energy, q, 1 - 1e-6)
         nats = samples * (q * np.log(q / s) + (1 - q) * np.log((1 - q) / (1 - s)))
         d = int(np.argmax(nats))
-        if nats[d] > best[0]:
-            best = (float(nats[d]), d - (count * piece - 1) - int(first), float(s[d] - q[d]))
-    return best[1:]
+        best = max(best, (float(nats[d]), d - (count * piece - 1) - int(first)))
+    return best[1], best[0]
+
+
+def _audible(template: np.ndarray, piece: int) -> np.ndarray:
+    """(pieces,) bool: which pieces of a template are no silence."""
+    energy = np.sum(np.abs(template.reshape(-1, piece)) ** 2, axis=1)
+    return energy > SILENT * energy.mean()
+
+
+def _alike(templates: list[np.ndarray]) -> float:
+    """How often the same energy is explained at most: 1 for templates that are not alike, their number for equal ones."""
+    unit = np.array([t / max(np.linalg.norm(t), 1e-300) for t in templates])
+    return max(1.0, float(np.linalg.eigvalsh(unit.conj() @ unit.T).max()))
 
 
 def _filtered(sent: np.ndarray, taps, rate: float) -> np.ndarray:
@@ -106,14 +120,14 @@ def _explained(y: np.ndarray, template: np.ndarray, piece: int) -> list[np.ndarr
     lengths = [1]
     while lengths[-1] < count:
         lengths.append(lengths[-1] * GROWTH)
-    lags, least = len(y) + len(template) - 1, SILENT * float(np.vdot(template, template).real) / count
+    lags, audible = len(y) + len(template) - 1, _audible(template, piece)
     totals = [np.zeros(lags, np.float32) for _ in lengths]
     sums, energies = [np.zeros(lags, np.complex64) for _ in lengths], [0.0] * len(lengths)
     for m in range(count):
         part = template[m * piece : (m + 1) * piece].astype(np.complex64)
         at = slice((count - 1 - m) * piece, (count - 1 - m) * piece + len(y) + piece - 1)
         energy, c = float(np.vdot(part, part).real), None
-        if energy > least:
+        if audible[m]:
             both = sp_fft.ifft(spectra * np.conj(sp_fft.fft(part, block)), axis=1)[:, :step]
             c = both.reshape(-1)[: len(y) + piece - 1]
         for k, length in enumerate(lengths):

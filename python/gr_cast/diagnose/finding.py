@@ -55,7 +55,7 @@ class Finding:
     @property
     def crowded(self) -> bool:
         """Whether more was found than can be trusted to be the whole truth."""
-        return sum(not self.part_of_fading(e) for e in self.fit.model.found) > MOST_TRUSTED
+        return sum(not (FAMILIES[e.family].beyond or self.part_of_fading(e)) for e in self.fit.model.found) > MOST_TRUSTED
 
     def gain_of(self, index: int) -> float:
         """Evidence that is lost without an effect."""

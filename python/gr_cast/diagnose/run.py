@@ -378,10 +378,10 @@ def _beside_signal(fit: Fit) -> float:
 def _look_for_rest(finding: Finding) -> None:
     fit = finding.fit
     explained = max(0.0, finding.twin.sigma2 / fit.sigma2 - 1) * fit.data.count
-    for rest in residual.leftovers(fit, off_the_rails(fit)):
+    beyond = [_beyond(finding, i) for i, e in enumerate(fit.model.effects) if FAMILIES[e.family].beyond]
+    for rest in [*residual.leftovers(fit, off_the_rails(fit)), *beyond]:
         if rest.p_value < UNEXPLAINED_P and rest.nats > max(UNEXPLAINED_NATS, UNEXPLAINED_SHARE * explained):
             finding.left.append(rest)
-    finding.left += [_beyond(finding, i) for i, e in enumerate(fit.model.effects) if FAMILIES[e.family].beyond]
     finding.left += [jump for jump in residual.jumps(fit) if jump.p_value < UNEXPLAINED_P]
     later = finding.observation.first / finding.scene.sample_rate_hz
     for rest in finding.left:
@@ -411,7 +411,8 @@ def predict_only(case, observation, findings, deadline: float = np.inf) -> tuple
     data = replace(data, use=data.vault.astype(float), deadline=deadline)
     twin = refit(data, model)
     ratio = scene.span / like.scene.span
-    there = (in_scene(e, like.scene, scene) for e in like.fit.model.found if not FAMILIES[e.family].noise_like)
+    steady = (e for e in like.fit.model.found if not (FAMILIES[e.family].noise_like or FAMILIES[e.family].random))
+    there = (in_scene(e, like.scene, scene) for e in steady)  # a random course is another one in every recording
     found = tuple(joints.rescaled(e, ratio) for e in there if e is not None)
     for effect in found:
         if effect.family not in {e.family for e in model.effects}:

@@ -13,9 +13,12 @@ from .base import SAMPLER, Family, start
 from .basis import course_orders
 from .chain import TAU, frequencies
 from .columns import Courses
+from .phase_noise import PhaseNoise
 
 LAWS = 2, 4  # powers of the order by which coefficients become rarer
 MOST = 24  # cosines
+ORDERS = 6  # of the series: -46 dB off at half a sample and half the rate
+WIDEST = 0.35  # samples rms that it is good for
 
 
 class ClockWander(Family):
@@ -47,7 +50,10 @@ class ClockWander(Family):
                 yield start(self, np.zeros(size), prior=np.arange(1.0, size + 1) ** -law, trials=4, aux={"law": law})
 
     def values(self, scene, effect, p):
-        return {"rms_s": float(np.sqrt(np.mean(scene.course(p) ** 2))) / scene.sample_rate_hz}
+        return {"rms_s": float(np.sqrt(np.mean(PhaseNoise.detrended(scene, p) ** 2))) / scene.sample_rate_hz}
+
+    def plausible(self, effect):
+        return float(np.linalg.norm(effect.p)) < WIDEST
 
     def describe(self, number):
         return f"The sample clock wanders: {number('rms_s')} rms after its mean rate is taken out."
@@ -59,6 +65,9 @@ def _derivative(y: np.ndarray) -> np.ndarray:
 
 
 def _moved(y: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """A signal so many samples later, few against one: a Taylor series."""
-    first = _derivative(y)
-    return y + shift * first + 0.5 * shift**2 * _derivative(first)
+    """A signal at times so many samples later, half a sample at most: a Taylor series."""
+    out, factor = y, 1.0
+    for order in range(1, ORDERS + 1):
+        y, factor = _derivative(y), factor * shift / order
+        out = out + factor * y
+    return out
