@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from gr_cast.diagnose import align
 from gr_cast.diagnose.model import Model, jacobian, predict
 from gr_cast.diagnose.verdict import Words
 from gr_cast.effects import FAMILIES
@@ -251,17 +252,36 @@ def test_what_a_diagnosis_writes_predicts_what_it_found(name):
     assert np.abs(got - want).max() < 1e-9 * np.abs(want).max()
 
 
-def test_a_doppler_of_a_later_part_is_that_of_the_recording():
-    """Twin and diagnosis count a tap's phase from the recording's first sample; in a later part it is free."""
-    family, cycles, later = FAMILIES["tap_doppler"], 0.7, 2.5
-    world = scene([ONE[0], Path(source=0, delay=9.0, gain=0.5)])
-    part = replace(world, begins=int(later * world.span))
-    first = start(family, [cycles, 0.4], aux={"tap": 1})
-    told = {**family.values(world, first, first.p), **family.constants(world, first)}
-    moved, read = family.later(first, later), family.parse(part, told, family.model(world, first))
-    assert read.p == pytest.approx(moved.p) and moved.free.all()
-    turns = [np.exp(1j * family.model(where, effect)["phase_rad"]) for where, effect in ((world, first), (part, moved))]
-    assert turns[1] == pytest.approx(turns[0])
+TIMED = {
+    **{name: FOUND[name] for name in ("extra_path", "tap_doppler", "gain_drift", "power_supply_hum", "dc_offset")},
+    "tone_interference": FOUND["tone_interference"],
+    "carrier_frequency_offset": ([0.4, 1.5], {}),
+    "gain_step": ([0.3, 0.7], {}),
+    "sample_loss": ([2100.0, 11.0], {}),
+}
+
+
+@pytest.mark.parametrize("begins", [600, 1900, 2400])
+@pytest.mark.parametrize("name", list(TIMED))
+def test_a_twins_effect_is_in_a_part_of_a_recording_what_it_is_in_the_whole(name, begins):
+    whole = scene([ONE[0], Path(source=0, delay=9.0, gain=0.5)])
+    part = replace(whole, count=500, span=500, begins=begins, whole=COUNT)
+    whole.rms = part.rms = 3.0
+    family, (p, aux), plain, here = FAMILIES[name], TIMED[name], [1.0, 0.0], slice(begins, begins + 500)
+    effect = start(family, p, aux=aux)
+    told = {**family.values(whole, effect, effect.p), **family.constants(whole, effect)}
+    entry = {"family": name, "owner": {"name": "rx1"}, "parameters": told, "model": family.model(whole, effect)}
+    read = align.effect_of(part, entry)
+    got = predict(part, Model(base=np.array([-begins, *plain]), effects=(read,))).y
+    without, want = (predict(whole, Model(base=np.array([0, *plain]), effects=e)).y[here] for e in ((), (effect,)))
+    if name in ("carrier_frequency_offset", "gain_drift"):  # its phase, or gain, at the part's beginning is the part's own
+        got = got * np.vdot(got, want) / np.vdot(got, got)
+    later = name in ("gain_step", "sample_loss") and begins == 600  # than the part
+    assert (np.abs(want - without).max() < 1e-9) == later
+    assert np.abs(got - want).max() < 1e-6 * np.abs(want).max()
+    back = family.since_the_beginning(part, read)
+    assert family.values(part, back, back.p) == pytest.approx(family.values(whole, effect, effect.p))
+    assert family.model(part, back) == pytest.approx(family.model(whole, effect))
 
 
 NOISES = {

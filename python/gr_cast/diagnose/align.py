@@ -18,8 +18,9 @@ LOWEST_LAG, HIGHEST_LAG = (
     -10,
     26,
 )  # samples around the taps that a model reaches where a waveform has unknown parts
-LONGEST_WHOLE = 200_000  # samples that are fitted at once; of more, parts of PART samples
-PART, MOST_PARTS = 40_000, 8
+LONGEST_WHOLE = 200_000  # samples that are fitted at once; of more, parts
+PART, MOST_PARTS = 100_000, 8  # samples of a part
+PART_OF_PIECES = 40_000  # known samples of a part of a waveform that is known in pieces, whose fits take more steps
 LONGEST_PART = 1 << 20  # samples from the first to the last of a part of which little is known
 LEAST_PART = 1000  # known samples that make a part worth a look
 LEAST_GATHERED = 4000  # samples of a recording of which some are left out
@@ -104,8 +105,10 @@ def _parts(case, observation, waves, low: int, high: int, near) -> list[tuple]:
         low = max(low, delay - LEAST_PART)
         high = max(min(high, delay + max(len(w.samples) for w in waves) + LEAST_PART), low + LEAST_PART)
     share = min(_known(w, low, high - low) for w in waves) / (high - low)
-    size = min(high - low, int(PART / max(share, PART / LONGEST_PART)))
+    part = PART if share > MOSTLY else PART_OF_PIECES
+    size = min(high - low, int(part / max(share, part / LONGEST_PART)))
     count = min(-(-(high - low) // size), MOST_PARTS)
+    size = min(size, -(-(high - low) // count))  # no sample is in two parts
     parts = [observation.part(int(f), int(f) + size) for f in np.linspace(low, high - size, count)]
     known = [min(_known(w, part.first, size) for w in waves) for part in parts]
     order = sorted(range(count), key=lambda k: -known[k])
@@ -114,6 +117,16 @@ def _parts(case, observation, waves, low: int, high: int, near) -> list[tuple]:
         return [(part, None) for part in kept]
     # the sample clocks may have moved it by some samples since the beginning
     return [(part, locate(case, part, (near[0] - part.first, near[1]))) for part in kept]
+
+
+def around(case, observation, gap: tuple[int, int], size: int):
+    """The part of `size` samples of a long recording around the middle of a gap between others; None where too little of
+    the gap is known."""
+    waves = [case.waveforms[w] for w, _ in observation.on_air.values()]
+    if min(_known(w, gap[0], gap[1] - gap[0]) for w in waves) < LEAST_PART:
+        return None
+    first = int(np.clip((gap[0] + gap[1] - size) // 2, 0, len(observation.samples) - size))
+    return observation.part(first, first + size)
 
 
 def _trimmed(observation, waves, near) -> tuple:
@@ -170,17 +183,17 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
     signals = [np.conj(y) * turn] if told else [y * turn, np.conj(y) * turn]
     if about:
         return delays.near(signals[about[1]], sources, low + about[0], reach=64)[0] - low, about[1]
-    found = []
+    near = []
     if not sources[0].repeat and len(sources[0].samples) >= n and n > 4000:
         near = [delays.near(signal, sources, low - observation.first, reach=2048) for signal in signals]
-        found = [answer[:2] for answer in near] if any(clear for *_, clear in near) else []
-    if not found:
+    if any(clear for *_, clear in near):
+        found = [answer[:2] for answer in near]
+    else:
         find = delays.of_repeated if sources[0].repeat else delays.of_sent_once
         found = [find(signal, sources, taps, rate) for signal in signals]
-    straight = max(found[:: len(signals)], key=lambda f: f[1])
     if told:
-        return straight[0] - low, False
-    mirrored = max(found[1::2], key=lambda f: f[1])
+        return found[0][0] - low, False
+    straight, mirrored = found
     flip = mirrored[1] > 1.2 * straight[1] + 0.01
     return (mirrored if flip else straight)[0] - low, flip
 
@@ -205,9 +218,14 @@ def build(case, observation, *, near: tuple[float, bool] | None = None):
     else:
         whole = int(round(delay))
         sources = [_window(w, amplitude, whole, n) for w, amplitude in sent]
-    later = observation.first / rate
+    later = observation.first / rate  # a moving path has turned since the recording's first sample
     paths = [
-        Path(source=i, delay=t.delay_s * rate, gain=complex(t.amplitude), doppler=t.doppler_hz * n / rate)
+        Path(
+            source=i,
+            delay=t.delay_s * rate,
+            gain=complex(t.amplitude) * np.exp(2j * np.pi * t.doppler_hz * later),
+            doppler=t.doppler_hz * n / rate,
+        )
         for i, link in enumerate(links)
         for t in link.taps
     ]
@@ -221,6 +239,7 @@ def build(case, observation, *, near: tuple[float, bool] | None = None):
         receiver=observation.receiver,
         anchor=0 if repeat else whole,
         begins=observation.first,
+        whole=observation.whole,
         carrier_hz=observation.center_frequency_hz,
         free_ports=tuple(i for i, link in enumerate(links) if i and {"gain", "phase"} & set(link.unknown)),
     )
@@ -237,7 +256,7 @@ def build(case, observation, *, near: tuple[float, bool] | None = None):
     base = np.array([float(delay) if repeat else delay - whole, 1.0, 0.0, *(1.0, 0.0) * len(scene.free_ports)])
     model = Model(base=base)
     for entry in twin:
-        model = model.adding(effect_of(scene, entry, later))
+        model = model.adding(effect_of(scene, entry))
     if flip:
         model = model.adding(start(FAMILIES["spectral_inversion"], []))
     chain = predict(scene, model)
@@ -330,14 +349,13 @@ def _twin_offset_hz(case, observation, links) -> float:
     return total + strongest.doppler_hz
 
 
-def effect_of(scene, entry, later: float = 0.0):
-    """A twin's entry as an effect on a recording that begins `later` seconds into it."""
+def effect_of(scene, entry):
+    """A twin's entry as an effect on a recording, or a part of one."""
     family = FAMILIES[entry["family"]]
     values = {k: plain(v, scene.name) for k, v in entry["parameters"].items()}
     values = {k: v for k, v in values.items() if v is not None}
-    if family.name == "carrier_frequency_offset":
-        values["offset_hz"] = values.get("offset_hz", 0.0) + values.get("drift_hz_per_s", 0.0) * later
     effect = family.parse(scene, values, {**(entry.get("model") or {}), **_owned(scene, entry["owner"])})
+    effect = family.later(scene, effect, scene.begins / scene.span) if scene.begins else effect
     stds = [v.get("std", 0.0) for v in entry["parameters"].values() if isinstance(v, dict) and "value" in v]
     free = effect.free & (family.random or any(s > 0 for s in stds))
     return replace(effect, fixed=True, free=free)

@@ -84,9 +84,10 @@ class Observation:
     center_frequency_hz: float | None
     vault: bool
     first: int = 0  # index in the recording of the first sample here, where this is a part of it
+    whole: int = 0  # samples of the recording, where this is a part of it
 
     def part(self, first: int, last: int) -> "Observation":
-        return replace(self, samples=self.samples[first:last], first=first)
+        return replace(self, samples=self.samples[first:last], first=first, whole=len(self.samples))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ GROWTH = 4  # how much longer the pieces of the next length are
 BEHIND = 64  # samples behind the last path that a link's response is followed
 
 
-def response(taps, length: int, rate: float) -> np.ndarray:
+def _response(taps, length: int, rate: float) -> np.ndarray:
     """(length,) complex response of a link's taps at the frequencies of an FFT."""
     f = sp_fft.fftfreq(length) * rate
     return sum(t.amplitude * np.exp(-2j * np.pi * f * t.delay_s) for t in taps)
@@ -26,7 +26,7 @@ def response(taps, length: int, rate: float) -> np.ndarray:
 def of_repeated(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: float) -> tuple[int, float]:
     """Delay within the period of the twin's prediction in `y`, and the share of the recording's energy that it holds."""
     n = len(y)
-    templates = [sp_fft.fft(s.samples) * response(link, len(s.samples), rate) for s, link in zip(sources, taps, strict=True)]
+    templates = [sp_fft.fft(s.samples) * _response(link, len(s.samples), rate) for s, link in zip(sources, taps, strict=True)]
     energy = float(np.vdot(y, y).real)
     power = sum(s.power * np.sum(np.abs([t.amplitude for t in link]) ** 2) for s, link in zip(sources, taps, strict=True))
     best = (-np.inf, 0)
@@ -104,7 +104,7 @@ def _filtered(sent: np.ndarray, taps, rate: float) -> np.ndarray:
     last = max(0, int(np.ceil(max(t.delay_s for t in taps) * rate)))
     length = len(sent) + last + BEHIND
     size = sp_fft.next_fast_len(length + BEHIND)
-    return sp_fft.ifft(sp_fft.fft(sent, size) * response(taps, size, rate))[:length]
+    return sp_fft.ifft(sp_fft.fft(sent, size) * _response(taps, size, rate))[:length]
 
 
 def _explained(y: np.ndarray, template: np.ndarray, piece: int) -> list[np.ndarray]:

@@ -52,10 +52,14 @@ class Finding:
             return effect.aux["tap"] in taps
         return effect.family == "extra_path" and any(abs(self.scene.taps[k].delay - effect.p[2]) < 1.0 for k in taps)
 
+    def is_cause(self, effect) -> bool:
+        """Whether an effect is a cause that a diagnosis names, and neither the twin's own nor what no twin plays."""
+        return not (effect.fixed or FAMILIES[effect.family].beyond or self.part_of_fading(effect))
+
     @property
     def crowded(self) -> bool:
         """Whether more was found than can be trusted to be the whole truth."""
-        return sum(not (FAMILIES[e.family].beyond or self.part_of_fading(e)) for e in self.fit.model.found) > MOST_TRUSTED
+        return sum(self.is_cause(e) for e in self.fit.model.effects) > MOST_TRUSTED
 
     def gain_of(self, index: int) -> float:
         """Evidence that is lost without an effect."""
@@ -107,7 +111,7 @@ def numbers(finding: Finding, index: int) -> tuple[dict, dict]:
     family, scene = FAMILIES[effect.family], finding.scene
     scene.front_end = front_end(fit.model)
     predict(scene, fit.model)  # leaves in the scene what its amplifiers and lattices were driven with
-    values = _since_the_beginning(finding, family.values(scene, effect, effect.p))
+    values = _told(scene, effect, effect.p)
     variance = {name: 0.0 for name in values}
     span = fit.model.span(index) if len(fit.model.vector()) == len(fit.hessian) else None
     free = np.flatnonzero(effect.free)
@@ -118,7 +122,7 @@ def numbers(finding: Finding, index: int) -> tuple[dict, dict]:
             h = 1e-4 * max(np.sqrt(cov[j, j]), 1e-12)
             p = effect.p.copy()
             p[k] += h
-            moved = _since_the_beginning(finding, family.values(scene, effect, p))
+            moved = _told(scene, effect, p)
             for name in values:
                 change = moved[name] - values[name]
                 if name.endswith("_rad"):
@@ -151,20 +155,11 @@ def front_end(model) -> np.ndarray:
     return FAMILIES["front_end_filter"].impulse_response(filters[0], filters[0].p) if filters else np.ones(1)
 
 
-def _since_the_beginning(finding: Finding, values: dict[str, float]) -> dict[str, float]:
-    """Numbers of a part of a recording with the time of the whole recording."""
-    later = finding.observation.first / finding.scene.sample_rate_hz
-    if not later:
-        return values
-    moved = dict(values)
-    if "time_s" in values:
-        moved["time_s"] += later
-    if "drift_hz_per_s" in values:
-        moved["offset_hz"] -= values["drift_hz_per_s"] * later
-    if "phase_rad" in values and "doppler_hz" in values:
-        phase = values["phase_rad"] - 2 * np.pi * values["doppler_hz"] * later
-        moved["phase_rad"] = float((phase + np.pi) % (2 * np.pi) - np.pi)
-    return moved
+def _told(scene, effect, p: np.ndarray) -> dict[str, float]:
+    """Contract parameters of an effect's numbers `p`, with the time of the whole recording."""
+    family = FAMILIES[effect.family]
+    whole = family.since_the_beginning(scene, effect.moved(p))
+    return family.values(scene, whole, whole.p)
 
 
 # What one realisation of a random course leaves open: a share of the number, or dB.

@@ -48,7 +48,7 @@ def _held(case, part, near, known: Finding):
 def carried(effect: Effect, known: Finding, part, scene) -> Effect:
     """An effect of the part that was searched, in another part of the recording."""
     lengths = (part.first - known.observation.first) / known.scene.span
-    return rescaled(FAMILIES[effect.family].later(effect, lengths), scene.span / known.scene.span)
+    return rescaled(FAMILIES[effect.family].later(known.scene, effect, lengths), scene.span / known.scene.span)
 
 
 def rescaled(effect: Effect, ratio: float) -> Effect:
@@ -86,21 +86,32 @@ def _gained(known: Finding) -> float:
 def between(findings: list[Finding]) -> None:
     """Put samples that were lost between two parts of a recording into the later one, as an effect. `findings` are of one
     recording, the first one that of the part that was searched."""
+    for before, after, lost, (first, last) in _jumps(findings):
+        joint, width = (last + first) / 2 - after.observation.first, last - first + 1
+        nats = max(after.elsewhere_nats, before.elsewhere_nats)
+        aux = {"later": True, "nats": nats, "gap": float(width)}
+        effect = start(FAMILIES["sample_loss"], [joint, lost], free=[False, False], aux=aux)
+        after.fit = replace(after.fit, model=after.fit.model.adding(effect))
+        after.worths[id(effect.p)] = Worth(evidence=nats, held_out=0.0)
+        after.stds["sample_loss"] = {"time_s": width / np.sqrt(12) / after.scene.sample_rate_hz}
+
+
+def gap(findings: list[Finding]) -> tuple[int, int] | None:
+    """(first, last + 1) samples between two parts, neither of which holds them, between which samples are lost; None: none
+    are."""
+    return next((between for *_, between in _jumps(findings) if between[1] > between[0]), None)
+
+
+def _jumps(findings: list[Finding]):
+    """(part before, part behind, samples lost between them, (first, last + 1) samples between what was fitted of both)."""
     in_time, period = sorted(findings, key=lambda f: f.observation.first), _period(findings[0].scene)
     for before, after in zip(in_time, in_time[1:], strict=False):
         lost = _slips(after, findings[0])[0] - _slips(before, findings[0])[1]
         if period:
             lost = (lost + period // 2) % period - period // 2
-        if abs(lost) < LEAST_JUMP:
-            continue
-        last, first = (f.observation.first + f.scene.index[f.data.use > 0][k] for f, k in ((before, -1), (after, 0)))
-        joint, gap = (last + first + 1) / 2 - after.observation.first, first - last
-        nats = max(after.elsewhere_nats, before.elsewhere_nats)
-        aux = {"later": True, "nats": nats, "gap": float(gap)}
-        effect = start(FAMILIES["sample_loss"], [joint, lost], free=[False, False], aux=aux)
-        after.fit = replace(after.fit, model=after.fit.model.adding(effect))
-        after.worths[id(effect.p)] = Worth(evidence=nats, held_out=0.0)
-        after.stds["sample_loss"] = {"time_s": gap / np.sqrt(12) / after.scene.sample_rate_hz}
+        if abs(lost) >= LEAST_JUMP:
+            last, first = (f.observation.first + f.scene.index[f.data.use > 0][k] for f, k in ((before, -1), (after, 0)))
+            yield before, after, lost, (int(last) + 1, int(first))
 
 
 def _period(scene) -> int:

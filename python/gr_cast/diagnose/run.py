@@ -12,7 +12,7 @@ from ..effects.base import RX_FILTER, complex_pair, db, start
 from ..effects.noise_family import profile
 from ..effects.phase_noise import MOST
 from ..effects.signal_dependent_noise import told_floor
-from . import align, ambiguity, gate, heldout, joints, noise, offsets, residual
+from . import align, ambiguity, gate, heldout, joints, noise, offsets, residual, slow
 from .exchange import exchanged
 from .finding import Finding, Worth, nmse, numbers, worth
 from .fit import COLOUR_ORDERS, Fit, gain_of_receiver, in_band, off_the_rails, solve
@@ -27,6 +27,7 @@ PICTURES = 1.1  # of the budget: what a report still draws after the search ends
 # what it found to prove itself.
 RECORDINGS, FIRST_PART, SEARCH, PROOF = 0.8, 0.8, 0.7, 0.9
 HUNGRY = 3.0  # times the mean share that a recording may take of what is left; most need far less
+MOST_FINDINGS = 24  # parts of a recording: what happened between two of 10⁸ samples is halved 12 times until it is found
 CUT_NATS = 10.0  # by which rails on a lattice, or at one end alone, must make a recording likelier
 FINE_LATTICE = 10.0  # energy of its error over the noise, over the whole recording
 FAINT = 0.01  # of the mean power: what is weaker has no direction
@@ -38,7 +39,8 @@ UNEXPLAINED_SHARE = 0.01
 
 
 def examine(case, observation, *, deadline: float, progress=lambda where: None) -> list[Finding]:
-    """Search one recording: its first part in full, every other from what the first one showed."""
+    """Search one recording: its first part in full, every other from what the first one showed, and what lies between two
+    between which something happened."""
     parts, findings = align.parts_of(case, observation), []
     for k, (part, near) in enumerate(parts):
         progress(f"{observation.name}, part {k + 1} of {len(parts)}")
@@ -49,7 +51,14 @@ def examine(case, observation, *, deadline: float, progress=lambda where: None) 
         findings.append(
             _examine_part(case, observation, part, near, findings[0] if findings else None, time.monotonic() + left * share)
         )
+    while (gap := joints.gap(findings) or slow.gap(findings)) and time.monotonic() < deadline and len(findings) < MOST_FINDINGS:
+        progress(f"{observation.name}, between its parts")
+        part = align.around(case, observation, gap, len(findings[0].observation.samples))
+        if part is None:
+            break
+        findings.append(_examine_part(case, observation, part, None, findings[0], deadline))
     joints.between(findings)
+    slow.between(findings)
     return findings
 
 
@@ -140,9 +149,11 @@ def _begun(data, model, known: Finding | None):
 def _confirmed(known: Finding, data, fit: Fit, proof: float) -> list[Fit]:
     """A later part of a recording: the fit of what its first part showed, and a search where more is left than there."""
     before = {rest.test: rest.nats for rest in residual.leftovers(known.fit, off_the_rails(known.fit))}
-    for rest in residual.leftovers(fit, off_the_rails(fit)):
-        if rest.p_value < UNEXPLAINED_P and rest.nats > UNEXPLAINED_NATS + 2 * before.get(rest.test, 0.0):
-            return search(data, beginnings(data, fit.model), proof)
+    louder = max(fit.sigma2 / known.fit.sigma2, 1.0)
+    raised = data.count * (louder - 1 - np.log(louder)) > UNEXPLAINED_NATS
+    left = residual.leftovers(fit, off_the_rails(fit))
+    if raised or any(r.p_value < UNEXPLAINED_P and r.nats > max(UNEXPLAINED_NATS, 2 * before.get(r.test, 0.0)) for r in left):
+        return search(data, beginnings(data, fit.model), proof)
     return [fit]
 
 
@@ -204,7 +215,7 @@ def _compare(finding: Finding) -> None:
     """Every found effect against its rivals."""
     fit = finding.fit
     for i, effect in enumerate(fit.model.effects):
-        if effect.fixed or FAMILIES[effect.family].beyond or finding.part_of_fading(effect):
+        if not finding.is_cause(effect):
             continue
         bare, rivals = ambiguity.rivals(fit, i, finding.known)
         finding.worths[id(effect.p)] = worth(fit, bare, rivals)

@@ -12,6 +12,7 @@ from .ownership import kind_of, owner
 
 SAME_DELAY_SAMPLES = 0.7
 SURELY_APART = 3.0  # standard deviations
+HEAVY = 2.5  # of the standard deviation of a step's time: its errors fall off like exp(−|t|), one in 200 is eight of them
 HURRIED = 0.9  # of the confidence of an effect of a search that its time ended, with nothing left that would tell against it
 UNTRUSTED = 0.2  # of the confidence of an effect that stands in a list with something left unexplained
 LEAST_NATS = 8.0  # that an effect must bring over all recordings
@@ -22,7 +23,7 @@ def _group(findings: list[Finding]) -> list[list[tuple[Finding, int]]]:
     groups: list[tuple[tuple, float, float, list]] = []
     for finding in findings:
         for i, effect in enumerate(finding.fit.model.effects):
-            if effect.fixed or FAMILIES[effect.family].beyond or finding.part_of_fading(effect):
+            if not finding.is_cause(effect):
                 continue
             kind, (place, doubt) = kind_of(finding, effect), _place(finding, i)
             for other, where, theirs, members in groups:
@@ -47,7 +48,7 @@ def _place(finding: Finding, index: int) -> tuple[float, float]:
         return (finding.observation.first + float(effect.p[0])) / 50, 0.0
     if effect.family == "gain_step":
         time = numbers(finding, index)[0]["time_s"]
-        return 100 * time["value"] / finding.scene.duration_s, 100 * time["std"] / finding.scene.duration_s
+        return 100 * time["value"] / finding.scene.duration_s, 100 * HEAVY * time["std"] / finding.scene.duration_s
     return 0.0, 0.0
 
 
@@ -134,6 +135,7 @@ def _entry(findings, members) -> dict | None:
             told = {r: [v[name] for v in parts if name in v] for r, parts in every.items()}
             values[name] = _pooled({r: _mean(parts) for r, parts in told.items() if parts}, values[name])
     spans = [(f.observation.first, f.observation.first + f.scene.span) for f, _ in members]
+    spans = [(0, scene.whole)] if effect.aux.get("whole") else spans
     where = {
         "delay_s": None,
         "time_s": [min(a for a, _ in spans) / scene.sample_rate_hz, max(b for _, b in spans) / scene.sample_rate_hz],
@@ -156,7 +158,7 @@ def _entry(findings, members) -> dict | None:
         "evidence": evidence,
         "confidence": confidence(gain),
         "sentence": family.describe(Words(values, constants)),
-        "model": family.model(scene, effect),
+        "model": family.model(scene, family.since_the_beginning(scene, effect)),
     }
 
 

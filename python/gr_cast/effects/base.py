@@ -70,7 +70,6 @@ class Family:
     stage = RX_GAIN
     noise_like = False  # changes the noise, not the prediction
     reach = 0.5
-    linear = False  # the prediction is linear in its numbers
     flexible = False  # fits much: tried after the simple ones
     linear = False  # the prediction is linear in its numbers: no step is too long
     either_side = False  # the same of a transmitter or the receiver but for small traces: all recordings together tell
@@ -129,9 +128,13 @@ class Family:
         """The effect with more freedom, for where what stood in its way is gone."""
         return []
 
-    def later(self, effect: Effect, lengths: float) -> Effect:
-        """The effect in a stretch that begins so many lengths of the recording later."""
+    def later(self, scene, effect: Effect, lengths: float) -> Effect:
+        """The effect of a scene in a stretch of its length that begins so many lengths later."""
         return effect
+
+    def since_the_beginning(self, scene, effect: Effect) -> Effect:
+        """The effect of a part of a recording in one of its length at the recording's first sample."""
+        return self.later(scene, effect, -scene.begins / scene.span) if scene.begins else effect
 
     def hidden(self, effect: Effect) -> int:
         """Numbers that were chosen by search and not fitted."""

@@ -48,7 +48,7 @@ class CarrierFrequencyOffset(Family):
     def settled(self, scene, effect):
         return np.array([True, self._can_drift(scene)])
 
-    def later(self, effect, lengths):
+    def later(self, scene, effect, lengths):
         return effect.moved(effect.p + np.array([effect.p[1] * lengths, 0.0]))
 
     def values(self, scene, effect, p):

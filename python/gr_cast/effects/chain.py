@@ -75,12 +75,14 @@ class Scene:
     floor: float = 1e-12  # the noise power that the twin tells
     front_end: np.ndarray = field(default_factory=lambda: np.ones(1))  # taps of the receiver's filter, where numbers are told
     begins: int = 0  # samples of the recording in front of what is looked at
+    whole: int = 0  # samples of the whole recording; 0: that is looked at
     first: int = 0  # number of the first sample here
     span: int = 0  # samples that "over the recording" means; 0: those that are here
     at: np.ndarray | None = None  # (count,) whole numbers of the samples here, where only some of a stretch are kept
 
     def __post_init__(self):
         self.span = self.span or self.count
+        self.whole = self.whole or self.span
         self._spectra, self._turns, self._tables = {}, {}, []
         self._number_samples()
         response = sum(np.abs(sp_fft.fft(resampled_spectrum(s.samples))) for s in self.sources)
@@ -234,6 +236,16 @@ def oversampled(spectrum: np.ndarray, factor: int) -> np.ndarray:
     return sp_fft.ifft(wide) * factor
 
 
+def moved(spectrum: np.ndarray, shift: np.ndarray, orders: int, taken: Callable = lambda table: table) -> np.ndarray:
+    """The signal of `spectrum` at times `shift` samples later, by a Taylor series; `taken`: which of its samples those are."""
+    f = TAU * 1j * frequencies(len(spectrum))
+    out, factor = 0.0, 1.0
+    for order in range(orders + 1):
+        out = out + factor * taken(sp_fft.ifft(spectrum))
+        spectrum, factor = spectrum * f, factor * shift / (order + 1)
+    return out
+
+
 @dataclass(kw_only=True)
 class Chain:
     """The signal on its way. Before the channel `waves` and `paths` are filled, after it `y` (count,)
@@ -341,17 +353,10 @@ class Chain:
     def sample(self, source: Source, spectrum: np.ndarray, stretch: float) -> np.ndarray:
         """The signal of `spectrum` at the recording's samples; `stretch` samples are gained over the
         recording."""
-        size = len(spectrum)
         if self._moved(stretch) < 1e-7:
             return self._gather(source, sp_fft.ifft(spectrum))
         if not self.slips(stretch):  # a Taylor series is exact enough, and smooth for derivatives
-            f = TAU * 1j * frequencies(size)
-            shift = stretch * self.u
-            out, factor, bins = 0.0, 1.0, spectrum
-            for order in range(4):
-                out = out + factor * self._gather(source, sp_fft.ifft(bins))
-                bins, factor = bins * f, factor * shift / (order + 1)
-            return out
+            return moved(spectrum, stretch * self.u, 3, lambda table: self._gather(source, table))
         return self._interpolated(source, oversampled(spectrum, OVERSAMPLING), 0.0, stretch)
 
     def copy_of(self, source: Source, wave: np.ndarray, delay: float, stretch: float) -> np.ndarray:

@@ -11,7 +11,7 @@ from scipy import fft as sp_fft
 
 from .base import SAMPLER, Family, start
 from .basis import course_orders
-from .chain import TAU, frequencies
+from .chain import TAU, frequencies, moved
 from .columns import Courses
 from .phase_noise import PhaseNoise
 
@@ -32,7 +32,9 @@ class ClockWander(Family):
 
     def apply(self, chain, effect):
         shift = chain.scene.course(effect.p)
-        chain.y, chain.wanted = _moved(chain.y, shift), _moved(chain.wanted, shift)
+        alone = chain.wanted is chain.y
+        chain.y = moved(sp_fft.fft(chain.y), shift, ORDERS)
+        chain.wanted = chain.y if alone else moved(sp_fft.fft(chain.wanted), shift, ORDERS)
 
     def nest(self, scene, effect):
         size = course_orders(scene, MOST)[-1]
@@ -40,7 +42,8 @@ class ClockWander(Family):
         return "course", all_of_it, np.arange(len(effect.p))
 
     def columns(self, scene, effect, chain, before, rest):
-        return Courses(signals=_derivative(chain.y)[None], orders=len(effect.p), scene=scene)
+        slope = sp_fft.ifft(sp_fft.fft(chain.y) * (1j * TAU * frequencies(len(chain.y))))
+        return Courses(signals=slope[None], orders=len(effect.p), scene=scene)
 
     def starts(self, view):
         if view.scene.at is not None:  # between samples that are left out there is no derivative
@@ -57,17 +60,3 @@ class ClockWander(Family):
 
     def describe(self, number):
         return f"The sample clock wanders: {number('rms_s')} rms after its mean rate is taken out."
-
-
-def _derivative(y: np.ndarray) -> np.ndarray:
-    """(n,) change of a signal per sample."""
-    return sp_fft.ifft(sp_fft.fft(y) * (1j * TAU * frequencies(len(y))))
-
-
-def _moved(y: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """A signal at times so many samples later, half a sample at most: a Taylor series."""
-    out, factor = y, 1.0
-    for order in range(1, ORDERS + 1):
-        y, factor = _derivative(y), factor * shift / order
-        out = out + factor * y
-    return out

@@ -6,6 +6,8 @@ import numpy as np
 
 from .base import RX_DC, Family, complex_pair, db, rms_of, said_rms, start
 
+LONGEST_BACK = 3.0  # time constants: further back, where a decay began cannot be told
+
 
 class DcOffset(Family):
     name = "dc_offset"
@@ -20,6 +22,12 @@ class DcOffset(Family):
         yield start(self, [0.0, 0.0, 0.0], free=[True, True, False])
         for tau in (0.03, 0.1, 0.3):
             yield start(self, [0.0, 0.0, np.log(tau)], aux={"decays": True}, trials=3)
+
+    def later(self, scene, effect, lengths):
+        if not effect.aux.get("decays"):
+            return effect
+        left = np.exp(min(-lengths / np.exp(effect.p[2]), LONGEST_BACK))
+        return effect.moved(effect.p * [left, left, 1.0])
 
     def values(self, scene, effect, p):
         found = {"level_dbc": db(complex_pair(p) * rms_of(scene, effect) / scene.wanted_rms)}

@@ -47,7 +47,7 @@ class ExtraPath(Family):
     def settled(self, scene, effect):
         return np.ones(len(effect.p), bool)
 
-    def later(self, effect, lengths):
+    def later(self, scene, effect, lengths):
         return effect.moved(turned(effect.p, effect.p[3] * lengths))
 
     def values(self, scene, effect, p):

@@ -26,6 +26,9 @@ class GainStep(GainFamily):
         at = low + int(np.argmax(gain[low:high]))
         yield start(self, [0.0, view.scene.u[min(at + 1, view.scene.count - 1)]], free=[True, False], trials=200)
 
+    def later(self, scene, effect, lengths):
+        return effect.moved(effect.p - [0.0, lengths])
+
     def plausible(self, effect):
         return abs(effect.p[0]) < 4
 
@@ -41,8 +44,8 @@ class GainStep(GainFamily):
         )
 
     def where(self, scene, effect, values):
-        t = values["time_s"]
-        return {"time_s": [t - 0.005 * scene.duration_s, t + 0.005 * scene.duration_s]}
+        t, reach = values["time_s"], 0.005 * scene.duration_s + effect.aux.get("gap", 0.0) / 2 / scene.sample_rate_hz
+        return {"time_s": [t - reach, t + reach]}
 
     def describe(self, number):
         return f"The gain steps by {number('step_db')} at {number('time_s')}."

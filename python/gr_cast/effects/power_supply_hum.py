@@ -20,7 +20,7 @@ class PowerSupplyHum(GainFamily):
         for cycles in view.amplitude_lines(count=2):
             yield start(self, [0.0, 0.0, cycles], trials=view.hum_bins)
 
-    def later(self, effect, lengths):
+    def later(self, scene, effect, lengths):
         return effect.moved(turned(effect.p, -effect.p[2] * lengths))
 
     def values(self, scene, effect, p):

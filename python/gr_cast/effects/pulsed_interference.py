@@ -23,6 +23,10 @@ class PulsedInterference(NoiseFamily):
     def variance(self, scene, effect, wanted):
         return 1 + np.exp(effect.p[0]) * self.gate(scene, effect)
 
+    def later(self, scene, effect, lengths):
+        strength, period, first, duty = effect.p
+        return effect.moved(np.array([strength, period, (first - lengths * scene.span) % period, duty]))
+
     def values(self, scene, effect, p):
         floor = effect.aux["_floor"]
         return {

@@ -26,6 +26,9 @@ class SampleLoss(Family):
         for joint, lost, later in view.jumps():
             yield start(self, [joint, lost], free=[False, False], aux={"later": later}, trials=view.scene.count)
 
+    def later(self, scene, effect, lengths):
+        return effect.moved(effect.p - [lengths * scene.span, 0.0])
+
     def values(self, scene, effect, p):
         return {"time_s": p[0] / scene.sample_rate_hz, "samples": float(round(p[1]))}
 

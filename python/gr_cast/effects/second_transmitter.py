@@ -77,7 +77,7 @@ class SecondTransmitter(Family):
     def settled(self, scene, effect):
         return effect.free if "lags" in effect.aux else np.ones(len(effect.p), bool)
 
-    def later(self, effect, lengths):
+    def later(self, scene, effect, lengths):
         cycles = effect.p[3] * lengths
         pairs = [turned(pair, cycles) for pair in effect.p[4:].reshape(-1, 2)]
         return effect.moved(np.concatenate([turned(effect.p[:4], cycles), *pairs]))

@@ -37,7 +37,7 @@ class TapDoppler(TapFamily):
         held = start(self, [effect.p[0], 0.0], free=[True, False], aux=aux, trials=effect.trials)
         return held, start(TapGainError(), [0.0, effect.p[1]], aux=effect.aux, trials=effect.trials)
 
-    def later(self, effect, lengths):
+    def later(self, scene, effect, lengths):
         return _free(self, effect.aux["tap"], effect.p[0], _begins_at(effect) + 2 * np.pi * effect.p[0] * lengths)
 
     def values(self, scene, effect, p):
@@ -47,13 +47,12 @@ class TapDoppler(TapFamily):
         }
 
     def model(self, scene, effect):
-        later = scene.begins / scene.span
-        return {} if "held" in effect.aux else {"phase_rad": float(_begins_at(effect) - 2 * np.pi * effect.p[0] * later)}
+        return {} if "held" in effect.aux else {"phase_rad": float(_begins_at(effect))}
 
     def parse(self, scene, parameters, model):
         k = self.find(scene, parameters, model)
         extra = parameters.get("doppler_hz", 0.0) * scene.duration_s - scene.taps[k].doppler
-        return _free(self, k, extra, model.get("phase_rad", 0.0) + 2 * np.pi * extra * scene.begins / scene.span)
+        return _free(self, k, extra, model.get("phase_rad", 0.0))
 
     def describe(self, number):
         return f"The twin's path at {number('delay_s')} moves: Doppler {number('doppler_hz')}."

@@ -21,7 +21,7 @@ class ToneInterference(Family):
                 continue
             yield start(self, [0.0, 0.0, cycles], trials=2 * view.scene.span)
 
-    def later(self, effect, lengths):
+    def later(self, scene, effect, lengths):
         return effect.moved(turned(effect.p, effect.p[2] * lengths))
 
     def values(self, scene, effect, p):

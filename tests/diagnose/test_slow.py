@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is too slow to be seen in one part of a long recording, or happens between two of its parts."""
+
+import numpy as np
+import pytest
+import yaml
+from conftest_world import COUNT, RATE_HZ
+from gr_cast.diagnose import align, diagnose, read_case
+
+
+@pytest.fixture
+def in_parts(monkeypatch):
+    """Recordings of 20,000 samples are long: eight parts of 1500 with gaps of 1143 between them."""
+    monkeypatch.setattr(align, "LONGEST_WHOLE", 15_000)
+    monkeypatch.setattr(align, "PART", 1_500)
+
+
+def _diagnosed(world, folder, factor):
+    return diagnose(read_case(world.write(folder / "case", world.noisy(world.clean() * factor)))).document
+
+
+def _told(effect, name):
+    return effect["parameters"][name]["value"], effect["parameters"][name]["std"]
+
+
+def test_a_steady_gain_is_no_mismatch(world, tmp_path, in_parts):
+    document = _diagnosed(world, tmp_path, 1.0)
+    assert document["verdict"] == "no_mismatch" and not document["effects"]
+
+
+def test_a_slow_drift_is_told_over_the_whole_recording(world, tmp_path, in_parts):
+    document = _diagnosed(world, tmp_path, 10 ** (0.2 * world.n / COUNT / 20))
+    (drift,) = document["effects"]
+    assert document["verdict"] == "identified" and drift["family"] == "gain_drift"
+    total_db, std = _told(drift, "total_db")
+    assert std < 0.02 and total_db == pytest.approx(0.2, abs=4 * std)
+    assert drift["where"]["time_s"] == [0.0, COUNT / RATE_HZ] and drift["evidence"]["heldout_gain_nats"] > 0
+
+
+def test_a_receiver_whose_gain_drifts_has_no_other_noise_floor(world, tmp_path, in_parts, monkeypatch):
+    monkeypatch.setattr(align, "PART", 2_500)
+    y = world.noisy(world.clean()) * 10 ** (1.2 * world.n / COUNT / 20)
+    document = diagnose(read_case(world.write(tmp_path / "case", y))).document
+    (drift,) = document["effects"]
+    total_db, std = _told(drift, "total_db")
+    assert drift["family"] == "gain_drift" and std < 0.02 and total_db == pytest.approx(1.2, abs=4 * std)
+
+
+def test_a_gain_that_warms_up_has_its_time_constant(world, tmp_path, in_parts):
+    tau = 0.15
+    shape = np.expm1(-world.n / COUNT / tau) / np.expm1(-1 / tau)
+    (drift,) = _diagnosed(world, tmp_path, 10 ** (0.5 * shape / 20))["effects"]
+    assert drift["family"] == "gain_drift"
+    total_db, std = _told(drift, "total_db")
+    assert total_db == pytest.approx(0.5, abs=4 * std)
+    assert _told(drift, "time_constant_s")[0] * RATE_HZ / COUNT == pytest.approx(tau, rel=0.3)
+
+
+@pytest.mark.parametrize("at", [7_200, 10_060, 12_000])
+def test_a_step_between_two_parts_or_in_one_is_placed_where_it_is(world, tmp_path, in_parts, at):
+    document = _diagnosed(world, tmp_path, np.where(world.n >= at, 10 ** (0.4 / 20), 1.0))
+    (step,) = document["effects"]
+    assert document["verdict"] == "identified" and step["family"] == "gain_step"
+    step_db, std = _told(step, "step_db")
+    assert step_db == pytest.approx(0.4, abs=4 * std)
+    time_s, std = _told(step, "time_s")
+    assert std * RATE_HZ < 300 and time_s * RATE_HZ == pytest.approx(at, abs=4 * std * RATE_HZ)
+
+
+def test_samples_lost_between_two_parts_are_placed_exactly(world, tmp_path, in_parts):
+    at = 10_060
+    later = sum(gain * world.path(delay - 44) for delay, gain in world.taps)
+    y = np.where(world.n < at, world.clean(), 0.3 * np.exp(0.4j) * later)
+    (loss,) = diagnose(read_case(world.write(tmp_path / "case", world.noisy(y)))).document["effects"]
+    assert loss["family"] == "sample_loss" and loss["parameters"]["samples"]["value"] == 44
+    assert loss["parameters"]["time_s"]["value"] * RATE_HZ == pytest.approx(at, abs=2)
+
+
+def _turning(world, hz):
+    """The world's recording with its second path at a Doppler."""
+    (_, first), (delay, second) = world.taps
+    turn = np.exp(2j * np.pi * hz * world.n / RATE_HZ)
+    return 0.3 * np.exp(0.4j) * (first * world.path(0) + second * turn * world.path(delay))
+
+
+def test_a_path_that_the_twin_knows_to_move_has_turned_before_a_later_part(world, tmp_path, in_parts):
+    folder = world.write(tmp_path / "case", world.noisy(_turning(world, 210.0)))
+    twin = yaml.safe_load((folder / "twin.yaml").read_text())
+    twin["links"][0]["taps"][1]["doppler_hz"] = 210.0
+    (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
+    document = diagnose(read_case(folder)).document
+    assert document["verdict"] == "no_mismatch" and not document["effects"]
+
+
+def test_a_carrier_that_hardly_turns_within_a_part_is_told_by_all(world, tmp_path, in_parts):
+    hz = 0.02 / COUNT * RATE_HZ  # 0.02 cycles over the recording
+    (offset,) = _diagnosed(world, tmp_path, np.exp(2j * np.pi * hz * world.n / RATE_HZ))["effects"]
+    told_hz, std = _told(offset, "offset_hz")
+    assert offset["where"]["time_s"] == [0.0, COUNT / RATE_HZ]
+    assert offset["family"] == "carrier_frequency_offset" and std < 0.02 and told_hz == pytest.approx(hz, abs=4 * std)
+
+
+def test_a_clock_that_hardly_slips_within_a_part_is_told_by_all(world, tmp_path, in_parts):
+    gained, f = 0.03, np.fft.fftfreq(2 * COUNT)  # samples over the recording
+    late = world.clean()
+    spectrum = np.fft.fft(np.concatenate([late, late[::-1]]))
+    slope = np.fft.ifft(2j * np.pi * f * spectrum)[:COUNT]
+    document = diagnose(read_case(world.write(tmp_path / "case", world.noisy(late + gained * world.n / COUNT * slope)))).document
+    (clock,) = document["effects"]
+    told_ppm, std = _told(clock, "offset_ppm")
+    assert clock["family"] == "sample_clock_offset" and told_ppm == pytest.approx(gained / COUNT * 1e6, abs=4 * std)
+
+
+def test_a_step_too_small_to_be_seen_in_its_part_is_placed_by_the_level_there(world, tmp_path, in_parts, monkeypatch):
+    monkeypatch.setattr(align, "PART", 2_500)
+    at = 11_000
+    (step,) = _diagnosed(world, tmp_path, np.where(world.n >= at, 10 ** (0.04 / 20), 1.0))["effects"]
+    step_db, std = _told(step, "step_db")
+    assert step["family"] == "gain_step" and step_db == pytest.approx(0.04, abs=4 * std)
+    time_s, std = _told(step, "time_s")
+    assert std * RATE_HZ < 1000 and time_s * RATE_HZ == pytest.approx(at, abs=4 * std * RATE_HZ)
+
+
+def test_a_carrier_that_is_seen_within_parts_is_told_as_exactly_as_all_of_them_know(world, tmp_path, in_parts):
+    hz = 0.5 / COUNT * RATE_HZ
+    (offset,) = _diagnosed(world, tmp_path, np.exp(2j * np.pi * hz * world.n / RATE_HZ))["effects"]
+    told_hz, std = _told(offset, "offset_hz")
+    assert offset["family"] == "carrier_frequency_offset" and std < 0.1 and told_hz == pytest.approx(hz, abs=4 * std)
