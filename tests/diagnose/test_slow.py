@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 import yaml
-from conftest_world import COUNT, RATE_HZ
+from conftest_world import COUNT, RATE_HZ, noise, sent_once
 from gr_cast.diagnose import align, diagnose, read_case
 
 
@@ -17,6 +17,18 @@ def in_parts(monkeypatch):
 
 def _diagnosed(world, folder, factor):
     return diagnose(read_case(world.write(folder / "case", world.noisy(world.clean() * factor)))).document
+
+
+def _of(world, folder, recorded, effects, **twin):
+    """The diagnosis of a recording by a twin that has effects of its own."""
+    folder = world.write(folder / "case", recorded)
+    known = yaml.safe_load((folder / "twin.yaml").read_text()) | {"effects": effects} | twin
+    (folder / "twin.yaml").write_text(yaml.safe_dump(known))
+    return diagnose(read_case(folder)).document
+
+
+def _own(family, level="rx", name="rx1", **parameters):
+    return {"family": family, "owner": {"level": level, "name": name}, "parameters": parameters}
 
 
 def _told(effect, name):
@@ -84,11 +96,9 @@ def _turning(world, hz):
 
 
 def test_a_path_that_the_twin_knows_to_move_has_turned_before_a_later_part(world, tmp_path, in_parts):
-    folder = world.write(tmp_path / "case", world.noisy(_turning(world, 210.0)))
-    twin = yaml.safe_load((folder / "twin.yaml").read_text())
-    twin["links"][0]["taps"][1]["doppler_hz"] = 210.0
-    (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
-    document = diagnose(read_case(folder)).document
+    links = world.twin()["links"]
+    links[0]["taps"][1]["doppler_hz"] = 210.0
+    document = _of(world, tmp_path, world.noisy(_turning(world, 210.0)), [], links=links)
     assert document["verdict"] == "no_mismatch" and not document["effects"]
 
 
@@ -126,3 +136,44 @@ def test_a_carrier_that_is_seen_within_parts_is_told_as_exactly_as_all_of_them_k
     (offset,) = _diagnosed(world, tmp_path, np.exp(2j * np.pi * hz * world.n / RATE_HZ))["effects"]
     told_hz, std = _told(offset, "offset_hz")
     assert offset["family"] == "carrier_frequency_offset" and std < 0.1 and told_hz == pytest.approx(hz, abs=4 * std)
+
+
+def test_a_drift_that_the_twin_has_is_in_every_part_with_the_noise_that_it_raises(world, tmp_path, in_parts, monkeypatch):
+    monkeypatch.setattr(align, "PART", 2_500)
+    for total_db, tau in ((1.2, None), (3.0, 0.05)):
+        shape = world.n / COUNT if tau is None else np.expm1(-world.n / COUNT / tau) / np.expm1(-1 / tau)
+        told = {"total_db": total_db} | ({} if tau is None else {"time_constant_s": tau * COUNT / RATE_HZ})
+        y = world.noisy(world.clean()) * 10 ** (total_db * shape / 20)
+        document = _of(world, tmp_path / str(total_db), y, [_own("gain_drift", **told)])
+        assert document["verdict"] == "no_mismatch" and not document["effects"]
+
+
+def test_samples_lost_behind_some_that_the_twin_knows_to_be_lost_are_those_alone(world, tmp_path, in_parts):
+    heard = lambda lost: 0.3 * np.exp(0.4j) * sum(gain * world.path(delay - lost) for delay, gain in world.taps)  # noqa: E731
+    y = world.noisy(np.where(world.n < 4_700, heard(0), np.where(world.n < 15_000, heard(30), heard(74))))
+    (loss,) = _of(world, tmp_path, y, [_own("sample_loss", time_s=4_700 / RATE_HZ, samples=30)])["effects"]
+    assert loss["family"] == "sample_loss" and loss["parameters"]["samples"]["value"] == 44
+    assert loss["parameters"]["time_s"]["value"] * RATE_HZ == pytest.approx(15_000, abs=2)
+
+
+def test_a_gain_without_a_course_is_left_unexplained(world, tmp_path, in_parts):
+    document = _diagnosed(world, tmp_path, 10 ** (0.3 * np.sin(2 * np.pi * world.n / COUNT) / 20))
+    assert document["verdict"] == "unexplained" and not document["effects"]
+    assert "0.56 dB from part to part" in document["residual"]["where"][0]["test"]
+
+
+def test_phases_that_may_have_turned_any_number_of_times_between_parts_tell_no_carrier(world, tmp_path, in_parts):
+    hz = 0.6 / COUNT * RATE_HZ  # 0.045 cycles in a part
+    world.noise_rms = 0.6
+    effects = _diagnosed(world, tmp_path, np.exp(2j * np.pi * hz * world.n / RATE_HZ))["effects"]
+    assert all(abs(_told(e, "offset_hz")[0] - hz) < 4 * _told(e, "offset_hz")[1] for e in effects)
+
+
+def test_a_part_that_is_silent_at_first_has_the_phase_of_what_is_heard(tmp_path, in_parts):
+    rng, hz = np.random.default_rng(3), 0.02 / COUNT * RATE_HZ
+    sent = noise(rng, COUNT)
+    late = 0.5 * np.concatenate([np.zeros(3_000), sent[: COUNT - 3_000]])
+    recorded = late * np.exp(2j * np.pi * hz * np.arange(COUNT) / RATE_HZ) + noise(rng, COUNT, 0.01)
+    (offset,) = diagnose(sent_once(tmp_path, recorded, sent)).document["effects"]
+    told_hz, std = _told(offset, "offset_hz")
+    assert offset["family"] == "carrier_frequency_offset" and told_hz == pytest.approx(hz, abs=4 * std)

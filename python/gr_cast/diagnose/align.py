@@ -19,7 +19,7 @@ LOWEST_LAG, HIGHEST_LAG = (
     26,
 )  # samples around the taps that a model reaches where a waveform has unknown parts
 LONGEST_WHOLE = 200_000  # samples that are fitted at once; of more, parts
-PART, MOST_PARTS = 100_000, 8  # samples of a part
+PART, FEWEST_PARTS, MOST_PARTS = 100_000, 4, 8  # samples of a part; fewer do not tell the course of a gain
 PART_OF_PIECES = 40_000  # known samples of a part of a waveform that is known in pieces, whose fits take more steps
 LONGEST_PART = 1 << 20  # samples from the first to the last of a part of which little is known
 LEAST_PART = 1000  # known samples that make a part worth a look
@@ -107,7 +107,7 @@ def _parts(case, observation, waves, low: int, high: int, near) -> list[tuple]:
     share = min(_known(w, low, high - low) for w in waves) / (high - low)
     part = PART if share > MOSTLY else PART_OF_PIECES
     size = min(high - low, int(part / max(share, part / LONGEST_PART)))
-    count = min(-(-(high - low) // size), MOST_PARTS)
+    count = min(max(-(-(high - low) // size), FEWEST_PARTS if share > MOSTLY and high - low > LONGEST_WHOLE else 1), MOST_PARTS)
     size = min(size, -(-(high - low) // count))  # no sample is in two parts
     parts = [observation.part(int(f), int(f) + size) for f in np.linspace(low, high - size, count)]
     known = [min(_known(w, part.first, size) for w in waves) for part in parts]
@@ -198,6 +198,19 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
     return (mirrored if flip else straight)[0] - low, flip
 
 
+def lost_before(case, observation) -> int:
+    """Samples that the twin knows to be lost before a part of a recording begins: so much earlier is what was sent there."""
+    losses = (e["parameters"]["samples"] for e in _in(case, observation) if _is_over(case, observation, e))
+    return sum(round(plain(samples, observation.name)) for samples in losses)
+
+
+def _is_over(case, observation, entry) -> bool:
+    """Whether a part of a recording begins behind the samples that an entry says are lost."""
+    if entry["family"] != "sample_loss":
+        return False
+    return plain(entry["parameters"]["time_s"], observation.name) * case.sample_rate_hz <= observation.first
+
+
 def _told_inverted(case, observation) -> bool:
     return any(e["family"] == "spectral_inversion" for e in twin_effects(case, observation))
 
@@ -239,6 +252,7 @@ def build(case, observation, *, near: tuple[float, bool] | None = None):
         receiver=observation.receiver,
         anchor=0 if repeat else whole,
         begins=observation.first,
+        ahead=lost_before(case, observation),
         whole=observation.whole,
         carrier_hz=observation.center_frequency_hz,
         free_ports=tuple(i for i, link in enumerate(links) if i and {"gain", "phase"} & set(link.unknown)),
@@ -320,7 +334,11 @@ def _is_on_air(case, name: str) -> bool:
 
 
 def twin_effects(case, observation) -> list[dict]:
-    """The twin's entries of `effects` that have a part in a recording."""
+    """The twin's entries of `effects` that have a part in a recording, or in a part of one."""
+    return [e for e in _in(case, observation) if not _is_over(case, observation, e)]
+
+
+def _in(case, observation) -> list[dict]:
     names = {
         observation.receiver,
         *observation.on_air,

@@ -137,7 +137,7 @@ def numbers(finding: Finding, index: int) -> tuple[dict, dict]:
     if effect.family == "gain_step":  # Hinkley (1970): a change of mean is placed to a few noise variances over its square
         change = (np.exp(effect.p[0]) - 1) ** 2 * np.mean(np.abs(fit.chain.wanted) ** 2)
         variance["time_s"] = ((0.5 + 2.5 * fit.sigma2 / change) / scene.sample_rate_hz) ** 2
-    stds = finding.stds.get(effect.family, {})
+    stds = effect.aux.get("_stds") or finding.stds.get(effect.family, {})
     out = {}
     for name, value in values.items():
         std = stds.get(name, np.sqrt(max(variance[name], 0.0)))

@@ -22,7 +22,7 @@ SURE_NATS = 100.0  # by which it must be likelier there
 def place(case, part, located: tuple[int, bool] | None, known: Finding) -> tuple[tuple[float, bool], float]:
     """((delay, inverted) of a later part of a recording, nats by which it is likelier there than where its first part lets
     expect it: 0 where it is there)."""
-    expected = _expected(known, part)
+    expected = _expected(known, part, align.lost_before(case, part))
     first = 1 - known.fit.sigma2 * known.data.count / np.sum(np.abs(known.data.y * known.data.use) ** 2)
     held, _ = _held(case, part, expected, known)
     if held > HELD * first:
@@ -59,21 +59,25 @@ def rescaled(effect: Effect, ratio: float) -> Effect:
         "sample_clock_offset": (1,),
         "extra_path": (0, 0, 0, 1),
         "tap_doppler": (1, 0),
+        "gain_drift": (1,),
         "power_supply_hum": (0, 0, 1),
         "tone_interference": (0, 0, 1),
         "second_transmitter": (0, 0, 0, 1),
     }
     if effect.family not in power:
         return effect
+    if effect.aux.get("relaxes"):
+        return effect
     grow = np.zeros(len(effect.p))
     grow[: len(power[effect.family])] = power[effect.family]
     return effect.moved(effect.p * ratio**grow)
 
 
-def _expected(known: Finding, part) -> tuple[float, bool]:
-    """Where a later part of the same recording begins in the waveform."""
+def _expected(known: Finding, part, lost: int) -> tuple[float, bool]:
+    """Where another part of the same recording, in front of which the twin knows so many samples to be lost, begins in the
+    waveform."""
     ahead = part.first - known.observation.first
-    delay = known.scene.anchor + known.fit.model.base[0] - ahead * (1 + _gained(known))
+    delay = known.scene.anchor + known.fit.model.base[0] - ahead * (1 + _gained(known)) - (lost - known.scene.ahead)
     return delay, any(e.family == "spectral_inversion" for e in known.fit.model.found)
 
 
@@ -87,19 +91,19 @@ def between(findings: list[Finding]) -> None:
     """Put samples that were lost between two parts of a recording into the later one, as an effect. `findings` are of one
     recording, the first one that of the part that was searched."""
     for before, after, lost, (first, last) in _jumps(findings):
-        joint, width = (last + first) / 2 - after.observation.first, last - first + 1
+        joint, width = (last + first) / 2 - after.observation.first, abs(last - first) + 1
         nats = max(after.elsewhere_nats, before.elsewhere_nats)
-        aux = {"later": True, "nats": nats, "gap": float(width)}
+        std = {"time_s": width / np.sqrt(12) / after.scene.sample_rate_hz}
+        aux = {"later": True, "nats": nats, "gap": float(width), "_stds": std}
         effect = start(FAMILIES["sample_loss"], [joint, lost], free=[False, False], aux=aux)
         after.fit = replace(after.fit, model=after.fit.model.adding(effect))
         after.worths[id(effect.p)] = Worth(evidence=nats, held_out=0.0)
-        after.stds["sample_loss"] = {"time_s": width / np.sqrt(12) / after.scene.sample_rate_hz}
 
 
 def gap(findings: list[Finding]) -> tuple[int, int] | None:
     """(first, last + 1) samples between two parts, neither of which holds them, between which samples are lost; None: none
     are."""
-    return next((between for *_, between in _jumps(findings) if between[1] > between[0]), None)
+    return next((between for *_, between in _jumps(findings) if between[1] - between[0] >= align.LEAST_PART), None)
 
 
 def _jumps(findings: list[Finding]):
@@ -121,7 +125,7 @@ def _period(scene) -> int:
 
 def _slips(finding: Finding, known: Finding) -> tuple[int, int]:
     """Samples lost since the part that was searched, at the beginning and at the end of a part."""
-    at, _ = _expected(known, finding.observation)
+    at, _ = _expected(known, finding.observation, finding.scene.ahead)
     here = round(at - finding.scene.anchor - finding.fit.model.base[0]) if finding.elsewhere_nats else 0
     begin = end = here
     for effect in finding.fit.model.found:

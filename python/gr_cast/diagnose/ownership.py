@@ -119,6 +119,8 @@ def voices(findings, members, trust: float = 1.0) -> list[Voice]:
     for finding in findings:
         there = in_scene(template, strongest.scene, finding.scene)
         own = next((i for f, i in members if f is finding), None)
+        if own is None and any(f.observation.name == finding.observation.name for f, _ in members):
+            continue  # another part of the same recording speaks for it
         if own is not None:
             out.append(_voice(finding, finding.fit, own, finding.gain_of(own), True))
         elif (

@@ -331,9 +331,9 @@ def _floor(finding: Finding) -> None:
         n *= float(np.mean(fit.data.scene.occupied))
     ratio = float(energy.mean())
     nats = n * (ratio - 1 - np.log(ratio))
-    # A gain that changes has no level of its own: how far it moves is how well the floor is known.
+    # A gain that changes has no level of its own: how far it moves from 1 is how well the floor is known.
     moved = gain_of_receiver(fit, fit.model)
-    doubt_db = 0.05 if moved is None else 0.05 + 10 * np.log10(moved.max() / moved.min())
+    doubt_db = 0.05 if moved is None else 0.05 + 10 * np.log10(max(moved.max(), 1.0) / min(moved.min(), 1.0))
     follows = any(e.family == "signal_dependent_noise" for e in fit.model.effects)
     if any(e.family in noise.TESTED for e in fit.model.effects):
         doubt_db += 0.3  # the shape of such noise is not known so well

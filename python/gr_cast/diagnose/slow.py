@@ -10,20 +10,26 @@ from scipy import stats
 
 from ..effects import FAMILIES, Effect
 from ..effects.base import start
+from .align import LEAST_PART
 from .finding import Finding, Worth
+from .residual import Leftover
 from .search import refit
 
 DB = 20 / np.log(10)  # of a neper
 SURE_NATS = 20.0  # by which a course must be likelier than none
 LEAST = 1e-3  # nepers, rad or samples: fits of parts may differ by a tenth of it for reasons of their own
-FEWEST = 3  # parts that tell a course from a step
+FEWEST = 4  # parts that tell one course from another
 TIMES = np.geomspace(0.03, 1.0, 24)  # time constants that are tried, over the recording
 TIME_STD = 0.15  # of a time constant: the grid's step, and what the parts tell of it
-FLOOR_DB = 0.05  # by which a floor may differ from what a gain makes of it
+FLOOR_DB, SURE = 0.05, 3.0  # dB, and standard deviations of its own, by which a floor may differ from what a gain makes of it
+WANDER = 6e-3  # nepers (0.05 dB) between parts, without a course, that are left unexplained
+LEFT_NATS = 40.0  # the same
+WORSE_NATS = 3.0  # by which a part may be less likely with what all parts tell of it
 WRONG_P = 1e-4  # a course that leaves less likely remainders is none
 OPEN_CYCLES = 0.1  # from one part to the next: with a larger error of what they turn their phases cannot be joined
-UNSEEN_CYCLES = 0.02  # that a part turns without an offset being found in it
-RANDOM = {"tap_fading", "phase_noise", "spectral_inversion"}  # beside which a phase, or what fades, has no course of its own
+UNSEEN_CYCLES = 0.02  # that a part turns without an offset being found in it, at least,
+UNSEEN = 6.0  # standard deviations of what its phase tells of that
+RANDOM = {"tap_fading", "phase_noise"}  # beside which a phase has no course of its own
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,23 +63,29 @@ def between(findings: list[Finding]) -> None:
     """Put what the parts of a recording show together into one of them, as an effect. `findings` are of one recording, the
     first one that of the part that was searched."""
     shown = {e.family for f in findings for e in f.fit.model.found}
-    if len(findings) < FEWEST or "tap_fading" in shown:
+    if len(findings) < FEWEST or "tap_fading" in shown or len(findings[0].scene.sources) > 1:
         return
     first, in_time = findings[0], _in_time(findings)
     whole_s, whole = first.scene.whole / first.scene.sample_rate_hz, first.scene.whole
-    level = _levels(in_time)
-    if best := _course_of_gain(level):
-        held_out = _held_out(in_time, level, best, 1.0)
-        if best.step is None:
-            told, std = {"total_db": DB * best.change}, {"total_db": DB * best.std}
-            if best.time is not None:
-                told["time_constant_s"] = best.time * whole_s
-                std["time_constant_s"] = TIME_STD * best.time * whole_s
-            _put(findings, first, "gain_drift", told, std, Worth(evidence=best.nats, held_out=held_out))
-        else:
-            _put_step(in_time, level, best, held_out)
-        _without_floors(findings, abs(DB * best.change))
-    phase = _phases(in_time) if not shown & RANDOM and len(first.scene.sources) == 1 else None
+    level, steps = _levels(in_time), _steps_before(in_time)
+    best = _course_of_gain(level)
+    if best and best.step is None:
+        told, std = {"total_db": DB * best.change}, {"total_db": DB * best.std}
+        if best.time is not None:
+            told["time_constant_s"] = best.time * whole_s
+            std["time_constant_s"] = TIME_STD * best.time * whole_s
+        worth = Worth(evidence=best.nats, held_out=_held_out(in_time, level, best, 1.0))
+        _put(findings, first, "gain_drift", told, std, worth)
+    elif best:
+        best = best if _put_step(in_time, level, best) else None
+    if level and best is None and _nats(level, level.value) > LEFT_NATS and np.ptp(level.value) > WANDER:
+        first.left.append(_wander(level, whole_s))
+        for finding in findings:  # what some of them show is no drift of the whole
+            _without(finding, "gain_drift")
+    if level:
+        said = level.value if best is None else best.said
+        _without_floors(in_time, said - said[0] + [nepers for nepers, _ in steps])
+    phase = _phases(in_time) if not shown & RANDOM else None
     if phase and (best := _line(phase)):
         hz = 1 / (2 * np.pi * whole_s)
         std = {"offset_hz": best.std * hz, "drift_hz_per_s": 2 * _bend_std(phase) * hz / whole_s}
@@ -89,12 +101,12 @@ def gap(findings: list[Finding]) -> tuple[int, int] | None:
     """(first, last + 1) samples between two parts, neither of which holds them, between which the gain steps; None: it
     does not."""
     in_time = _in_time(findings)
-    best = _course_of_gain(_levels(in_time)) if len(findings) >= FEWEST else None
+    best = _course_of_gain(_levels(in_time)) if len(findings) >= FEWEST and len(findings[0].scene.sources) == 1 else None
     if best is None or best.step is None or best.share:
         return None
     before, after = (f.scene for f in in_time[best.step : best.step + 2])
     first, last = before.begins + before.span, after.begins
-    return (first, last) if last > first else None
+    return (first, last) if last - first >= LEAST_PART else None
 
 
 def _in_time(findings: list[Finding]) -> list[Finding]:
@@ -106,16 +118,29 @@ def _found(finding: Finding, family: str) -> list[tuple[int, Effect]]:
     return [(i, e) for i, e in enumerate(effects) if e.family == family and not e.fixed]
 
 
-def _series(in_time: list[Finding], value: Callable, slope: Callable) -> Series:
-    """The series of a value of a finding, with its derivatives {number in the model's vector: derivative}."""
-    values, std = [], []
+def _series(in_time: list[Finding], family: str, value: Callable, slopes: Callable) -> Series | None:
+    """The series of a value of a finding, with its derivatives {number in the model's vector: derivative}; None where the
+    twin's own of that family moves in the fits of the parts."""
+    if any(e.family == family and e.fixed and e.free.any() for f in in_time for e in f.fit.model.effects):
+        return None
+    at, values, std = [], [], []
     for finding in in_time:
+        by = slopes(finding)
+        weights = np.array(list(by.values()))
         values.append(value(finding))
-        slopes = slope(finding)
-        at, by = list(slopes), np.array(list(slopes.values()))
-        std.append(np.hypot(np.sqrt(by @ finding.fit.covariance[np.ix_(at, at)] @ by), LEAST / 10))
-    at = [(f.scene.begins + f.scene.span / 2) / f.scene.whole for f in in_time]
+        std.append(np.hypot(np.sqrt(weights @ finding.fit.covariance[np.ix_(list(by), list(by))] @ weights), LEAST / 10))
+        at.append((finding.scene.begins + _amidst(finding, family)) / finding.scene.whole)
     return Series(at=np.array(at), value=np.array(values), std=np.array(std))
+
+
+def _amidst(finding: Finding, family: str) -> float:
+    """The sample of a part that its gain, phase and delay are those of: its middle where a course of them is fitted too, else
+    that of what is heard in it."""
+    scene = finding.scene
+    if _found(finding, family):
+        return scene.span / 2
+    heard = np.abs(finding.fit.chain.y) ** 2 * finding.fit.data.use
+    return float(np.sum(scene.index * heard) / max(np.sum(heard), 1e-300))
 
 
 def _gain_of(finding: Finding) -> complex:
@@ -133,19 +158,27 @@ def _amid(finding: Finding, family: str, share: float) -> dict[int, float]:
     return {finding.fit.model.span(i).start: share for i, e in _found(finding, family) if e.free[0]}
 
 
-def _levels(in_time: list[Finding]) -> Series:
-    """ln of the gain, without the steps that parts show and what the twin's own drift has changed."""
-    drift, before = FAMILIES["gain_drift"], {}
-    for finding, after in zip(in_time, in_time[1:], strict=False):
-        before[id(after)] = before.get(id(finding), 0.0) + sum(e.p[0] for _, e in _found(finding, "gain_step"))
+def _steps_before(in_time: list[Finding]) -> list[tuple[float, float]]:
+    """[(nepers of the steps that parts before a part show, their variance)]."""
+    out, total, variance = [], 0.0, 0.0
+    for finding in in_time:
+        out.append((total, variance))
+        for i, e in _found(finding, "gain_step"):
+            total += e.p[0]
+            variance += finding.fit.covariance[finding.fit.model.span(i), finding.fit.model.span(i)].sum()
+    return out
+
+
+def _levels(in_time: list[Finding]) -> Series | None:
+    """ln of the gain, without the steps that parts show."""
+    drift, before = FAMILIES["gain_drift"], dict(zip(map(id, in_time), _steps_before(in_time), strict=True))
 
     def value(finding):
-        effects = [e for e in finding.fit.model.effects if e.family == "gain_drift"]
-        known = sum(drift.before(finding.scene, e) for e in effects if e.fixed)
-        drifted = sum(np.log(drift.factor(e, np.array([0.5]))[0]) for e in effects if not e.fixed)
-        return np.log(abs(_gain_of(finding))) - known + drifted - before.get(id(finding), 0.0)
+        drifted = sum(np.log(drift.factor(e, np.array([0.5]))[0]) for _, e in _found(finding, drift.name))
+        return np.log(abs(_gain_of(finding))) + drifted - before[id(finding)][0]
 
-    return _series(in_time, value, lambda f: _along(f, 1.0) | _amid(f, "gain_drift", 0.5))
+    series = _series(in_time, drift.name, value, lambda f: _along(f, 1.0) | _amid(f, drift.name, 0.5))
+    return series and replace(series, std=np.hypot(series.std, [np.sqrt(before[id(f)][1]) for f in in_time]))
 
 
 def _phases(in_time: list[Finding]) -> Series | None:
@@ -159,20 +192,24 @@ def _phases(in_time: list[Finding]) -> Series | None:
         told = [carrier.values(scene, e, e.p) for e in (carrier.since_the_beginning(scene, e) for e in own)]
         return np.angle(_gain_of(finding)) - 2 * np.pi * sum(v["offset_hz"] * t + 0.5 * v["drift_hz_per_s"] * t**2 for v in told)
 
-    series = _series(in_time, value, lambda f: _along(f, 1j))
-    turns, doubts = [], []  # cycles over the recording
-    for finding in in_time:
-        found, lengths = _found(finding, carrier.name), finding.scene.whole / finding.scene.span
-        turns.append(sum(e.p[0] for _, e in found) * lengths)
-        variance = sum(finding.fit.covariance[k, k] for k in _amid(finding, carrier.name, 1.0))
-        doubts.append(max(np.sqrt(variance), 0.0 if found else UNSEEN_CYCLES) * lengths)
-    if np.diff(series.at).max() * np.sqrt(np.mean(np.square(doubts)) / len(doubts)) > OPEN_CYCLES:
+    series = _series(in_time, carrier.name, value, lambda f: _along(f, 1j))
+    if series is None or any(f.fit.model.inverted for f in in_time):
         return None
-    ramp = 2 * np.pi * np.mean(turns) * series.at
+    turns, weights, unseen = [], [], []  # cycles over the recording
+    for finding, std in zip(in_time, series.std, strict=True):
+        lengths = finding.scene.whole / finding.scene.span
+        for k, (_, e) in zip(_amid(finding, carrier.name, 1.0), _found(finding, carrier.name), strict=True):
+            turns.append(e.p[0] * lengths)
+            weights.append(1 / (finding.fit.covariance[k, k] * lengths**2))
+        unseen.append(max(UNSEEN_CYCLES, UNSEEN * np.sqrt(12) * std / (2 * np.pi)) * lengths)
+    doubt = 1 / np.sqrt(np.sum(weights)) if turns else max(unseen)
+    if np.diff(series.at).max() * doubt > OPEN_CYCLES:
+        return None
+    ramp = 2 * np.pi * np.average(turns, weights=weights) * series.at if turns else 0.0
     return replace(series, value=np.unwrap(series.value - ramp) + ramp)
 
 
-def _delays(in_time: list[Finding]) -> Series:
+def _delays(in_time: list[Finding]) -> Series | None:
     """Delay in samples without what the twin's own clocks have gained."""
 
     def value(finding):
@@ -180,13 +217,17 @@ def _delays(in_time: list[Finding]) -> Series:
         gained = sum(e.p[0] * (scene.begins / scene.span if e.fixed else -0.5) for e in clocks)
         return scene.anchor + finding.fit.model.base[0] + scene.begins + gained
 
-    series = _series(in_time, value, lambda f: {0: 1.0} | _amid(f, "sample_clock_offset", -0.5))
+    series = _series(in_time, "sample_clock_offset", value, lambda f: {0: 1.0} | _amid(f, "sample_clock_offset", -0.5))
     source = in_time[0].scene.sources[0]
-    return replace(series, value=np.unwrap(series.value, period=len(source.samples))) if source.repeat else series
+    if series is None or not source.repeat:
+        return series
+    return replace(series, value=np.unwrap(series.value, period=len(source.samples)))
 
 
-def _course_of_gain(level: Series) -> Course | None:
+def _course_of_gain(level: Series | None) -> Course | None:
     """The likeliest course of a gain: a line, a relaxation or a step; None for a constant one."""
+    if level is None:
+        return None
     at, number, price = level.at, np.arange(len(level.at)), 1.5 * np.log(len(level.at))
     courses = [_fitted(level, at, price - np.log(len(at)))]
     courses += [_fitted(level, np.expm1(-at / tau) / np.expm1(-1 / tau), price + 2, time=tau) for tau in TIMES]
@@ -217,7 +258,8 @@ def _likely(series: Series, courses: list[Course]) -> Course | None:
     """The best of some courses, if it is surely likelier than none and leaves no more than chance does."""
     best = max(courses, key=lambda c: c.nats)
     left = np.sum(((series.value - best.said) / series.std) ** 2)
-    holds = stats.chi2.sf(left, max(len(series.at) - 2, 1)) > WRONG_P
+    numbers = 2 + (best.time is not None) + (best.share > 0)
+    holds = stats.chi2.sf(left, max(len(series.at) - numbers, 1)) > WRONG_P
     return best if holds and best.nats > SURE_NATS and abs(best.change) > LEAST else None
 
 
@@ -245,58 +287,75 @@ def _bend_std(series: Series) -> float:
 def _put(findings: list[Finding], holder: Finding, family: str, told: dict, std: dict, worth: Worth) -> None:
     """Let one finding hold what the whole recording tells of a family; what others show of it themselves they have from there."""
     for finding in findings:
-        if finding is not holder and not _found(finding, family):
+        own = _without(finding, family)
+        if finding is not holder and not own:
             continue
         scene = finding.scene
         effect = FAMILIES[family].parse(scene, told, {})
         effect = FAMILIES[family].later(scene, effect, scene.begins / scene.span)
-        free, aux = np.zeros(len(effect.p), bool), {**effect.aux, "whole": True}
+        free, aux = np.zeros(len(effect.p), bool), {**effect.aux, "whole": True, "_stds": std}
         effect = replace(effect, free=free, aux=aux, fixed=finding is not holder)
-        _replace(finding, family, effect)
+        model = finding.fit.model.adding(effect)
+        changed = own or effect.aux.get("before")
+        _take(finding, refit(finding.fit.data, model) if changed else replace(finding.fit, model=model), model)
         if finding is holder:
             finding.worths[id(effect.p)] = worth
-            finding.stds[family] = std
 
 
-def _put_step(in_time: list[Finding], level: Series, course: Course, held_out: float) -> None:
-    """Let a part hold the step of a gain: the one before it, or the one that it is in."""
+def _without(finding: Finding, family: str) -> bool:
+    """Take out what a part shows of a family itself; whether it did."""
+    model = finding.fit.model
+    for i, _ in reversed(_found(finding, family)):
+        model = model.without(i)
+    if model is finding.fit.model:
+        return False
+    _take(finding, refit(finding.fit.data, model), model)
+    return True
+
+
+def _put_step(in_time: list[Finding], level: Series, course: Course) -> bool:
+    """Let a part hold the step of a gain, the one before it or the one that it is in; whether that is no less likely."""
     holder = in_time[course.step + (course.share > 0)]
     scene = holder.scene
-    low, high = (level.at[course.step : course.step + 2] * scene.whole).astype(float)
+    low, high = level.at[course.step : course.step + 2] * scene.whole
     if course.share:
         std = level.std[course.step + 1] / abs(course.change) * scene.span
         low, high = scene.begins + course.share * scene.span + np.array([-1, 1]) * np.sqrt(3) * std
-    time = ((low + high) / 2 - scene.begins) / scene.span
-    effect = start(FAMILIES["gain_step"], [course.change, time], free=[False, False], aux={"gap": float(high - low)})
-    _replace(holder, None if course.share == 0 else "gain_step", effect)
+    std = {"step_db": DB * course.std, "time_s": float(high - low) / np.sqrt(12) / scene.sample_rate_hz}
+    aux = {"gap": float(high - low), "_stds": std}
+    place = ((low + high) / 2 - scene.begins) / scene.span
+    effect = start(FAMILIES["gain_step"], [course.change, place], free=[False, False], aux=aux)
+    model = holder.fit.model.adding(effect)
+    fit = refit(holder.fit.data, model) if course.share else replace(holder.fit, model=model)
+    if fit.likelihood < holder.fit.likelihood - WORSE_NATS:
+        return False
+    held_out = _held_out(in_time, level, course, 1.0)
+    _take(holder, fit, model)
     holder.worths[id(effect.p)] = Worth(evidence=course.nats, held_out=held_out)
-    time_s = (high - low) / np.sqrt(12) / scene.sample_rate_hz
-    holder.stds["gain_step"] = {"step_db": DB * course.std, "time_s": time_s}
+    return True
 
 
-def _without_floors(findings: list[Finding], gain_db: float) -> None:
-    """Take out noise floors that are no more than the noise which a receiver's gain has changed with the signal."""
-    for finding in findings:
+def _take(finding: Finding, fit, model) -> None:
+    """Give a finding another fit of a model, and what is known of the model's effects."""
+    pairs = zip(model.effects, fit.model.effects, strict=True)
+    finding.worths = {id(now.p): finding.worths[id(old.p)] for old, now in pairs if id(old.p) in finding.worths}
+    finding.fit = fit
+
+
+def _wander(level: Series, whole_s: float) -> Leftover:
+    nats, dof = _nats(level, level.value), len(level.at) - 1
+    test = f"the gain differs by {DB * np.ptp(level.value):.2f} dB from part to part"
+    return Leftover(test=test, p_value=float(stats.chi2.sf(2 * nats, dof)), nats=nats, where={"time_s": [0.0, whole_s]})
+
+
+def _without_floors(in_time: list[Finding], changed: np.ndarray) -> None:
+    """Take out noise floors that are no more than what the gain, `changed` by so many nepers (parts,), makes of the noise."""
+    for finding, change_db in zip(in_time, DB * changed, strict=True):
         for i, e in reversed(_found(finding, "noise_floor")):
-            if abs(e.p[0]) < FLOOR_DB + gain_db:
-                finding.fit = replace(finding.fit, model=finding.fit.model.without(i))
-
-
-def _replace(finding: Finding, family: str | None, effect: Effect) -> None:
-    """Put an effect into a finding, and fit it again where it takes the place of one, or changes the part itself."""
-    old, model = finding.fit, finding.fit.model
-    own = _found(finding, family) if family else []
-    for i, _ in reversed(own):
-        model = model.without(i)
-    model = model.adding(effect)
-    within = effect.family == "gain_step" and 0 < effect.p[1] < 1
-    if not own and not within:
-        finding.fit = replace(old, model=model)
-        return
-    finding.fit = refit(old.data, model)
-    for before, now in zip(model.effects, finding.fit.model.effects, strict=True):
-        if id(before.p) in finding.worths:
-            finding.worths[id(now.p)] = finding.worths[id(before.p)]
+            doubt_db = FLOOR_DB + SURE * finding.stds["noise_floor"]["change_db"]
+            if abs(e.p[0] - change_db) < min(doubt_db, abs(change_db)):
+                rest = finding.fit.model.without(i)
+                _take(finding, replace(finding.fit, model=rest), rest)
 
 
 def _held_out(in_time: list[Finding], series: Series, course: Course, way: complex) -> float:

@@ -75,6 +75,7 @@ class Scene:
     floor: float = 1e-12  # the noise power that the twin tells
     front_end: np.ndarray = field(default_factory=lambda: np.ones(1))  # taps of the receiver's filter, where numbers are told
     begins: int = 0  # samples of the recording in front of what is looked at
+    ahead: int = 0  # samples that the twin knows to be lost in front of what is looked at
     whole: int = 0  # samples of the whole recording; 0: that is looked at
     first: int = 0  # number of the first sample here
     span: int = 0  # samples that "over the recording" means; 0: those that are here

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A slow change of gain: linear in dB, or a relaxation a·(1 − exp(−t/τ)) (warming up). Internal: total
-(nepers), ln(τ/T)."""
+(nepers), ln(τ/T); aux `before`: what a twin's own has changed before a part of a recording (nepers)."""
 
 import numpy as np
 
 from .base import side_of, start
 from .gain_family import GainFamily
 
-LATEST = 0.05  # of a relaxation that is still to come: with less, where it began cannot be told
+LATEST = 0.05  # of a relaxation that a part shows: with less, where it began cannot be told
 
 
 class GainDrift(GainFamily):
@@ -20,15 +20,7 @@ class GainDrift(GainFamily):
         return (1 - np.exp(-u / tau)) / (1 - np.exp(-1 / tau))
 
     def factor(self, effect, u):
-        return np.exp(effect.p[0] * self._shape(np.maximum(u, 0.0), effect, effect.p))
-
-    def before(self, scene, effect) -> float:
-        """Nepers by which the gain has changed from the recording's beginning until a scene's."""
-        lengths = scene.begins / scene.span
-        if not effect.aux.get("relaxes"):
-            return float(effect.p[0] * lengths)
-        tau = np.exp(effect.p[1])
-        return float(effect.p[0] * np.expm1(min(lengths / tau, -np.log(LATEST))) / -np.expm1(-1 / tau))
+        return np.exp(effect.aux.get("before", 0.0) + effect.p[0] * self._shape(np.maximum(u, 0.0), effect, effect.p))
 
     def starts(self, view):
         yield start(self, [0.0, 0.0], free=[True, False])
@@ -37,15 +29,22 @@ class GainDrift(GainFamily):
 
     def values(self, scene, effect, p):
         tau_s = float(np.exp(np.clip(p[1], -12, 8))) * scene.duration_s if effect.aux.get("relaxes") else None
-        total_db = 20 / np.log(10) * p[0] / _share(scene, scene.whole / scene.sample_rate_hz, tau_s)
+        whole_s, begins_s = (n / scene.sample_rate_hz for n in (scene.whole, scene.begins))
+        here = _course(begins_s + scene.duration_s, tau_s) - _course(begins_s, tau_s)
+        if tau_s is not None:
+            here = max(here, LATEST * _course(scene.duration_s, tau_s))
+        total_db = 20 / np.log(10) * p[0] * _course(whole_s, tau_s) / here
         return {"total_db": total_db} if tau_s is None else {"total_db": total_db, "time_constant_s": tau_s}
 
     def parse(self, scene, parameters, model):
         tau_s = parameters.get("time_constant_s")
-        share = _share(scene, model.get("duration_s", scene.whole / scene.sample_rate_hz), tau_s)
-        tau = np.log(tau_s / scene.duration_s) if tau_s else 0.0
-        total = parameters["total_db"] * np.log(10) / 20 * share
-        return start(self, [total, tau], free=[True, bool(tau_s)], aux={"relaxes": bool(tau_s), **side_of(model)})
+        begins_s = scene.begins / scene.sample_rate_hz
+        scale = parameters["total_db"] * np.log(10) / 20
+        scale /= _course(model.get("duration_s", scene.whole / scene.sample_rate_hz), tau_s)
+        before = scale * _course(begins_s, tau_s)
+        change = scale * _course(begins_s + scene.duration_s, tau_s) - before
+        aux = {"relaxes": bool(tau_s), "before": before, **side_of(model)}
+        return start(self, [change, np.log(tau_s / scene.duration_s) if tau_s else 0.0], free=[True, bool(tau_s)], aux=aux)
 
     def model(self, scene, effect):
         return {**super().model(scene, effect), "duration_s": scene.whole / scene.sample_rate_hz}
@@ -54,9 +53,6 @@ class GainDrift(GainFamily):
         return f"The gain drifts by {number('total_db')} over the recording."
 
 
-def _share(scene, told_s: float, tau_s: float | None) -> float:
-    """The change of gain within a scene over that of a whole recording of `told_s` seconds, the one in which it is measured."""
-    if tau_s is None:
-        return scene.duration_s / told_s
-    begun = max(np.exp(-scene.begins / scene.sample_rate_hz / tau_s), LATEST)
-    return begun * np.expm1(-scene.duration_s / tau_s) / np.expm1(-told_s / tau_s)
+def _course(t_s: float, tau_s: float | None) -> float:
+    """How far a drift has come after `t_s`, up to a factor."""
+    return t_s if tau_s is None else -np.expm1(-t_s / tau_s)
