@@ -3,60 +3,32 @@
 part to part."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy import stats
 
 from ..effects import FAMILIES, Effect
 from ..effects.base import start
+from . import courses
 from .align import LEAST_PART
+from .courses import Course, Series
 from .finding import Finding, Worth
 from .residual import Leftover
 from .search import refit
 
 DB = 20 / np.log(10)  # of a neper
-SURE_NATS = 20.0  # by which a course must be likelier than none
-LEAST = 1e-3  # nepers, rad or samples: fits of parts may differ by a tenth of it for reasons of their own
+ALIKE = 1e-4  # nepers, rad or samples by which fits of parts may differ for reasons of their own
 FEWEST = 4  # parts that tell one course from another
-TIMES = np.geomspace(0.03, 1.0, 24)  # time constants that are tried, over the recording
 TIME_STD = 0.15  # of a time constant: the grid's step, and what the parts tell of it
 FLOOR_DB, SURE = 0.05, 3.0  # dB, and standard deviations of its own, by which a floor may differ from what a gain makes of it
 WANDER = 6e-3  # nepers (0.05 dB) between parts, without a course, that are left unexplained
 LEFT_NATS = 40.0  # the same
 WORSE_NATS = 3.0  # by which a part may be less likely with what all parts tell of it
-WRONG_P = 1e-4  # a course that leaves less likely remainders is none
 OPEN_CYCLES = 0.1  # from one part to the next: with a larger error of what they turn their phases cannot be joined
 UNSEEN_CYCLES = 0.02  # that a part turns without an offset being found in it, at least,
 UNSEEN = 6.0  # standard deviations of what its phase tells of that
 RANDOM = {"tap_fading", "phase_noise"}  # beside which a phase has no course of its own
-
-
-@dataclass(frozen=True, kw_only=True)
-class Series:
-    """A quantity amid every part, in time: share of the recording, value and its standard deviation, (parts,) each."""
-
-    at: np.ndarray
-    value: np.ndarray
-    std: np.ndarray
-
-    @property
-    def mean(self) -> float:
-        return float(np.sum(self.value / self.std**2) / np.sum(self.std**-2.0))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Course:
-    """A course over the parts: nats over a constant one, the values (parts,) it says, what it changes over the recording, and
-    its time constant, or the number of the last part before its step and how much of the next one is before it too."""
-
-    nats: float
-    said: np.ndarray
-    change: float
-    std: float
-    time: float | None = None
-    step: int | None = None
-    share: float = 0.0
 
 
 def between(findings: list[Finding]) -> None:
@@ -68,7 +40,7 @@ def between(findings: list[Finding]) -> None:
     first, in_time = findings[0], _in_time(findings)
     whole_s, whole = first.scene.whole / first.scene.sample_rate_hz, first.scene.whole
     level, steps = _levels(in_time), _steps_before(in_time)
-    best = _course_of_gain(level)
+    best = courses.of_gain(level)
     if best and best.step is None:
         told, std = {"total_db": DB * best.change}, {"total_db": DB * best.std}
         if best.time is not None:
@@ -78,7 +50,7 @@ def between(findings: list[Finding]) -> None:
         _put(findings, first, "gain_drift", told, std, worth)
     elif best:
         best = best if _put_step(in_time, level, best) else None
-    if level and best is None and _nats(level, level.value) > LEFT_NATS and np.ptp(level.value) > WANDER:
+    if level and best is None and courses.nats_over_none(level, level.value) > LEFT_NATS and np.ptp(level.value) > WANDER:
         first.left.append(_wander(level, whole_s))
         for finding in findings:  # what some of them show is no drift of the whole
             _without(finding, "gain_drift")
@@ -86,13 +58,13 @@ def between(findings: list[Finding]) -> None:
         said = level.value if best is None else best.said
         _without_floors(in_time, said - said[0] + [nepers for nepers, _ in steps])
     phase = _phases(in_time) if not shown & RANDOM else None
-    if phase and (best := _line(phase)):
+    if phase and (best := courses.line(phase)):
         hz = 1 / (2 * np.pi * whole_s)
-        std = {"offset_hz": best.std * hz, "drift_hz_per_s": 2 * _bend_std(phase) * hz / whole_s}
+        std = {"offset_hz": best.std * hz, "drift_hz_per_s": 2 * courses.bend_std(phase) * hz / whole_s}
         worth = Worth(evidence=best.nats, held_out=_held_out(in_time, phase, best, 1j))
         _put(findings, first, "carrier_frequency_offset", {"offset_hz": best.change * hz}, std, worth)
     delay = _delays(in_time) if "sample_loss" not in shown else None
-    if delay and (best := _line(delay)):
+    if delay and (best := courses.line(delay)):
         told, std = {"offset_ppm": -best.change / whole * 1e6}, {"offset_ppm": best.std / whole * 1e6}
         _put(findings, first, "sample_clock_offset", told, std, Worth(evidence=best.nats, held_out=0.0))
 
@@ -101,7 +73,7 @@ def gap(findings: list[Finding]) -> tuple[int, int] | None:
     """(first, last + 1) samples between two parts, neither of which holds them, between which the gain steps; None: it
     does not."""
     in_time = _in_time(findings)
-    best = _course_of_gain(_levels(in_time)) if len(findings) >= FEWEST and len(findings[0].scene.sources) == 1 else None
+    best = courses.of_gain(_levels(in_time)) if len(findings) >= FEWEST and len(findings[0].scene.sources) == 1 else None
     if best is None or best.step is None or best.share:
         return None
     before, after = (f.scene for f in in_time[best.step : best.step + 2])
@@ -128,7 +100,7 @@ def _series(in_time: list[Finding], family: str, value: Callable, slopes: Callab
         by = slopes(finding)
         weights = np.array(list(by.values()))
         values.append(value(finding))
-        std.append(np.hypot(np.sqrt(weights @ finding.fit.covariance[np.ix_(list(by), list(by))] @ weights), LEAST / 10))
+        std.append(np.hypot(np.sqrt(weights @ finding.fit.covariance[np.ix_(list(by), list(by))] @ weights), ALIKE))
         at.append((finding.scene.begins + _amidst(finding, family)) / finding.scene.whole)
     return Series(at=np.array(at), value=np.array(values), std=np.array(std))
 
@@ -224,66 +196,6 @@ def _delays(in_time: list[Finding]) -> Series | None:
     return replace(series, value=np.unwrap(series.value, period=len(source.samples)))
 
 
-def _course_of_gain(level: Series | None) -> Course | None:
-    """The likeliest course of a gain: a line, a relaxation or a step; None for a constant one."""
-    if level is None:
-        return None
-    at, number, price = level.at, np.arange(len(level.at)), 1.5 * np.log(len(level.at))
-    courses = [_fitted(level, at, price - np.log(len(at)))]
-    courses += [_fitted(level, np.expm1(-at / tau) / np.expm1(-1 / tau), price + 2, time=tau) for tau in TIMES]
-    for k in range(len(at) - 1):
-        courses.append(_fitted(level, (number > k).astype(float), price, step=k))
-        if k + 2 < len(at):
-            courses.append(_stepping_within(level, k, price + np.log(len(at))))
-    return _likely(level, [c for c in courses if c is not None])
-
-
-def _stepping_within(level: Series, k: int, price: float) -> Course | None:
-    """A step within the part behind part `k`, whose own level tells how much of it is before the step."""
-    number = np.arange(len(level.at))
-    open_there = replace(level, std=np.where(number == k + 1, 1e6, level.std))
-    course = _fitted(open_there, (number > k).astype(float), 0.0)
-    share = (course.said[-1] - level.value[k + 1]) / course.change if course.change else 0.0
-    if not 0 < share < 1:
-        return None
-    said = np.where(number == k + 1, level.value, course.said)
-    return replace(course, nats=_nats(level, said) - price, said=said, step=k, share=float(share))
-
-
-def _line(series: Series) -> Course | None:
-    return _likely(series, [_fitted(series, series.at, 0.5 * np.log(len(series.at)))])
-
-
-def _likely(series: Series, courses: list[Course]) -> Course | None:
-    """The best of some courses, if it is surely likelier than none and leaves no more than chance does."""
-    best = max(courses, key=lambda c: c.nats)
-    left = np.sum(((series.value - best.said) / series.std) ** 2)
-    numbers = 2 + (best.time is not None) + (best.share > 0)
-    holds = stats.chi2.sf(left, max(len(series.at) - numbers, 1)) > WRONG_P
-    return best if holds and best.nats > SURE_NATS and abs(best.change) > LEAST else None
-
-
-def _fitted(series: Series, shape: np.ndarray, price: float, time=None, step=None) -> Course:
-    """A constant and a multiple of `shape` (parts,) by least squares."""
-    rows = np.stack([np.ones_like(shape), shape], 1) / series.std[:, None]
-    inverse = np.linalg.pinv(rows.T @ rows)
-    p = inverse @ rows.T @ (series.value / series.std)
-    said, std = p[0] + p[1] * shape, float(np.sqrt(inverse[1, 1]))
-    return Course(nats=_nats(series, said) - price, said=said, change=float(p[1]), std=std, time=time, step=step)
-
-
-def _nats(series: Series, said: np.ndarray) -> float:
-    """By which values are likelier than their mean."""
-    apart = ((series.value - series.mean) / series.std) ** 2 - ((series.value - said) / series.std) ** 2
-    return float(0.5 * apart.sum())
-
-
-def _bend_std(series: Series) -> float:
-    """Standard deviation of the coefficient of t² beside a line."""
-    rows = np.stack([np.ones_like(series.at), series.at, series.at**2], 1) / series.std[:, None]
-    return float(np.sqrt(np.linalg.pinv(rows.T @ rows)[2, 2]))
-
-
 def _put(findings: list[Finding], holder: Finding, family: str, told: dict, std: dict, worth: Worth) -> None:
     """Let one finding hold what the whole recording tells of a family; what others show of it themselves they have from there."""
     for finding in findings:
@@ -317,16 +229,18 @@ def _put_step(in_time: list[Finding], level: Series, course: Course) -> bool:
     """Let a part hold the step of a gain, the one before it or the one that it is in; whether that is no less likely."""
     holder = in_time[course.step + (course.share > 0)]
     scene = holder.scene
-    low, high = level.at[course.step : course.step + 2] * scene.whole
+    slack = np.sqrt(3) * level.std[course.step + 1] / abs(course.change) * scene.span  # by which a level tells of its part
     if course.share:
-        std = level.std[course.step + 1] / abs(course.change) * scene.span
-        low, high = scene.begins + course.share * scene.span + np.array([-1, 1]) * np.sqrt(3) * std
+        middle = scene.begins + course.share * scene.span
+        low, high = middle - slack, middle + slack
+    else:
+        low, high = scene.begins + scene.span - slack, in_time[course.step + 1].scene.begins + slack
     std = {"step_db": DB * course.std, "time_s": float(high - low) / np.sqrt(12) / scene.sample_rate_hz}
     aux = {"gap": float(high - low), "_stds": std}
     place = ((low + high) / 2 - scene.begins) / scene.span
     effect = start(FAMILIES["gain_step"], [course.change, place], free=[False, False], aux=aux)
     model = holder.fit.model.adding(effect)
-    fit = refit(holder.fit.data, model) if course.share else replace(holder.fit, model=model)
+    fit = refit(holder.fit.data, model) if place < 1 else replace(holder.fit, model=model)
     if fit.likelihood < holder.fit.likelihood - WORSE_NATS:
         return False
     held_out = _held_out(in_time, level, course, 1.0)
@@ -343,7 +257,7 @@ def _take(finding: Finding, fit, model) -> None:
 
 
 def _wander(level: Series, whole_s: float) -> Leftover:
-    nats, dof = _nats(level, level.value), len(level.at) - 1
+    nats, dof = courses.nats_over_none(level, level.value), len(level.at) - 1
     test = f"the gain differs by {DB * np.ptp(level.value):.2f} dB from part to part"
     return Leftover(test=test, p_value=float(stats.chi2.sf(2 * nats, dof)), nats=nats, where={"time_s": [0.0, whole_s]})
 

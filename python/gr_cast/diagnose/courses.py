@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The likeliest course of a quantity that is known amid every part of a recording: constant, a line, a relaxation or a step."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+SURE_NATS = 20.0  # by which a course must be likelier than none
+LEAST = 1e-3  # nepers, rad or samples that it must change over the recording
+WRONG_P = 1e-4  # a course that leaves less likely remainders is none
+TIMES = np.geomspace(0.03, 1.0, 24)  # time constants that are tried, over the recording
+
+
+@dataclass(frozen=True, kw_only=True)
+class Series:
+    """A quantity amid every part, in time: share of the recording, value and its standard deviation, (parts,) each."""
+
+    at: np.ndarray
+    value: np.ndarray
+    std: np.ndarray
+
+    @property
+    def mean(self) -> float:
+        return float(np.sum(self.value / self.std**2) / np.sum(self.std**-2.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Course:
+    """A course over the parts: nats over a constant one, the values (parts,) it says, what it changes over the recording, and
+    its time constant, or the number of the last part before its step and how much of the next one is before it too."""
+
+    nats: float
+    said: np.ndarray
+    change: float
+    std: float
+    time: float | None = None
+    step: int | None = None
+    share: float = 0.0
+
+
+def of_gain(level: Series | None) -> Course | None:
+    """The likeliest course of a gain: a line, a relaxation or a step; None for a constant one."""
+    if level is None:
+        return None
+    at, number, price = level.at, np.arange(len(level.at)), 1.5 * np.log(len(level.at))
+    courses = [_fitted(level, at, price - np.log(len(at)))]
+    courses += [_fitted(level, np.expm1(-at / tau) / np.expm1(-1 / tau), price + 2, time=tau) for tau in TIMES]
+    for k in range(len(at) - 1):
+        courses.append(_fitted(level, (number > k).astype(float), price, step=k))
+        if k + 2 < len(at):
+            courses.append(_stepping_within(level, k, price + np.log(len(at))))
+    return _likely(level, [c for c in courses if c is not None])
+
+
+def _stepping_within(level: Series, k: int, price: float) -> Course | None:
+    """A step within the part behind part `k`, whose own level tells how much of it is before the step."""
+    number = np.arange(len(level.at))
+    open_there = replace(level, std=np.where(number == k + 1, 1e6, level.std))
+    course = _fitted(open_there, (number > k).astype(float), 0.0)
+    share = (course.said[-1] - level.value[k + 1]) / course.change if course.change else 0.0
+    if not 0 < share < 1:
+        return None
+    said = np.where(number == k + 1, level.value, course.said)
+    return replace(course, nats=nats_over_none(level, said) - price, said=said, step=k, share=float(share))
+
+
+def line(series: Series) -> Course | None:
+    return _likely(series, [_fitted(series, series.at, 0.5 * np.log(len(series.at)))])
+
+
+def _likely(series: Series, courses: list[Course]) -> Course | None:
+    """The best of some courses, if it is surely likelier than none and leaves no more than chance does."""
+    best = max(courses, key=lambda c: c.nats)
+    left = np.sum(((series.value - best.said) / series.std) ** 2)
+    numbers = 2 + (best.time is not None) + (best.share > 0)
+    holds = stats.chi2.sf(left, max(len(series.at) - numbers, 1)) > WRONG_P
+    return best if holds and best.nats > SURE_NATS and abs(best.change) > LEAST else None
+
+
+def _fitted(series: Series, shape: np.ndarray, price: float, time=None, step=None) -> Course:
+    """A constant and a multiple of `shape` (parts,) by least squares."""
+    rows = np.stack([np.ones_like(shape), shape], 1) / series.std[:, None]
+    inverse = np.linalg.pinv(rows.T @ rows)
+    p = inverse @ rows.T @ (series.value / series.std)
+    said, std = p[0] + p[1] * shape, float(np.sqrt(inverse[1, 1]))
+    return Course(nats=nats_over_none(series, said) - price, said=said, change=float(p[1]), std=std, time=time, step=step)
+
+
+def nats_over_none(series: Series, said: np.ndarray) -> float:
+    """By which values are likelier than their mean."""
+    apart = ((series.value - series.mean) / series.std) ** 2 - ((series.value - said) / series.std) ** 2
+    return float(0.5 * apart.sum())
+
+
+def bend_std(series: Series) -> float:
+    """Standard deviation of the coefficient of t² beside a line."""
+    rows = np.stack([np.ones_like(series.at), series.at, series.at**2], 1) / series.std[:, None]
+    return float(np.sqrt(np.linalg.pinv(rows.T @ rows)[2, 2]))
