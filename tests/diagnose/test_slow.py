@@ -102,12 +102,15 @@ def test_a_path_that_the_twin_knows_to_move_has_turned_before_a_later_part(world
     assert document["verdict"] == "no_mismatch" and not document["effects"]
 
 
-def test_a_carrier_that_hardly_turns_within_a_part_is_told_by_all(world, tmp_path, in_parts):
-    hz = 0.02 / COUNT * RATE_HZ  # 0.02 cycles over the recording
-    (offset,) = _diagnosed(world, tmp_path, np.exp(2j * np.pi * hz * world.n / RATE_HZ))["effects"]
-    told_hz, std = _told(offset, "offset_hz")
-    assert offset["where"]["time_s"] == [0.0, COUNT / RATE_HZ]
-    assert offset["family"] == "carrier_frequency_offset" and std < 0.02 and told_hz == pytest.approx(hz, abs=4 * std)
+@pytest.mark.parametrize("drift", [0.0, 0.02])  # cycles over the recording and its square
+def test_a_carrier_that_hardly_turns_within_a_part_is_told_by_all(world, tmp_path, in_parts, drift):
+    u, whole_s = world.n / COUNT, COUNT / RATE_HZ
+    document = _diagnosed(world, tmp_path, np.exp(2j * np.pi * (0.02 * u + 0.5 * drift * u**2)))
+    (offset,) = document["effects"]
+    assert offset["family"] == "carrier_frequency_offset" and offset["where"]["time_s"] == [0.0, whole_s]
+    for name, true in (("offset_hz", 0.02 / whole_s), ("drift_hz_per_s", drift / whole_s**2)):
+        told, std = _told(offset, name)
+        assert std < 0.15 * 0.02 / whole_s ** (1 + name.startswith("drift")) and told == pytest.approx(true, abs=4 * std)
 
 
 def test_a_clock_that_hardly_slips_within_a_part_is_told_by_all(world, tmp_path, in_parts):

@@ -28,7 +28,8 @@ class Series:
 @dataclass(frozen=True, kw_only=True)
 class Course:
     """A course over the parts: nats over a constant one, the values (parts,) it says, what it changes over the recording, and
-    its time constant, or the number of the last part before its step and how much of the next one is before it too."""
+    its time constant, or the number of the last part before its step and how much of the next one is before it too, or its
+    coefficient of t² with the standard deviation."""
 
     nats: float
     said: np.ndarray
@@ -37,6 +38,7 @@ class Course:
     time: float | None = None
     step: int | None = None
     share: float = 0.0
+    bend: tuple[float, float] | None = None
 
 
 def of_gain(level: Series | None) -> Course | None:
@@ -66,34 +68,37 @@ def _stepping_within(level: Series, k: int, price: float) -> Course | None:
 
 
 def line(series: Series) -> Course | None:
+    """The course of a quantity that changes evenly; None for a constant one."""
     return _likely(series, [_fitted(series, series.at, 0.5 * np.log(len(series.at)))])
+
+
+def parabola(series: Series) -> Course | None:
+    """The course of a quantity whose change may itself change evenly; None for a constant one."""
+    return _likely(series, [_fitted(series, series.at, np.log(len(series.at)), bent=True)])
 
 
 def _likely(series: Series, courses: list[Course]) -> Course | None:
     """The best of some courses, if it is surely likelier than none and leaves no more than chance does."""
     best = max(courses, key=lambda c: c.nats)
     left = np.sum(((series.value - best.said) / series.std) ** 2)
-    numbers = 2 + (best.time is not None) + (best.share > 0)
+    numbers = 2 + (best.time is not None) + (best.share > 0) + (best.bend is not None)
     holds = stats.chi2.sf(left, max(len(series.at) - numbers, 1)) > WRONG_P
-    return best if holds and best.nats > SURE_NATS and abs(best.change) > LEAST else None
+    return best if holds and best.nats > SURE_NATS and np.ptp(best.said) > LEAST else None
 
 
-def _fitted(series: Series, shape: np.ndarray, price: float, time=None, step=None) -> Course:
-    """A constant and a multiple of `shape` (parts,) by least squares."""
-    rows = np.stack([np.ones_like(shape), shape], 1) / series.std[:, None]
+def _fitted(series: Series, shape: np.ndarray, price: float, bent=False, **kind) -> Course:
+    """A constant and a multiple of `shape` (parts,), where it is `bent` also of its square, by least squares."""
+    shapes = np.stack([np.ones_like(shape), shape, *([shape**2] if bent else [])], 1)
+    rows = shapes / series.std[:, None]
     inverse = np.linalg.pinv(rows.T @ rows)
     p = inverse @ rows.T @ (series.value / series.std)
-    said, std = p[0] + p[1] * shape, float(np.sqrt(inverse[1, 1]))
-    return Course(nats=nats_over_none(series, said) - price, said=said, change=float(p[1]), std=std, time=time, step=step)
+    said, std = shapes @ p, np.sqrt(np.diag(inverse))
+    bend = (float(p[2]), float(std[2])) if bent else None
+    nats = nats_over_none(series, said) - price
+    return Course(nats=nats, said=said, change=float(p[1]), std=float(std[1]), bend=bend, **kind)
 
 
 def nats_over_none(series: Series, said: np.ndarray) -> float:
     """By which values are likelier than their mean."""
     apart = ((series.value - series.mean) / series.std) ** 2 - ((series.value - said) / series.std) ** 2
     return float(0.5 * apart.sum())
-
-
-def bend_std(series: Series) -> float:
-    """Standard deviation of the coefficient of t² beside a line."""
-    rows = np.stack([np.ones_like(series.at), series.at, series.at**2], 1) / series.std[:, None]
-    return float(np.sqrt(np.linalg.pinv(rows.T @ rows)[2, 2]))

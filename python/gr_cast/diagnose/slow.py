@@ -58,11 +58,12 @@ def between(findings: list[Finding]) -> None:
         said = level.value if best is None else best.said
         _without_floors(in_time, said - said[0] + [nepers for nepers, _ in steps])
     phase = _phases(in_time) if not shown & RANDOM else None
-    if phase and (best := courses.line(phase)):
-        hz = 1 / (2 * np.pi * whole_s)
-        std = {"offset_hz": best.std * hz, "drift_hz_per_s": 2 * courses.bend_std(phase) * hz / whole_s}
+    if phase and (best := courses.parabola(phase)):
+        hz, (bend, doubt) = 1 / (2 * np.pi * whole_s), best.bend
+        told = {"offset_hz": best.change * hz, "drift_hz_per_s": 2 * bend * hz / whole_s}
+        std = {"offset_hz": best.std * hz, "drift_hz_per_s": 2 * doubt * hz / whole_s}
         worth = Worth(evidence=best.nats, held_out=_held_out(in_time, phase, best, 1j))
-        _put(findings, first, "carrier_frequency_offset", {"offset_hz": best.change * hz}, std, worth)
+        _put(findings, first, "carrier_frequency_offset", told, std, worth)
     delay = _delays(in_time) if "sample_loss" not in shown else None
     if delay and (best := courses.line(delay)):
         told, std = {"offset_ppm": -best.change / whole * 1e6}, {"offset_ppm": best.std / whole * 1e6}
