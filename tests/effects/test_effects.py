@@ -261,6 +261,15 @@ TIMED = {
 }
 
 
+def test_pulses_go_on_in_a_later_part():
+    family, begins = FAMILIES["pulsed_interference"], 1234
+    whole = scene(ONE)
+    part = replace(whole, count=500, span=500, begins=begins, whole=COUNT)
+    pulses = start(family, [0.5, 97.3, 20.6, 0.21])
+    there = family.later(part, pulses, begins / part.span)
+    assert (family.gate(part, there) == family.gate(whole, pulses)[begins : begins + 500]).all()
+
+
 def test_the_end_of_a_relaxation_is_still():
     """Of a gain that warms up within a fiftieth of the recording nothing is left to change in a late part."""
     whole = scene(ONE)

@@ -175,10 +175,12 @@ def _phases(in_time: list[Finding]) -> Series | None:
             turns.append(e.p[0] * lengths)
             weights.append(1 / (finding.fit.covariance[k, k] * lengths**2))
         unseen.append(max(UNSEEN_CYCLES, UNSEEN * np.sqrt(12) * std / (2 * np.pi)) * lengths)
-    doubt = 1 / np.sqrt(np.sum(weights)) if turns else max(unseen)
-    if np.diff(series.at).max() * doubt > OPEN_CYCLES:
+    mean, doubt = (np.average(turns, weights=weights), 1 / np.sqrt(np.sum(weights))) if turns else (0.0, max(unseen))
+    apart = np.sum(np.array(weights) * np.square(np.array(turns) - mean))
+    astray = turns and (len(turns) < len(in_time) / 2 or stats.chi2.sf(apart, len(turns) - 1) < courses.WRONG_P)
+    if astray or np.diff(series.at).max() * doubt > OPEN_CYCLES:
         return None
-    ramp = 2 * np.pi * np.average(turns, weights=weights) * series.at if turns else 0.0
+    ramp = 2 * np.pi * mean * series.at
     return replace(series, value=np.unwrap(series.value - ramp) + ramp)
 
 
