@@ -4,7 +4,9 @@
 import numpy as np
 import pytest
 from conftest_world import RATE_HZ, noise, sent_once
-from gr_cast.diagnose import align, diagnose, pieces, read_case, residual, search
+from gr_cast.diagnose import align, diagnose, pieces, read_case, residual, run, search
+from gr_cast.effects import FAMILIES
+from gr_cast.effects.base import start
 
 
 def _bursts(rng, count=24_000, every=3000, known=900):
@@ -82,6 +84,20 @@ def test_samples_lost_in_a_short_frame_are_found(tmp_path):
     assert set(found) == {"sample_loss", "carrier_frequency_offset"}
     assert found["sample_loss"]["parameters"]["samples"]["value"] == 37
     assert found["sample_loss"]["parameters"]["time_s"]["value"] * RATE_HZ == pytest.approx(170, abs=6)
+
+
+def test_rails_that_are_none_leave_the_search_where_it_would_have_begun(tmp_path, monkeypatch):
+    rng = np.random.default_rng(4)
+    x = np.repeat(rng.integers(0, 2, 180), 2).astype(complex)
+    y = _without(_turned(np.concatenate([0.2 * x, np.zeros(80)]), -0.035), 170, 37)
+    y += noise(rng, len(y), 0.01)
+    peak = float(max(np.abs(y.real).max(), np.abs(y.imag).max()))
+    rails = start(FAMILIES["adc_clipping"], [peak, 0.0], free=[False, False], aux={"read": True, "lone": True})
+    case, told = sent_once(tmp_path, y, np.concatenate([x, np.zeros(80)])), []
+    for found in ([], [(rails, {"level": 1e-3, "samples": 9})]):
+        monkeypatch.setattr(run.gate, "discrete", lambda y, datatype, found=found: found)
+        told.append(diagnose(case).document["effects"])
+    assert told[0] == told[1] and len(told[0]) == 2
 
 
 def test_what_is_left_in_a_later_part_stands_at_its_time_in_the_recording(world, tmp_path, monkeypatch):

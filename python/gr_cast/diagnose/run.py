@@ -76,9 +76,9 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
             stds[effect.family] = std
     twin = first = refit(data, plain)
     if model.effects != plain.effects:
-        model = under_the_lattice(data, refit(data, model).model)
+        built, model = model, under_the_lattice(data, refit(data, model).model)
         first = refit(data, model)
-        model, first = _without_false_rails(data, model, first)
+        model, first = _without_false_rails(data, built, model, first)
     scene.rms = known.scene.rms if known else _wanted_rms(first) * align.whole_over_part(case, whole, part, scene)
     have = LOCAL | {e.family for e in model.effects}
     for effect in known.fit.model.found if known else ():
@@ -119,14 +119,15 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
     return finding
 
 
-def _without_false_rails(data, model, first: Fit):
+def _without_false_rails(data, built, model, first: Fit):
     """(model, its fit) without rails that may be something else, unless they cut the prediction: on a lattice a signal of few
-    levels heaps up as rails would, and at one end alone so may the peak of a waveform."""
+    levels heaps up as rails would, and at one end alone so may the peak of a waveform. Without a lattice it is then as it was
+    `built`: false rails have moved the delay."""
     at = next((i for i, e in enumerate(model.effects) if e.family == "adc_clipping" and not e.fixed), None)
     on_lattice = any(e.family == "quantization" for e in model.found)
     if at is None or not on_lattice and "lone" not in model.effects[at].aux:
         return model, first
-    uncut = under_the_lattice(data, model.without(at))
+    uncut = under_the_lattice(data, model.without(at)) if on_lattice else built.without(at)
     free = refit(data, uncut)
     return (model, first) if free.likelihood < first.likelihood - CUT_NATS else (uncut, free)
 
