@@ -8,16 +8,17 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
+from ..cir import DB_PER_NEPER as DB
 from ..effects import FAMILIES, Effect
 from ..effects.base import start
 from . import courses
 from .align import LEAST_PART
 from .courses import Course, Series
 from .finding import Finding, Worth
+from .model import Model
 from .residual import Leftover
 from .search import refit
 
-DB = 20 / np.log(10)  # of a neper
 ALIKE = 1e-4  # nepers, rad or samples by which fits of parts may differ for reasons of their own
 FEWEST = 4  # parts that tell one course from another
 TIME_STD = 0.15  # of a time constant: the grid's step, and what the parts tell of it
@@ -38,7 +39,7 @@ def between(findings: list[Finding]) -> None:
     if len(findings) < FEWEST or "tap_fading" in shown or len(findings[0].scene.sources) > 1:
         return
     first, in_time = findings[0], _in_time(findings)
-    whole_s, whole = first.scene.whole / first.scene.sample_rate_hz, first.scene.whole
+    whole_s, whole = first.scene.whole_s, first.scene.whole
     level, steps = _levels(in_time), _steps_before(in_time)
     best = courses.of_gain(level)
     if best and best.step is None:
@@ -53,7 +54,8 @@ def between(findings: list[Finding]) -> None:
     if level and best is None and courses.nats_over_none(level, level.value) > LEFT_NATS and np.ptp(level.value) > WANDER:
         first.left.append(_wander(level, whole_s))
         for finding in findings:  # what some of them show is no drift of the whole
-            _without(finding, "gain_drift")
+            if (bare := _without(finding, "gain_drift")) is not finding.fit.model:
+                _take(finding, refit(finding.fit.data, bare), bare)
     if level:
         said = level.value if best is None else best.said
         _without_floors(in_time, said - said[0] + [nepers for nepers, _ in steps])
@@ -202,30 +204,26 @@ def _delays(in_time: list[Finding]) -> Series | None:
 def _put(findings: list[Finding], holder: Finding, family: str, told: dict, std: dict, worth: Worth) -> None:
     """Let one finding hold what the whole recording tells of a family; what others show of it themselves they have from there."""
     for finding in findings:
-        own = _without(finding, family)
+        bare, scene = _without(finding, family), finding.scene
+        own = bare is not finding.fit.model
         if finding is not holder and not own:
             continue
-        scene = finding.scene
-        effect = FAMILIES[family].parse(scene, told, {})
-        effect = FAMILIES[family].later(scene, effect, scene.begins / scene.span)
+        effect = FAMILIES[family].in_its_part(scene, FAMILIES[family].parse(scene, told, {}))
         free, aux = np.zeros(len(effect.p), bool), {**effect.aux, "whole": True, "_stds": std}
         effect = replace(effect, free=free, aux=aux, fixed=finding is not holder)
-        model = finding.fit.model.adding(effect)
+        model = bare.adding(effect)
         changed = own or effect.aux.get("before")
         _take(finding, refit(finding.fit.data, model) if changed else replace(finding.fit, model=model), model)
         if finding is holder:
             finding.worths[id(effect.p)] = worth
 
 
-def _without(finding: Finding, family: str) -> bool:
-    """Take out what a part shows of a family itself; whether it did."""
+def _without(finding: Finding, family: str) -> Model:
+    """The model of a part without what it shows of a family itself."""
     model = finding.fit.model
     for i, _ in reversed(_found(finding, family)):
         model = model.without(i)
-    if model is finding.fit.model:
-        return False
-    _take(finding, refit(finding.fit.data, model), model)
-    return True
+    return model
 
 
 def _put_step(in_time: list[Finding], level: Series, course: Course) -> bool:

@@ -132,6 +132,10 @@ class Family:
         """The effect of a scene in a stretch of its length that begins so many lengths later."""
         return effect
 
+    def in_its_part(self, scene, effect: Effect) -> Effect:
+        """An effect that is told of a recording's first sample in the part of the recording that a scene is."""
+        return self.later(scene, effect, scene.begins / scene.span) if scene.begins else effect
+
     def since_the_beginning(self, scene, effect: Effect) -> Effect:
         """The effect of a part of a recording in one of its length at the recording's first sample."""
         return self.later(scene, effect, -scene.begins / scene.span) if scene.begins else effect

@@ -182,6 +182,10 @@ class Scene:
     def duration_s(self) -> float:
         return self.span / self.sample_rate_hz
 
+    @property
+    def whole_s(self) -> float:
+        return self.whole / self.sample_rate_hz
+
     def wrap(self, period: int) -> np.ndarray:
         if period not in self._wraps:
             self._wraps[period] = self.index.astype(np.int64) % period

@@ -29,25 +29,25 @@ class GainDrift(GainFamily):
 
     def values(self, scene, effect, p):
         tau_s = float(np.exp(np.clip(p[1], -12, 8))) * scene.duration_s if effect.aux.get("relaxes") else None
-        whole_s, begins_s = (n / scene.sample_rate_hz for n in (scene.whole, scene.begins))
+        begins_s = scene.begins / scene.sample_rate_hz
         here = _course(begins_s + scene.duration_s, tau_s) - _course(begins_s, tau_s)
         if tau_s is not None:
             here = max(here, LATEST * _course(scene.duration_s, tau_s))
-        total_db = 20 / np.log(10) * p[0] * _course(whole_s, tau_s) / here
+        total_db = 20 / np.log(10) * p[0] * _course(scene.whole_s, tau_s) / here
         return {"total_db": total_db} if tau_s is None else {"total_db": total_db, "time_constant_s": tau_s}
 
     def parse(self, scene, parameters, model):
         tau_s = parameters.get("time_constant_s")
         begins_s = scene.begins / scene.sample_rate_hz
         scale = parameters["total_db"] * np.log(10) / 20
-        scale /= _course(model.get("duration_s", scene.whole / scene.sample_rate_hz), tau_s)
+        scale /= _course(model.get("duration_s", scene.whole_s), tau_s)
         before = scale * _course(begins_s, tau_s)
         change = scale * _course(begins_s + scene.duration_s, tau_s) - before
         aux = {"relaxes": bool(tau_s), "before": before, **side_of(model)}
         return start(self, [change, np.log(tau_s / scene.duration_s) if tau_s else 0.0], free=[True, bool(tau_s)], aux=aux)
 
     def model(self, scene, effect):
-        return {**super().model(scene, effect), "duration_s": scene.whole / scene.sample_rate_hz}
+        return {**super().model(scene, effect), "duration_s": scene.whole_s}
 
     def describe(self, number):
         return f"The gain drifts by {number('total_db')} over the recording."
