@@ -10,19 +10,19 @@ from pathlib import Path
 
 import _program
 import numpy as np
-from gr_cast import plot
 from gr_cast import scenario as sc
 from gr_cast.blocks.network import play
-from gr_cast.cellular import downlink as downlink_model
-from gr_cast.cellular import experiment, stack, stack_run
-from gr_cast.cellular.downlink import Cell, Downlink, Radio
-from gr_cast.errors import CastError
-from gr_cast.files import write_json
-from gr_cast.result import output_folder
+from gr_cast.comparing.series import write_csv
+from gr_cast.core.errors import CastError
+from gr_cast.core.files import write_json
+from gr_cast.experiments.cellular import downlink as downlink_model
+from gr_cast.experiments.cellular import experiment, stack, stack_run
+from gr_cast.experiments.cellular.downlink import Cell, Downlink, Radio
+from gr_cast.experiments.traffic.namespaces import run_with_rights
+from gr_cast.report import plot
 from gr_cast.scenario.create import room
 from gr_cast.scenario.create.spec import read as read_spec
-from gr_cast.series import write_csv
-from gr_cast.traffic.namespaces import run_with_rights
+from gr_cast.sounding.result import output_folder
 
 CELLS = {1: ["12:34,37,41"], 2: ["10:33,34,41", "25:37,38,42"]}  # of the Arena: ceiling, standing, and two that walk
 COLOSSEUM_LOSS_DB = 57.55  # of the emulator itself (Bonati et al., DySPAN 2021)

@@ -18,8 +18,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import _program
 from gr_cast import report
+from gr_cast.core.errors import CastError
 from gr_cast.diagnose import diagnose, read_case, write
-from gr_cast.errors import CastError
 
 PROGRESS_S = 10.0  # between two lines about a case that takes long
 

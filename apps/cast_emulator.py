@@ -11,12 +11,12 @@ from pathlib import Path
 
 import _program
 import numpy as np
-from gr_cast import recording
-from gr_cast.diagnose.case import Waveform, read_twin
-from gr_cast.emulate import FixedPoint, noise_power_from_snr
-from gr_cast.errors import CastError
-from gr_cast.playback import Conditions, Playback
+from gr_cast.core.errors import CastError
+from gr_cast.emulation.reference import FixedPoint, noise_power_from_snr
 from gr_cast.scenario import load
+from gr_cast.signals import recording
+from gr_cast.twin.document import Waveform, read_twin
+from gr_cast.twin.playback import Conditions, Playback
 
 
 def _noise_power(args) -> float:
@@ -32,9 +32,7 @@ def _noise_power(args) -> float:
 def _fixed_point(args) -> FixedPoint | None:
     if args.fixed_point is None:
         return None
-    return FixedPoint(
-        bits=args.fixed_point, input_full_scale=args.full_scale, output_full_scale=args.output_full_scale
-    )
+    return FixedPoint(bits=args.fixed_point, input_full_scale=args.full_scale, output_full_scale=args.output_full_scale)
 
 
 def _check_rate(rate_hz: float) -> float:
@@ -233,15 +231,9 @@ def _add_common(command) -> None:
     command.add_argument("--noise-power-db", type=float, help="of every receiver, dB re 1 (samples squared)")
     command.add_argument("--snr-db", type=float, help="noise so far below --reference-power")
     command.add_argument("--reference-power", type=float, default=1.0, help="in units of the samples squared")
-    command.add_argument(
-        "--fixed-point", type=int, metavar="BITS", help="round and saturate samples as hardware does"
-    )
-    command.add_argument(
-        "--full-scale", type=float, default=1.0, help="of transmitted samples, with --fixed-point"
-    )
-    command.add_argument(
-        "--output-full-scale", type=float, default=1.0, help="of received samples, with --fixed-point"
-    )
+    command.add_argument("--fixed-point", type=int, metavar="BITS", help="round and saturate samples as hardware does")
+    command.add_argument("--full-scale", type=float, default=1.0, help="of transmitted samples, with --fixed-point")
+    command.add_argument("--output-full-scale", type=float, default=1.0, help="of received samples, with --fixed-point")
 
 
 def main(argv=None) -> int:
@@ -255,9 +247,7 @@ def main(argv=None) -> int:
         "--port", action="append", default=[], metavar="NODE:tx|rx=KIND:WHERE",
         help="zmq:ADDRESS (as srsRAN's radio), pubsub:ADDRESS, file:STEM, uhd:ARGS, null; repeat for every port",
     )  # fmt: skip
-    command.add_argument(
-        "--control", metavar="ADDRESS", help="answer JSON commands there, such as tcp://*:5555"
-    )
+    command.add_argument("--control", metavar="ADDRESS", help="answer JSON commands there, such as tcp://*:5555")
     command.add_argument("--frequency", type=float, help="carrier of uhd ports in Hz")
     command.add_argument("--gain", type=float, default=0.0, help="of uhd ports in dB")
     command.add_argument("--clock-source", default="internal", help="of uhd ports: internal, external, gpsdo")

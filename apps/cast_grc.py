@@ -9,7 +9,7 @@ from pathlib import Path
 
 import _program
 import gr_cast
-from gr_cast.errors import CastError
+from gr_cast.core.errors import CastError
 
 _HERE = Path(__file__).resolve().parent
 FLOWGRAPHS = _HERE / "flowgraphs"

@@ -7,14 +7,16 @@ import sys
 import time
 
 import _program
-from gr_cast import compare, plot, report, series
+from gr_cast import report
 from gr_cast import scenario as sc
-from gr_cast.errors import CastError
+from gr_cast.comparing import series, similarity
+from gr_cast.core.errors import CastError
+from gr_cast.core.files import write_json
 from gr_cast.experiments import hall, jamming, left_out, loss
 from gr_cast.experiments import jamming_result as result
-from gr_cast.files import write_json
-from gr_cast.result import output_folder
-from gr_cast.wifi import MODES
+from gr_cast.report import plot
+from gr_cast.signals.wifi import MODES
+from gr_cast.sounding.result import output_folder
 
 SINR_DB = {"narrowband": 5.0, "wideband": 0.0}  # 20 and 25 dB below the default SNR, as in the paper
 DEFAULT_CASES = ("static-narrowband", "static-wideband", "mobile-narrowband")
@@ -161,10 +163,10 @@ def leave_out(args) -> int:
     alike = {}
     for column in result.COLUMNS:
         pair = [series.read(folder / f"{side}.csv", column) for side in ("a", "b")]
-        found = compare.compare(*pair)
-        alike[column] = compare.as_document(found)
+        found = similarity.compare(*pair)
+        alike[column] = similarity.as_document(found)
         plot.save(plot.series_comparison_figure(found, column), folder / f"comparison-{column}.png")
-        print(f"\n{column}\n{compare.as_table(alike[column])}")
+        print(f"\n{column}\n{similarity.as_table(alike[column])}")
     recorded = left_out.recorded(kind, world)
     emulator = FrameEmulator(
         recorded.scenario, recorded.transmitters, recorded.rx, left_out.OVERSAMPLING * modem.sample_rate_hz,

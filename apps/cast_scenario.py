@@ -9,13 +9,14 @@ from pathlib import Path
 
 import _program
 import numpy as np
-from gr_cast import plot, validate
 from gr_cast import scenario as sc
-from gr_cast.errors import CastError
+from gr_cast.comparing import validation
+from gr_cast.core.errors import CastError
+from gr_cast.core.units import db_from_amplitude
+from gr_cast.report import plot
 from gr_cast.scenario import colosseum
 from gr_cast.scenario.create import p2m, pipeline
 from gr_cast.scenario.create.spec import read as read_spec
-from gr_cast.units import db_from_amplitude
 
 MAX_ROWS = 40  # of a table on screen; --all shows the rest
 
@@ -28,9 +29,7 @@ def list_catalogue(args) -> None:
         except CastError as error:
             print(f"{name:12s} refused: {error.faults[0]}")
             continue
-        print(
-            f"{name:12s} {len(scenario.nodes):3d} nodes {len(scenario.links):5d} links {_seconds(scenario)}  {scenario.name}"
-        )
+        print(f"{name:12s} {len(scenario.nodes):3d} nodes {len(scenario.links):5d} links {_seconds(scenario)}  {scenario.name}")
 
 
 def _seconds(scenario: sc.Scenario) -> str:
@@ -56,9 +55,7 @@ def show(args) -> None:
             for delay, value in zip(delay_s, gain, strict=True)
             if value != 0
         )
-        print(
-            f"{sc.link_name(key):>12s} {sc.base_loss_db(scenario, key):13.2f} {power_db[0]:9.2f}  {taps or 'none at 0 s'}"
-        )
+        print(f"{sc.link_name(key):>12s} {sc.base_loss_db(scenario, key):13.2f} {power_db[0]:9.2f}  {taps or 'none at 0 s'}")
     if not args.all and len(keys) > MAX_ROWS:
         print(f"… and {len(keys) - MAX_ROWS} more links: --all shows them")
     picture = args.plot or f"{Path(args.scenario).stem}.png"
@@ -111,9 +108,7 @@ def create(args) -> int:
         raise CastError(f"{args.spec}: no such file, and none of the examples: {examples}")
     spec = read_spec(path)
     folder = Path(args.work or f"{spec.id}.create")
-    run = pipeline.Run(
-        folder=folder, tell=lambda line: print(line, flush=True), progress=_program.progress, dask=args.dask
-    )
+    run = pipeline.Run(folder=folder, tell=lambda line: print(line, flush=True), progress=_program.progress, dask=args.dask)
     pipeline.create(spec, run, only=args.until)
     return 0
 
@@ -126,8 +121,8 @@ def check(args) -> int:
         raise CastError(f"--band: got {args.band:g} Hz, limit 1e4 to 1e8 Hz")
     scenario = sc.load(args.scenario)
     path = sc.catalogue_entries().get(args.scenario, Path(args.scenario))
-    rays = validate.traced_rays(path, scenario)
-    band_hz = args.band or validate.own_band_hz(path)
+    rays = validation.traced_rays(path, scenario)
+    band_hz = args.band or validation.own_band_hz(path)
     if args.link:
         keys = [tuple(link.split(">", 1)) for link in args.link]
         faults = [f"--link: got {link!r}: {scenario.name} has no such link, needs TX>RX, such as {_example(scenario)}"
@@ -135,16 +130,14 @@ def check(args) -> int:
         if faults:
             raise CastError(*faults)
     else:
-        keys = validate.chosen_links(scenario, args.links)
+        keys = validation.chosen_links(scenario, args.links)
     checks = []
     print(f"{'link':>10s} {'s':>6s} {'taps':>4s} {'found':>5s} {'worst sigma':>11s} {'loss dB':>8s} {'sounded':>8s}"
           f" {'sounded-taps':>12s} {'taps-rays':>9s} {'sounded-rays':>12s}  (errors: dB over {band_hz / 1e6:g} MHz)")  # fmt: skip
     for index, key in enumerate(keys):
-        for item in validate.check(scenario, [key], rays=rays, bandwidth_hz=band_hz, play=_emulator()):
+        for item in validation.check(scenario, [key], rays=rays, bandwidth_hz=band_hz, play=_emulator()):
             checks.append(item)
-            from_rays = [
-                f"{v:.1f}" if v is not None else "-" for v in (item.taps_from_rays_db, item.sounded_from_rays_db)
-            ]
+            from_rays = [f"{v:.1f}" if v is not None else "-" for v in (item.taps_from_rays_db, item.sounded_from_rays_db)]
             print(f"{item.link:>10s} {item.time_s:6.2f} {item.taps:4d} {item.found:5d} {item.worst_sigma:11.2f}"
                   f" {item.path_loss_db:8.2f} {item.sounded_path_loss_db:8.2f} {item.sounded_from_taps_db:12.1f}"
                   f" {from_rays[0]:>9s} {from_rays[1]:>12s}  {'' if item.holds else 'DOES NOT HOLD'}", flush=True)  # fmt: skip
@@ -154,16 +147,12 @@ def check(args) -> int:
     loss_db = -sc.path_gain_matrix_db(scenario)
     picture = args.plot or f"{Path(args.scenario).stem}-path-loss.png"
     plot.save(
-        plot.heatmap_figure(
-            np.where(np.isfinite(loss_db), loss_db, np.nan), list(scenario.nodes), f"{scenario.name}: path loss"
-        ),
+        plot.heatmap_figure(np.where(np.isfinite(loss_db), loss_db, np.nan), list(scenario.nodes), f"{scenario.name}: path loss"),
         picture,
     )
     failed = [item for item in checks if not item.holds]
     print(f"heat map: {picture}")
-    print(
-        f"{len(checks) - len(failed)} of {len(checks)} soundings agree with their taps within {validate.MAX_SIGMA:g} sigma"
-    )
+    print(f"{len(checks) - len(failed)} of {len(checks)} soundings agree with their taps within {validation.MAX_SIGMA:g} sigma")
     return 1 if failed else 0
 
 
@@ -177,7 +166,7 @@ def _emulator():
         from gnuradio import blocks, gr
         from gr_cast.blocks.network import emulated_network
     except ImportError:
-        return validate.play_reference
+        return validation.play_reference
     gr.logging().set_default_level(gr.log_levels.warn)  # its lines would come between those of the table
 
     def play(scenario, samples, sample_rate_hz):
@@ -203,9 +192,7 @@ def main(argv=None) -> int:
     command = commands.add_parser("convert", help="write a scenario in another format")
     command.add_argument("source", help="catalogue id or file (.yaml, .mat, .zarr)")
     command.add_argument("target", help="file (.yaml, .mat, .zarr)")
-    command.add_argument(
-        "--every-ms", type=float, metavar="N", help="an instant every N ms (a .mat holds every cell in full)"
-    )
+    command.add_argument("--every-ms", type=float, metavar="N", help="an instant every N ms (a .mat holds every cell in full)")
     command.add_argument("--radio-map", metavar="JSON", help="also write a radio map: node n on SRN n, to be edited")
     command.add_argument("--node-map", metavar="JSON", help="also write a node map: node n on SRN n, to be edited")
     command.add_argument("--static", action="store_true", help=".mat as N x N path gains in dB")
@@ -213,9 +200,7 @@ def main(argv=None) -> int:
     command = commands.add_parser("import", help="four taps from Wireless InSite impulse responses (.cir.….p2m)")
     command.add_argument("files", nargs="+", metavar="P2M", help="one file per transmitter")
     command.add_argument("--output", required=True, help="scenario file (.yaml, .mat, .zarr)")
-    command.add_argument(
-        "--tx-power-dbm", type=float, default=0.0, help="power that the files were made with (default 0)"
-    )
+    command.add_argument("--tx-power-dbm", type=float, default=0.0, help="power that the files were made with (default 0)")
     command.add_argument("--band", type=float, default=80e6, metavar="HZ", help="band to fit (default 80e6)")
     command.set_defaults(call=import_paths)
     command = commands.add_parser("create", help="from a place to an installed scenario, in eight steps that resume")

@@ -11,11 +11,14 @@ from pathlib import Path
 
 import _program
 import numpy as np
-from gr_cast import calibration, code_comparison, path_loss, plot, recording, result, transmit
-from gr_cast.errors import CastError
-from gr_cast.files import write_json, write_text
-from gr_cast.sound import LinkBudget, SoundingOptions, sound
-from gr_cast.units import db_from_amplitude
+from gr_cast.core.errors import CastError
+from gr_cast.core.files import write_json, write_text
+from gr_cast.core.units import db_from_amplitude
+from gr_cast.report import plot
+from gr_cast.signals import recording
+from gr_cast.signals.waveform import spec_from_text, waveform_from_file, waveform_from_spec, waveform_from_text
+from gr_cast.sounding import calibration, code_comparison, path_loss, result
+from gr_cast.sounding.sound import LinkBudget, SoundingOptions, sound
 
 
 def _arguments() -> argparse.ArgumentParser:
@@ -108,8 +111,8 @@ def _spec_and_waveform(args, metadata: dict):
         if "file" in spec:
             if not isinstance(spec["file"], str):
                 raise CastError(f"cast:waveform: file: got {spec['file']!r}, needs a SigMF stem")
-            return spec, transmit.waveform_from_file(spec["file"], repeat=bool(spec.get("repeat", True)))
-        return spec, transmit.waveform_from_spec(spec)
+            return spec, waveform_from_file(spec["file"], repeat=bool(spec.get("repeat", True)))
+        return spec, waveform_from_spec(spec)
     if args.code is None:
         raise CastError("--code: missing, and the recording does not name its waveform (cast:waveform)")
     if args.code.startswith("file:"):
@@ -117,8 +120,8 @@ def _spec_and_waveform(args, metadata: dict):
     elif args.once:
         raise CastError("--once: goes with --code file:STEM; built-in codes repeat")
     else:
-        spec = transmit.spec_from_text(args.code, args.samples_per_chip)
-    return spec, transmit.waveform_from_text(args.code, samples_per_chip=args.samples_per_chip, repeat=not args.once)
+        spec = spec_from_text(args.code, args.samples_per_chip)
+    return spec, waveform_from_text(args.code, samples_per_chip=args.samples_per_chip, repeat=not args.once)
 
 
 def _options(args, metadata: dict, base_loss_db: float) -> SoundingOptions:

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import _program
 import numpy as np
-from gr_cast import plot
 from gr_cast import scenario as sc
-from gr_cast.errors import CastError
-from gr_cast.files import write_json
-from gr_cast.result import output_folder
-from gr_cast.series import write_csv
-from gr_cast.traffic import flows, log, namespaces
-from gr_cast.traffic import run as generators
+from gr_cast.comparing.series import write_csv
+from gr_cast.core.errors import CastError
+from gr_cast.core.files import write_json
+from gr_cast.experiments.traffic import flows, log, namespaces
+from gr_cast.experiments.traffic import run as generators
+from gr_cast.report import plot
+from gr_cast.sounding.result import output_folder
 
 STEP_S = 1.0  # of the series
 LOWERED_DB = [0, 10, 12, 14, 20]

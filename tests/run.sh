@@ -22,7 +22,8 @@ fi
 
 cd "$root"
 say "style"
-"$tools/bin/ruff" check -q python apps tests
+"$tools/bin/ruff" check -q python apps tests docs
+"$tools/bin/ruff" format --check -q python apps tests docs
 git ls-files '*.cc' '*.h' | xargs clang-format --dry-run --Werror
 
 say "C++ tests, plain and with sanitizers"

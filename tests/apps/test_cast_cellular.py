@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
-from gr_cast import series
+from gr_cast.comparing import series
 
 PROGRAM = Path(__file__).resolve().parents[2] / "apps/cast_cellular.py"
 

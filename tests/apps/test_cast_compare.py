@@ -9,8 +9,8 @@ from pathlib import Path
 import cast_compare
 import numpy as np
 import pytest
-from gr_cast import series
-from gr_cast.errors import CastError
+from gr_cast.comparing import series
+from gr_cast.core.errors import CastError
 
 PROGRAM = Path(__file__).resolve().parents[2] / "apps" / "cast_compare.py"
 TIME_S = 0.1 * np.arange(200)

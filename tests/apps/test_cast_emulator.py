@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zmq
-from gr_cast import recording
-from gr_cast.emulate import emulate, scenario_updates
+from gr_cast.emulation.reference import emulate, scenario_updates
 from gr_cast.scenario import load
+from gr_cast.signals import recording
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = str(ROOT / "apps" / "cast_emulator.py")
@@ -61,9 +61,7 @@ def free_address() -> str:
 
 def start(*command) -> subprocess.Popen:
     environment = os.environ | {"PYTHONPATH": str(ROOT / "build" / "python")}
-    return subprocess.Popen(
-        list(map(str, command)), env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-    )
+    return subprocess.Popen(list(map(str, command)), env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
 
 
 def end(*processes) -> None:
@@ -97,9 +95,7 @@ def channel(x):
 
 def test_samples_pass_exactly_between_gnu_radio_peers(scenario, tmp_path):
     sent, heard = free_address(), free_address()
-    emulator = start(
-        PROGRAM, "run", scenario, "--rate", RATE, "--port", f"a:tx=zmq:{sent}", "--port", f"b:rx=zmq:{heard}"
-    )
+    emulator = start(PROGRAM, "run", scenario, "--rate", RATE, "--port", f"a:tx=zmq:{sent}", "--port", f"b:rx=zmq:{heard}")
     path = tmp_path / "heard"
     sender = start(sys.executable, "-c", SENDER, 1, sent)
     receiver = start(sys.executable, "-c", RECEIVER, heard, path, 50_000)
@@ -114,9 +110,7 @@ def test_samples_pass_exactly_between_gnu_radio_peers(scenario, tmp_path):
 
 def test_peers_that_are_killed_and_return_are_served_again(scenario, tmp_path):
     sent, heard = free_address(), free_address()
-    emulator = start(
-        PROGRAM, "run", scenario, "--rate", RATE, "--port", f"a:tx=zmq:{sent}", "--port", f"b:rx=zmq:{heard}"
-    )
+    emulator = start(PROGRAM, "run", scenario, "--rate", RATE, "--port", f"a:tx=zmq:{sent}", "--port", f"b:rx=zmq:{heard}")
     rng = random.Random(1)
     path = tmp_path / "heard"
     sender = receiver = None
@@ -250,9 +244,7 @@ def test_a_scenario_that_moves_is_played_to_the_sample_however_fast_its_recordin
     ],
 )
 def test_bad_arguments_are_refused_in_one_line(scenario, arguments, says):
-    refused = subprocess.run(
-        [PROGRAM, "run", str(scenario), *arguments], capture_output=True, text=True, timeout=60
-    )
+    refused = subprocess.run([PROGRAM, "run", str(scenario), *arguments], capture_output=True, text=True, timeout=60)
     assert refused.returncode == 2 and says in refused.stderr
     assert all(line.startswith("error: ") for line in refused.stderr.splitlines())
 
@@ -326,13 +318,9 @@ def transmitted(tmp_path):
 
 def test_batch_gives_the_same_whatever_the_workers_and_equals_the_reference(scenario, transmitted, tmp_path):
     for folder, more in (("one", ["--chunk", "7777"]), ("two", ["--chunk", "7777", "--workers", "2"])):
-        subprocess.run(
-            batch(scenario, tmp_path / folder, tmp_path, *more), check=True, timeout=120, capture_output=True
-        )
+        subprocess.run(batch(scenario, tmp_path / folder, tmp_path, *more), check=True, timeout=120, capture_output=True)
     updates = scenario_updates(load(scenario), RATE)
-    x = [
-        np.pad(recording.read(tmp_path / name).samples, (0, pad)) for name, pad in (("xa", 0), ("xb", 40_000))
-    ]
+    x = [np.pad(recording.read(tmp_path / name).samples, (0, pad)) for name, pad in (("xa", 0), ("xb", 40_000))]
     expected = emulate(x, updates, 2, noise_power=[0.01, 0.01], seed=5)
     for index, node in enumerate("ab"):
         one, two = (recording.read(tmp_path / folder / node).samples for folder in ("one", "two"))
@@ -359,9 +347,7 @@ def test_batch_that_is_killed_goes_on_where_it_was(scenario, transmitted, tmp_pa
     assert 3 <= done < 50 and not (tmp_path / "out" / "a.sigmf-meta").exists()
     again = subprocess.run(command, check=True, timeout=120, capture_output=True, text=True)
     assert f"{done}/50 chunks" in again.stderr
-    subprocess.run(
-        batch(scenario, tmp_path / "whole", tmp_path, "--chunk", "2000"), check=True, capture_output=True
-    )
+    subprocess.run(batch(scenario, tmp_path / "whole", tmp_path, "--chunk", "2000"), check=True, capture_output=True)
     for node in "ab":
         assert (
             recording.read(tmp_path / "out" / node).samples.tobytes()

@@ -10,8 +10,8 @@ from pathlib import Path
 import cast_jamming
 import pytest
 from gr_cast import scenario as sc
-from gr_cast import series
-from gr_cast.errors import CastError
+from gr_cast.comparing import series
+from gr_cast.core.errors import CastError
 from gr_cast.experiments import hall, left_out, loss
 
 PROGRAM = Path(__file__).resolve().parents[2] / "apps" / "cast_jamming.py"

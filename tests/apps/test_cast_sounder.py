@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gr_cast import codes, recording
 from gr_cast.scenario import load
+from gr_cast.signals import codes, recording
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ROOT / "apps" / "cast_sounder.py"

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gr_cast import series
-from gr_cast.errors import CastError
-from gr_cast.traffic import namespaces
+from gr_cast.comparing import series
+from gr_cast.core.errors import CastError
+from gr_cast.experiments.traffic import namespaces
 
 PROGRAM = Path(__file__).resolve().parents[2] / "apps/cast_traffic.py"
 POISSON = """\

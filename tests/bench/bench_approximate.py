@@ -49,9 +49,7 @@ def main(argv=None) -> int:
         spent_s[name] += time.process_time() - begin
         responses[name] += len(gain)
         part = slice(None, None, every)
-        nmse_db[name] += approximate.loss(
-            delay_s[part], gain[part], taps[0][part], taps[1][part], bandwidth_hz
-        ).nmse_db.tolist()
+        nmse_db[name] += approximate.loss(delay_s[part], gain[part], taps[0][part], taps[1][part], bandwidth_hz).nmse_db.tolist()
 
     for link in chosen:
         is_moving = len(link.time_s) > 1

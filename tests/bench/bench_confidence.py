@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "apps"))
 import _program
 import matplotlib
 import numpy as np
-from gr_cast.errors import CastError
+from gr_cast.core.errors import CastError
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt

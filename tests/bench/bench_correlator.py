@@ -16,7 +16,7 @@ os.environ["GR_DONT_LOAD_PREFS"] = "1"
 import _program
 from gnuradio import blocks, filter, gr
 from gr_cast import blocks as cast
-from gr_cast import codes
+from gr_cast.signals import codes
 
 SAMPLES = 40_000_000
 REAL_TIME = 50e6  # samples per second that 255 chips must sustain on one core

@@ -22,7 +22,7 @@ import numpy as np
 import scipy.stats
 import yaml
 from gr_cast import scenario as sc
-from gr_cast.errors import CastError
+from gr_cast.core.errors import CastError
 from gr_cast.scenario import zarr_file
 from gr_cast.scenario.create.pipeline import STEPS
 

@@ -10,11 +10,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "apps"))
 
 import _program
 import numpy as np
-from gr_cast import codes, transmit
-from gr_cast.cir import estimate_taps
-from gr_cast.correlate import Template
-from gr_cast.recording import Recording
-from gr_cast.sound import sound
+from gr_cast.signals import codes
+from gr_cast.signals.recording import Recording
+from gr_cast.signals.waveform import Waveform
+from gr_cast.sounding.cir import estimate_taps
+from gr_cast.sounding.correlate import Template
+from gr_cast.sounding.sound import sound
 
 CODE = codes.glfsr(8)
 TAPS = {0: -3.0, 64: -20.0, 100: -15.0, 200: -8.0}  # the paper's four taps at 50 MS/s: delay in samples, gain in dB
@@ -91,7 +92,7 @@ def main() -> int:
         )
 
     print("carrier offset at 10 MS/s, chip SNR 10 dB, 200 periods: loss of the path gain")
-    waveform = transmit.Waveform(samples=CODE.astype(np.complex64))
+    waveform = Waveform(samples=CODE.astype(np.complex64))
     for offset_hz in (-20e3, -10e3, -1e3, 0.0, 1e3, 10e3, 20e3):
         n = np.arange(255 * 200)
         samples = np.tile(CODE, 200) * np.exp(2j * np.pi * offset_hz / 10e6 * n) + np.sqrt(0.1) * noise(random, len(n))

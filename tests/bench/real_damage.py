@@ -17,7 +17,7 @@ from scipy.signal import resample
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "build" / "python"), str(ROOT / "python")]
 
-from gr_cast import recording
+from gr_cast.signals import recording
 
 DROPPED, CLOCK_PPM = 37, 12.0
 SHIFTED = 5  # samples

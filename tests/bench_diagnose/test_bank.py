@@ -15,8 +15,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
 
 from diagnose_bank import build, closed_form, compose, flow, scenes, score, truth, tune, waveforms, world
 from diagnose_bank.impairments import FAMILIES
-from gr_cast import codes
 from gr_cast.diagnose import gate
+from gr_cast.signals import codes
 
 pytestmark = pytest.mark.timeout(120)
 FORMULAS = [key for key, family in FAMILIES.items() if family.name in closed_form.NAMES]

@@ -22,9 +22,7 @@ class Air(gr.sync_block):
     """A code at half scale, DELAY_SAMPLES late; samples get lost, told by rx_time as gr-uhd does."""
 
     def __init__(self, period, is_sc16, rate_hz):
-        gr.sync_block.__init__(
-            self, "air", in_sig=None, out_sig=[np.dtype((np.int16, 2)) if is_sc16 else np.complex64]
-        )
+        gr.sync_block.__init__(self, "air", in_sig=None, out_sig=[np.dtype((np.int16, 2)) if is_sc16 else np.complex64])
         self.heard = 0.5 * np.roll(period, DELAY_SAMPLES).astype(np.complex64)
         self.is_sc16, self.rate_hz = is_sc16, rate_hz
 
@@ -56,9 +54,7 @@ class Radio(gr.hier_block2):
         signatures = [gr.io_signature(n, n, item if n else 0) for n in (inputs, outputs)]
         gr.hier_block2.__init__(self, type(self).__name__, *signatures)
         self.state = {}
-        self.calls.append(
-            ("make", device_args, stream_args.cpu_format, stream_args.otw_format, list(stream_args.channels))
-        )
+        self.calls.append(("make", device_args, stream_args.cpu_format, stream_args.otw_format, list(stream_args.channels)))
 
     def __getattr__(self, name):
         if name.startswith("set_"):
@@ -102,7 +98,7 @@ if __name__ == "__main__":
     root = Path(__file__).resolve().parents[2]
     sys.path[:0] = [str(root / "build" / "python"), str(root / "apps")]
     program = importlib.import_module(sys.argv[1])
-    from gr_cast import codes
+    from gr_cast.signals import codes
 
     calls = plug_in(codes.glfsr(8))
     try:

@@ -4,7 +4,7 @@ import pmt
 import pytest
 from gnuradio import blocks, gr
 from gr_cast import blocks as cast
-from gr_cast import codes
+from gr_cast.signals import codes
 
 RATE_HZ = 1e6
 

@@ -9,7 +9,7 @@ import pytest
 from gnuradio import blocks as stock
 from gnuradio import gr
 from gr_cast import blocks
-from gr_cast.emulate import FixedPoint, LinkUpdate, emulate
+from gr_cast.emulation.reference import FixedPoint, LinkUpdate, emulate
 
 N_TAPS = 512
 
@@ -61,9 +61,7 @@ def random_network(rng, n_inputs, n_outputs, n_samples, n_updates):
                 taps = np.zeros(N_TAPS, complex)
                 taps[rng.choice(N_TAPS, 4, replace=False)] = noise(rng, 4)
                 at = 0 if k == 0 else int(rng.integers(n_samples))
-                updates.append(
-                    LinkUpdate(tx=tx, rx=rx, at_sample=at, taps=taps, ramp_samples=int(rng.choice([0, 700])))
-                )
+                updates.append(LinkUpdate(tx=tx, rx=rx, at_sample=at, taps=taps, ramp_samples=int(rng.choice([0, 700]))))
     return updates
 
 
@@ -223,9 +221,7 @@ def test_fixed_point_is_that_of_the_reference_and_counts_what_it_cuts_off():
     expected = emulate(x, updates, 1, fixed_point=FixedPoint(bits=12, tap_bits=14, output_full_scale=2.0))
     step = 2.0 / 2**11
     away = np.maximum(np.abs(y.real - expected.real), np.abs(y.imag - expected.imag)) / step
-    assert (
-        np.max(away) < 1.01 and np.mean(away > 0.5) < 1e-2
-    )  # a sum within rounding of a half may go either way
+    assert np.max(away) < 1.01 and np.mean(away > 0.5) < 1e-2  # a sum within rounding of a half may go either way
     beyond = np.maximum(np.abs(x.real), np.abs(x.imag)) >= 1
     assert emulator.clipped_samples() >= np.count_nonzero(beyond) >= 10
 

@@ -3,11 +3,12 @@
 
 import numpy as np
 from gnuradio import blocks, gr
-from gr_cast import recording, transmit
 from gr_cast.blocks.flowgraphs import EmulatedSounding, waveform_source
 from gr_cast.blocks.network import emulated_network
 from gr_cast.scenario import LinkTaps, Scenario
-from gr_cast.sound import sound
+from gr_cast.signals import recording
+from gr_cast.signals.waveform import waveform_from_spec
+from gr_cast.sounding.sound import sound
 
 RATE_HZ, NODES, SENDERS = 50e6, [str(node) for node in range(1, 11)], ["1", "4", "10"]
 
@@ -24,7 +25,7 @@ def random_scenario(random):
 def test_a_random_scenario_of_ten_nodes_comes_back_within_the_sounders_uncertainty(tmp_path):
     scenario = random_scenario(np.random.default_rng(11))
     spec = {"code": "glfsr", "degree": 9}
-    waveform = transmit.waveform_from_spec(spec)
+    waveform = waveform_from_spec(spec)
     z = []
     for sender in SENDERS:
         stems = {node: tmp_path / f"tx{sender}_rx{node}" for node in NODES if node != sender}

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from gr_cast import blocks
-from gr_cast.emulate import LinkUpdate, emulate
+from gr_cast.emulation.reference import LinkUpdate, emulate
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -62,9 +62,7 @@ def run(x, n_outputs, updates, chunks, config):
     kernel = blocks.emulator_kernel(len(x), n_outputs, **config)
     for update in updates:
         delays = np.flatnonzero(update.taps)
-        kernel.set_sparse_taps(
-            update.tx, update.rx, delays, update.taps[delays], update.at_sample, update.ramp_samples
-        )
+        kernel.set_sparse_taps(update.tx, update.rx, delays, update.taps[delays], update.at_sample, update.ramp_samples)
     past = config["n_taps"] - 1
     padded = np.pad(x, ((0, 0), (past, 0)))
     return np.hstack([kernel.process(padded[:, c[0] : c[-1] + 1 + past]) for c in chunks if len(c)])
@@ -86,15 +84,9 @@ def test_result_is_the_same_to_the_last_bit_for_any_number_of_threads(method):
     rng = np.random.default_rng(1)
     x = complex_noise(rng, 5, 30_000).astype(np.complex64)
     updates = [
-        LinkUpdate(tx=i, rx=j, at_sample=a, taps=complex_noise(rng, 40))
-        for i in range(5)
-        for j in range(5)
-        for a in (0, 7777)
+        LinkUpdate(tx=i, rx=j, at_sample=a, taps=complex_noise(rng, 40)) for i in range(5) for j in range(5) for a in (0, 7777)
     ]
-    outputs = [
-        run(x, 5, updates, [np.arange(30_000)], dict(n_taps=512, n_threads=n, method=method))
-        for n in (1, 2, 5)
-    ]
+    outputs = [run(x, 5, updates, [np.arange(30_000)], dict(n_taps=512, n_threads=n, method=method)) for n in (1, 2, 5)]
     assert outputs[0].tobytes() == outputs[1].tobytes() == outputs[2].tobytes()
 
 

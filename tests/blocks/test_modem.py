@@ -3,9 +3,9 @@
 
 import numpy as np
 import pytest
-from gr_cast import wifi
 from gr_cast.blocks import modem
-from gr_cast.errors import CastError
+from gr_cast.core.errors import CastError
+from gr_cast.signals import wifi
 from scipy.special import erfc
 
 MODES = list(wifi.MODES)

@@ -14,9 +14,9 @@ import cast_sounder
 import numpy as np
 import pytest
 from gnuradio import blocks, gr, uhd
-from gr_cast import codes, recording
 from gr_cast.blocks.recorder import SigmfRecorder
-from gr_cast.errors import CastError
+from gr_cast.core.errors import CastError
+from gr_cast.signals import codes, recording
 
 sys.path.append(str(Path(__file__).parent))
 import fake_usrp
@@ -89,9 +89,7 @@ def test_samples_that_the_radio_loses_become_captures_and_leave_the_delays_alone
     read = recording.read(tmp_path / "recording")
     assert read.gaps == [(100_000, 777), (200_000, 777), (300_000, 777)]
     passed = [[7, 0.25], *([7, 0.25 + k * 0.100777] for k in (1, 2, 3))]
-    assert [capture["cast:device_time_s"] for capture in read.captures] == [
-        pytest.approx(t, abs=1e-9) for t in passed
-    ]
+    assert [capture["cast:device_time_s"] for capture in read.captures] == [pytest.approx(t, abs=1e-9) for t in passed]
     result = json.loads((tmp_path / "result.json").read_text())
     (tap,) = result["taps"]
     assert tap["delay_s"] == pytest.approx(fake_usrp.DELAY_SAMPLES / 1e6, abs=1e-10)

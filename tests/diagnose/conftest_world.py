@@ -4,9 +4,9 @@
 import numpy as np
 import pytest
 import yaml
-from gr_cast import codes, recording
 from gr_cast.diagnose import read_case
-from gr_cast.diagnose.case import Case
+from gr_cast.signals import codes, recording
+from gr_cast.twin.document import Case
 
 RATE_HZ, COUNT = 1e6, 20_000
 

@@ -6,8 +6,9 @@ from functools import partial
 import numpy as np
 import pytest
 from conftest_world import RATE_HZ, noise, sent_once
-from gr_cast import recording
-from gr_cast.diagnose import align, case
+from gr_cast.diagnose import align
+from gr_cast.signals import recording
+from gr_cast.twin import document
 
 
 @pytest.fixture
@@ -91,7 +92,7 @@ def test_the_vault_is_one_valid_run_in_eight_whatever_is_valid():
 def test_a_long_file_stays_on_disk_and_its_slices_are_those_of_the_whole(burst, tmp_path, monkeypatch):
     rng = np.random.default_rng(3)
     x = noise(rng, 5000)
-    monkeypatch.setattr(case, "LONGEST_IN_MEMORY", 4000)
+    monkeypatch.setattr(document, "LONGEST_IN_MEMORY", 4000)
     found = burst(0.1 * x, x)
     stored, whole = found.observations[0].samples, recording.read(tmp_path / "recording").samples
     assert isinstance(stored, recording.Stored) and len(stored) == 5000

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 import yaml
 from conftest_world import RATE_HZ
-from gr_cast import codes, recording
 from gr_cast.diagnose import diagnose, read_case
+from gr_cast.signals import codes, recording
 from scipy import signal
 
 PATIENCE_S = 3000.0  # the time limit has a test of its own; a busy machine decides nothing here

@@ -8,8 +8,8 @@ import pytest
 from gr_cast.diagnose import align, ambiguity, read_case
 from gr_cast.diagnose.exchange import exchanged
 from gr_cast.diagnose.search import candidates, refit
-from gr_cast.effects import FAMILIES
-from gr_cast.effects.base import start
+from gr_cast.twin.effects import FAMILIES
+from gr_cast.twin.effects.base import start
 
 
 @pytest.fixture

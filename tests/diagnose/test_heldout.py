@@ -8,8 +8,8 @@ import pytest
 from gr_cast.diagnose import align, diagnose, heldout, read_case
 from gr_cast.diagnose.search import proven, refit
 from gr_cast.diagnose.verdict import conclude
-from gr_cast.effects import FAMILIES
-from gr_cast.effects.base import start
+from gr_cast.twin.effects import FAMILIES
+from gr_cast.twin.effects.base import start
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def test_the_likelihood_of_the_vault_is_that_of_a_circular_gaussian(part):
     _, data, model = part
     fit = refit(data, model)
     r = fit.residual[data.vault]
-    by_hand = sum(-abs(v) ** 2 / fit.sigma2 - np.log(np.pi * fit.sigma2) for v in r)
+    by_hand = sum(-(abs(v) ** 2) / fit.sigma2 - np.log(np.pi * fit.sigma2) for v in r)
     assert heldout.log_likelihood(fit) == pytest.approx(by_hand, rel=1e-9)
 
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from conftest_world import RATE_HZ, noise, sent_once
 from gr_cast.diagnose import align, diagnose, pieces, read_case, residual, run, search
-from gr_cast.effects import FAMILIES
-from gr_cast.effects.base import start
+from gr_cast.twin.effects import FAMILIES
+from gr_cast.twin.effects.base import start
 
 
 def _bursts(rng, count=24_000, every=3000, known=900):

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from gr_cast import recording
 from gr_cast.diagnose import align, offsets, read_case
-from gr_cast.diagnose.model import predict
-from gr_cast.effects import FAMILIES
-from gr_cast.effects.base import start
+from gr_cast.signals import recording
+from gr_cast.twin.effects import FAMILIES
+from gr_cast.twin.effects.base import start
+from gr_cast.twin.model import predict
 
 RATE_HZ, CARRIER_HZ, COUNT = 2e6, 1e9, 100_000
 OFFSET_HZ, CLOCK_PPM, DELAY = -9_700.0, -25.0, 37

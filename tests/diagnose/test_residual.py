@@ -10,9 +10,9 @@ from gr_cast.diagnose import align, diagnose, gate, noise, read_case, residual, 
 from gr_cast.diagnose.finding import Finding
 from gr_cast.diagnose.fit import off_the_rails
 from gr_cast.diagnose.search import refit, under_the_lattice
-from gr_cast.effects import FAMILIES
-from gr_cast.effects.base import start
-from gr_cast.effects.phase_noise import shape_of
+from gr_cast.twin.effects import FAMILIES
+from gr_cast.twin.effects.base import start
+from gr_cast.twin.effects.phase_noise import shape_of
 
 
 def _built(world, folder, y):
@@ -86,7 +86,7 @@ def test_a_lattice_of_few_steps_leaves_nothing_unexplained(world, tmp_path):
     y = world.noisy(world.clean())
     coarse = step * (np.round(y.real / step) + 1j * np.round(y.imag / step))
     data, model = _built(world, tmp_path / "case", coarse)
-    (lattice, _), = gate.discrete(coarse, "cf32_le")
+    ((lattice, _),) = gate.discrete(coarse, "cf32_le")
     fit = refit(data, under_the_lattice(data, model.adding(lattice)))
     for rest in residual.leftovers(fit, off_the_rails(fit)):
         assert rest.p_value > run.UNEXPLAINED_P or rest.nats < run.UNEXPLAINED_NATS

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 import yaml
 from conftest_world import RATE_HZ
-from gr_cast import recording
 from gr_cast.diagnose import align, ambiguity, noise, read_case, search
 from gr_cast.diagnose.ownership import kind_of
 from gr_cast.diagnose.search import _colour, _polished, causes, refit
 from gr_cast.diagnose.view import View
-from gr_cast.effects import FAMILIES
-from gr_cast.effects.base import start
+from gr_cast.signals import recording
+from gr_cast.twin.effects import FAMILIES
+from gr_cast.twin.effects.base import start
 
 
 @pytest.fixture

@@ -3,8 +3,8 @@
 
 import numpy as np
 import pytest
-from gr_cast import recording
 from gr_cast.diagnose import diagnose, read_case
+from gr_cast.signals import recording
 
 RATE_HZ, PERIOD, COUNT, BAND = 1e6, 1500, 4500, 0.4  # band: of the rate, to either side of the carrier
 STRAIGHT, FIRST, SECOND = {0: 1.0}, {-1: 0.3j, 0: 1.0, 1: 0.5, 2: -0.2}, {-1: -0.2, 0: 1.0, 1: -0.4j, 2: 0.3 + 0.2j}

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import numpy as np
 import pytest
-from gr_cast.errors import CastError
+from gr_cast.core.errors import CastError
 from gr_cast.experiments import hall
 from scipy.optimize import minimize_scalar
 

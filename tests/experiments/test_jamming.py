@@ -3,10 +3,10 @@
 
 import numpy as np
 import pytest
-from gr_cast import emulate
 from gr_cast.blocks.frames import FrameEmulator
 from gr_cast.blocks.modem import open_modem
-from gr_cast.errors import CastError
+from gr_cast.core.errors import CastError
+from gr_cast.emulation import reference
 from gr_cast.experiments import hall, jamming
 from gr_cast.scenario import LinkTaps, Scenario
 from scipy import signal
@@ -84,9 +84,9 @@ def test_a_stretch_is_what_the_reference_emulator_has_there():
     emulator = FrameEmulator(s, ["a", "c"], "b", RATE_HZ, 0.1, seed=7)
     inputs = np.zeros((3, 12_000), complex)
     inputs[[0, 2]] = x
-    whole = emulate.emulate(inputs, emulate.scenario_updates(s, RATE_HZ), 3, noise_power=[0, 0.1, 0], seed=7)[1]
-    alone = emulate.emulate(inputs * [[1], [0], [0]], emulate.scenario_updates(s, RATE_HZ), 3)[1]
-    noise = np.sqrt(0.1) * (emulate.receiver_noise(7, 0, 12_000) - emulate.receiver_noise(7, 1, 12_000))
+    whole = reference.emulate(inputs, reference.scenario_updates(s, RATE_HZ), 3, noise_power=[0, 0.1, 0], seed=7)[1]
+    alone = reference.emulate(inputs * [[1], [0], [0]], reference.scenario_updates(s, RATE_HZ), 3)[1]
+    noise = np.sqrt(0.1) * (reference.receiver_noise(7, 0, 12_000) - reference.receiver_noise(7, 1, 12_000))
     for begin, end in ((600, 1500), (1900, 2300), (3100, 9000), (11_000, 12_000)):
         received, wanted = emulator.receive(begin, x[:, begin - emulator.past : end])
         np.testing.assert_allclose(received, whole[begin:end] + noise[begin:end], atol=1e-5 * np.abs(whole).max())

@@ -10,8 +10,8 @@ from pathlib import Path
 import cast_grc
 import numpy as np
 import pytest
-from gr_cast import codes
 from gr_cast.scenario import load
+from gr_cast.signals import codes
 
 ROOT = Path(__file__).resolve().parents[2]
 FLOWGRAPHS = sorted((ROOT / "apps" / "flowgraphs").glob("*.grc"))
@@ -153,7 +153,7 @@ import sys
 sys.path[:0] = [".", sys.argv[1]]
 import json
 import fake_usrp
-from gr_cast import codes
+from gr_cast.signals import codes
 
 calls = fake_usrp.plug_in(codes.glfsr(9), air_rate=25e6)
 told = dict(device="addr=192.168.40.2", frequency=2.4e9, samp_rate=25e6, gain=15, antenna="RX1",
@@ -234,9 +234,7 @@ def test_a_radio_flowgraph_without_a_radio_says_so(compiled, name):
 
 
 def test_an_unknown_flowgraph_is_refused_with_the_names_of_the_shipped_ones():
-    done = subprocess.run(
-        [str(ROOT / "apps" / "cast_grc.py"), "loopbak"], capture_output=True, text=True, timeout=60
-    )
+    done = subprocess.run([str(ROOT / "apps" / "cast_grc.py"), "loopbak"], capture_output=True, text=True, timeout=60)
     assert done.returncode == 2
     assert done.stderr.startswith("error: flowgraph: got 'loopbak'") and "four_node_emulator" in done.stderr
     assert len(done.stderr.splitlines()) == 1
@@ -248,9 +246,7 @@ def test_gnuradio_companion_opens_where_the_blocks_are_found(tmp_path):
     stand_in.write_text('#!/bin/sh\necho "$GRC_BLOCKS_PATH" "$PYTHONPATH" "$@"\n')
     stand_in.chmod(0o755)
     env = {"PATH": str(tmp_path), "PYTHONPATH": "", "GRC_BLOCKS_PATH": ""}
-    done = subprocess.run(
-        [str(ROOT / "apps" / "cast_grc.py")], env=env, capture_output=True, text=True, timeout=60, check=True
-    )
+    done = subprocess.run([str(ROOT / "apps" / "cast_grc.py")], env=env, capture_output=True, text=True, timeout=60, check=True)
     blocks, python, flowgraph = done.stdout.split()
     assert (Path(blocks) / "cast_glfsr_source.block.yml").is_file()
     assert (Path(python) / "gr_cast" / "blocks").is_dir()

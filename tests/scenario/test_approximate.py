@@ -83,8 +83,7 @@ def test_the_support_found_captures_nearly_what_the_best_of_all_supports_does(ta
             np.exp(-2j * np.pi * np.outer(f, delay_s[0])) @ gain[0],
         )
         best = min(
-            np.linalg.lstsq(basis[:, list(s)], h, rcond=None)[1][0]
-            for s in itertools.combinations(range(len(indices)), taps)
+            np.linalg.lstsq(basis[:, list(s)], h, rcond=None)[1][0] for s in itertools.combinations(range(len(indices)), taps)
         )
         best_db = 10 * np.log10(best / np.sum(np.abs(h) ** 2))
         found = grid_fit(delay_s, gain, taps)

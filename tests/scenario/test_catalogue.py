@@ -3,7 +3,7 @@ import cast_scenario
 import numpy as np
 import pytest
 from gr_cast import scenario as sc
-from gr_cast.errors import CastError
+from gr_cast.core.errors import CastError
 from gr_cast.scenario import colosseum
 
 

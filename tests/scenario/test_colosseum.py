@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 import scipy.io
 from gr_cast import scenario as sc
-from gr_cast.errors import CastError
+from gr_cast.core.errors import CastError
 from gr_cast.scenario import colosseum, mat_file
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st

@@ -15,7 +15,7 @@ import cast_scenario
 import numpy as np
 import pytest
 from gr_cast import scenario as sc
-from gr_cast.errors import CastError
+from gr_cast.core.errors import CastError
 from gr_cast.scenario.create import materials, mesh_files, nodes, osm, paths, pipeline, spec, trace
 
 CARRIER_HZ, C_M_PER_S = 2.4e9, 299_792_458.0
@@ -159,9 +159,7 @@ def test_killed_at_any_write_and_started_again_it_ends_the_same_and_nothing_half
     number, finished = 1, False
     while not finished:
         pipeline.create(before, run(work))
-        finished = in_a_process_of_its_own(
-            lambda number=number: (dies_at_write(number), pipeline.create(after, run(work)))
-        )
+        finished = in_a_process_of_its_own(lambda number=number: (dies_at_write(number), pipeline.create(after, run(work))))
         if "yard" in sc.catalogue_entries():
             assert pipeline.content_hash(sc.load("yard"))[:12] in (whole, first), f"half a scenario after write {number}"
         assert pipeline.create(after, run(work))["install"]["summary"]["sha256"] == whole, f"killed at write {number}"
@@ -237,9 +235,7 @@ def test_a_changed_section_redoes_its_step_and_what_follows_and_makes_a_new_vers
 
 
 def test_a_step_alone_stops_there(yard):
-    assert list(pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "work"), only="nodes")) == list(
-        pipeline.STEPS[:4]
-    )
+    assert list(pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "work"), only="nodes")) == list(pipeline.STEPS[:4])
 
 
 def command(yard, capsys, *options):
@@ -345,9 +341,7 @@ def test_the_examples_are_read_and_their_nodes_stand_in_the_open():
     for name, radios in (("arena", 42), ("street", 3)):
         read = spec.read(sc.examples_folder() / f"{name}.yaml")
         assert len(read.nodes) == radios and read.id == name
-        solids = (
-            mesh_files.read(read.model_path) if name == "arena" else osm.read(read.model_path, area_m=read.area_m)[0]
-        )
+        solids = mesh_files.read(read.model_path) if name == "arena" else osm.read(read.model_path, area_m=read.area_m)[0]
         materials.assign(solids, read.materials, read.carrier_hz)
         nodes.check(list(read.nodes), solids, np.arange(0, read.duration_s, 0.2), read.step_s)
 

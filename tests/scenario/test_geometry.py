@@ -4,7 +4,7 @@ import struct
 import numpy as np
 import pytest
 from gr_cast import scenario as sc
-from gr_cast.errors import CastError
+from gr_cast.core.errors import CastError
 from gr_cast.scenario.create import geometry, materials, mesh_files, osm
 from gr_cast.scenario.create.geometry import Solid
 from hypothesis import given, settings
@@ -112,11 +112,7 @@ def stl_bytes(box, text):
     if text:
         facets = ["facet normal 0 0 0\nouter loop\n" + "".join(words("vertex", v) + "\n" for v in t) for t in corners]
         return ("solid desk\n" + "".join(f + "endloop\nendfacet\n" for f in facets) + "endsolid desk\n").encode()
-    return (
-        bytes(80)
-        + struct.pack("<I", len(corners))
-        + b"".join(struct.pack("<12fH", 0, 0, 0, *t.ravel(), 0) for t in corners)
-    )
+    return bytes(80) + struct.pack("<I", len(corners)) + b"".join(struct.pack("<12fH", 0, 0, 0, *t.ravel(), 0) for t in corners)
 
 
 def dae_text(box, y_up):
@@ -290,8 +286,7 @@ def test_heights_are_read_with_their_units(text, metres):
 
 def test_every_object_gets_a_material_or_is_named():
     solids = [
-        geometry.prism(name, SQUARE, [], 0, 1, surface)
-        for name, surface in (("wall_1", "x"), ("desk", "oak"), ("odd", ""))
+        geometry.prism(name, SQUARE, [], 0, 1, surface) for name, surface in (("wall_1", "x"), ("desk", "oak"), ("odd", ""))
     ]
     given_ones = materials.assign(solids, {"wall_*": "brick", "oak": "wood", "*": "metal"}, 2.4e9)
     assert [solid.material for solid in given_ones] == ["brick", "wood", "metal"]

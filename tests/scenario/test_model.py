@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 from gr_cast import scenario as sc
-from gr_cast.errors import CastError
+from gr_cast.core.errors import CastError
 
 
 def two_nodes(taps, **about):

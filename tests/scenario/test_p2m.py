@@ -3,7 +3,7 @@ import cast_scenario
 import numpy as np
 import pytest
 from gr_cast import scenario as sc
-from gr_cast.errors import CastError
+from gr_cast.core.errors import CastError
 from gr_cast.scenario.create import p2m
 
 FILE = """# <number of receiver points>
@@ -22,9 +22,7 @@ def test_delays_phases_and_powers_are_those_of_the_file(tmp_path, capsys):
     (link,) = p2m.read(path, tx_power_dbm=10.0).values()
     np.testing.assert_array_equal(link.delay_s, [[2e-7, 5e-7]])
     np.testing.assert_allclose(link.gain, [[1e-3 * 1j, 10 ** (-70 / 20) * np.exp(-0.25j * np.pi)]])
-    assert (
-        cast_scenario.main(["import", str(path), "--output", str(tmp_path / "room.yaml"), "--tx-power-dbm", "10"]) == 0
-    )
+    assert cast_scenario.main(["import", str(path), "--output", str(tmp_path / "room.yaml"), "--tx-power-dbm", "10"]) == 0
     made = sc.load(tmp_path / "room.yaml")
     assert made.nodes == ("t1", "r1") and set(made.links) == {("t1", "r1"), ("r1", "t1")}
     filters = sc.impulse_response(made.links["t1", "r1"])[0] * 10 ** (-made.base_loss_db / 20)

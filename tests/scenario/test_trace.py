@@ -42,9 +42,7 @@ def traced(solids, tx_m, rx_m, depth, velocity=(0.0, 0.0, 0.0)):
     )
     package = Path(trace.__file__).resolve().parents[3]
     work = pickle.dumps([str(package)]) + pickle.dumps((solids, settings, task))
-    done = subprocess.run(
-        [str(PYTHON), "-W", "ignore", "-c", code], input=work, capture_output=True, timeout=500, check=False
-    )
+    done = subprocess.run([str(PYTHON), "-W", "ignore", "-c", code], input=work, capture_output=True, timeout=500, check=False)
     assert done.returncode == 0, done.stderr.decode()
     return pickle.loads(done.stdout.partition(b"RESULT")[2])
 

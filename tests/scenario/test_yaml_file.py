@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 from gr_cast import scenario as sc
-from gr_cast.errors import CastError
+from gr_cast.core.errors import CastError
 from gr_cast.scenario import yaml_file
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -156,14 +156,10 @@ def monkeypatch_module():
 @given(st.data())
 def test_any_text_is_read_or_refused_but_never_crashes(tmp_path_factory, data):
     path = tmp_path_factory.getbasetemp() / "fuzz.yaml"
-    good = (
-        b"cast_scenario: 1\nnodes: 3\nlinks:\n - {tx: 1, rx: 2, taps: [{delay_s: 1e-6, gain_db: -3, phase_rad: 1}]}\n"
-    )
+    good = b"cast_scenario: 1\nnodes: 3\nlinks:\n - {tx: 1, rx: 2, taps: [{delay_s: 1e-6, gain_db: -3, phase_rad: 1}]}\n"
     start = data.draw(st.integers(0, len(good)))
     stop = data.draw(st.integers(start, min(len(good), start + 6)))
-    middle = data.draw(
-        st.one_of(st.binary(max_size=6), st.text("{}[]&*!|>%@:,-?#'\"\n\t 0e.", max_size=6).map(str.encode))
-    )
+    middle = data.draw(st.one_of(st.binary(max_size=6), st.text("{}[]&*!|>%@:,-?#'\"\n\t 0e.", max_size=6).map(str.encode)))
     path.write_bytes(good[:start] + middle + good[stop:])
     try:
         yaml_file.read(path)

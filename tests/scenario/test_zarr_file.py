@@ -4,7 +4,7 @@ import json
 import numpy as np
 import pytest
 from gr_cast import scenario as sc
-from gr_cast.errors import CastError
+from gr_cast.core.errors import CastError
 from gr_cast.scenario import zarr_file
 
 

@@ -13,11 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import recording, tasks
-from ..emulate import FixedPoint, filter_length
-from ..errors import CastError, Faults
-from ..files import write_json
+from ..core import tasks
+from ..core.errors import CastError, Faults
+from ..core.files import write_json
+from ..emulation.reference import FixedPoint, filter_length
 from ..scenario import Scenario
+from ..signals import recording
 from .network import scenario_kernel
 
 _ITEM = np.dtype(np.complex64)
@@ -57,9 +58,7 @@ def make_chunk(job: BatchJob, chunk: int) -> int:
     past = filter_length(job.sample_rate_hz) - 1
     # An output for every node, wanted or not: a node's noise is the same whoever else receives.
     wanted = [nodes.index(node) for node in job.receivers]
-    kernel = scenario_kernel(
-        job.scenario, job.sample_rate_hz, end / job.sample_rate_hz, seed=job.seed, receivers=wanted
-    )
+    kernel = scenario_kernel(job.scenario, job.sample_rate_hz, end / job.sample_rate_hz, seed=job.seed, receivers=wanted)
     for index in wanted:
         kernel.set_noise_power(index, job.noise_power)
     if job.fixed_point:
@@ -153,9 +152,7 @@ def _job(scenario, transmit, folder, receivers, chunk_samples, noise_power, seed
 
 def _fingerprint(job: BatchJob) -> dict:
     """What a half-done run must share with this one to be gone on with."""
-    files = {
-        node: [stem, recording.data_path(stem).stat().st_mtime_ns] for node, stem in job.transmit.items()
-    }
+    files = {node: [stem, recording.data_path(stem).stat().st_mtime_ns] for node, stem in job.transmit.items()}
     plan = scenario_digest(job.scenario)
     fixed = job.fixed_point and asdict(job.fixed_point)
     return {
@@ -185,9 +182,7 @@ def _prepare(job: BatchJob) -> list[int]:
     plan = work / "plan.json"
     for receiver in job.receivers:
         if recording.meta_path(Path(job.folder) / receiver).exists():
-            raise CastError(
-                f"{Path(job.folder) / receiver}: a recording of that name exists; nothing is overwritten"
-            )
+            raise CastError(f"{Path(job.folder) / receiver}: a recording of that name exists; nothing is overwritten")
     if plan.exists() and json.loads(plan.read_text()) != _fingerprint(job):
         raise CastError(f"{work}: holds a run with other inputs; remove it, or choose another folder")
     if not plan.exists():

@@ -7,7 +7,7 @@ import threading
 
 import zmq
 
-from ..errors import CastError
+from ..core.errors import CastError
 from ..scenario import load
 from .ports import address_to_bind
 
@@ -25,9 +25,7 @@ def obey(emulation, ended: threading.Event, command) -> dict:
     """Carry out one command, a dictionary; the answer holds `ok` and, where it failed, `errors`, a line each."""
     try:
         if not isinstance(command, dict) or command.get("command") not in _KEYS:
-            raise CastError(
-                f"command: got {command!r}, needs an object whose 'command' is one of {', '.join(_KEYS)}"
-            )
+            raise CastError(f"command: got {command!r}, needs an object whose 'command' is one of {', '.join(_KEYS)}")
         name = command["command"]
         unknown = set(command) - _KEYS[name] - {"command"}
         if unknown:
@@ -72,9 +70,7 @@ def _taps(taps) -> list[dict] | None:
         names = {"delay_s", "gain_db"}
         good = isinstance(tap, dict) and names <= set(tap) <= names | {"phase_rad"}
         if not good or not all(_is_finite(value) for value in tap.values()) or tap["delay_s"] < 0:
-            raise CastError(
-                f"set_link: tap {number}: got {tap!r}, needs delay_s (0 s or more), gain_db and perhaps phase_rad"
-            )
+            raise CastError(f"set_link: tap {number}: got {tap!r}, needs delay_s (0 s or more), gain_db and perhaps phase_rad")
     return taps
 
 

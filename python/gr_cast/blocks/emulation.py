@@ -8,8 +8,8 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ..emulate import FixedPoint, filter_length, fir_taps, scenario_bulk_delay, scenario_updates
-from ..errors import CastError, Faults
+from ..core.errors import CastError, Faults
+from ..emulation.reference import FixedPoint, filter_length, fir_taps, scenario_bulk_delay, scenario_updates
 from ..scenario import Scenario
 from .cast_python import channel_emulator
 from .network import send_update
@@ -94,9 +94,7 @@ class Emulation(gr.top_block):
     def load(self, scenario: Scenario) -> None:
         """Play another scenario of the same nodes from the next sample on."""
         if scenario.nodes != self.nodes:
-            raise CastError(
-                f"{scenario.name}: nodes: got {', '.join(scenario.nodes)}, the ports are of {', '.join(self.nodes)}"
-            )
+            raise CastError(f"{scenario.name}: nodes: got {', '.join(scenario.nodes)}, the ports are of {', '.join(self.nodes)}")
         with self._lock:
             self.scenario = scenario
             self.emulator.set_horizon(0)  # nothing passes until its first taps are there
@@ -114,9 +112,7 @@ class Emulation(gr.top_block):
                 for rx in range(len(self.nodes)):
                     self.emulator.enable_link(tx, rx, on and (tx, rx) not in self._off)
 
-    def set_link(
-        self, tx: str, rx: str, *, taps: list[dict] | None = None, enabled: bool | None = None
-    ) -> None:
+    def set_link(self, tx: str, rx: str, *, taps: list[dict] | None = None, enabled: bool | None = None) -> None:
         """New taps, each `delay_s`, `gain_db` and `phase_rad`, until the scenario has others; or switch a link.
 
         Delays between samples become filters, which begin earlier than the delay: CastError where there is no room.
@@ -125,9 +121,7 @@ class Emulation(gr.top_block):
             link = (self._node(tx), self._node(rx))
             if taps is not None:
                 delay = np.array([tap["delay_s"] for tap in taps], float) * self.sample_rate_hz
-                gain = np.array(
-                    [10 ** (tap["gain_db"] / 20) * np.exp(1j * tap.get("phase_rad", 0)) for tap in taps]
-                )
+                gain = np.array([10 ** (tap["gain_db"] / 20) * np.exp(1j * tap.get("phase_rad", 0)) for tap in taps])
                 bulk = scenario_bulk_delay(self.scenario, self.sample_rate_hz)
                 try:
                     self.emulator.set_taps(*link, fir_taps(delay, gain, bulk).tolist())

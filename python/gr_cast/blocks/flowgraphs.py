@@ -4,9 +4,9 @@
 import numpy as np
 from gnuradio import analog, blocks, gr
 
+from ..core.units import amplitude_from_db
 from ..scenario import Scenario
-from ..transmit import Waveform
-from ..units import amplitude_from_db
+from ..signals.waveform import Waveform
 from .cast_python import glfsr_source
 from .network import emulated_network
 from .recorder import SigmfRecorder

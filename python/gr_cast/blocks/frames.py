@@ -3,8 +3,8 @@
 
 import numpy as np
 
-from ..emulate import filter_length, scenario_bulk_delay, scenario_updates
-from ..errors import CastError
+from ..core.errors import CastError
+from ..emulation.reference import filter_length, scenario_bulk_delay, scenario_updates
 from ..scenario import Scenario, link_name
 from .cast_python import emulator_kernel
 

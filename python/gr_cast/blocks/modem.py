@@ -9,9 +9,9 @@ from typing import Protocol
 import numpy as np
 from gnuradio import blocks, fec, gr
 
-from .. import wifi
-from ..errors import CastError
-from ..wifi import Packet
+from ..core.errors import CastError
+from ..signals import wifi
+from ..signals.wifi import Packet
 
 KINDS = ("auto", "gr-ieee802-11", "802.11a")
 _POLYNOMIALS = [109, 79]  # 133 and 171 (octal), in GNU Radio's order of bits
@@ -48,13 +48,13 @@ def viterbi(soft: np.ndarray) -> np.ndarray:
 
 
 class OfdmModem:
-    """IEEE 802.11a frames of `gr_cast.wifi`, decoded by GNU Radio's gr-fec."""
+    """IEEE 802.11a frames of `gr_cast.signals.wifi`, decoded by GNU Radio's gr-fec."""
 
     sample_rate_hz = wifi.SAMPLE_RATE_HZ
 
     def __init__(self, mode: str):
         self._mode = wifi.MODES[mode]
-        self.name = f"802.11a {mode} (gr_cast.wifi, Viterbi decoder of GNU Radio's gr-fec)"
+        self.name = f"802.11a {mode} (gr_cast.signals.wifi, Viterbi decoder of GNU Radio's gr-fec)"
 
     def modulate(self, payload: bytes) -> np.ndarray:
         return wifi.modulated(payload, self._mode)

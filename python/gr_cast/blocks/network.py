@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..emulate import LinkUpdate, filter_length, scenario_updates, split_delay
-from ..errors import CastError
+from ..core.errors import CastError
+from ..emulation.reference import LinkUpdate, filter_length, scenario_updates, split_delay
 from ..scenario import Scenario, link_name
 from .cast_python import channel_emulator, emulator_kernel
 
@@ -15,9 +15,7 @@ def send_update(emulator: channel_emulator | emulator_kernel, update: LinkUpdate
     """Hand the emulator an update of a scenario whose sample 0 is sample `begin` of the streams."""
     offset = None if update.at_sample == 0 else begin + update.at_sample
     delays = np.flatnonzero(update.taps)
-    emulator.set_sparse_taps(
-        update.tx, update.rx, delays.tolist(), update.taps[delays].tolist(), offset, update.ramp_samples
-    )
+    emulator.set_sparse_taps(update.tx, update.rx, delays.tolist(), update.taps[delays].tolist(), offset, update.ramp_samples)
     if update.base_loss_db is not None:
         emulator.set_base_loss(update.tx, update.rx, update.base_loss_db, offset)
 

@@ -13,8 +13,8 @@ from pathlib import Path
 
 from gnuradio import blocks, gr, zeromq
 
-from .. import recording
-from ..errors import CastError
+from ..core.errors import CastError
+from ..signals import recording
 from .cast_python import zmq_replier, zmq_requester, zmq_subscriber
 from .recorder import SigmfRecorder
 from .usrp import RadioSettings, usrp_sink, usrp_source
@@ -109,9 +109,7 @@ def source_block(port: Port, settings: RadioSettings | None, sample_rate_hz: flo
     return blocks.null_source(gr.sizeof_gr_complex)
 
 
-def connect_sink(
-    top: gr.top_block, source, output: int, port: Port, settings: RadioSettings | None, sample_rate_hz: float
-):
+def connect_sink(top: gr.top_block, source, output: int, port: Port, settings: RadioSettings | None, sample_rate_hz: float):
     """Join a receiver to its port; returns the recorder of a file, to be finished after the run, or else the block."""
     if port.kind == "file":
         Path(port.where).parent.mkdir(parents=True, exist_ok=True)

@@ -10,8 +10,8 @@ import time
 import numpy as np
 from gnuradio import gr
 
-from ..emulate import filter_length
-from ..errors import CastError
+from ..core.errors import CastError
+from ..emulation.reference import filter_length
 from ..scenario import Scenario
 from .emulation import Emulation
 from .modem import Modem

@@ -5,8 +5,8 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ..errors import CastError
-from ..recording import data_path, meta_path, metadata, sha512_of, write_metadata
+from ..core.errors import CastError
+from ..signals.recording import data_path, meta_path, metadata, sha512_of, write_metadata
 
 _ITEM = {"cf32_le": np.complex64, "ci16_le": np.dtype((np.int16, 2))}
 _TIME = pmt.intern("rx_time")
@@ -81,9 +81,7 @@ class SigmfRecorder:
         port=0,
     ):
         if meta_path(stem).exists() or data_path(stem).exists():
-            raise CastError(
-                f"{stem}: a recording of that name exists; nothing is overwritten, choose another"
-            )
+            raise CastError(f"{stem}: a recording of that name exists; nothing is overwritten, choose another")
         self._about = dict(sample_rate_hz=sample_rate_hz, datatype=datatype)
         self._fields = fields or {}
         self.stem = stem

@@ -6,9 +6,9 @@ import threading
 import numpy as np
 from gnuradio import gr
 
-from ..diagnose.case import Case, Observation
-from ..errors import CastError, Faults
-from ..playback import Conditions, Grid, Playback, Tape
+from ..core.errors import CastError, Faults
+from ..twin.document import Case, Observation
+from ..twin.playback import Conditions, Grid, Playback, Tape
 from .ports import Port, connect_sink, source_block
 from .recorder import SigmfRecorder
 

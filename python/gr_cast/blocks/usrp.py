@@ -3,7 +3,7 @@
 
 from dataclasses import dataclass
 
-from ..errors import CastError
+from ..core.errors import CastError
 
 CLOCK_SOURCES = ("internal", "external", "gpsdo")
 FREQUENCY_TOLERANCE_HZ = 1.0  # the DDC's own step is 0.05 Hz
@@ -29,9 +29,7 @@ class RadioSettings:
         if not 0 < self.sample_rate_hz <= 200e6:
             faults.append(f"rate: got {self.sample_rate_hz} Hz, needs more than 0 and at most 200e6 Hz")
         if not 10e6 <= self.center_frequency_hz <= 6e9:
-            faults.append(
-                f"frequency: got {self.center_frequency_hz} Hz, needs 10e6 to 6e9 Hz (X310 with UBX)"
-            )
+            faults.append(f"frequency: got {self.center_frequency_hz} Hz, needs 10e6 to 6e9 Hz (X310 with UBX)")
         if not 0 <= self.gain_db <= 90:
             faults.append(f"gain: got {self.gain_db} dB, needs 0 to 90 dB")
         if self.clock_source not in CLOCK_SOURCES:
@@ -39,9 +37,7 @@ class RadioSettings:
         if self.time_source not in CLOCK_SOURCES:
             faults.append(f"time source: got {self.time_source!r}, needs one of {', '.join(CLOCK_SOURCES)}")
         if self.start_delay_s is not None and not 0.5 <= self.start_delay_s <= 3600:
-            faults.append(
-                f"start delay: got {self.start_delay_s} s, needs 0.5 to 3600 s (setting up takes a moment)"
-            )
+            faults.append(f"start delay: got {self.start_delay_s} s, needs 0.5 to 3600 s (setting up takes a moment)")
         if faults:
             raise CastError(*faults)
 
@@ -95,8 +91,7 @@ def _check(radio, settings: RadioSettings) -> None:
     rate, frequency, gain = radio.get_samp_rate(), radio.get_center_freq(0), radio.get_gain(0)
     if abs(rate / settings.sample_rate_hz - 1) > 1e-9:
         faults.append(
-            f"rate: got {settings.sample_rate_hz:g} Hz, the device can do {rate:g} Hz: "
-            "whole fractions of its master clock"
+            f"rate: got {settings.sample_rate_hz:g} Hz, the device can do {rate:g} Hz: whole fractions of its master clock"
         )
     if abs(frequency - settings.center_frequency_hz) > FREQUENCY_TOLERANCE_HZ:
         wanted = settings.center_frequency_hz

@@ -2,7 +2,7 @@
 """Diagnose a twin: where it differs from recordings, what physics it leaves out, and a twin with that
 physics in it."""
 
-from .case import Case, read_case
+from ..twin.document import Case, read_case
 from .run import Diagnosis, diagnose
 from .write import write
 

@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 from scipy import fft as sp_fft
 
-from ..effects import FAMILIES
-from ..effects.base import start
-from ..effects.chain import PAD, Path, Scene, Source, reach
+from ..twin.effects import FAMILIES
+from ..twin.effects.base import start
+from ..twin.entries import effect_of, lost_before, plain, source_of, told_noise_db, twin_effects
+from ..twin.model import Model, predict
+from ..twin.scene import PAD, Path, Scene, Source, reach
 from . import delays, pieces
 from .fit import Data
-from .model import Model, predict
 
 LOWEST_LAG, HIGHEST_LAG = (
     -10,
@@ -28,16 +29,6 @@ MOSTLY = 0.7  # share of the samples from which on none is left out
 LONGEST_SCAN = 1 << 21  # samples in which a waveform that is shorter than the recording is looked for
 MARGIN = 64  # samples kept around what is known of a short recording
 EDGE = 24  # samples at either end that a filter's memory makes uncertain
-
-
-def source_of(name: str, samples: np.ndarray, amplitude: float, repeat: bool) -> Source:
-    """A waveform (n,) as sent with an amplitude; unknown samples, NaN, are 0."""
-    known = np.isfinite(samples)
-    clean = np.where(known, samples, 0).astype(complex) * amplitude
-    power = np.abs(clean[known]) ** 2
-    return Source(
-        name=name, samples=clean, repeat=repeat, known=known, power=float(power.mean()), peak=float(np.sqrt(power.max()))
-    )
 
 
 def _stretch(waveform, amplitude: float, first: int, size: int) -> Source:
@@ -198,19 +189,6 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
     return (mirrored if flip else straight)[0] - low, flip
 
 
-def lost_before(case, observation) -> int:
-    """Samples that the twin knows to be lost before a part of a recording begins: so much earlier is what was sent there."""
-    losses = (e["parameters"]["samples"] for e in _in(case, observation) if _is_over(case, observation, e))
-    return sum(round(plain(samples, observation.name)) for samples in losses)
-
-
-def _is_over(case, observation, entry) -> bool:
-    """Whether a part of a recording begins behind the samples that an entry says are lost."""
-    if entry["family"] != "sample_loss":
-        return False
-    return plain(entry["parameters"]["time_s"], observation.name) * case.sample_rate_hz <= observation.first
-
-
 def _told_inverted(case, observation) -> bool:
     return any(e["family"] == "spectral_inversion" for e in twin_effects(case, observation))
 
@@ -333,30 +311,6 @@ def _is_on_air(case, name: str) -> bool:
     return any(name == w for o in case.observations for w, _ in o.on_air.values())
 
 
-def twin_effects(case, observation) -> list[dict]:
-    """The twin's entries of `effects` that have a part in a recording, or in a part of one."""
-    return [e for e in _in(case, observation) if not _is_over(case, observation, e)]
-
-
-def _in(case, observation) -> list[dict]:
-    names = {
-        observation.receiver,
-        *observation.on_air,
-        "environment",
-        *(f"{tx}>{observation.receiver}" for tx in observation.on_air),
-    }
-    return [e for e in case.effects if e["owner"]["name"] in names]
-
-
-def plain(parameter, recording_name):
-    """The value of an entry's parameter; one that differs by recording is the mean of all in a new recording."""
-    if isinstance(parameter, dict) and "per_recording" in parameter:
-        every = parameter["per_recording"]
-        told = [every[recording_name]] if recording_name in every else every.values()
-        return float(np.mean([v["value"] for v in told]))
-    return parameter.get("value") if isinstance(parameter, dict) else parameter
-
-
 def _twin_offset_hz(case, observation, links) -> float:
     """Carrier offset that the twin already knows, with the Doppler of the strongest tap."""
     total = 0.0
@@ -367,41 +321,12 @@ def _twin_offset_hz(case, observation, links) -> float:
     return total + strongest.doppler_hz
 
 
-def effect_of(scene, entry):
-    """A twin's entry as an effect on a recording, or a part of one."""
-    family = FAMILIES[entry["family"]]
-    values = {k: plain(v, scene.name) for k, v in entry["parameters"].items()}
-    values = {k: v for k, v in values.items() if v is not None}
-    effect = family.parse(scene, values, {**(entry.get("model") or {}), **_owned(scene, entry["owner"])})
-    effect = family.in_its_part(scene, effect)
-    stds = [v.get("std", 0.0) for v in entry["parameters"].values() if isinstance(v, dict) and "value" in v]
-    free = effect.free & (family.random or any(s > 0 for s in stds))
-    return replace(effect, fixed=True, free=free)
-
-
-def _owned(scene, owner: dict) -> dict:
-    """Where an owner's effect stands in a scene: its side, and the number of its transmitter."""
-    tx, _, rx = owner["name"].partition(">")
-    return {"side": "tx" if tx in scene.transmitters and not rx else "rx"} | (
-        {"source": scene.transmitters.index(tx)} if tx in scene.transmitters else {}
-    )
-
-
 def split(valid: np.ndarray, seed: int = 1) -> np.ndarray:
     """(n,) bool, the vault: of every eight short runs of valid samples one; shorter runs where few are valid."""
     run = 16 if valid.sum() > 4000 else 4
     number = (np.cumsum(valid) - 1) // run
     chosen = np.random.default_rng(seed).integers(0, 8, len(valid) // (8 * run) + 1)
     return valid & (number % 8 == chosen[number // 8])
-
-
-def told_noise_db(case, observation) -> float | None:
-    """The noise power that the twin tells of a recording, with the changes of the floor that it knows of."""
-    told = case.noise_db.get(observation.receiver)
-    if told is None:
-        return None
-    known = (e for e in twin_effects(case, observation) if e["family"] == "noise_floor")
-    return told + sum(plain(e["parameters"]["change_db"], observation.name) for e in known)
 
 
 def _data(case, observation, scene, y) -> Data:

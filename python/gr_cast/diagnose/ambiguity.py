@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft as sp_fft
 
-from ..effects import FAMILIES, Effect
-from ..effects.base import start
-from ..effects.chain import Source
+from ..twin.effects import FAMILIES, Effect
+from ..twin.effects.base import start
+from ..twin.model import Model, predict
+from ..twin.scene import Source
 from .fit import Fit
-from .model import Model, predict
 from .search import REFITS, candidates, claim_the_same, plausible, refit_or_known, roughness
 
 ALIKE_NATS = 3.0  # in ln L: two fits that differ by less are alike

@@ -5,7 +5,7 @@ without phase, of several lengths that which explains most."""
 import numpy as np
 from scipy import fft as sp_fft
 
-from ..effects.chain import Source
+from ..twin.scene import Source
 
 SHORT, SHORT_FACTOR = 128, 2.0  # samples; segments below that must explain so much more: a chirp's delay looks like an offset
 CLEAR = 12.0  # standard deviations of the other lags by which a delay stands out

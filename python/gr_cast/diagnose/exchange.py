@@ -2,7 +2,7 @@
 """What explains more in the place of what was found: a search tries simple families first, and a flexible one only where its
 score promises far more."""
 
-from ..effects import FAMILIES, Effect
+from ..twin.effects import FAMILIES, Effect
 from .fit import Fit
 from .search import MARGIN, MOST_EFFECTS, candidates, claim_the_same, eliminate, plausible, proven, refit_or_known, roughness
 

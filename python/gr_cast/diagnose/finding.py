@@ -5,11 +5,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..effects import FAMILIES, stage_of
-from ..effects.base import RX_FILTER
+from ..twin.effects import FAMILIES, stage_of
+from ..twin.effects.base import RX_FILTER
+from ..twin.model import predict
 from . import heldout
 from .fit import Fit, invert
-from .model import predict
 from .search import refit_or_known
 
 LEAST_TOLD = 20.0  # nats of an effect without a curvature: a search found it

@@ -15,11 +15,11 @@ import numpy as np
 from scipy import fft as sp_fft
 from scipy import linalg
 
-from ..effects import FAMILIES, stage_of
-from ..effects.base import RX_FILTER, RX_GAIN
-from ..effects.columns import Dense, Lags, against, gram
-from ..effects.quantization import is_coarse
-from .model import Model, jacobian, predict
+from ..twin.columns import Dense, Lags, against, gram
+from ..twin.effects import FAMILIES, stage_of
+from ..twin.effects.base import RX_FILTER, RX_GAIN
+from ..twin.effects.quantization import is_coarse
+from ..twin.model import Model, jacobian, predict
 
 LARGE = 60  # parameters from which a matrix is inverted by Cholesky's method
 DAMPINGS = (0.0, 1e-6, 1e-4, 1e-2, 1.0, 100.0)  # shares of the curvature, tried in turn (Marquardt 1963)

@@ -3,9 +3,9 @@
 
 import numpy as np
 
-from ..effects import FAMILIES, Effect
-from ..effects.base import start
-from ..recording import DATATYPES
+from ..signals.recording import DATATYPES
+from ..twin.effects import FAMILIES, Effect
+from ..twin.effects.base import start
 
 
 def native_step(datatype: str) -> float:

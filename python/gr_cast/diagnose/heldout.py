@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..effects import FAMILIES
+from ..twin.effects import FAMILIES
 from .fit import Data, Fit
 
 FOLDS = 2

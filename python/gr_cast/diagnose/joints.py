@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..effects import FAMILIES, Effect
-from ..effects.base import start
+from ..twin.effects import FAMILIES, Effect
+from ..twin.effects.base import start
+from ..twin.entries import lost_before
+from ..twin.model import predict
 from . import align, offsets
 from .finding import Finding, Worth
 from .fit import misfit
-from .model import predict
 
 LEAST_JUMP = 3  # samples; less is a clock's
 HELD = 0.5  # of what the first part's prediction holds: with less, a later part is looked for elsewhere
@@ -22,7 +23,7 @@ SURE_NATS = 100.0  # by which it must be likelier there
 def place(case, part, located: tuple[int, bool] | None, known: Finding) -> tuple[tuple[float, bool], float]:
     """((delay, inverted) of a later part of a recording, nats by which it is likelier there than where its first part lets
     expect it: 0 where it is there)."""
-    expected = _expected(known, part, align.lost_before(case, part))
+    expected = _expected(known, part, lost_before(case, part))
     first = 1 - known.fit.sigma2 * known.data.count / np.sum(np.abs(known.data.y * known.data.use) ** 2)
     held, _ = _held(case, part, expected, known)
     if held > HELD * first:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft as sp_fft
 
-from ..effects import FAMILIES
+from ..twin.effects import FAMILIES
 from .fit import solve, with_noise
 from .residual import delay_time
 

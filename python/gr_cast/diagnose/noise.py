@@ -3,9 +3,9 @@
 
 import numpy as np
 
-from ..effects import FAMILIES
-from ..effects.noise_family import NoiseView
-from ..effects.quantization import is_coarse
+from ..twin.effects import FAMILIES
+from ..twin.effects.noise_family import NoiseView
+from ..twin.effects.quantization import is_coarse
 from .fit import shape_of_receiver
 
 PASSBAND = 0.65  # common share of two bands from which they are one: a filter falls off within the signal's own edges

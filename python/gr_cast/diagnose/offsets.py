@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft as sp_fft
 
-from ..effects import FAMILIES
-from ..effects.base import start
-from .model import Model, _run, _start_chain
+from ..twin.effects import FAMILIES
+from ..twin.effects.base import start
+from ..twin.model import Model, _run, _start_chain
 
 LONGEST_STRETCH = 2048  # samples
 PIECE = 256  # samples: stretches that come at regular intervals leave carriers open that only what is within them tells

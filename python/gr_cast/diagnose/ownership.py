@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..effects import FAMILIES, Effect, stage_of
-from ..effects.base import TX_LO
+from ..twin.effects import FAMILIES, Effect, stage_of
+from ..twin.effects.base import TX_LO
+from ..twin.model import in_scene
 from .fit import Fit, invert
-from .model import in_scene
 from .search import MARGIN, candidates, refit
 
 # Numbers that are the same wherever the owner is seen; others are compared by presence alone.
@@ -123,12 +123,7 @@ def voices(findings, members, trust: float = 1.0) -> list[Voice]:
             continue  # another part of the same recording speaks for it
         if own is not None:
             out.append(_voice(finding, finding.fit, own, finding.gain_of(own), True))
-        elif (
-            there is None
-            or FAMILIES[template.family].noise_like
-            or not template.free.any()
-            or template.prior is not None
-        ):
+        elif there is None or FAMILIES[template.family].noise_like or not template.free.any() or template.prior is not None:
             out.append(
                 Voice(
                     finding=finding,

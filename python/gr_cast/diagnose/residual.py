@@ -10,9 +10,9 @@ import numpy as np
 from scipy import fft as sp_fft
 from scipy import stats
 
-from ..effects import FAMILIES
-from ..effects.base import at_half_the_rate
-from ..effects.quantization import is_coarse
+from ..twin.effects import FAMILIES
+from ..twin.effects.base import at_half_the_rate
+from ..twin.effects.quantization import is_coarse
 from .view import View
 
 WINDOWS = 64  # of time, in which impulses are counted

@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft as sp_fft
 
-from ..effects import FAMILIES, stage_of
-from ..effects.base import RX_FILTER, complex_pair, db, start
-from ..effects.noise_family import profile
-from ..effects.phase_noise import MOST
-from ..effects.signal_dependent_noise import told_floor
+from ..twin.effects import FAMILIES, stage_of
+from ..twin.effects.base import RX_FILTER, complex_pair, db, start
+from ..twin.effects.noise_family import profile
+from ..twin.effects.phase_noise import MOST
+from ..twin.effects.signal_dependent_noise import told_floor
+from ..twin.model import in_scene
 from . import align, ambiguity, gate, heldout, joints, noise, offsets, residual, slow
 from .exchange import exchanged
 from .finding import Finding, Worth, nmse, numbers, worth
 from .fit import COLOUR_ORDERS, Fit, gain_of_receiver, in_band, off_the_rails, solve
-from .model import in_scene
 from .ownership import agree_on_sides, agree_on_wander
 from .search import MARGIN, beginnings, lattice_again, refit, search, under_the_lattice
 from .verdict import Words, conclude

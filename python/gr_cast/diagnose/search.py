@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft as sp_fft
 
-from ..effects import FAMILIES, Effect, stage_of
-from ..effects.base import RX_FILTER, RX_GAIN, RX_LO, start
-from ..effects.columns import Dense, Lags, against, gram, inner
-from ..effects.quantization import is_coarse
+from ..twin.columns import Dense, Lags, against, gram, inner
+from ..twin.effects import FAMILIES, Effect, stage_of
+from ..twin.effects.base import RX_FILTER, RX_GAIN, RX_LO, start
+from ..twin.effects.quantization import is_coarse
+from ..twin.model import RIDGE, Model, _run, _start_chain, _steps, effect_columns, predict
 from . import heldout, noise, offsets
 from .fit import (
     COLOUR_ORDERS,
@@ -26,7 +27,6 @@ from .fit import (
     solve,
     with_noise,
 )
-from .model import RIDGE, Model, _run, _start_chain, _steps, effect_columns, predict
 from .view import View
 
 MANY = 200  # parameters with a prior up to which their dependence is taken into account by a score

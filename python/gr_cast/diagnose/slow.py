@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from ..cir import DB_PER_NEPER as DB
-from ..effects import FAMILIES, Effect
-from ..effects.base import start
+from ..sounding.cir import DB_PER_NEPER as DB
+from ..twin.effects import FAMILIES, Effect
+from ..twin.effects.base import start
+from ..twin.model import Model
 from . import courses
 from .align import LEAST_PART
 from .courses import Course, Series
 from .finding import Finding, Worth
-from .model import Model
 from .residual import Leftover
 from .search import refit
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..effects import FAMILIES
+from ..twin.effects import FAMILIES
 from . import heldout
 from .finding import Finding, nmse, numbers
 from .ownership import kind_of, owner

@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 from scipy import fft as sp_fft
 
-from ..effects import FAMILIES, stage_of
-from ..effects.base import RX_GAIN, RX_LO, at_half_the_rate, peaks
-from ..effects.chain import PAD
+from ..twin.effects import FAMILIES, stage_of
+from ..twin.effects.base import RX_GAIN, RX_LO, at_half_the_rate, peaks
+from ..twin.scene import PAD
 
 SKIRT, AROUND = 6, 64  # half cycles over the recording: what a line reaches itself, and its surroundings
 LEAST_SEGMENT = 40  # samples in which a waveform is looked for alone

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ..recording import data_path, meta_path
-from ..units import db_from_amplitude, db_from_power
+from ..core.units import db_from_amplitude, db_from_power
+from ..signals.recording import data_path, meta_path
 from .maps import before_and_after
 
 

@@ -7,10 +7,10 @@ Free space over d metres has gain λ/(4πd) and phase −2πd/λ (Friis 1946); a
 
 import numpy as np
 
-from ..errors import CastError
+from ..core.errors import CastError
+from ..core.units import SPEED_OF_LIGHT_M_PER_S
 from ..scenario import GRID_STEP_S, LinkTaps, Scenario
 from ..scenario.create import approximate
-from ..units import SPEED_OF_LIGHT_M_PER_S
 
 CENTER_FREQUENCY_HZ = 2.437e9  # channel 6
 BAND_HZ = 20e6

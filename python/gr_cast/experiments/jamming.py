@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.fft import next_fast_len
 
-from ..errors import CastError
+from ..core.errors import CastError
+from ..core.units import db_from_power, power_from_db
 from ..scenario import Scenario, base_loss_db, taps_at
 from ..scenario.create.approximate import in_band_energy
-from ..units import db_from_power, power_from_db
 
 LINK_BAND_HZ = 16.6e6  # that the carriers of 20 MHz Wi-Fi fill
 WAIT_S = 34e-6 + 7.5 * 9e-6  # DIFS and the mean backoff of 802.11a

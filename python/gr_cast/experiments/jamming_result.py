@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
-from .. import series as sr
-from ..compare import compare
-from ..errors import CastError
-from ..units import db_from_power
+from ..comparing import series as sr
+from ..comparing.similarity import compare
+from ..core.errors import CastError
+from ..core.units import db_from_power
 from .jamming import Frame, Setting, interval_of_harm, series
 
 # "Colosseum as a Digital Twin", IEEE TMC 2024: throughput lost (%), SINR lost (dB), ρ of throughput and of SINR.

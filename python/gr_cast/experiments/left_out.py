@@ -11,11 +11,12 @@ import numpy as np
 import yaml
 from scipy import signal
 
-from .. import __version__, recording
-from ..errors import CastError
-from ..files import write_text
+from .. import __version__
+from ..core.errors import CastError
+from ..core.files import write_text
+from ..core.units import db_from_amplitude, db_from_power
 from ..scenario import played_gain
-from ..units import db_from_amplitude, db_from_power
+from ..signals import recording
 from . import hall
 from .hall import WALLS
 from .jamming import BANDWIDTH_HZ, Jammer, Setting
@@ -48,9 +49,7 @@ def settings(kind: str, wall: str, duration_s: float, seed: int) -> tuple[Settin
     world = Setting(scenario=hall.scenario("static"), jammer=jammer, snr_db=SNR_DB, sinr_db=SINR_DB, seed=seed)
     less = hall.scenario("static", without=[wall] if kind == "wall" else [])
     # The twin's radios are as loud as the world's: what it leaves out is all that makes it differ.
-    return world, replace(
-        world, scenario=less, levels_of=world.scenario, jammer=replace(jammer, harmonic=None), seed=seed + 1
-    )
+    return world, replace(world, scenario=less, levels_of=world.scenario, jammer=replace(jammer, harmonic=None), seed=seed + 1)
 
 
 def recorded(kind: str, world: Setting) -> Setting:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import __version__
+from ..core.units import amplitude_from_db, db_from_power
 from ..scenario import LinkTaps, Scenario
-from ..units import amplitude_from_db, db_from_power
 from .jamming import BANDWIDTH_HZ, MARGIN, Jammer, Setting, frame_times_s, frames
 
 SINR_DB = (-5.0, 0.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.5, 15.0, 20.0, 25.0, 30.0)

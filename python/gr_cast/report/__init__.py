@@ -12,9 +12,9 @@ from html import escape
 import numpy as np
 from matplotlib.figure import Figure
 
+from ..core.units import db_from_amplitude, db_from_power
 from ..diagnose.maps import power_of
-from ..effects import FAMILIES
-from ..units import db_from_amplitude, db_from_power
+from ..twin.effects import FAMILIES
 from .pictures import in_words, maps_figure, waterfall_figure
 
 NEGATIVE = re.compile(r"(?<=[\s>(])-(?=\d)")  # the sign of a number, not the dash of an option or a picture's code

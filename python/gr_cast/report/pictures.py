@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure
 
+from ..core.units import db_from_amplitude, db_from_power
 from ..diagnose.maps import Maps, before_and_after, power_of, steps
-from ..effects import FAMILIES
-from ..plot import new_figure
-from ..units import db_from_amplitude, db_from_power
+from ..twin.effects import FAMILIES
+from .plot import new_figure
 
 INK, CAUSE, NOISE, GOOD = "#1b2733", "#b3541e", "#8a99a8", "#3b7a57"
 MARK, LEFT = "#4fd1ff", "#ff4f4f"

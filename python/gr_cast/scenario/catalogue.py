@@ -4,7 +4,7 @@
 import os
 from pathlib import Path
 
-from ..errors import CastError
+from ..core.errors import CastError
 from . import colosseum, yaml_file, zarr_file
 from .model import Scenario
 

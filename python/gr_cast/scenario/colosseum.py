@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import scipy.io
 
-from ..errors import CastError, Faults
-from ..files import write_json, written_aside
-from ..units import amplitude_from_db, db_from_amplitude
+from ..core.errors import CastError, Faults
+from ..core.files import write_json, written_aside
+from ..core.units import amplitude_from_db, db_from_amplitude
 from . import mat_file
 from .model import GRID_STEP_S, MAX_DELAY_S, MAX_NODES, LinkTaps, Scenario, link_name, taps_at
 
@@ -39,15 +39,8 @@ def read(path: str | Path) -> Scenario:
     if "chMatrix" not in content:
         raise CastError(f"{path}: chMatrix: missing, the file holds {', '.join(content) or 'no variables'}")
     matrix, faults = content["chMatrix"], Faults(str(path))
-    if (
-        not isinstance(matrix, np.ndarray)
-        or matrix.ndim not in (2, 3)
-        or matrix.shape[0] != matrix.shape[1]
-        or not matrix.size
-    ):
-        raise CastError(
-            f"{path}: chMatrix: got shape {np.shape(matrix)}, needs N x N x T cells or N x N path gains in dB"
-        )
+    if not isinstance(matrix, np.ndarray) or matrix.ndim not in (2, 3) or matrix.shape[0] != matrix.shape[1] or not matrix.size:
+        raise CastError(f"{path}: chMatrix: got shape {np.shape(matrix)}, needs N x N x T cells or N x N path gains in dB")
     if matrix.shape[0] > MAX_NODES:
         raise CastError(f"{path}: chMatrix: got {matrix.shape[0]} nodes, limit {MAX_NODES}")
     if matrix.dtype == object:
@@ -130,12 +123,7 @@ def _clock(time, instants: int, faults: Faults) -> np.ndarray:
         faults.add("time", f"got {time.size} values of {time.dtype}, chMatrix has {instants} instants in ms")
         return np.zeros(instants)
     time = time.astype(np.float64)
-    if (
-        not np.isfinite(time).all()
-        or time[0] != 0
-        or (np.diff(time) < UPDATE_MS).any()
-        or (time != np.rint(time)).any()
-    ):
+    if not np.isfinite(time).all() or time[0] != 0 or (np.diff(time) < UPDATE_MS).any() or (time != np.rint(time)).any():
         faults.add("time", f"needs whole ms that ascend from 0, smallest step {UPDATE_MS} ms")
         return np.zeros(instants)
     end = 1000.0 * np.ceil(time[-1] / 1000.0)
@@ -148,12 +136,7 @@ def _coordinates(coordinates, nodes: int, instants: int, faults: Faults) -> np.n
         return None
     place = np.asarray(coordinates)
     place = place[..., None] if place.ndim == 2 else place
-    if (
-        place.dtype.kind not in "iuf"
-        or place.ndim != 3
-        or place.shape[:2] != (nodes, 3)
-        or place.shape[2] not in (1, instants)
-    ):
+    if place.dtype.kind not in "iuf" or place.ndim != 3 or place.shape[:2] != (nodes, 3) or place.shape[2] not in (1, instants):
         faults.add("coordinates", f"got shape {place.shape}, needs {nodes} x 3 x {instants} metres")
         return None
     if not np.isfinite(place).all():
@@ -222,11 +205,7 @@ def _static_content(scenario: Scenario, faults: Faults) -> dict:
     gain = np.zeros((len(index),) * 2, np.complex128)
     for key, taps in scenario.links.items():
         used = (taps.gain != 0).any(axis=0)
-        if (
-            used.sum() > 1
-            or (taps.gain != taps.gain[:1]).any()
-            or (taps.delay_s > 0.5 * GRID_STEP_S)[taps.gain != 0].any()
-        ):
+        if used.sum() > 1 or (taps.gain != taps.gain[:1]).any() or (taps.delay_s > 0.5 * GRID_STEP_S)[taps.gain != 0].any():
             faults.add(f"link {link_name(key)}", "the static form holds one constant tap at 1 ns and nothing else")
         elif used.any():
             gain[index[key[0]], index[key[1]]] = taps.gain[0, used][0]
@@ -319,8 +298,7 @@ def read_radio_map(path: str | Path) -> dict[str, dict[str, int] | None]:
         elif not isinstance(entry, dict) or set(entry) != {"SRN", "RadioA", "RadioB"}:
             faults.add(name, f'got {entry!r}, needs SRN, RadioA and RadioB, or "None"')
         elif not (
-            _is_number_to(entry["SRN"], MAX_SRN)
-            and all(_is_number_to(entry[end], 2 * MAX_SRN) for end in ("RadioA", "RadioB"))
+            _is_number_to(entry["SRN"], MAX_SRN) and all(_is_number_to(entry[end], 2 * MAX_SRN) for end in ("RadioA", "RadioB"))
         ):
             faults.add(name, f"got {entry!r}, needs whole numbers: SRN 1 to {MAX_SRN}, radios 1 to {2 * MAX_SRN}")
         elif entry["SRN"] in taken:

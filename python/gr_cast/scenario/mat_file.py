@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import CastError
+from ..core.errors import CastError
 
 _HEADER_BYTES = 128
 _MAX_BYTES = 1 << 31  # of one variable, unpacked

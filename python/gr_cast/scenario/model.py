@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..errors import CastError, Faults
-from ..units import amplitude_from_db, db_from_power
+from ..core.errors import CastError, Faults
+from ..core.units import amplitude_from_db, db_from_power
 
 GRID_STEP_S = 10e-9
 GRID_TAPS = 512
@@ -33,9 +33,7 @@ class LinkTaps:
         delay_s = np.array(self.delay_s, np.float64, ndmin=2)
         gain = np.array(self.gain, np.complex128, ndmin=2)
         if delay_s.shape != gain.shape or delay_s.ndim != 2 or gain.size == 0:
-            raise CastError(
-                f"taps: got shapes {delay_s.shape} and {gain.shape}, delay_s and gain need one shape (T, P)"
-            )
+            raise CastError(f"taps: got shapes {delay_s.shape} and {gain.shape}, delay_s and gain need one shape (T, P)")
         if not (np.isfinite(delay_s).all() and np.isfinite(gain).all()):
             raise CastError("taps: delay_s and gain must be finite")
         for name, value in (("delay_s", delay_s), ("gain", gain)):
@@ -48,9 +46,7 @@ class LinkTaps:
 
     def __eq__(self, other):
         return (
-            isinstance(other, LinkTaps)
-            and np.array_equal(self.delay_s, other.delay_s)
-            and np.array_equal(self.gain, other.gain)
+            isinstance(other, LinkTaps) and np.array_equal(self.delay_s, other.delay_s) and np.array_equal(self.gain, other.gain)
         )
 
 

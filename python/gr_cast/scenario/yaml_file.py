@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ..errors import CastError, Faults
-from ..files import write_text
-from ..units import amplitude_from_db, db_from_amplitude
+from ..core.errors import CastError, Faults
+from ..core.files import write_text
+from ..core.units import amplitude_from_db, db_from_amplitude
 from .model import INTERPOLATIONS, MAX_NODES, LinkTaps, Scenario, reciprocal
 
 VERSION = 1
@@ -31,9 +31,7 @@ class _StrictLoader(yaml.SafeLoader):
         for key_node, _ in node.value:
             key = self.construct_object(key_node, deep=True)
             if isinstance(key, (list, dict)) or key in seen:
-                problem = (
-                    f"the key {key!r} is given twice" if isinstance(key, (str, int)) else "a key must be plain text"
-                )
+                problem = f"the key {key!r} is given twice" if isinstance(key, (str, int)) else "a key must be plain text"
                 raise yaml.constructor.ConstructorError(None, None, problem, key_node.start_mark)
             seen.add(key)
         return super().construct_mapping(node, deep)
@@ -119,9 +117,7 @@ def read(path: str | Path) -> Scenario:
 def _scenario(document: dict, stem: str, get: Reader, faults: Faults):
     """Check the whole document; the returned call builds the scenario once there are no faults."""
     if document.get("cast_scenario") != VERSION or isinstance(document.get("cast_scenario"), bool):
-        faults.add(
-            "cast_scenario", f"got {_short(document.get('cast_scenario'))}, needs {VERSION}: the version of this format"
-        )
+        faults.add("cast_scenario", f"got {_short(document.get('cast_scenario'))}, needs {VERSION}: the version of this format")
     get.known(document, KEYS, "")
     nodes, position_m = _nodes(document.get("nodes"), get, faults)
     time_s = _clock(document, get, faults)
@@ -245,9 +241,7 @@ def _series(value, place: str, unit: str, time_s: np.ndarray, get: Reader, fault
         return np.array([_gain_or_number(value, place, unit, get)])
     if len(value) != time_s.size:
         faults.add(place, f"got {len(value)} values, time_s has {time_s.size}")
-    return np.array(
-        [_gain_or_number(one, f"{place}[{index}]", unit, get) for index, one in enumerate(value)] or [math.nan]
-    )
+    return np.array([_gain_or_number(one, f"{place}[{index}]", unit, get) for index, one in enumerate(value)] or [math.nan])
 
 
 def _gain_or_number(value, place: str, unit: str, get: Reader) -> float:

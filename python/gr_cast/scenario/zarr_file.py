@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import CastError
-from ..files import write_json, written_aside
+from ..core.errors import CastError
+from ..core.files import write_json, written_aside
 from .model import LinkTaps, Scenario
 
 VERSION = 1
@@ -169,9 +169,7 @@ def read(path: str | Path) -> Scenario:
             links[nodes[tx], nodes[rx]] = taps
             if both_ways:
                 links[nodes[rx], nodes[tx]] = taps
-    position_m = {
-        node: f"position_m_{index}" for index, node in enumerate(nodes) if (path / f"position_m_{index}").is_dir()
-    }
+    position_m = {node: f"position_m_{index}" for index, node in enumerate(nodes) if (path / f"position_m_{index}").is_dir()}
     try:
         return Scenario(
             nodes=nodes,

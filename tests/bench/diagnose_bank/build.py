@@ -20,9 +20,7 @@ def checked(case):
     if record["kind"] in ("outside", "null"):
         return None
     for scene in case.scenes:
-        mine = [
-            (e, k) for e, k in zip(record["effects"], case.causes, strict=True) if world.touches(k, scene)
-        ]
+        mine = [(e, k) for e, k in zip(record["effects"], case.causes, strict=True) if world.touches(k, scene)]
         found.append(closed_form.misfit(scene, [e for e, _ in mine], [k for _, k in mine]))
     found = [f for f in found if f is not None]
     return max(found) if found else None

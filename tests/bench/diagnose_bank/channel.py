@@ -21,9 +21,7 @@ def kernel(offsets, gains, period):
         return np.fft.ifft(np.asarray(gains) @ turns)
     count = 801 + 2 * int(np.ceil(max(offsets)))
     lag = np.arange(count)[None, :] - count // 2 - np.asarray(offsets)[:, None]
-    window = np.where(
-        np.abs(lag) <= 400, np.i0(12 * np.sqrt(np.clip(1 - (lag / 400) ** 2, 0, 1))) / np.i0(12), 0
-    )
+    window = np.where(np.abs(lag) <= 400, np.i0(12 * np.sqrt(np.clip(1 - (lag / 400) ** 2, 0, 1))) / np.i0(12), 0)
     return np.asarray(gains) @ (np.sinc(lag) * window)
 
 

@@ -60,11 +60,7 @@ def _gains(x, effect, cause, n, rate):
         tau, last = _v(effect, "time_constant_s"), (n[-1] + 1) / rate
         shape = -np.expm1(-np.maximum(n / rate, 0) / tau) / -np.expm1(-last / tau)
         return (1 + end * shape) * x
-    return (
-        1
-        + _v(effect, "depth")
-        * np.cos(2 * np.pi * _v(effect, "frequency_hz") * n / rate + cause.draw["phase"])
-    ) * x
+    return (1 + _v(effect, "depth") * np.cos(2 * np.pi * _v(effect, "frequency_hz") * n / rate + cause.draw["phase"])) * x
 
 
 def _sides(effects, causes, level):
@@ -130,9 +126,7 @@ def clean(scene, effects, causes):
     extra = 600  # samples kept past the end: for clocks and losses
     n = np.arange(-extra, c.count + extra)
     steady = not [
-        e
-        for e, _ in _sides(effects, causes, "tx")
-        if e["family"] not in ("iq_imbalance", "lo_leakage", "pa_nonlinearity")
+        e for e, _ in _sides(effects, causes, "tx") if e["family"] not in ("iq_imbalance", "lo_leakage", "pa_nonlinearity")
     ]
     period = len(c.waveform.samples)
     if steady:

@@ -30,16 +30,12 @@ def single(rng, number, strong):
         if not compatible(keys):
             continue
         special = TAP_FAMILIES & set(keys)
-        scene = draw_scene(
-            rng, snr_db=float(rng.uniform(14, 33)) if {"adc_clipping", "quantization"} & set(keys) else None
-        )
+        scene = draw_scene(rng, snr_db=float(rng.uniform(14, 33)) if {"adc_clipping", "quantization"} & set(keys) else None)
         if special and len(scene.context.taps) < 3:
             continue
         scene, wave = with_second(rng, scene, "second_transmitter" in keys)
         scenes = [scene]
-        if rng.random() < 0.15 and all(
-            FAMILIES[k].level in ("tx", "link") and not FAMILIES[k].stochastic for k in keys
-        ):
+        if rng.random() < 0.15 and all(FAMILIES[k].level in ("tx", "link") and not FAMILIES[k].stochastic for k in keys):
             scenes = _twice(rng, scene)
             wave["keys"] *= 2
         causes = draw_causes(rng, scenes, keys, draw_targets(rng, number, strong))
@@ -53,20 +49,15 @@ def single(rng, number, strong):
 
 
 FAINT = (
-    "carrier_frequency_offset gain_drift iq_imbalance:rx front_end_filter "
-    "power_supply_hum phase_noise extra_path pa_nonlinearity"
+    "carrier_frequency_offset gain_drift iq_imbalance:rx front_end_filter power_supply_hum phase_noise extra_path pa_nonlinearity"
 ).split()
 
 
 def _invisible(rng, scene):
     """A cause that cannot be seen: real samples have no image, constant envelopes no compression."""
     waveform = scene.context.waveform
-    blind = [("pa_nonlinearity", 0.08)] * waveform.constant_envelope + [
-        ("iq_imbalance:tx", 0.05)
-    ] * waveform.real
-    faint = [
-        (str(k), None) for k in rng.choice(FAINT, 2, replace=False) if FAMILIES[str(k)].fits(scene.context)
-    ]
+    blind = [("pa_nonlinearity", 0.08)] * waveform.constant_envelope + [("iq_imbalance:tx", 0.05)] * waveform.real
+    faint = [(str(k), None) for k in rng.choice(FAINT, 2, replace=False) if FAMILIES[str(k)].fits(scene.context)]
     options = blind + faint
     if not options:
         raise Retry("nothing fits")
@@ -75,9 +66,7 @@ def _invisible(rng, scene):
     draw = {**family.draw(rng, scene.context), "turns": 0.0}
     if strength:
         draw["memory"] = False
-    cause = world.Cause(
-        key=key, owner=owner_of(rng, family, scene), strength=strength or family.start, draw=draw
-    )
+    cause = world.Cause(key=key, owner=owner_of(rng, family, scene), strength=strength or family.start, draw=draw)
     if strength is None:
         (cause,) = tune([scene], [cause], 0, float(rng.uniform(0.05, 0.6)))
     if total_lambda([scene], [cause], cause) > 1:
@@ -110,9 +99,7 @@ def beyond(rng):
     """Physics that no family of the contract holds."""
     name = str(rng.choice(list(outside.KINDS)))
     kind = outside.KINDS[name]
-    scene = draw_scene(
-        rng, kind=str(rng.choice(kind.waveforms)), offset_known=0.0, snr_db=float(rng.uniform(15, 30))
-    )
+    scene = draw_scene(rng, kind=str(rng.choice(kind.waveforms)), offset_known=0.0, snr_db=float(rng.uniform(15, 30)))
     if kind.few_taps and len(scene.context.taps) > 2:
         raise Retry("too many taps")
     draw = kind.draw(rng, scene.context)
@@ -185,9 +172,7 @@ def network(rng, number, strong):
         )
         senders, hearers = int(rng.integers(2, 4)), int(rng.integers(2, 4))
         waves = {
-            f"tx{i + 1}": draw_waveform(
-                rng, str(rng.choice(["rrc_qpsk", "rrc", "zadoff_chu"], p=[0.6, 0.2, 0.2]))
-            )
+            f"tx{i + 1}": draw_waveform(rng, str(rng.choice(["rrc_qpsk", "rrc", "zadoff_chu"], p=[0.6, 0.2, 0.2])))
             for i in range(senders)
         }
         levels = {t: float(rng.choice([1.0, 0.8, 0.5])) for t in waves}

@@ -50,17 +50,13 @@ def _twin(scenes, causes, waveform_keys, datatype, declare_noise):
     for s in scenes:
         if s.link not in seen:
             seen.add(s.link)
-            links.append(
-                {"tx": s.transmitter, "rx": s.receiver, "taps": [dict(t) for t in world.twin_taps(s, causes)]}
-            )
+            links.append({"tx": s.transmitter, "rx": s.receiver, "taps": [dict(t) for t in world.twin_taps(s, causes)]})
     twin = {
         "sample_rate_hz": first.context.rate,
         "center_frequency_hz": first.context.carrier_hz,
         "nodes": nodes,
         "links": links,
-        "recordings": [
-            {"file": s.name, "receiver": s.receiver, "transmitters": [s.transmitter]} for s in scenes
-        ],
+        "recordings": [{"file": s.name, "receiver": s.receiver, "transmitters": [s.transmitter]} for s in scenes],
         "unknown": ["delay", "phase", "gain"],
     }
     twin["effects"] = []
@@ -77,8 +73,7 @@ def _twin(scenes, causes, waveform_keys, datatype, declare_noise):
         ]
     if declare_noise:
         twin["noise"] = {
-            s.receiver: {"power_db": round(float(10 * np.log10(s.context.noise + _step_noise(datatype))), 3)}
-            for s in scenes
+            s.receiver: {"power_db": round(float(10 * np.log10(s.context.noise + _step_noise(datatype))), 3)} for s in scenes
         }
     return twin
 
@@ -102,20 +97,14 @@ def finish(
 ):
     """Plays, and writes down the truth. hidden: harmless causes that the truth does not list as effects."""
     names = [c.name for c in causes]
-    datatype = draw_datatype(
-        rng, min(scenes, key=lambda s: s.context.noise), names + [c.name for c in hidden]
-    )
+    datatype = draw_datatype(rng, min(scenes, key=lambda s: s.context.noise), names + [c.name for c in hidden])
     declare = noise if noise is not None else ("noise_floor" in names or bool(rng.random() < 0.7))
     recordings, fits = {}, []
     everything = [*causes, *hidden]
     for s in scenes:
         recorded = files.decoded(files.encoded(play_safely(s, everything), datatype), datatype)
         recordings[s.name] = recorded
-        quiet = [
-            c
-            for c in everything
-            if c.name != "quantization" and (c.family.stage != "air" or not c.family.stochastic)
-        ]
+        quiet = [c for c in everything if c.name != "quantization" and (c.family.stage != "air" or not c.family.stochastic)]
         fits.append(world.fit_of_twin(s, everything, recorded, world.play(s, quiet, noise=False)))
     effects = []
     network = kind == "network"

@@ -45,11 +45,7 @@ def draw_taps(rng, waveform, rate, carrier, count, most=5, dopplers=True):
         d = float(rng.uniform(3.5, span))
         if min(abs(d - h) for h in delays) >= 3.5:
             delays.append(d)
-    one = (
-        round(float(rng.uniform(-1, 1) * min(0.002 * carrier / count, 200.0)), 3)
-        if dopplers and rng.random() < 0.2
-        else 0.0
-    )
+    one = round(float(rng.uniform(-1, 1) * min(0.002 * carrier / count, 200.0)), 3) if dopplers and rng.random() < 0.2 else 0.0
     return tuple(
         {
             "delay_s": round(d / rate, 14),
@@ -84,18 +80,10 @@ def draw_scene(
     count = count or int(np.exp(rng.uniform(np.log(least), np.log(max(150_000, 1.5 * least)))))
     taps = taps or draw_taps(rng, waveform, rate, carrier, count)
     if offset_known is None:
-        offset_known = (
-            round(float(rng.uniform(4, 14) * rate / count * rng.choice([-1, 1])), 2)
-            if rng.random() < 0.35
-            else 0.0
-        )
+        offset_known = round(float(rng.uniform(4, 14) * rate / count * rng.choice([-1, 1])), 2) if rng.random() < 0.35 else 0.0
     snr_db = float(rng.uniform(8, 33)) if snr_db is None else snr_db
     amplitude = amplitude or float(rng.choice([1.0, 1.0, 0.8, 0.5]))
-    bulk = (
-        float(rng.uniform(0, len(waveform.samples)))
-        if waveform.repeat
-        else float(rng.uniform(0.02, 0.1) * count)
-    )
+    bulk = float(rng.uniform(0, len(waveform.samples))) if waveform.repeat else float(rng.uniform(0.02, 0.1) * count)
     spread = sum(abs(channel.amplitude(t)) for t in taps) * np.max(np.abs(waveform.samples))
     level = gain or float(rng.uniform(0.05, 0.8))
     gain = level / spread / amplitude * np.exp(1j * rng.uniform(-np.pi, np.pi))

@@ -165,9 +165,7 @@ def judge(name, truth, diagnosis, fault):
     if kind == "ambiguous":
         wanted = truth["ambiguous"]
         said = any(
-            set(s) <= set(a["families"])
-            and len(a["families"]) <= len(s) + 1
-            and a["record_next"] in wanted["record_next"]
+            set(s) <= set(a["families"]) and len(a["families"]) <= len(s) + 1 and a["record_next"] in wanted["record_next"]
             for a in diagnosis["ambiguous"]
             for s in wanted["family_sets"]
         )
@@ -248,9 +246,7 @@ def calibration_error(pairs, bins=10):
     pairs = np.asarray(pairs, float).reshape(-1, 2)
     index = np.minimum((pairs[:, 0] * bins).astype(int), bins - 1)
     gaps = [pairs[index == k] for k in range(bins)]
-    return float(
-        sum(len(g) * abs(g[:, 0].mean() - g[:, 1].mean()) for g in gaps if len(g)) / max(len(pairs), 1)
-    )
+    return float(sum(len(g) * abs(g[:, 0].mean() - g[:, 1].mean()) for g in gaps if len(g)) / max(len(pairs), 1))
 
 
 def _mean(values):
@@ -270,10 +266,7 @@ def summarise(rows):
     rms = float(np.sqrt(np.mean(np.clip(zs, -50, 50) ** 2))) if len(zs) else None
     calibration = [p for r in rows for p in r["calibration"]]
     seconds = [r["seconds"] for r in rows if r["seconds"] is not None]
-    owners = {
-        n: [c["owner_right"] for r in of("network") if len(r["causes"]) == n for c in r["causes"]]
-        for n in (1, 2)
-    }
+    owners = {n: [c["owner_right"] for r in of("network") if len(r["causes"]) == n for c in r["causes"]] for n in (1, 2)}
     half = half_recall_lambda([c["lambda"] for c in causes], [c["hit"] for c in causes])
     floors = []
 
@@ -285,9 +278,7 @@ def summarise(rows):
             "in": lambda: floor[0] <= value <= floor[1],
         }
         met = None if value is None else bool(kept[sense]())
-        floors.append(
-            {"metric": metric, "value": value, "floor": floor, "sense": sense, "count": count, "met": met}
-        )
+        floors.append({"metric": metric, "value": value, "floor": floor, "sense": sense, "count": count, "met": met})
 
     add("no-mismatch cases wrongly accused", _mean([r["accused"] for r in of("null")]), 0.02, "≤")
     for kind, floor in zip(EXACT, (0.92, 0.85, 0.72), strict=True):
@@ -383,10 +374,7 @@ def markdown(result):
         )
         lines.append(f"| {name} | {_text(recall)} | {f['true']} | {_text(precision)} | {f['found']} |")
     lines += ["", "| parameter | of | RMS z | 95 % coverage |", "|---|---|---|---|"]
-    lines += [
-        f"| {k} | {p['count']} | {_text(p['rms_z'])} | {_text(p['coverage'])} |"
-        for k, p in result["parameters"].items()
-    ]
+    lines += [f"| {k} | {p['count']} | {_text(p['rms_z'])} | {_text(p['coverage'])} |" for k, p in result["parameters"].items()]
     lines += ["", f"{len(result['failures'])} cases with a fault", ""]
     lines += [f"- {f['case']} ({f['kind']}): {'; '.join(f['reasons'])}" for f in result["failures"]]
     return "\n".join(lines) + "\n"

@@ -60,9 +60,7 @@ def effect(cause, scene, scenes, lam, network, wanted):
         more_db = 10 * np.log10(scene.context.power / wanted)
         parameters = {k: _raised(p, more_db) if k in ("power_dbc", "level_dbc") else p for k, p in parameters.items()}
     if lam < 20 or cause.family.stochastic:
-        parameters = {
-            k: {**p, "z": p["z"] and not cause.family.stochastic and lam >= 20} for k, p in parameters.items()
-        }
+        parameters = {k: {**p, "z": p["z"] and not cause.family.stochastic and lam >= 20} for k, p in parameters.items()}
     if network:
         per_recording = {"power_dbc", "level_dbc", "power_db", "slope_db"}
         parameters = {k: {**p, "z": p["z"] and k not in per_recording} for k, p in parameters.items()}

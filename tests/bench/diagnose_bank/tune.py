@@ -51,9 +51,7 @@ def compatible(keys):
 
 def owner_of(rng, family, scene):
     level = family.level if family.level != "either" else str(rng.choice(["tx", "rx"]))
-    name = {"tx": scene.transmitter, "rx": scene.receiver, "link": scene.link, "environment": "environment"}[
-        level
-    ]
+    name = {"tx": scene.transmitter, "rx": scene.receiver, "link": scene.link, "environment": "environment"}[level]
     return {"level": level, "name": name}
 
 
@@ -92,9 +90,7 @@ def tune(scenes, causes, index, target):
             "noise_floor": 8.0,
             "tap_fading": 0.7,
         }
-        new = float(
-            np.clip(cause.strength * np.clip(ratio, 1e-8, 1e8) ** power, 1e-7, most.get(cause.name, 1e9))
-        )
+        new = float(np.clip(cause.strength * np.clip(ratio, 1e-8, 1e8) ** power, 1e-7, most.get(cause.name, 1e9)))
         if new == cause.strength:
             break
         cause = replace(cause, strength=new)
@@ -115,9 +111,7 @@ def draw_causes(rng, scenes, keys, targets, owners=None):
         mine = [s for s in scenes if world.touches(world.Cause(key=key, owner=owner, strength=0, draw={}), s)]
         if not mine or not all(family.fits(s.context) for s in mine):
             return None
-        causes.append(
-            world.Cause(key=key, owner=owner, strength=family.start, draw=family.draw(rng, mine[0].context))
-        )
+        causes.append(world.Cause(key=key, owner=owner, strength=family.start, draw=family.draw(rng, mine[0].context)))
     for _ in range(2 if len(causes) > 1 else 1):
         for k, target in enumerate(targets):
             causes = tune(scenes, causes, k, target)

@@ -17,9 +17,7 @@ def _static(rng, kinds, most):
     waveform, rate = draw_waveform(rng, str(rng.choice(kinds))), float(rng.choice(RATES))
     taps = draw_taps(rng, waveform, rate, 1e9, 40_000, most=most, dopplers=False)
     count = int(rng.integers(25_000, 60_000))
-    return draw_scene(
-        rng, waveform=waveform, rate=rate, carrier=1e9, count=count, taps=taps, offset_known=0.0
-    )
+    return draw_scene(rng, waveform=waveform, rate=rate, carrier=1e9, count=count, taps=taps, offset_known=0.0)
 
 
 def _cause(rng, key, scene, **draw):
@@ -44,9 +42,7 @@ def floor_or_signal_noise(rng):
 
 def filter_or_tail(rng):
     """Two or three samples of tail, too weak to show whether the noise went through it as well."""
-    scene = draw_scene(
-        rng, kind="rrc_qpsk", offset_known=0.0, snr_db=float(rng.uniform(26, 31)), taps=(STATIC_TAP,)
-    )
+    scene = draw_scene(rng, kind="rrc_qpsk", offset_known=0.0, snr_db=float(rng.uniform(26, 31)), taps=(STATIC_TAP,))
     cause = _cause(rng, "diffuse_tail", scene, decay=float(rng.uniform(1.0, 1.8)), start=1.0)
     return (
         scene,

@@ -46,9 +46,7 @@ def zadoff_chu(rng):
     root, n = int(rng.integers(1, 100)), np.arange(length)
     chips = np.exp(-1j * np.pi * (root * n * (n + 1) % (2 * length)) / length)
     code = {"code": "zadoff_chu", "length": length, "root": root, "samples_per_chip": per_chip}
-    return Waveform(
-        name="zadoff_chu", samples=np.repeat(chips, per_chip), samples_per_chip=per_chip, code=code
-    )
+    return Waveform(name="zadoff_chu", samples=np.repeat(chips, per_chip), samples_per_chip=per_chip, code=code)
 
 
 def _unit_power(x):
@@ -87,9 +85,7 @@ def shaped_bpsk(rng):
     """A ±1 code, root-raised-cosine shaped: real, but not of constant envelope."""
     base = glfsr(rng, degree=int(rng.choice([7, 8, 9])), per_chip=1)
     per_chip = int(rng.integers(3, 5))
-    taps = filter.firdes.root_raised_cosine(
-        per_chip, per_chip, 1.0, float(rng.uniform(0.2, 0.4)), 32 * per_chip + 1
-    )
+    taps = filter.firdes.root_raised_cosine(per_chip, per_chip, 1.0, float(rng.uniform(0.2, 0.4)), 32 * per_chip + 1)
     chips = np.tile(base.samples, 3)
     x = flow.through(chips, filter.interp_fir_filter_ccf(per_chip, taps))
     x = x[(len(base.samples) + 16) * per_chip :][: len(base.samples) * per_chip]
@@ -101,9 +97,7 @@ def ofdm(rng, repeat=True):
     size, prefix, count = 128, 16, int(rng.integers(8, 20) if repeat else rng.integers(100, 200))
     used = np.r_[1:27, size - 26 : size]
     grid = np.zeros((count, size), complex)
-    grid[:, used] = np.array(digital.constellation_qpsk().points())[_bits(rng, count * len(used), 4)].reshape(
-        count, -1
-    )
+    grid[:, used] = np.array(digital.constellation_qpsk().points())[_bits(rng, count * len(used), 4)].reshape(count, -1)
     top = flow.gr.top_block("bank", catch_exceptions=False)
     source = blocks.vector_source_c(grid.astype(np.complex64).ravel(), False, size)
     inverse = fft.fft_vcc(size, False, [], False)
@@ -112,6 +106,4 @@ def ofdm(rng, repeat=True):
     top.run()
     x = np.array(sink.data())[: count * (size + prefix)]
     x = _without_nyquist(x) if repeat else x
-    return Waveform(
-        name="ofdm" if repeat else "burst_ofdm", samples=_unit_power(x), samples_per_chip=2, repeat=repeat
-    )
+    return Waveform(name="ofdm" if repeat else "burst_ofdm", samples=_unit_power(x), samples_per_chip=2, repeat=repeat)

@@ -59,11 +59,7 @@ def _apply(x, causes, scene, stage, side):
     for c in causes:
         family = c.family
         where = family.stage if family.stage in ("clock", "air", "late") else c.owner["level"]
-        if (
-            family.stage in ("tx", "rx", "clock", "air", "late")
-            and family.stage in stage
-            and (side is None or where == side)
-        ):
+        if family.stage in ("tx", "rx", "clock", "air", "late") and family.stage in stage and (side is None or where == side):
             x = family.act(x, c.strength, c.draw, scene.context)
     return x
 
@@ -96,9 +92,7 @@ def play(scene, causes=(), *, noise=True, absent=()):
     for k in present:
         if k.family.stage == "link":
             taps = k.family.act(taps, k.strength, k.draw, c)
-    fades = {
-        k.draw["tap"]: k.family.act(k.strength, k.draw, c, total) for k in present if k.family.stage == "fade"
-    }
+    fades = {k.draw["tap"]: k.family.act(k.strength, k.draw, c, total) for k in present if k.family.stage == "fade"}
     gone = {k.draw["tap"] for k in present if k.family.stage == "twin"}
     fades = {i - sum(g < i for g in gone): f for i, f in fades.items() if i not in gone}
     taps = [t for i, t in enumerate(taps) if i not in gone]
@@ -153,9 +147,7 @@ def measured(scene, snr_db):
     y = play(replace(scene, after=None, place=""), noise=False)
     power = float(np.mean(np.abs(y) ** 2))
     top = float(max(np.max(np.abs(y.real)), np.max(np.abs(y.imag))))
-    return replace(
-        scene, context=replace(scene.context, power=power, rms_peak=top, noise=power / 10 ** (snr_db / 10))
-    )
+    return replace(scene, context=replace(scene.context, power=power, rms_peak=top, noise=power / 10 ** (snr_db / 10)))
 
 
 # ---------------------------------------------------------------- λ
@@ -206,13 +198,9 @@ def strength_lambda(scene, causes, cause):
             return _impulse_evidence(path, scene)
         return _divergence(np.full(c.count, s))
     if name != "quantization":
-        causes = [
-            k for k in causes if k.name != "quantization"
-        ]  # a lattice without noise is no fair background
+        causes = [k for k in causes if k.name != "quantization"]  # a lattice without noise is no fair background
     if name in ("front_end_filter", "sample_clock_offset"):
-        idle = [
-            replace(k, strength=0.0) if k is cause else k for k in causes
-        ]  # their blocks' own delay is not λ
+        idle = [replace(k, strength=0.0) if k is cause else k for k in causes]  # their blocks' own delay is not λ
         base = play(scene, idle, noise=False)
     else:
         base = play(scene, causes, noise=False, absent=(cause,))
@@ -228,9 +216,7 @@ def strength_lambda(scene, causes, cause):
     if name == "tap_fading":
         path = cause.family.act(s, d, c, total)[c.first :]
         power = (
-            abs(c.gain * channel.amplitude(c.taps[d["tap"]])) ** 2
-            * np.mean(np.abs(c.waveform.samples) ** 2)
-            * scene.amplitude**2
+            abs(c.gain * channel.amplitude(c.taps[d["tap"]])) ** 2 * np.mean(np.abs(c.waveform.samples) ** 2) * scene.amplitude**2
         )
         return min(energy, _divergence(_smooth_spectrum((path - path.mean()) * np.sqrt(power)) / c.noise))
     return energy

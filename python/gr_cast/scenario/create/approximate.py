@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import CastError
-from ...units import db_from_power
+from ...core.errors import CastError
+from ...core.units import db_from_power
 from ..model import GRID_STEP_S, GRID_TAPS
 
 TAPS = 4

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...errors import CastError
+from ...core.errors import CastError
 
 MAX_COORDINATE_M = 1e5
 
@@ -97,14 +97,11 @@ def bounds_m(solids: list[Solid]) -> tuple[np.ndarray, np.ndarray]:
     return corners.min(axis=0), corners.max(axis=0)
 
 
-def prism(
-    name: str, outline_m: np.ndarray, holes_m: list[np.ndarray], low_m: float, high_m: float, surface: str
-) -> Solid:
+def prism(name: str, outline_m: np.ndarray, holes_m: list[np.ndarray], low_m: float, high_m: float, surface: str) -> Solid:
     """A closed prism over a plane outline (n, 2) with holes, from z = low_m to high_m."""
     # Outline anticlockwise, holes clockwise: then all faces are wound alike.
     loops = [
-        loop if (signed_area_m2(loop) > 0) == (index == 0) else loop[::-1]
-        for index, loop in enumerate([outline_m, *holes_m])
+        loop if (signed_area_m2(loop) > 0) == (index == 0) else loop[::-1] for index, loop in enumerate([outline_m, *holes_m])
     ]
     base, triangles = triangulate(loops[0], loops[1:])
     count = len(base)

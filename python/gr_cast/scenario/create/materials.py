@@ -3,7 +3,7 @@
 
 from fnmatch import fnmatchcase
 
-from ...errors import CastError
+from ...core.errors import CastError
 from .geometry import Solid, assigned
 
 # ITU-R P.2040-3, table 3: the bands in GHz over which each material's permittivity is given.
@@ -39,11 +39,7 @@ def assign(solids: list[Solid], rules: dict[str, str], carrier_hz: float) -> lis
     out, missing = [], []
     for solid in solids:
         material = next(
-            (
-                rules[p]
-                for p in rules
-                if fnmatchcase(solid.name, p) or (solid.surface and fnmatchcase(solid.surface, p))
-            ),
+            (rules[p] for p in rules if fnmatchcase(solid.name, p) or (solid.surface and fnmatchcase(solid.surface, p))),
             None,
         )
         if material is None:

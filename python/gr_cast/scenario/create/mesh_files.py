@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import CastError
+from ...core.errors import CastError
 from .geometry import Solid
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import CastError, Faults
+from ...core.errors import CastError, Faults
 from .geometry import Solid, is_closed, is_inside
 
 ANTENNAS = ("iso", "dipole", "hw_dipole", "tr38901")
@@ -102,9 +102,7 @@ def check(nodes: list[Node], solids: list[Solid], time_s: np.ndarray, step_s: fl
     for node in nodes:
         if node.speed_m_per_s * step_s > COHERENCE_DISTANCE_M:
             step_m = node.speed_m_per_s * step_s
-            faults.add(
-                node.name, f"moves {step_m:g} m between samples, limit {COHERENCE_DISTANCE_M:g} m of spatial coherence"
-            )
+            faults.add(node.name, f"moves {step_m:g} m between samples, limit {COHERENCE_DISTANCE_M:g} m of spatial coherence")
     for index, a in enumerate(nodes):
         for b in nodes[index + 1 :]:
             distance_m = np.linalg.norm(tracks[a.name] - tracks[b.name], axis=1)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import CastError, Faults
+from ...core.errors import CastError, Faults
 from .geometry import Solid, prism, signed_area_m2
 
 LEVEL_HEIGHT_M = 3.0
@@ -22,9 +22,7 @@ GROUND_MARGIN_M = 50.0
 _UNITS_M = {"": 1.0, "m": 1.0, "ft": 0.3048, "'": 0.3048, "km": 1000.0}
 
 
-def read(
-    path: str | Path, *, default_height_m: float = DEFAULT_HEIGHT_M, level_height_m: float = LEVEL_HEIGHT_M, area_m=None
-):
+def read(path: str | Path, *, default_height_m: float = DEFAULT_HEIGHT_M, level_height_m: float = LEVEL_HEIGHT_M, area_m=None):
     """Buildings and a flat ground of an extract: (objects, Counter of what was found, assumed and left out).
 
     x is east and y north, in metres from the middle of the extract's bounds (or of its nodes). With `area_m` (west, south,
@@ -85,9 +83,7 @@ def _project(root, faults: Faults) -> dict[str, np.ndarray]:
         return {}
     bounds = root.find("bounds")
     if bounds is not None:
-        corners = np.array(
-            [[_degrees(bounds.get(f"{end}{axis}")) for axis in ("lon", "lat")] for end in ("min", "max")]
-        )
+        corners = np.array([[_degrees(bounds.get(f"{end}{axis}")) for axis in ("lon", "lat")] for end in ("min", "max")])
     else:
         corners = np.array([np.min(list(nodes.values()), axis=0), np.max(list(nodes.values()), axis=0)])
     middle = corners.mean(axis=0)

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import CastError
-from ...units import amplitude_from_db, db_from_amplitude
+from ...core.errors import CastError
+from ...core.units import amplitude_from_db, db_from_amplitude
 from ..model import LinkTaps, Scenario, reciprocal
 from . import reduce
 from .paths import LinkPaths
@@ -51,12 +51,7 @@ def _row(path: Path, lines, width: int) -> list[float]:
         values = [float(word) for word in words]
     except ValueError:
         values = []
-    if (
-        len(values) != width
-        or not np.isfinite(values).all()
-        or (width == 4 and values[2] < 0)
-        or (width < 4 and min(values) < 0)
-    ):
+    if len(values) != width or not np.isfinite(values).all() or (width == 4 and values[2] < 0) or (width < 4 and min(values) < 0):
         place = f"line {number}" if number else "end of file"
         raise CastError(f"{path}: {place}: needs {width} numbers, got {' '.join(words)!r}: damaged or truncated")
     return values
@@ -82,7 +77,5 @@ def scenario(
     strongest = max(np.abs(item.gain).max() for item in links.values())
     taps = {key: LinkTaps(delay_s=item.delay_s, gain=item.gain / strongest) for key, item in links.items()}
     nodes = sorted({node for key in taps for node in key}, key=lambda node: (node[0] == "r", int(node[1:])))
-    made = Scenario(
-        name=name, nodes=tuple(nodes), links=reciprocal(taps), base_loss_db=-float(db_from_amplitude(strongest))
-    )
+    made = Scenario(name=name, nodes=tuple(nodes), links=reciprocal(taps), base_loss_db=-float(db_from_amplitude(strongest)))
     return made, {key: float(item.loss.nmse_db[0]) for key, item in links.items()}

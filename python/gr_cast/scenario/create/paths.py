@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import CastError
-from ...files import written_aside
+from ...core.errors import CastError
+from ...core.files import written_aside
 from .approximate import in_band_energy
 from .trace import Traced
 

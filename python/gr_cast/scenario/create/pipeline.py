@@ -19,10 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ... import __version__, tasks
-from ...errors import CastError, Faults
-from ...files import locked, sweep, write_json, write_text, written_aside
-from ...units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
+from ... import __version__
+from ...core import tasks
+from ...core.errors import CastError, Faults
+from ...core.files import locked, sweep, write_json, write_text, written_aside
+from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
 from .. import catalogue, zarr_file
 from ..model import MAX_DELAY_S, LinkTaps, Scenario, link_name, path_gain_matrix_db
 from . import geometry, materials, mesh_files, nodes, osm, paths, reduce, trace
@@ -125,9 +126,7 @@ def _load(run: Run, name: str):
     return pickle.loads((run.folder / name).read_bytes())
 
 
-def _every_task(
-    run: Run, folder: Path, function: Callable, common, inputs: dict, processes: int | None = None
-) -> Iterator:
+def _every_task(run: Run, folder: Path, function: Callable, common, inputs: dict, processes: int | None = None) -> Iterator:
     """Yield function(common, input) of every named input, in their order, when all are done. Each is kept in a file of its
     name: what a run that was killed has finished is not done again."""
     files = {name: folder / f"{name}.pickle" for name in inputs}
@@ -180,9 +179,7 @@ def _where_open(solid: geometry.Solid) -> str:
 def _materials(spec: Spec, run: Run, folder: Path):
     before = _load(run, "model/solids.pickle")
     solids = materials.assign(before, spec.materials, spec.carrier_hz)
-    used = {
-        name: sum(solid.material == name for solid in solids) for name in sorted({solid.material for solid in solids})
-    }
+    used = {name: sum(solid.material == name for solid in solids) for name in sorted({solid.material for solid in solids})}
     summary = {"objects in": len(before), "objects out": len(solids), **used}
     trace.write_scene(folder, solids)  # for other tools; the tracer makes its own
     return _save(folder / "solids.pickle", solids), summary
@@ -219,9 +216,7 @@ def _check_times_s(times_s: np.ndarray, count: int) -> np.ndarray:
     """Instants in the middle of traced ones, spread over the whole time: what the interpolation is checked at."""
     middles = (times_s[1:] + times_s[:-1]) / 2
     return (
-        middles[np.unique(np.linspace(0, len(middles) - 1, count).round().astype(int))]
-        if len(middles) and count
-        else middles[:0]
+        middles[np.unique(np.linspace(0, len(middles) - 1, count).round().astype(int))] if len(middles) and count else middles[:0]
     )
 
 
@@ -229,9 +224,7 @@ def _sampling(spec: Spec, run: Run, folder: Path):
     """Every pair once: static ones at one instant, those with a moving node at every instant; the way back is the same."""
     times_s, _ = _load(run, "nodes/tracks.pickle")
     solids = _load(run, "materials/solids.pickle")
-    settings = trace.Settings(
-        carrier_hz=spec.carrier_hz, max_depth=spec.max_depth, rays=spec.rays, refraction=spec.refraction
-    )
+    settings = trace.Settings(carrier_hz=spec.carrier_hz, max_depth=spec.max_depth, rays=spec.rays, refraction=spec.refraction)
     moving = [index for index, node in enumerate(spec.nodes) if node.is_moving]
     static = [index for index, node in enumerate(spec.nodes) if not node.is_moving]
     jobs = []
@@ -372,9 +365,7 @@ def scenario(spec: Spec, run: Run) -> Scenario:
             links[names[tx], names[rx]] = links[names[rx], names[tx]] = LinkTaps(delay_s=item.delay_s, gain=gain)
     moving = any(not taps.is_static for taps in links.values())
     clock_s = clock_s if moving else np.zeros(1)
-    where = {
-        node.name: nodes.position_m(node, clock_s if node.is_moving and moving else np.zeros(1)) for node in spec.nodes
-    }
+    where = {node.name: nodes.position_m(node, clock_s if node.is_moving and moving else np.zeros(1)) for node in spec.nodes}
     return Scenario(
         name=spec.name,
         description=spec.description,

@@ -10,8 +10,8 @@ import itertools
 
 import numpy as np
 
-from ...errors import CastError
-from ...units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
+from ...core.errors import CastError
+from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
 from ..model import LinkTaps, Scenario, reciprocal
 from . import materials, mesh_files
 from .geometry import Solid, areas_m2, bounds_m
@@ -113,9 +113,7 @@ def walking_on(node: Node, duration_s: float) -> Node:
     return Node(**{**node.__dict__, "waypoints_m": np.concatenate(legs)})
 
 
-def scenario(
-    spec: Spec, pairs: list[tuple[str, str]], duration_s: float, *, order: int = 2, four_taps: bool = True
-) -> Scenario:
+def scenario(spec: Spec, pairs: list[tuple[str, str]], duration_s: float, *, order: int = 2, four_taps: bool = True) -> Scenario:
     """The links between `pairs` of (standing, any) nodes, both ways, moving nodes walking on for `duration_s`.
 
     `four_taps`: reduced as `cast_scenario.py create` does, at 1 ms; otherwise every path at its true delay.

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import CastError, Faults
+from ...core.errors import CastError, Faults
 from ..yaml_file import Reader, parse_text
 from .nodes import Node
 
@@ -63,12 +63,7 @@ def read(path: str | Path) -> Spec:
     name = get.text(document.get("id", path.stem), "id")
     if name and not re.fullmatch(r"[A-Za-z0-9_-]{1,64}", name):
         faults.add("id", f"got {name!r}, needs letters, digits, _ and - (at most 64)")
-    values = (
-        _environment(document, get)
-        | _model(document, get, path)
-        | _sampling(document, get)
-        | _approximation(document, get)
-    )
+    values = _environment(document, get) | _model(document, get, path) | _sampling(document, get) | _approximation(document, get)
     rules = get.mapping(document.get("materials"), "materials")
     materials = {str(key): get.text(value, f"materials.{key}") for key, value in rules.items()}
     nodes = _nodes(document, get)
@@ -185,9 +180,7 @@ def _nodes(document: dict, get: Reader) -> list[Node]:
         get.known(grid, _GRID_KEYS, place)
         origin = _numbers(grid.get("origin_m"), f"{place}.origin_m", 3, get)
         spacing = _numbers(grid.get("spacing_m"), f"{place}.spacing_m", 2, get)
-        counts = [
-            int(c) if c == c and 1 <= c <= 256 else 0 for c in _numbers(grid.get("count"), f"{place}.count", 2, get)
-        ]
+        counts = [int(c) if c == c and 1 <= c <= 256 else 0 for c in _numbers(grid.get("count"), f"{place}.count", 2, get)]
         prefix = get.text(grid.get("prefix", "n"), f"{place}.prefix")
         for number in range(counts[0] * counts[1]):
             row, column = divmod(number, max(counts[0], 1))
@@ -204,9 +197,7 @@ def _nodes(document: dict, get: Reader) -> list[Node]:
             track = dict(waypoints_m=[_numbers(entry["position_m"], f"{place}.position_m", 3, get)])
         else:
             points = get.sequence(entry["waypoints_m"], f"{place}.waypoints_m")
-            track = dict(
-                waypoints_m=[_numbers(point, f"{place}.waypoints_m", 3, get) for point in points] or [[0, 0, 0]]
-            )
+            track = dict(waypoints_m=[_numbers(point, f"{place}.waypoints_m", 3, get) for point in points] or [[0, 0, 0]])
         if "speed_m_per_s" in entry:
             track["speed_m_per_s"] = get.number(entry["speed_m_per_s"], f"{place}.speed_m_per_s", "m/s", 0, 1e4)
         _add(nodes, get, get.text(name, place), track, _equipment(entry, place, get))

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import CastError
-from ...files import write_text, written_aside
-from ...units import SPEED_OF_LIGHT_M_PER_S
+from ...core.errors import CastError
+from ...core.files import write_text, written_aside
+from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from .geometry import Solid, planes
 from .materials import THICKNESS_M
 
@@ -81,9 +81,7 @@ def surfaces(solids: Sequence[Solid]) -> Surfaces:
     owner = np.repeat(np.arange(len(solids)), np.diff(start))
     # The tenth of a millimetre tells parallel planes apart; coordinates are whole multiples of far less.
     offset_m = np.einsum("ij,ij->i", upright, point_m)
-    _, plane = np.unique(
-        np.column_stack([owner, np.round(upright, 6), np.round(offset_m, 4)]), axis=0, return_inverse=True
-    )
+    _, plane = np.unique(np.column_stack([owner, np.round(upright, 6), np.round(offset_m, 4)]), axis=0, return_inverse=True)
     return Surfaces(start=start, plane=plane.reshape(-1), normal=normal, point_m=point_m)
 
 
@@ -111,9 +109,7 @@ _one_at_a_time = threading.Lock()  # a worker of a cluster may have threads; the
 
 
 def _scene(rt, solids: Sequence[Solid], settings: Settings):
-    key = hash(
-        tuple((solid.name, solid.material, solid.vertices_m.tobytes(), solid.faces.tobytes()) for solid in solids)
-    )
+    key = hash(tuple((solid.name, solid.material, solid.vertices_m.tobytes(), solid.faces.tobytes()) for solid in solids))
     key = (key, settings.carrier_hz)
     if key not in _scenes:
         _scenes.clear()
@@ -219,9 +215,7 @@ def _solve(rt, scene, solver, settings, task, planes_of, pairs, patterns):
     return tx, rx, names.astype(np.int32), delay_s, *rates, gain
 
 
-def image_delays(
-    planes_of: Surfaces, reflects: np.ndarray, faces: np.ndarray, task: Task, tx: np.ndarray, rx: np.ndarray
-):
+def image_delays(planes_of: Surfaces, reflects: np.ndarray, faces: np.ndarray, task: Task, tx: np.ndarray, rx: np.ndarray):
     """Delays (n,) and their rates just before and after, from the images of the transmitters in double precision.
 
     A reflection mirrors the transmitter; a thin wall that is passed leaves the ray straight. The length's rate is the

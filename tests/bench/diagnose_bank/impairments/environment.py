@@ -32,9 +32,9 @@ def _narrow_draw(rng, c):
 def _narrow_path(s, d, c, count):
     share = d["bandwidth_hz"] / c.rate
     taps = filter.firdes.low_pass_2(1, 1, share / 2, share / 6, 60)
-    noise = flow.through(flow.gaussian(count + len(taps), 1.0, d["seed"]), filter.fft_filter_ccf(1, taps))[
-        len(taps) // 2 :
-    ][:count]
+    noise = flow.through(flow.gaussian(count + len(taps), 1.0, d["seed"]), filter.fft_filter_ccf(1, taps))[len(taps) // 2 :][
+        :count
+    ]
     noise *= s * np.sqrt(c.power / np.mean(np.abs(noise) ** 2))
     return flow.multiply(noise, flow.oscillator(d["frequency_hz"] / c.rate, len(noise), 0))
 
@@ -71,9 +71,7 @@ def _pulse_draw(rng, c):
 
 def _pulse_gate(d, count):
     """1 while a sawtooth of the pulses' period is under the duty cycle."""
-    saw = flow.samples_real(
-        analog.sig_source_f(1.0, analog.GR_SAW_WAVE, 1 / d["period"], 1.0, 0.0, d["phase"]), count
-    )
+    saw = flow.samples_real(analog.sig_source_f(1.0, analog.GR_SAW_WAVE, 1 / d["period"], 1.0, 0.0, d["phase"]), count)
     return 1 - flow.through_real(saw, blocks.threshold_ff(d["duty"], d["duty"], 0))
 
 
@@ -104,13 +102,9 @@ _IMPULSE_POWER = 81 + 18 * np.sqrt(2) + 4  # mean z² where z = 9 + √2·Exp(1)
 
 def _impulse_path(s, d, c, count):
     z = flow.samples_real(analog.noise_source_f(analog.GR_IMPULSE, 1.0, d["seed"]), count)
-    on = flow.through_real(
-        flow.uniform(count, d["seed"] + 1), blocks.threshold_ff(1 - 2 * d["keep"], 1 - 2 * d["keep"], 0)
-    )
+    on = flow.through_real(flow.uniform(count, d["seed"] + 1), blocks.threshold_ff(1 - 2 * d["keep"], 1 - 2 * d["keep"], 0))
     turn = np.exp(1j * np.pi * flow.uniform(count, d["seed"] + 2))
-    return flow.multiply(
-        z / 9 * on * turn, np.full(count, s * np.sqrt(c.noise) / np.sqrt(_IMPULSE_POWER) * 9)
-    )
+    return flow.multiply(z / 9 * on * turn, np.full(count, s * np.sqrt(c.noise) / np.sqrt(_IMPULSE_POWER) * 9))
 
 
 def _impulse_truth(s, d, c):

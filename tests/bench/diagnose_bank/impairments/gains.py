@@ -49,19 +49,13 @@ def _drift_truth(s, d, c):
 
 
 def _hum_draw(rng, c):
-    lines = [
-        f
-        for f in (50, 60, 100, 120, 300, 360, 400, 800, 1000, 1200, 5000, 20e3, 100e3)
-        if 3 <= f * c.duration <= 200
-    ]
+    lines = [f for f in (50, 60, 100, 120, 300, 360, 400, 800, 1000, 1200, 5000, 20e3, 100e3) if 3 <= f * c.duration <= 200]
     return {"frequency_hz": float(rng.choice(lines)), "phase": float(rng.uniform(0, 6.28))}
 
 
 def _hum(x, s, d, c):
     phase = d["phase"] - 2 * np.pi * d["frequency_hz"] * c.first / c.rate
-    source = analog.sig_source_f(
-        c.rate, analog.GR_COS_WAVE, d["frequency_hz"], s, 1.0, float(phase % (2 * np.pi))
-    )
+    source = analog.sig_source_f(c.rate, analog.GR_COS_WAVE, d["frequency_hz"], s, 1.0, float(phase % (2 * np.pi)))
     return flow.multiply(x, flow.samples_real(source, len(x)))
 
 

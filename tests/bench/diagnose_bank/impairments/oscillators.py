@@ -97,9 +97,7 @@ FAMILIES = (
         act=_clock,
         truth=_clock_truth,
         start=2e-6,
-        fits=lambda c: (
-            c.offset_known_hz == 0 and c.waveform.name in ("rrc", "rrc_qpsk", "burst") and c.snr_db <= 22
-        ),
+        fits=lambda c: c.offset_known_hz == 0 and c.waveform.name in ("rrc", "rrc_qpsk", "burst") and c.snr_db <= 22,
     ),
     Family(
         name="phase_noise",

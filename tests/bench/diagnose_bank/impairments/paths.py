@@ -20,11 +20,7 @@ def _tap(delay, gain, doppler=0.0):
 def _slow_doppler(rng, c):
     """A Doppler whose motion stays under 0.003 samples of delay, so that turning the phase alone is right."""
     most = min(0.003 * c.carrier_hz / c.count, 400.0)
-    return (
-        float(rng.uniform(0.2, 1) * most * rng.choice([-1, 1]))
-        if rng.random() < 0.5 and most * c.duration > 1.5
-        else 0.0
-    )
+    return float(rng.uniform(0.2, 1) * most * rng.choice([-1, 1])) if rng.random() < 0.5 and most * c.duration > 1.5 else 0.0
 
 
 def _span(c):
@@ -154,9 +150,7 @@ def _fading_truth(s, d, c):
         {
             **p,
             "k_factor_db": value(-level_db(s), z=False, also=(realised,)),
-            "doppler_spread_hz": value(
-                d["spread_hz"], z=False, also=(d["spread_hz"] / np.sqrt(2), 2 * d["spread_hz"])
-            ),
+            "doppler_spread_hz": value(d["spread_hz"], z=False, also=(d["spread_hz"] / np.sqrt(2), 2 * d["spread_hz"])),
         },
         {},
         where,

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A real LTE stack over the emulator: srsRAN 4G's configuration files, and its and iperf3's logs as series.
+
+srsRAN's ZeroMQ radio asks for samples where it receives and answers where it sends; every radio gets an IPC socket each way to
+the emulator. File formats are those of srsRAN 4G 23.04 (enb.conf, ue.conf, epc.conf, user_db.csv, metrics) and iperf3 3.
+"""
+
+import csv
+import json
+import re
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...comparing.series import Series
+from ...core.errors import CastError
+from ...core.files import write_text
+from .downlink import Cell
+
+PROGRAMS = ("srsepc", "srsenb", "srsue")
+SAMPLE_RATE_HZ = {6: 1.92e6, 15: 3.84e6, 25: 5.76e6, 50: 11.52e6, 75: 15.36e6, 100: 23.04e6}  # srsRAN's own
+GATEWAY = "172.16.0.1"  # of the packet core, where traffic to the terminals comes from
+METRICS_S = 1.0
+_KEY, _OPC, _FIRST_IMSI = "00112233445566778899aabbccddeeff", "63bfa50ee6523365ff14c1f45f88737d", 1010123456000
+_TEMPLATES = ("sib.conf", "rb.conf", "rr.conf")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Member:
+    """One radio of the network: its node, its configuration, its sockets (what it sends, what it receives), its metrics."""
+
+    node: str
+    program: str
+    config: Path
+    sends: str
+    receives: str
+    metrics: Path
+    address: str = ""  # of a terminal, given by the core
+
+
+def check_programs(generator: str) -> None:
+    """Raises CastError where a program of the stack, or the traffic generator (iperf3 or mgen), is missing."""
+    missing = [program for program in (*PROGRAMS, generator) if shutil.which(program) is None]
+    if missing:
+        raise CastError(
+            f"stack: {', '.join(missing)}: not installed; build srsRAN 4G with ZeroMQ (and apt install {generator}), "
+            "or leave out --stack for the modelled downlink"
+        )
+
+
+def write_configuration(cells: list[Cell], blocks: int, templates: Path, folder: Path, sockets: Path) -> list[Member]:
+    """Every file that the stack reads, in `folder`; sib, rb and rr.conf come from `templates`, the user's own.
+
+    `sockets`: a folder of a short name for the sockets. Stations first, then terminals.
+    """
+    if blocks not in SAMPLE_RATE_HZ:
+        raise CastError(f"resource blocks: got {blocks}, srsRAN knows {', '.join(map(str, SAMPLE_RATE_HZ))}")
+    missing = [name for name in _TEMPLATES if not (templates / name).is_file()]
+    if missing:
+        raise CastError(
+            f"{templates}: {', '.join(missing)}: no such file; srsRAN installs them (srsran_4g_install_configs.sh user), "
+            "--stack-config names their folder"
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in ("sib.conf", "rb.conf"):
+        write_text(folder / name, (templates / name).read_text())
+    members = []
+    for number, cell in enumerate(cells, 1):
+        member = _member(cell.station, "srsenb", folder, sockets)
+        write_text(folder / f"rr_{cell.station}.conf", _resources((templates / "rr.conf").read_text(), number, templates))
+        write_text(member.config, _station(member, number, blocks, folder))
+        members.append(member)
+    subscribers = []
+    for number, terminal in enumerate((terminal for cell in cells for terminal in cell.terminals), 2):
+        member = _member(terminal, "srsue", folder, sockets, address=f"172.16.0.{number}")
+        imsi = f"{_FIRST_IMSI + number:015d}"
+        write_text(member.config, _terminal(member, imsi, blocks, folder))
+        subscribers.append(f"{terminal},mil,{imsi},{_KEY},opc,{_OPC},9001,000000001234,9,{member.address}")
+        members.append(member)
+    write_text(folder / "user_db.csv", "\n".join(subscribers) + "\n")
+    write_text(folder / "epc.conf", _core(folder))
+    return members
+
+
+def _member(node: str, program: str, folder: Path, sockets: Path, address: str = "") -> Member:
+    return Member(
+        node=node, program=program, config=folder / f"{program}_{node}.conf", sends=f"ipc://{sockets}/{node}.tx",
+        receives=f"ipc://{sockets}/{node}.rx", metrics=folder / f"{program}_{node}.csv", address=address,
+    )  # fmt: skip
+
+
+def _resources(text: str, number: int, templates: Path) -> str:
+    """rr.conf with a cell identity of its own; everything else is the user's."""
+    for key, value in (("cell_id", f"0x{number:02X}"), ("pci", str(number))):
+        text, count = re.subn(rf"(?m)^(\s*{key}\s*=\s*)[^;]+;", rf"\g<1>{value};", text, count=1)
+        if not count:
+            raise CastError(f"{templates / 'rr.conf'}: {key}: not found in its cell_list")
+    return text
+
+
+def _radio(member: Member, blocks: int, identity: str) -> str:
+    rate = f"{SAMPLE_RATE_HZ[blocks]:.0f}"
+    return (
+        "[rf]\ndevice_name = zmq\n"
+        f"device_args = tx_port={member.sends},rx_port={member.receives},id={identity},base_srate={rate}\n"
+        "tx_gain = 80\nrx_gain = 40\n"
+    )
+
+
+def _expert(member: Member, folder: Path) -> str:
+    return (
+        f"[expert]\nmetrics_csv_enable = true\nmetrics_csv_filename = {member.metrics}\nmetrics_period_secs = {METRICS_S:g}\n"
+        f"[log]\nall_level = warning\nfilename = {folder / member.config.stem}.log\n[gui]\nenable = false\n"
+    )
+
+
+def _station(member: Member, number: int, blocks: int, folder: Path) -> str:
+    return (
+        f"[enb]\nenb_id = 0x{0x19A + number:X}\nmcc = 001\nmnc = 01\nmme_addr = 127.0.1.100\ngtp_bind_addr = 127.0.1.{number}\n"
+        f"s1c_bind_addr = 127.0.1.{number}\nn_prb = {blocks}\n"
+        f"[enb_files]\nsib_config = {folder / 'sib.conf'}\nrr_config = {folder / f'rr_{member.node}.conf'}\n"
+        f"rb_config = {folder / 'rb.conf'}\n" + _radio(member, blocks, "enb") + _expert(member, folder)
+    )
+
+
+def _terminal(member: Member, imsi: str, blocks: int, folder: Path) -> str:
+    return (
+        _radio(member, blocks, "ue")
+        + f"[usim]\nmode = soft\nalgo = milenage\nopc = {_OPC}\nk = {_KEY}\nimsi = {imsi}\nimei = 3534900698733{imsi[-2:]}\n"
+        + "[nas]\napn = internet\napn_protocol = ipv4\n"
+        + _expert(member, folder)
+    )
+
+
+def _core(folder: Path) -> str:
+    return (
+        "[mme]\nmme_code = 0x1a\nmme_group = 0x0001\ntac = 0x0007\nmcc = 001\nmnc = 01\nmme_bind_addr = 127.0.1.100\n"
+        "apn = internet\ndns_addr = 8.8.8.8\nencryption_algo = EEA0\nintegrity_algo = EIA1\n"
+        f"[hss]\ndb_file = {folder / 'user_db.csv'}\n"
+        f"[spgw]\ngtpu_bind_addr = 127.0.1.100\nsgi_if_addr = {GATEWAY}\nsgi_if_name = srs_spgw_sgi\nmax_paging_queue = 100\n"
+        f"[log]\nall_level = warning\nfilename = {folder / 'epc.log'}\n"
+    )
+
+
+def read_terminal_metrics(path: Path) -> dict[str, Series]:
+    """`sinr_db` and `dl_bps` over time of srsUE's metrics file; times of the file are in ms. A cut last line is left out."""
+    rows = _metrics(path, ("time", "dl_snr", "dl_brate"))
+    time_s = [float(row["time"]) / 1e3 for row in rows]
+    columns = {"sinr_db": "dl_snr", "dl_bps": "dl_brate"}
+    return {
+        name: Series(name=f"{path.stem} {name}", time_s=time_s, value=[float(row[column]) for row in rows])
+        for name, column in columns.items()
+    }
+
+
+def read_station_metrics(path: Path) -> dict[str, Series]:
+    """`dl_bps` and `ul_bps` of all terminals together over time, of srsENB's metrics file; its times are in s."""
+    rows = _metrics(path, ("time", "dl_brate", "ul_brate"))
+    return {
+        f"{way}_bps": Series(
+            name=f"{path.stem} {way}_bps", time_s=[float(row["time"]) for row in rows],
+            value=[float(row[f"{way}_brate"]) for row in rows],
+        )
+        for way in ("dl", "ul")
+    }  # fmt: skip
+
+
+def _metrics(path: Path, needed: tuple[str, ...]) -> list[dict]:
+    try:
+        text = path.read_text(errors="replace")
+    except FileNotFoundError:
+        raise CastError(f"{path}: no such file: the stack wrote no metrics") from None
+    reader = csv.DictReader(text[: text.rfind("\n") + 1].splitlines(), delimiter=";")
+    missing = [name for name in needed if name not in (reader.fieldnames or ())]
+    if missing:
+        raise CastError(f"{path}: no column {', '.join(missing)}; has {', '.join(reader.fieldnames or ['none'])}")
+    # Only the first carrier's lines: others repeat the time.
+    rows = [row for row in reader if row[needed[-1]] is not None and row.get("cc", "0") == "0"]
+    if len(rows) < 2:
+        raise CastError(f"{path}: {len(rows)} lines of metrics, needs 2 or more")
+    return rows
+
+
+def read_iperf3(path: Path) -> Series:
+    """Received bits per s over time of an iperf3 JSON file: the server's where it is in there, else the client's own."""
+    try:
+        document = json.loads(path.read_text(errors="replace"))
+    except FileNotFoundError:
+        raise CastError(f"{path}: no such file: iperf3 wrote nothing") from None
+    except json.JSONDecodeError as error:
+        raise CastError(f"{path}: not the JSON of iperf3: {error}") from None
+    intervals = document.get("server_output_json", document).get("intervals", [])
+    sums = [interval["sum"] for interval in intervals if interval["sum"]["seconds"] > 0.1]
+    if len(sums) < 2:
+        raise CastError(f"{path}: {len(sums)} intervals, needs 2 or more; iperf3 says: {document.get('error', 'nothing')}")
+    return Series(name=path.stem, time_s=[(s["start"] + s["end"]) / 2 for s in sums], value=[s["bits_per_second"] for s in sums])

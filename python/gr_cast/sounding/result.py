@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A sounding as people and programs read it: result.json, frames.csv and a table of text."""
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+
+from .. import __version__
+from ..core.errors import CastError
+from ..core.files import write_json, write_text
+from ..core.units import db_from_amplitude, db_from_power
+from .sound import Sounding
+
+
+def as_document(sounding: Sounding, about: dict) -> dict:
+    """The content of result.json: plain numbers with their units in their names; null where nothing was measured."""
+    rate = sounding.sample_rate_hz
+    taps = sounding.taps
+    gains_db = db_from_power(taps.power)
+    entries = [
+        {
+            "delay_s": float(taps.delay_samples[k] / rate),
+            "gain_db": float(gains_db[k]),
+            "phase_rad": float(np.angle(taps.gain[k, 0])),
+            "delay_std_s": float(taps.delay_std_samples[k] / rate),
+            "gain_std_db": float(taps.gain_std_db[k]),
+            "phase_std_rad": float(taps.phase_std_rad[k]),
+        }
+        for k in range(len(taps.delay_samples))
+    ]
+    found = sounding.offset.found
+    return {
+        "cast_sounding": 1,
+        "software": f"gr-cast {__version__}",
+        **about,
+        "sample_rate_hz": rate,
+        "period_samples": sounding.period_samples,
+        "periods_per_frame": sounding.periods_per_frame,
+        "frames": sounding.frames,
+        "frames_missing": int(np.sum(~sounding.frame_detected)),
+        "taps": entries,
+        "path_gain_db": sounding.path_gain_db,
+        "path_gain_std_db": sounding.path_gain_std_db,
+        "path_loss_db": sounding.path_loss_db,
+        "smallest_detectable_gain_db": sounding.smallest_path_gain_db,
+        "noise_floor_db": float(db_from_power(max(sounding.noise_power, 1e-30))),
+        "carrier_offset_hz": sounding.offset.cycles_per_sample * rate if found else None,
+        "carrier_offset_std_hz": sounding.offset.std_cycles_per_sample * rate if found else None,
+        "residual_db": sounding.residual_db,
+        "gaps": [{"time_s": time_s, "lost_samples": lost} for time_s, lost in sounding.gaps],
+        "warnings": list(sounding.warnings),
+    }
+
+
+def frame_gain_db(sounding: Sounding) -> np.ndarray:
+    """Path gain of each frame, dB, (frames,): power over all taps, noise bias removed; NaN where the frame is missing."""
+    bias = sounding.frame_noise_power * sounding.frame_gain.shape[1]
+    power = np.sum(np.abs(sounding.frame_gain) ** 2, axis=1) - bias
+    return db_from_power(np.where(sounding.frame_detected & (power > 0), power, np.nan))
+
+
+def frames_csv(sounding: Sounding) -> str:
+    """One line per frame: time_s, detected, path_gain_db and every tap's gain and phase; empty where missing."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    taps = sounding.frame_gain.shape[1]
+    names = [f"tap{k}_{quantity}" for k in range(taps) for quantity in ("gain_db", "phase_rad")]
+    writer.writerow(["time_s", "detected", "path_gain_db", *names])
+    path_gain = frame_gain_db(sounding)
+    gain, phase = db_from_amplitude(sounding.frame_gain), np.angle(sounding.frame_gain)
+    for row in range(sounding.frames):
+        cells = [f"{sounding.frame_time_s[row]:.9f}", int(sounding.frame_detected[row])]
+        if sounding.frame_detected[row]:
+            values = np.stack([gain[row], phase[row]], axis=1).reshape(-1)
+            cells += [f"{value:.4f}" for value in (path_gain[row], *values)]
+        else:
+            cells += [""] * (1 + 2 * taps)
+        writer.writerow(cells)
+    return text.getvalue()
+
+
+def as_table(document: dict) -> str:
+    """The result for the screen."""
+    lines = ["   delay (µs)      gain (dB)      phase (rad)"]
+    lines += [
+        f"{tap['delay_s'] * 1e6:9.4f} ± {tap['delay_std_s'] * 1e6:.4f}"
+        f"{tap['gain_db']:9.2f} ± {tap['gain_std_db']:.2f}{tap['phase_rad']:9.2f} ± {tap['phase_std_rad']:.2f}"
+        for tap in document["taps"]
+    ] or ["   (none)"]
+
+    def show(label, value, unit, std=None):
+        if value is None:
+            return f"{label:<22}–"
+        return f"{label:<22}{value:.2f}{'' if std is None else f' ± {std:.2f}'} {unit}"
+
+    lines += [
+        "",
+        show("path gain", document["path_gain_db"], "dB", document["path_gain_std_db"]),
+        show("path loss", document["path_loss_db"], "dB"),
+        show("noise floor", document["noise_floor_db"], "dB of full scale per sample"),
+        show("smallest gain seen", document["smallest_detectable_gain_db"], "dB"),
+        show("carrier offset", document["carrier_offset_hz"], "Hz", document["carrier_offset_std_hz"]),
+        f"{'frames':<22}{document['frames']}, of which {document['frames_missing']} missing",
+    ]
+    return "\n".join(lines + [f"warning: {warning}" for warning in document["warnings"]])
+
+
+def output_folder(path: str | Path) -> Path:
+    """Make the folder that results go to; refuses a path that is a file."""
+    folder = Path(path)
+    if folder.exists() and not folder.is_dir():
+        raise CastError(f"{folder}: output: is a file, needs a folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def write_sounding(folder: Path, sounding: Sounding, document: dict) -> None:
+    """frames.csv first, result.json last: who sees result.json has everything."""
+    write_text(folder / "frames.csv", frames_csv(sounding))
+    write_json(folder / "result.json", document)

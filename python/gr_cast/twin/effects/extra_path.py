@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""An echo that the twin leaves out. Internal: Re a, Im a (mid-recording), delay in samples, Doppler in
+cycles."""
+
+import numpy as np
+
+from ..scene import Path
+from .base import LINK, Family, complex_pair, db, start, turned
+
+FASTEST = 1e-5  # Doppler over the carrier: 3 km/s
+
+
+class ExtraPath(Family):
+    name = "extra_path"
+    level = "link"
+    stage = LINK
+    same_as = {
+        "front_end_filter": "within one sample of a tap: both are one short FIR",
+        "tap_doppler": "at the delay of a tap: a tap and an echo with Doppler beat as one",
+    }
+    follows_carrier = {"doppler_hz": 1}
+
+    def apply(self, chain, effect):
+        re, im, delay, doppler = effect.p
+        gain = complex(re, im) * np.exp(-1j * np.pi * doppler)
+        chain.paths.append(
+            Path(
+                source=effect.aux["source"],
+                delay=delay,
+                gain=gain,
+                doppler=doppler,
+                drift=chain.scene.drift_of(doppler),
+            )
+        )
+
+    def starts(self, view):
+        for i in range(len(view.scene.sources)):
+            for delay, doppler, trials in view.echoes(i, count=2):
+                still = abs(doppler) < 0.3 or self._too_fast(view.scene, doppler)
+                yield start(self, [0, 0, delay, 0.0], free=[1, 1, 1, 0], aux={"source": i}, trials=trials)
+                yield start(self, [0, 0, delay, 0.0 if still else doppler], aux={"source": i}, trials=trials * 4)
+
+    @staticmethod
+    def _too_fast(scene, cycles: float) -> bool:
+        return bool(scene.carrier_hz) and abs(cycles) / scene.duration_s > FASTEST * scene.carrier_hz
+
+    def settled(self, scene, effect):
+        return np.ones(len(effect.p), bool)
+
+    def later(self, scene, effect, lengths):
+        return effect.moved(turned(effect.p, effect.p[3] * lengths))
+
+    def values(self, scene, effect, p):
+        rate = scene.sample_rate_hz
+        phase = np.angle(complex_pair(p)) - np.pi * p[3]
+        return {
+            "delay_s": p[2] / rate,
+            "gain_db": db(complex_pair(p)),
+            "phase_rad": float((phase + np.pi) % (2 * np.pi) - np.pi),
+            "doppler_hz": p[3] / scene.duration_s,
+        }
+
+    def parse(self, scene, parameters, model):
+        doppler = parameters.get("doppler_hz", 0.0) * scene.duration_s
+        a = 10 ** (parameters["gain_db"] / 20) * np.exp(1j * (parameters.get("phase_rad", 0.0) + np.pi * doppler))
+        return start(
+            self,
+            [a.real, a.imag, parameters["delay_s"] * scene.sample_rate_hz, doppler],
+            aux={"source": model.get("source", 0)},
+        )
+
+    def where(self, scene, effect, values):
+        return around(scene, values["delay_s"])
+
+    def describe(self, number):
+        return (
+            f"An echo that the twin leaves out: {number('delay_s')} on the scale of its taps, "
+            f"{number('gain_db')}, Doppler {number('doppler_hz')}."
+        )
+
+
+def around(scene, delay_s: float) -> dict:
+    """The cell of one sample to either side of a delay."""
+    return {"delay_s": [delay_s - 1 / scene.sample_rate_hz, delay_s + 1 / scene.sample_rate_hz]}

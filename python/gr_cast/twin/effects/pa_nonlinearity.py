@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Power amplifier: a memory polynomial x·(1 + Σ a_k·|x|^2k) + Σ_m x(n−m)·Σ b_mk·|x(n−m)|^2k, |x| relative
+to the largest amplitude that was sent when it was found.
+
+Morgan et al., "A generalized memory polynomial model", IEEE TSP 2006, eq. 4. Internal: real and imaginary
+parts.
+"""
+
+import numpy as np
+from scipy import fft as sp_fft
+
+from ..columns import Lags
+from ..interpolate import oversampled
+from .base import PROBE, TX_PA, Effect, Family, db, start
+from .front_end_filter import FrontEndFilter
+
+ORDERS = ((1,), (1, 2), (1, 2, 3), (1, 2, 3, 4))
+
+
+FINER = 4  # an amplifier bends the signal between the samples too
+
+
+def bent(x: np.ndarray, peak: float, orders) -> dict[int, np.ndarray]:
+    """x·|x/peak|^2k for each order k (0: x itself), taken on a finer grid and limited to the band again."""
+    fine = oversampled(sp_fft.fft(x), FINER)
+    power = np.abs(fine / peak) ** 2
+    size, half = len(x), (len(x) + 1) // 2
+    terms = {0: x}
+    for order in orders:
+        wide = sp_fft.fft(fine * power**order) / FINER
+        terms[order] = sp_fft.ifft(np.concatenate([wide[:half], wide[len(wide) - (size - half) :]]))
+    return terms
+
+
+def kept(scene, i: int, x: np.ndarray, peak: float, orders) -> dict[int, np.ndarray]:
+    """`bent` of a source's wave, kept for the wave that was asked for last."""
+    held = scene.notes.get(("bent", i))
+    if held is None or held[0] is not x or held[1] != peak or not set(orders) <= set(held[2]):
+        held = (x, peak, bent(x, peak, orders))
+        scene.notes["bent", i] = held
+    return held[2]
+
+
+class PaNonlinearity(Family):
+    name = "pa_nonlinearity"
+    level = "tx"
+    stage = TX_PA
+    linear = True
+
+    def apply(self, chain, effect):
+        i, orders, lags = effect.aux["source"], effect.aux["orders"], effect.aux.get("lags", ())
+        x = chain.waves[i]
+        terms = kept(chain.scene, i, x, effect.aux["peak"], orders)
+        c = effect.p[::2] + 1j * effect.p[1::2]
+        out, k = x, 0
+        for order in orders:
+            out = out + c[k] * terms[order]
+            k += 1
+        for lag in lags:
+            for order in (0, *orders):
+                out = out + c[k] * np.roll(terms[order], lag)
+                k += 1
+        chain.waves[i] = out
+
+    def nest(self, scene, effect):
+        orders, lags = (1, 2, 3, 4), (-3, -2, -1, 1, 2, 3)
+        size = self._shape(orders, lags)
+        whole = Effect(
+            family=self.name,
+            p=np.zeros(size),
+            free=np.ones(size, bool),
+            aux={**effect.aux, "orders": orders, "lags": lags},
+        )
+        every = [(0, o) for o in orders] + [(lag, o) for lag in lags for o in (0, *orders)]
+        mine = [(0, o) for o in effect.aux["orders"]] + [
+            (lag, o) for lag in effect.aux.get("lags", ()) for o in (0, *effect.aux["orders"])
+        ]
+        at = np.array([every.index(m) for m in mine])
+        return effect.aux["source"], whole, np.stack([2 * at, 2 * at + 1], 1).ravel()
+
+    def columns(self, scene, effect, chain, before, rest):
+        i, orders, lags = effect.aux["source"], effect.aux["orders"], effect.aux.get("lags", ())
+        x = before.waves[i]
+        terms = kept(scene, i, x, effect.aux["peak"], orders)
+        bends = (0, *orders) if lags else orders
+        units = [(rest(before.copy(), effect, extra=(i, PROBE * terms[o])).y - chain.y) / PROBE for o in bends]
+        entries = [(bends.index(o), 0) for o in orders]
+        entries += [(bends.index(o), lag) for lag in lags for o in (0, *orders)]
+        return Lags(signals=np.array(units), entries=tuple(entries), paired=chain.facing)
+
+    @staticmethod
+    def _shape(orders, lags):
+        return 2 * (len(orders) + len(lags) * (1 + len(orders)))
+
+    def starts(self, view):
+        for i, source in enumerate(view.scene.sources):
+            for orders in ORDERS:
+                aux = {"source": i, "peak": source.peak, "orders": orders}
+                yield start(self, np.zeros(self._shape(orders, ())), aux=aux)
+            for orders, lags in (
+                ((1,), (1,)),
+                ((1, 2), (1,)),
+                ((1, 2), (1, 2)),
+                ((1, 2, 3), (-1, 1, 2)),
+                ((1, 2, 3, 4), (-3, -2, -1, 1, 2, 3)),
+            ):
+                aux = {"source": i, "peak": source.peak, "orders": orders, "lags": lags}
+                yield start(self, np.zeros(self._shape(orders, lags)), aux=aux)
+
+    def forms(self, scene, effect):
+        """Without memory, of every order."""
+        aux = {k: v for k, v in effect.aux.items() if k != "lags"}
+        for orders in ORDERS:
+            if effect.aux.get("lags") or orders != effect.aux["orders"]:
+                yield start(self, np.zeros(self._shape(orders, ())), aux={**aux, "orders": orders})
+
+    def less(self, scene, effect, others):
+        """The same memory of a linear front end, where no filter of its own is there for it."""
+        i, lags, alone = effect.aux["source"], effect.aux.get("lags", ()), len(scene.sources) == 1
+        filters = [e.aux for e in others if e.family == "front_end_filter"]
+        if not lags or any(alone or aux["side"] == "tx" and aux["source"] == i for aux in filters):
+            return ()
+        low, high = min(0, *lags), max(0, *lags)
+        return (start(FrontEndFilter(), np.zeros(2 * (high - low)), aux={"low": low, "high": high, "side": "tx", "source": i}),)
+
+    @staticmethod
+    def driven(scene, effect):
+        """The wave at the amplifier's input: the one that the latest prediction sent through it."""
+        held = scene.notes.get(("bent", effect.aux["source"]))
+        return scene.sources[effect.aux["source"]].samples if held is None else held[0]
+
+    @staticmethod
+    def curve(p):
+        """Gain at the largest amplitude over the small-signal gain (complex), where nothing stands in front."""
+        return 1.0 + (p[::2] + 1j * p[1::2]).sum()
+
+    def met(self, scene, effect, p):
+        """Gain of the strongest thousandth of the samples sent over that of the weaker half, with memory, or at small
+        signal, without (complex): what an amplifier remembers at a peak is the signal around that peak."""
+        i, orders, lags = effect.aux["source"], effect.aux["orders"], effect.aux.get("lags", ())
+        x = self.driven(scene, effect)
+        key = ("met", i, orders, lags)
+        if key not in scene.notes or scene.notes[key][0] is not x:
+            terms = kept(scene, i, x, effect.aux["peak"], orders)
+            level = np.abs(x)
+            sent = np.flatnonzero(level > 0)
+            sent = sent[np.argsort(level[sent])]
+            shares = []
+            for part in (sent[: len(sent) // 2], sent[-max(8, len(sent) // 1000) :]):
+                rows = [terms[order][part] for order in orders]
+                rows += [terms[order][(part - lag) % len(x)] for lag in lags for order in (0, *orders)]
+                shares.append(np.array(rows) @ np.conj(x[part]) / np.vdot(x[part], x[part]).real)
+            scene.notes[key] = x, shares
+        small, large = (1.0 + share @ (p[::2] + 1j * p[1::2]) for share in scene.notes[key][1])
+        return large / small if lags else large
+
+    def values(self, scene, effect, p):
+        plain = not effect.aux.get("lags") and self.driven(scene, effect) is scene.sources[effect.aux["source"]].samples
+        return {"compression_db": -db(self.curve(p) if plain else self.met(scene, effect, p))}
+
+    def constants(self, scene, effect):
+        return {"memory": bool(effect.aux.get("lags"))}
+
+    def parse(self, scene, parameters, model):
+        aux = {
+            "source": model.get("source", 0),
+            "peak": model.get("peak", scene.sources[model.get("source", 0)].peak),
+            "orders": tuple(model.get("orders", (1,))),
+            "lags": tuple(model.get("lags", ())),
+        }
+        if "coefficients" in model:
+            return start(self, model["coefficients"], aux=aux)
+        bend = 10 ** (-parameters.get("compression_db", 0.0) / 20) - 1
+        return start(self, [bend, 0.0], aux=aux)
+
+    def model(self, scene, effect):
+        return {
+            "orders": list(effect.aux["orders"]),
+            "lags": list(effect.aux.get("lags", ())),
+            "peak": effect.aux["peak"],
+            "coefficients": [float(v) for v in effect.p],
+        }
+
+    def describe(self, number):
+        memory = " and it remembers earlier samples" if number.constants.get("memory") else ""
+        return (
+            "The power amplifier is not linear: its gain at the largest amplitude is "
+            f"{number('compression_db')} below small signal{memory}."
+        )

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Phase noise: y·exp(jφ(t)), φ on a cosine basis (offset and mean frequency left to others). Internal:
+coefficients in rad.
+
+A twin holds its law. Free wandering, Var φ(t) = 2π·linewidth·t, has coefficients of variance 2π·linewidth·T/(πk)² on T
+seconds (Karhunen-Loève expansion of a Wiener process); a held oscillator wanders evenly up to a highest frequency, or
+with the density 1/(1 + (f/corner)²) of a loop of first order.
+"""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from ..basis import course_length, course_orders, grid_of
+from ..columns import Courses
+from .base import RX_LO, TX_LO, Family, of_sender, side_of, start
+
+MOST = 480  # cosines: the fastest wander that is followed
+
+
+def shape_of(law: dict, size: int) -> np.ndarray:
+    """(size,) relative variance of each cosine under a law."""
+    k = np.arange(1, size + 1)
+    if law["law"] == "held":
+        return 1.0 / (1.0 + (k / law["corner"]) ** 2)
+    return 1.0 / k**2 if law["law"] == "free" else np.ones(size)
+
+
+class PhaseNoise(Family):
+    name = "phase_noise"
+    stage = RX_LO
+    flexible = True
+    linear = True
+    random = True
+    either_side = True
+    follows_carrier = {"linewidth_hz": 2, "rms_rad": 1}
+
+    def at(self, effect):
+        return TX_LO if effect.aux.get("side") == "tx" else RX_LO
+
+    def course(self, scene, effect, p):
+        return scene.course(p)
+
+    def apply(self, chain, effect):
+        if effect.aux.get("side") == "tx":
+            scene = chain.scene
+            chain.modulate(effect.aux["source"], lru_cache(lambda late: np.exp(1j * scene.course(effect.p, late))))
+        else:
+            chain.y = chain.y * np.exp(1j * self.course(chain.scene, effect, effect.p))
+            chain.wanted = chain.y
+
+    def nest(self, scene, effect):
+        size = course_orders(scene, MOST)[-1]
+        return (
+            "course",
+            replace(effect, p=np.zeros(size), free=np.ones(size, bool), prior=None),
+            np.arange(len(effect.p)),
+        )
+
+    def columns(self, scene, effect, chain, before, rest):
+        turned = of_sender(effect, chain, before, rest) if effect.aux.get("side") == "tx" else chain.wanted
+        return Courses(signals=1j * chain.facing * turned[None], orders=len(effect.p), scene=scene)
+
+    def starts(self, view):
+        for size in course_orders(view.scene, MOST):
+            laws = [{"law": "flat"}, {"law": "held", "corner": size / 8}]
+            for law in [{"law": "free"}, *laws] if size < 200 else laws:
+                yield start(self, np.zeros(size), prior=shape_of(law, size), trials=12, aux=law)
+
+    def wider(self, effect, size: int, law: dict):
+        """The effect followed to `size` cosines under another law, with the power that it has."""
+        prior, have = shape_of(law, size), len(effect.p)
+        prior *= effect.prior.sum() / prior[:have].sum()
+        side = {key: effect.aux[key] for key in ("side", "source") if key in effect.aux}
+        p = np.concatenate([effect.p, np.zeros(size - have)])
+        return replace(effect, p=p, prior=prior, free=np.ones(size, bool), aux=law | side)
+
+    def finer(self, scene, effect):
+        """To faster wander, which on the wrong side could not be followed."""
+        sizes = [size for size in course_orders(scene, MOST) if size > len(effect.p)]
+        return [self.wider(effect, size, {"law": "held", "corner": size / 8}) for size in sizes]
+
+    def values(self, scene, effect, p):
+        unseen = float(np.sum(effect.aux.get("_variance", [0.0])))  # of the course around its estimate
+        if "_jitter" in effect.aux:
+            unseen += effect.aux["_jitter"]
+        elif effect.aux.get("law") == "held" and effect.prior is not None:
+            unseen += self.unfollowed(effect)
+        return {"rms_rad": float(np.sqrt(np.mean(self.detrended(scene, p) ** 2) + unseen))}
+
+    @staticmethod
+    def detrended(scene, p):
+        """The course without its mean and slope, on a grid finer than its fastest cosine."""
+        grid, length = grid_of(p), course_length(scene.span)
+        u = np.arange(len(grid)) / (len(grid) - 1) * length / scene.span
+        u, phase = u[u <= 1], grid[u <= 1]
+        return phase - np.polyval(np.polyfit(u, phase, 1), u)
+
+    def parse(self, scene, parameters, model):
+        highest = model.get("highest_hz", course_orders(scene)[-1] / 2 / scene.duration_s)
+        k = np.arange(1, 1 + max(1, round(2 * highest * scene.duration_s)))
+        law = {"law": model.get("law", "free")}
+        if law["law"] == "held":
+            law["corner"] = 2 * model["corner_hz"] * scene.duration_s
+        if law["law"] != "free":
+            shape = shape_of(law, len(k))
+            prior = parameters["rms_rad"] ** 2 * shape / shape.sum()
+        elif "linewidth_hz" in (told := {**model, **parameters}):
+            prior = 2 * told["linewidth_hz"] * scene.duration_s / np.pi / k**2
+        else:
+            prior = parameters.get("rms_rad", 0.0) ** 2 / k**2 / np.sum(1.0 / k**2)
+        return start(self, np.zeros(len(k)), prior=prior, aux=law | side_of(model))
+
+    def model(self, scene, effect):
+        law = {"law": effect.aux.get("law", "free"), "highest_hz": len(effect.p) / 2 / scene.duration_s}
+        law["at"] = effect.aux.get("side", "rx")
+        if law["law"] == "held":
+            return law | {"corner_hz": effect.aux["corner"] / 2 / scene.duration_s}
+        return law | ({"linewidth_hz": np.pi / 2 / scene.duration_s * effect.prior[0]} if law["law"] == "free" else {})
+
+    def unfollowed(self, effect):
+        most, first = len(effect.prior), effect.prior[0]
+        if effect.aux["law"] == "held":
+            corner = effect.aux["corner"]
+            return first * (1 + corner**-2) * corner * (np.pi / 2 - np.arctan(most / corner))
+        return first / (most + 0.5) if effect.aux["law"] == "free" else 0.0  # Σ 1/k² beyond the last cosine
+
+    def played(self, scene, effect, rng):
+        return effect.moved(rng.normal(size=len(effect.p)) * np.sqrt(effect.prior))
+
+    def describe(self, number):
+        return f"The oscillator's phase wanders: {number('rms_rad')} rms after offset and mean are taken out."

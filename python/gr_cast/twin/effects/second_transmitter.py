@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Another transmitter with a known code. Internal: Re a, Im a over the taps' scale, delay in samples, carrier in cycles;
+where it has echoes of its own, Re and Im of taps at whole samples (aux lags) from that delay."""
+
+import numpy as np
+
+from ..columns import Dense
+from ..interpolate import TAU, frequencies
+from ..scene import BINS
+from .base import ENVIRONMENT, PROBE, Family, complex_pair, db, start, turned
+
+ECHOES = tuple(lag for lag in range(-4, 13) if lag)
+
+
+class SecondTransmitter(Family):
+    name = "second_transmitter"
+    level = "environment"
+    follows_carrier = {"offset_hz": 1}
+    stage = ENVIRONMENT
+
+    def apply(self, chain, effect):
+        source = chain.scene.extra[effect.aux["code"]]
+        re, im, delay, doppler = effect.p[:4]
+        if chain.slips(chain.clock):
+            signal = chain.copy_of(source, source.samples, delay + chain.delay, chain.clock)
+        else:
+            spectrum = chain.scene.spectrum_of(effect.aux["code"])
+            shifted = spectrum * np.exp((-1j * TAU) * frequencies(len(spectrum)) * (delay + chain.delay))
+            signal = chain.sample(source, shifted, chain.clock)
+        if lags := effect.aux.get("lags"):
+            signal = np.convolve(signal, self._taps(effect))[-min(lags) :][: chain.scene.count]
+        else:
+            signal = complex(re, im) * signal
+        if doppler:
+            signal = signal * np.exp(1j * TAU * doppler * (chain.u - 0.5))
+        chain.y = chain.y + signal
+
+    @staticmethod
+    def _taps(effect):
+        lags = effect.aux["lags"]
+        taps = np.zeros(max(lags) - min(lags) + 1, complex)
+        taps[-min(lags)] = complex_pair(effect.p)
+        taps[np.array(lags) - min(lags)] = effect.p[4::2] + 1j * effect.p[5::2]
+        return taps
+
+    def columns(self, scene, effect, chain, before, rest):
+        def moved(k):
+            p = effect.p.copy()
+            p[k] += PROBE
+            return (rest(before.copy(), effect.moved(p)).y - chain.y) / PROBE
+
+        rows = [moved(k) for k in np.flatnonzero(effect.free[:4])]
+        for lag in effect.aux.get("lags", ()):
+            for unit in rows[:2]:
+                row = np.zeros_like(unit)
+                row[max(lag, 0) : len(row) + min(lag, 0)] = unit[max(-lag, 0) : len(row) - max(lag, 0)]
+                rows.append(row)
+        return Dense(signals=np.array(rows))
+
+    def starts(self, view):
+        for code in view.scene.extra:
+            for delay, doppler, trials in view.echoes(code, count=1):
+                yield start(self, [0, 0, delay, 0.0], free=[1, 1, 1, 0], aux={"code": code}, trials=trials)
+                if abs(doppler) > 0.3:
+                    yield start(self, [0, 0, delay, doppler], aux={"code": code}, trials=trials)
+                if not view.scene.extra[code].repeat:  # of a repeated code, echoes could be those of any other
+                    many = 2 * len(ECHOES)
+                    for turn in {0.0, doppler if abs(doppler) > 0.3 else 0.0}:
+                        yield start(
+                            self,
+                            [0, 0, delay, turn, *[0.0] * many],
+                            free=[1, 1, 0, 1, *[1] * many],
+                            aux={"code": code, "lags": ECHOES},
+                            prior=[1.0, 1.0, 1.0, 100.0, *np.repeat(1.0 / (1.0 + np.abs(ECHOES)) ** 1.5, 2)],
+                            trials=trials,
+                        )
+
+    def settled(self, scene, effect):
+        return effect.free if "lags" in effect.aux else np.ones(len(effect.p), bool)
+
+    def later(self, scene, effect, lengths):
+        cycles = effect.p[3] * lengths
+        pairs = [turned(pair, cycles) for pair in effect.p[4:].reshape(-1, 2)]
+        return effect.moved(np.concatenate([turned(effect.p[:4], cycles), *pairs]))
+
+    def values(self, scene, effect, p):
+        gain_db = db(complex_pair(p))
+        if "lags" in effect.aux:  # of all its echoes, as they are heard beside the wanted signal
+            response = np.abs(np.fft.fft(self._taps(effect.moved(p)), BINS)) ** 2
+            heard = np.abs(np.fft.fft(scene.front_end, BINS)) ** 2
+            own, wanted = scene.density(effect.aux["code"]), scene.density(0)
+            gain_db = 10 * np.log10(max((own * response * heard).sum() / (wanted * heard).sum(), 1e-24))
+        return {"gain_db": gain_db, "delay_s": p[2] / scene.sample_rate_hz}
+
+    def constants(self, scene, effect):
+        return {"code": effect.aux["code"]}
+
+    def parse(self, scene, parameters, model):
+        echoes, lags = model.get("echoes", []), tuple(model.get("lags", ()))
+        size = model.get("main", 10 ** (parameters["gain_db"] / 20))
+        a = size * np.exp(1j * model.get("phase_rad", 0.0))
+        place = [parameters["delay_s"] * scene.sample_rate_hz, model.get("offset_hz", 0.0) * scene.duration_s]
+        return start(
+            self,
+            [a.real, a.imag, *place, *echoes],
+            free=[True, True, not lags, True, *[True] * len(echoes)],
+            aux={"code": parameters["code"], **({"lags": lags} if lags else {})},
+        )
+
+    def model(self, scene, effect):
+        found = {"phase_rad": float(np.angle(complex_pair(effect.p))), "offset_hz": float(effect.p[3]) / scene.duration_s}
+        lags = effect.aux.get("lags", ())
+        if lags:
+            found |= {"main": abs(complex_pair(effect.p)), "lags": list(lags), "echoes": [float(v) for v in effect.p[4:]]}
+        return found
+
+    def describe(self, number):
+        return (
+            f"Another transmitter is on the air with the waveform {number.constants['code']}, "
+            f"{number('gain_db')} on the taps' scale."
+        )

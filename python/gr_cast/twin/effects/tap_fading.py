@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A tap of the twin that fades: its gain times 1 + c(t), c complex on a cosine basis. Internal: Re and Im
+of coefficients."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..basis import course_orders
+from ..columns import Courses
+from .base import PROBE, start
+from .tap import TapFamily
+
+
+class TapFading(TapFamily):
+    name = "tap_fading"
+    flexible = True
+    linear = True
+    random = True
+    follows_carrier = {"doppler_spread_hz": 1}
+
+    def course(self, scene, effect, p):
+        return 1 + scene.course(p[::2] + 1j * p[1::2])
+
+    def apply(self, chain, effect):
+        k = effect.aux["tap"]
+        path = chain.paths[k]
+        track = self.course(chain.scene, effect, effect.p)
+        chain.paths[k] = replace(path, track=track if path.track is None else path.track * track)
+
+    def nest(self, scene, effect):
+        size = 2 * course_orders(scene)[-1]
+        return (
+            effect.aux["tap"],
+            replace(effect, p=np.zeros(size), free=np.ones(size, bool), prior=None),
+            np.arange(len(effect.p)),
+        )
+
+    def columns(self, scene, effect, chain, before, rest):
+        path = before.paths[effect.aux["tap"]]
+        steady = before.copy()
+        steady.paths.append(replace(path, gain=PROBE * path.gain))
+        signal = (rest(steady, effect).y - chain.y) / PROBE
+        return Courses(signals=np.stack([signal, 1j * chain.facing * signal]), orders=len(effect.p) // 2, scene=scene)
+
+    def starts(self, view):
+        for k in view.tap_order():
+            for size in course_orders(view.scene):
+                yield start(
+                    self,
+                    np.zeros(2 * size),
+                    prior=np.ones(2 * size),
+                    aux={"tap": k},
+                    trials=2 * len(view.scene.taps),
+                )
+
+    def values(self, scene, effect, p):
+        c = p[::2] + 1j * p[1::2]
+        scattered = np.sum(np.abs(c) ** 2) + float(np.sum(effect.aux.get("_variance", [0.0]))) + 1e-30
+        k = np.arange(1, 1 + len(c))
+        spread = np.sqrt(2 * np.sum(k**2 * np.abs(c) ** 2) / scattered) / 2 / scene.duration_s
+        return {
+            "delay_s": self.delay_of(scene, effect),
+            "k_factor_db": -10 * np.log10(scattered),
+            "doppler_spread_hz": float(spread),
+        }
+
+    def parse(self, scene, parameters, model):
+        most = max(1.0, 2 * parameters["doppler_spread_hz"] * scene.duration_s)
+        k = np.arange(1, 1 + int(np.ceil(most)))
+        # Scattering all around: a Doppler density of 1/√(1 − (f/f_max)²) (Clarke 1968), here between its cosines.
+        share = np.diff(np.arcsin(np.minimum(np.arange(len(k) + 1) / most, 1.0)))
+        prior = 10 ** (-parameters["k_factor_db"] / 10) * share / share.sum() / 2
+        return start(self, np.zeros(2 * len(k)), prior=np.repeat(prior, 2), aux={"tap": self.find(scene, parameters, model)})
+
+    def played(self, scene, effect, rng):
+        return effect.moved(rng.normal(size=len(effect.p)) * np.sqrt(effect.prior))
+
+    def describe(self, number):
+        return (
+            f"The twin's path at {number('delay_s')} fades: steady over scattered power "
+            f"{number('k_factor_db')}, Doppler up to {number('doppler_spread_hz')}."
+        )

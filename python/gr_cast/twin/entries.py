@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the entries of a twin's document are in one recording: its waveforms, effects and noise."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from .effects import FAMILIES
+from .scene import Source
+
+
+def source_of(name: str, samples: np.ndarray, amplitude: float, repeat: bool) -> Source:
+    """A waveform (n,) as sent with an amplitude; unknown samples, NaN, are 0."""
+    known = np.isfinite(samples)
+    clean = np.where(known, samples, 0).astype(complex) * amplitude
+    power = np.abs(clean[known]) ** 2
+    return Source(
+        name=name, samples=clean, repeat=repeat, known=known, power=float(power.mean()), peak=float(np.sqrt(power.max()))
+    )
+
+
+def lost_before(case, observation) -> int:
+    """Samples that the twin knows to be lost before a part of a recording begins: so much earlier is what was sent there."""
+    losses = (e["parameters"]["samples"] for e in _in(case, observation) if _is_over(case, observation, e))
+    return sum(round(plain(samples, observation.name)) for samples in losses)
+
+
+def _is_over(case, observation, entry) -> bool:
+    """Whether a part of a recording begins behind the samples that an entry says are lost."""
+    if entry["family"] != "sample_loss":
+        return False
+    return plain(entry["parameters"]["time_s"], observation.name) * case.sample_rate_hz <= observation.first
+
+
+def twin_effects(case, observation) -> list[dict]:
+    """The twin's entries of `effects` that have a part in a recording, or in a part of one."""
+    return [e for e in _in(case, observation) if not _is_over(case, observation, e)]
+
+
+def _in(case, observation) -> list[dict]:
+    names = {
+        observation.receiver,
+        *observation.on_air,
+        "environment",
+        *(f"{tx}>{observation.receiver}" for tx in observation.on_air),
+    }
+    return [e for e in case.effects if e["owner"]["name"] in names]
+
+
+def plain(parameter, recording_name):
+    """The value of an entry's parameter; one that differs by recording is the mean of all in a new recording."""
+    if isinstance(parameter, dict) and "per_recording" in parameter:
+        every = parameter["per_recording"]
+        told = [every[recording_name]] if recording_name in every else every.values()
+        return float(np.mean([v["value"] for v in told]))
+    return parameter.get("value") if isinstance(parameter, dict) else parameter
+
+
+def effect_of(scene, entry):
+    """A twin's entry as an effect on a recording, or a part of one."""
+    family = FAMILIES[entry["family"]]
+    values = {k: plain(v, scene.name) for k, v in entry["parameters"].items()}
+    values = {k: v for k, v in values.items() if v is not None}
+    effect = family.parse(scene, values, {**(entry.get("model") or {}), **_owned(scene, entry["owner"])})
+    effect = family.in_its_part(scene, effect)
+    stds = [v.get("std", 0.0) for v in entry["parameters"].values() if isinstance(v, dict) and "value" in v]
+    free = effect.free & (family.random or any(s > 0 for s in stds))
+    return replace(effect, fixed=True, free=free)
+
+
+def _owned(scene, owner: dict) -> dict:
+    """Where an owner's effect stands in a scene: its side, and the number of its transmitter."""
+    tx, _, rx = owner["name"].partition(">")
+    return {"side": "tx" if tx in scene.transmitters and not rx else "rx"} | (
+        {"source": scene.transmitters.index(tx)} if tx in scene.transmitters else {}
+    )
+
+
+def told_noise_db(case, observation) -> float | None:
+    """The noise power that the twin tells of a recording, with the changes of the floor that it knows of."""
+    told = case.noise_db.get(observation.receiver)
+    if told is None:
+        return None
+    known = (e for e in twin_effects(case, observation) if e["family"] == "noise_floor")
+    return told + sum(plain(e["parameters"]["change_db"], observation.name) for e in known)

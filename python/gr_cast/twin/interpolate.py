@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Band-limited signals between their samples."""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy import fft as sp_fft
+
+TAU = 2 * np.pi
+
+
+def frequencies(length: int) -> np.ndarray:
+    """Cycles per sample of each bin of an FFT of `length`; the bin at half the rate counts as 0 (it has no
+    sign)."""
+    f = sp_fft.fftfreq(length)
+    if length % 2 == 0:
+        f[length // 2] = 0.0
+    return f
+
+
+def cubic(table: np.ndarray, position: np.ndarray, periodic: bool) -> np.ndarray:
+    """Four-point Lagrange interpolation of `table` at `position` (in table samples)."""
+    base = np.floor(position)
+    x = position - base
+    i = base.astype(np.int64)
+    size = len(table)
+    if periodic:
+        at = lambda k: table[(i + k) % size]  # noqa: E731
+    elif i.min() >= 1 and i.max() <= size - 3:
+        at = lambda k: table[i + k]  # noqa: E731
+    else:
+        at = lambda k: table[np.clip(i + k, 0, size - 1)]  # noqa: E731
+    below, above = x * (x - 1), (x + 1) * (x - 2)
+    return (
+        at(-1) * (below * (2 - x) / 6) + at(0) * (above * (x - 1) / 2) + at(1) * (above * x / -2) + at(2) * (below * (x + 1) / 6)
+    )
+
+
+def oversampled(spectrum: np.ndarray, factor: int) -> np.ndarray:
+    """The band-limited signal of `spectrum` on a grid `factor` times finer."""
+    p = len(spectrum)
+    half = (p + 1) // 2
+    wide = np.zeros(p * factor, complex)
+    wide[:half] = spectrum[:half]
+    wide[-(p - half) :] = spectrum[half:]
+    return sp_fft.ifft(wide) * factor
+
+
+def moved(spectrum: np.ndarray, shift: np.ndarray, orders: int, taken: Callable = lambda table: table) -> np.ndarray:
+    """The signal of `spectrum` at times `shift` samples later, by a Taylor series; `taken`: which of its samples those are."""
+    f = TAU * 1j * frequencies(len(spectrum))
+    out, factor = 0.0, 1.0
+    for order in range(orders + 1):
+        out = out + factor * taken(sp_fft.ifft(spectrum))
+        spectrum, factor = spectrum * f, factor * shift / (order + 1)
+    return out

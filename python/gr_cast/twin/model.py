@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A model of one recording: delay, gain and phase that are always fitted, and effects; its prediction and
+derivatives."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .chain import Chain
+from .columns import Dense
+from .effects import CHANNEL_AFTER, FAMILIES, Effect, stage_of
+from .effects.base import ENVIRONMENT
+
+RIDGE = 0.1  # precision of taps and coefficients of which nothing is known: they are not far above 1
+STEP = 1e-5  # of a finite difference; every internal parameter is scaled to be of order 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Model:
+    """`base`: delay in samples, Re and Im of the gain, then Re and Im of the gain of every free port."""
+
+    base: np.ndarray
+    effects: tuple[Effect, ...] = ()
+
+    def adding(self, effect: Effect) -> "Model":
+        return replace(self, effects=tuple(sorted((*self.effects, effect), key=stage_of)))
+
+    def without(self, index: int) -> "Model":
+        return replace(self, effects=self.effects[:index] + self.effects[index + 1 :])
+
+    def replacing(self, index: int, effect: Effect) -> "Model":
+        """The model with another effect of the same stage in the place of one."""
+        return replace(self, effects=(*self.effects[:index], effect, *self.effects[index + 1 :]))
+
+    @property
+    def inverted(self) -> bool:
+        return any(e.family == "spectral_inversion" for e in self.effects)
+
+    @property
+    def found(self) -> list[Effect]:
+        return [e for e in self.effects if not e.fixed]
+
+    @property
+    def flexible(self) -> bool:
+        """Whether a family is in it that fits much, or a row of taps."""
+        return any(FAMILIES[e.family].flexible or FAMILIES[e.family].linear for e in self.found)
+
+    @property
+    def families(self) -> tuple[str, ...]:
+        return tuple(sorted(e.family + str(e.aux.get("side", "")) for e in self.found))
+
+    @property
+    def signature(self) -> tuple:
+        """What makes two models the same but for their numbers: families, what they act on, what is free."""
+        told = []
+        for e in self.effects:
+            aux = sorted((k, str(v)) for k, v in e.aux.items() if not k.startswith("_"))
+            told.append((e.family, str(aux), str(e.free), round(_place(e))))
+        return tuple(sorted(told))
+
+    def vector(self) -> np.ndarray:
+        """Every free number: the base, then the free parameters of each effect in order."""
+        return np.concatenate([self.base, *(e.p[e.free] for e in self.effects)])
+
+    def at(self, vector: np.ndarray) -> "Model":
+        base, at, effects = vector[: len(self.base)], len(self.base), []
+        for e in self.effects:
+            count = int(e.free.sum())
+            if count:
+                p = e.p.copy()
+                p[e.free] = vector[at : at + count]
+                e = e.moved(p)
+                at += count
+            effects.append(e)
+        return replace(self, base=base, effects=tuple(effects))
+
+    def span(self, index: int) -> slice:
+        """Where the free parameters of effect `index` stand in `vector`."""
+        start = len(self.base) + sum(int(e.free.sum()) for e in self.effects[:index])
+        return slice(start, start + int(self.effects[index].free.sum()))
+
+    def prior_precision(self) -> np.ndarray:
+        parts = [np.zeros(len(self.base))]
+        for e in self.effects:
+            plain = RIDGE if FAMILIES[e.family].linear else 0.0
+            parts.append(np.full(int(e.free.sum()), plain) if e.prior is None else 1.0 / np.maximum(e.prior[e.free], 1e-30))
+        return np.concatenate(parts)
+
+
+def _place(effect: Effect) -> float:
+    """Where a free effect stands among several of its kind: the number that is searched for."""
+    searched = {"extra_path": 2, "second_transmitter": 2, "tone_interference": 2, "sample_loss": 0}
+    return float(effect.p[searched[effect.family]]) if effect.family in searched else 0.0
+
+
+def _start_chain(scene, base) -> Chain:
+    ports = {i: complex(base[3 + 2 * k], base[4 + 2 * k]) for k, i in enumerate(scene.free_ports)}
+    return Chain(
+        scene=scene,
+        delay=base[0],
+        ports=ports,
+        u=scene.u,
+        waves=[s.samples for s in scene.sources],
+        paths=list(scene.taps),
+    )
+
+
+def _run(scene, base, effects, chain: Chain, first: int, snapshots=None) -> Chain:
+    """The steps from number `first` on: effects up to the channel, the channel, its surroundings, the gain,
+    the receiver."""
+    steps = _steps(effects)
+    for k in range(first, len(steps)):
+        if snapshots is not None:
+            snapshots.append(chain.copy())
+        step = steps[k]
+        if step == "channel":
+            chain.run_channel()
+        elif step == "gain":
+            chain.y = chain.y * complex(base[1], base[2])
+            chain.wanted = chain.wanted * complex(base[1], base[2])
+            if chain.noise is not None:
+                chain.y = chain.y + chain.noise(chain)
+        else:
+            FAMILIES[effects[step].family].apply(chain, effects[step])
+    return chain
+
+
+def _steps(effects) -> list:
+    before = [i for i, e in enumerate(effects) if stage_of(e) <= CHANNEL_AFTER]
+    around = [i for i, e in enumerate(effects) if CHANNEL_AFTER < stage_of(e) <= ENVIRONMENT]
+    after = [i for i, e in enumerate(effects) if stage_of(e) > ENVIRONMENT and not FAMILIES[e.family].noise_like]
+    return [*before, "channel", *around, "gain", *after]
+
+
+def in_scene(effect: Effect, known, scene) -> Effect | None:
+    """An effect of a scene `known` in another one, of the same transmitter; None where that is not on the air."""
+    if "source" not in effect.aux:
+        return effect
+    name = known.transmitters[effect.aux["source"]]
+    if name not in scene.transmitters:
+        return None
+    return replace(effect, aux={**effect.aux, "source": scene.transmitters.index(name)})
+
+
+def predict(scene, model: Model, noise=None) -> Chain:
+    """The chain at its end: `y` (count,) is the predicted recording, `wanted` its part from the wanted
+    transmitters; `noise(chain)` (count,) comes in front of the receiver."""
+    chain = _start_chain(scene, model.base)
+    chain.noise = noise
+    return _run(scene, model.base, model.effects, chain, 0)
+
+
+def jacobian(scene, model: Model) -> tuple[Chain, list]:
+    """The prediction and its derivatives by the vector of the model, one set for the base and one per effect."""
+    snapshots: list[Chain] = []
+    chain = _run(scene, model.base, model.effects, _start_chain(scene, model.base), 0, snapshots)
+    steps = _steps(model.effects)
+    rows = [_difference(scene, model, chain.y, 0, base_index=0)]
+    gain_step = steps.index("gain")
+    for k in (1, 2):
+        rows.append(_difference(scene, model, chain.y, gain_step, snapshots, base_index=k))
+    for k in range(3, len(model.base)):
+        rows.append(_difference(scene, model, chain.y, 0, base_index=k))
+    blocks = [Dense(signals=np.array(rows))]
+    for i, effect in enumerate(model.effects):
+        if effect.free.any():
+            blocks.append(effect_columns(scene, model, i, chain, snapshots[steps.index(i)]))
+    return chain, blocks
+
+
+def _difference(scene, model, y, first, snapshots=None, base_index=0) -> np.ndarray:
+    base = model.base.copy()
+    step = STEP * (max(abs(complex(base[1], base[2])), 1e-12) if base_index in (1, 2) else 1.0)
+    base[base_index] += step
+    chain = snapshots[first].copy() if snapshots else _start_chain(scene, base)
+    return (_run(scene, base, model.effects, chain, first).y - y) / step
+
+
+def effect_columns(scene, model: Model, index: int, chain: Chain, before: Chain):
+    """Derivatives of the prediction by the free parameters of one effect; `before` is the chain in front of
+    its step."""
+    effect = model.effects[index]
+    family = FAMILIES[effect.family]
+    if hasattr(family, "columns"):
+        return family.columns(scene, effect, chain, before, lambda c, e, extra=None: _rest(scene, model, index, c, e, extra))
+    rows = []
+    for k in np.flatnonzero(effect.free):
+        p = effect.p.copy()
+        p[k] += STEP
+        rows.append((_rest(scene, model, index, before.copy(), effect.moved(p)).y - chain.y) / STEP)
+    return Dense(signals=np.array(rows))
+
+
+def _rest(scene, model, index, chain, effect, extra=None) -> Chain:
+    """Run the chain from the step of effect `index` on, with `effect` in its place; `extra` (source, wave)
+    is then sent too."""
+    effects = list(model.effects)
+    effects[index] = effect
+    first = _steps(effects).index(index)
+    if extra is not None:
+        FAMILIES[effect.family].apply(chain, effect)
+        chain.waves[extra[0]] = chain.waves[extra[0]] + extra[1]
+        first += 1
+    return _run(scene, model.base, tuple(effects), chain, first)

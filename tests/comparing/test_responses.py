@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+import numpy as np
+import pytest
+from gr_cast.comparing import responses
+from gr_cast.core.errors import CastError
+
+
+def response(*taps, name="r"):
+    return responses.Response(name=name, delay_s=[t[0] * 1e-9 for t in taps], gain_db=[t[1] for t in taps])
+
+
+def test_two_equal_taps_spread_half_their_distance_and_add_up():
+    r = response((0, -10), (800, -10))
+    assert r.delay_spread_s == pytest.approx(400e-9)
+    assert r.k_factor_db == pytest.approx(0)
+    assert r.path_gain_db == pytest.approx(-10 + 10 * np.log10(2))
+
+
+def test_one_tap_has_no_spread_and_no_k_factor():
+    r = response((130, -43))
+    assert (r.delay_spread_s, r.k_factor_db, r.path_gain_db) == (0, None, pytest.approx(-43))
+
+
+def test_k_factor_is_the_strongest_tap_over_all_others():
+    assert response((0, -20), (10, 0), (20, -20)).k_factor_db == pytest.approx(20 - 10 * np.log10(2))
+
+
+def test_a_response_equals_itself():
+    r = response((0, -3), (1280, -20), (2000, -15), (4000, -8))
+    found = responses.compare_responses(r, r, 1e-9)
+    document = responses.as_document(found)
+    assert found.only_a == found.only_b == () and len(found.pairs) == 4
+    assert all(tap["gain_error_db"] == tap["delay_error_s"] == 0 for tap in document["taps"])
+    assert document["path_loss_db"]["error"] == 0
+
+
+def test_a_tap_left_out_is_named_and_the_others_keep_their_partners():
+    a = response((0, 0), (100, -6), (130, -9))
+    b = response((4, -1), (132, -9.5))
+    document = responses.as_document(responses.compare_responses(a, b, 20e-9))
+    assert [tap["delay_s"] for tap in document["only_a"]] == [pytest.approx(100e-9)] and document["only_b"] == []
+    assert [tap["gain_error_db"] for tap in document["taps"]] == [pytest.approx(-1), pytest.approx(-0.5)]
+    assert [tap["delay_error_s"] for tap in document["taps"]] == [pytest.approx(4e-9), pytest.approx(2e-9)]
+    lost = 10 * np.log10((1 + 10**-0.6 + 10**-0.9) / (10**-0.1 + 10**-0.95))
+    assert document["path_loss_db"]["error"] == pytest.approx(lost)
+
+
+def test_no_tap_has_two_partners_and_as_many_pairs_as_possible_are_made():
+    found = responses.compare_responses(response((0, 0), (10, 0)), response((9, 0), (25, 0)), 15e-9)
+    assert found.pairs.tolist() == [[0, 0], [1, 1]]
+
+
+def test_between_taps_equally_near_the_gain_decides():
+    found = responses.compare_responses(response((100, -10)), response((90, 0), (110, -10)), 20e-9)
+    assert found.pairs.tolist() == [[0, 1]]
+
+
+@pytest.mark.parametrize("taps", [[], [(np.nan, 0)], [(0, np.inf)]])
+def test_what_is_no_response_is_refused(taps):
+    with pytest.raises(CastError):
+        response(*taps)
+
+
+@pytest.mark.parametrize("tolerance_s", [0, -1e-9, np.nan])
+def test_a_tolerance_without_meaning_is_refused(tolerance_s):
+    with pytest.raises(CastError, match="tolerance"):
+        responses.compare_responses(response((0, 0)), response((0, 0)), tolerance_s)

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Similarity against closed forms, NumPy and SciPy."""
+
+import numpy as np
+import pytest
+from gr_cast.comparing import similarity as cmp
+from gr_cast.comparing.series import Series
+from gr_cast.core.errors import CastError
+from scipy import signal
+
+N = 1000
+# "Colosseum as a Digital Twin": cellular UDP, TCP, SINR; jamming static throughput, SINR, mobile throughput, SINR.
+PAPER = [0.994, 0.978, 0.991, 0.989, 0.985, 0.988, 0.964]
+
+
+def series(value, step_s=0.1, start_s=0.0, name="s"):
+    return Series(name=name, time_s=start_s + step_s * np.arange(len(value)), value=value)
+
+
+def wave(cycles, size=N, phase_rad=0.0):
+    return np.cos(2 * np.pi * cycles * np.arange(size) / size + phase_rad)
+
+
+def autoregressive(rng, memory, size, innovations=None):
+    """AR(1) of unit power, started in its stationary law."""
+    drive = rng.normal(size=size) if innovations is None else innovations
+    drive = drive * np.sqrt(1 - memory**2)
+    drive[0] /= np.sqrt(1 - memory**2)
+    return signal.lfilter([1], [1, -memory], drive)
+
+
+@pytest.mark.parametrize("rho", PAPER)
+def test_two_series_built_to_the_papers_similarity_have_it(rho):
+    a = wave(37)
+    b = rho * a + np.sqrt(1 - rho**2) * wave(90)  # whole periods of two frequencies are orthogonal
+    found = cmp.compare(series(3 + 2 * a), series(-7 + 0.5 * b))
+    assert found.rho == pytest.approx(rho, abs=1e-9) and found.lag == 0
+    low, high = found.rho_interval
+    assert low < rho < high < 1
+
+
+def test_at_one_lag_similarity_is_pearsons_correlation():
+    rng = np.random.default_rng(1)
+    a, b = rng.normal(size=(2, 300))
+    assert cmp.similarity(a, b, 0)[0] == pytest.approx(np.corrcoef(a, b)[0, 1], abs=1e-12)
+
+
+def test_over_lags_similarity_is_scipys_cross_correlation():
+    rng = np.random.default_rng(2)
+    a, b = rng.normal(size=400), rng.normal(size=370)
+    x, y = a - a.mean(), np.append(b - b.mean(), np.zeros(30))
+    whole = signal.correlate(y, x, "full") / np.sqrt(np.sum(x**2) * np.sum(y**2))
+    rho, lag, over_lags = cmp.similarity(a, b, 10)
+    np.testing.assert_allclose(over_lags, whole[399 - 10 : 399 + 11], atol=1e-12)
+    assert rho == pytest.approx(np.max(over_lags)) and over_lags[lag + 10] == rho
+
+
+@pytest.mark.parametrize("phase_rad", [0.3, 1.0, np.pi / 2, 2.0])
+def test_a_phase_shift_costs_its_cosine(phase_rad):
+    rho, _, _ = cmp.similarity(wave(50), wave(50, phase_rad=phase_rad), 0)
+    assert rho == pytest.approx(np.cos(phase_rad), abs=1e-12)
+
+
+@pytest.mark.parametrize("kept", [200, 500, 900])
+def test_the_shorter_series_is_padded_with_zeros_after_its_mean_is_taken(kept):
+    a = 20 + wave(50)
+    for pair in ((a, a[:kept]), (a[:kept], a)):
+        assert cmp.similarity(*pair, 0)[0] == pytest.approx(np.sqrt(kept / N), abs=1e-12)
+
+
+@pytest.mark.parametrize("lag", [-7, -1, 0, 4, 10])
+def test_a_positive_lag_says_that_b_is_later(lag):
+    rng = np.random.default_rng(3)
+    long = autoregressive(rng, 0.5, N + 40)
+    found = cmp.compare(series(long[20:-20]), series(long[20 - lag : N + 20 - lag]))
+    assert found.lag == lag and found.rho > 0.98
+    assert found.slope == pytest.approx(1, abs=1e-9)
+    assert any(line.startswith("lag:") for line in found.blind_spots) == (lag != 0)
+
+
+def test_beyond_the_last_lag_nothing_is_found():
+    rng = np.random.default_rng(4)
+    a = rng.normal(size=N + 20)
+    assert cmp.compare(series(a[20:]), series(a[:N])).rho < 0.2
+    assert cmp.compare(series(a[20:]), series(a[:N]), max_lag=20).lag == 20
+
+
+def test_gain_and_offset_leave_similarity_alone_and_are_told():
+    a = wave(20)
+    found = cmp.compare(series(a), series(5 + 2 * a))
+    assert found.rho == pytest.approx(1, abs=1e-12)
+    assert found.bias == pytest.approx(5) and found.slope == pytest.approx(2)
+    assert found.rmse == pytest.approx(np.sqrt(25 + 0.5))  # offset² + mean of cos²
+    assert {line.split(":")[0] for line in found.blind_spots} >= {"bias", "slope"}
+
+
+def test_equal_series_have_no_blind_spot():
+    a = np.random.default_rng(9).normal(size=N)
+    found = cmp.compare(series(a), series(a))
+    assert (found.rho, found.lag, found.bias, found.rmse) == (pytest.approx(1), 0, 0, 0)
+    assert found.blind_spots == ()
+
+
+def test_a_change_of_level_that_carries_similarity_is_told():
+    rng = np.random.default_rng(5)
+    step = np.where(np.arange(600) // 200 == 1, 0.0, 30.0)
+    found = cmp.compare(series(step + rng.normal(size=600)), series(step + rng.normal(size=600)))
+    assert found.rho > 0.99
+    assert any(line.startswith("levels:") for line in found.blind_spots)
+
+
+@pytest.mark.parametrize("constant", [0.0, 0.1, -3.3])
+def test_a_constant_series_has_no_similarity_but_a_bias(constant):
+    found = cmp.compare(series(np.full(50, constant)), series(wave(5, 50)))
+    assert found.rho is None and found.lag is None and found.rho_interval is None
+    assert found.bias == pytest.approx(-constant)
+    assert cmp.as_document(found)["rho"] is None
+    assert any("constant" in line for line in found.blind_spots)
+
+
+def test_missing_values_are_refused_and_with_a_step_interpolated():
+    value = wave(3, 100)
+    value[10] = np.nan
+    with pytest.raises(CastError, match="1 of 100 values are missing, the first at 1 s"):
+        cmp.compare(series(value), series(value))
+    line = np.arange(100.0)
+    broken = np.where(line == 10, np.nan, line)
+    found = cmp.compare(series(line), series(broken), step_s=0.1)
+    assert found.rmse == pytest.approx(0, abs=1e-12)
+
+
+def test_unequal_steps_are_refused_and_with_a_step_averaged():
+    rng = np.random.default_rng(6)
+    times = np.sort(rng.uniform(0, 100, 4000))
+    times[0] = 0
+    uneven = Series(name="uneven", time_s=times, value=np.sin(times / 3))
+    even = series(np.sin(np.arange(0, 100, 0.05) / 3), 0.05)
+    with pytest.raises(CastError, match="uneven.*equal"):
+        cmp.compare(uneven, even)
+    with pytest.raises(CastError, match="every 0.1 s.*every 0.2 s"):
+        cmp.compare(series(wave(5, 50), 0.1), series(wave(5, 50), 0.2))
+    found = cmp.compare(uneven, even, step_s=1.0)
+    assert found.rho > 0.999 and found.step_s == 1.0
+
+
+@pytest.mark.parametrize(
+    "times, values, words",
+    [
+        ([0, 1, 1], [1, 2, 3], "ascend"),
+        ([0, 1], [1, np.inf], "infinite"),
+        ([0], [1], "2 or more"),
+        ([0, np.nan], [1, 2], "finite"),
+        ([0, 1, 2], [1, 2], "one value per time"),
+    ],
+)
+def test_what_is_no_series_is_refused(times, values, words):
+    with pytest.raises(CastError, match=words):
+        Series(name="s", time_s=times, value=values)
+
+
+@pytest.mark.parametrize("max_lag", [-1, 50])
+def test_a_lag_that_the_series_do_not_have_is_refused(max_lag):
+    with pytest.raises(CastError, match="max lag"):
+        cmp.compare(series(wave(5, 50)), series(wave(5, 50)), max_lag=max_lag)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.6, 0.9])
+def test_independent_samples_are_those_of_autoregressive_series(memory):
+    rng = np.random.default_rng(7)
+    found = [cmp.independent_samples(*(autoregressive(rng, memory, 2000) for _ in range(2))) for _ in range(40)]
+    law = 2000 * (1 - memory**2) / (1 + memory**2)  # n / Σ memory^(2|k|)
+    assert np.median(found) == pytest.approx(law, rel=0.2)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.7])
+@pytest.mark.parametrize("rho", [0.3, 0.95])
+def test_the_interval_covers_the_true_correlation(memory, rho):
+    rng = np.random.default_rng(8)
+    held, trials = 0, 150
+    for _ in range(trials):
+        drive = rng.normal(size=(2, 400))
+        a = autoregressive(rng, memory, 400, drive[0].copy())
+        b = autoregressive(rng, memory, 400, rho * drive[0] + np.sqrt(1 - rho**2) * drive[1])
+        (low, high), _ = cmp.rho_interval(a, b, rng, 300)
+        held += low <= rho <= high
+    assert 0.86 <= held / trials <= 0.99

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+import cast_scenario
+import numpy as np
+import pytest
+from gr_cast import scenario as sc
+from gr_cast.comparing import validation
+from gr_cast.core.errors import CastError
+from gr_cast.scenario import zarr_file
+from gr_cast.scenario.create import paths
+
+LINK = ("1", "2")
+
+
+def one_link(delay_steps, gain, **about):
+    taps = sc.LinkTaps(delay_s=np.array([delay_steps]) * 1e-8, gain=np.array([gain], complex))
+    return sc.Scenario(name="test", nodes=("1", "2"), links={LINK: taps}, **about)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_random_taps_are_heard_within_the_sounders_own_uncertainty(seed):
+    rng = np.random.default_rng(seed)
+    steps = rng.choice(512, 4, replace=False)
+    gain = 10 ** (rng.uniform(-20, 0, 4) / 20) * np.exp(2j * np.pi * rng.random(4))
+    found = validation.check_link(one_link(steps, gain, base_loss_db=40.0), LINK, 0.0)
+    assert found.holds and found.found == 4
+    assert found.sounded_path_loss_db == pytest.approx(40 - 10 * np.log10(np.sum(np.abs(gain) ** 2)), abs=0.1)
+    assert found.sounded_from_taps_db < -40 and found.taps_from_rays_db is None
+    assert found.taps == 4
+
+
+def test_an_emulator_that_plays_a_tap_wrongly_is_caught():
+    scenario = one_link([0, 100], [1.0, 0.5])
+
+    def late(frozen, samples, rate):
+        return np.concatenate([[0], validation.play_reference(frozen, samples, rate)[:-1]])
+
+    def weak(frozen, samples, rate):
+        return 0.98 * validation.play_reference(frozen, samples, rate)
+
+    assert validation.check_link(scenario, LINK, 0.0).holds
+    for wrong in (late, weak):
+        assert not validation.check_link(scenario, LINK, 0.0, play=wrong).holds
+
+
+def test_what_the_approximation_lost_is_told_from_what_the_emulation_lost():
+    rays = np.array([[0.0, 2.5e-7]]), np.array([[1.0, 0.1j]])
+    found = validation.check_link(one_link([0], [1.0]), LINK, 0.0, rays=rays)
+    assert found.taps_from_rays_db == pytest.approx(10 * np.log10(0.01 / 1.01), abs=0.3)
+    assert found.sounded_from_rays_db == pytest.approx(found.taps_from_rays_db, abs=0.3)
+    assert found.sounded_from_taps_db < -40
+
+
+def test_paths_read_back_as_they_were_written(tmp_path):
+    rng = np.random.default_rng(2)
+
+    def link(instants, count):
+        shape = (instants, count)
+        arrays = {name: rng.normal(size=shape) for name in ("delay_s", "rate_before", "rate_after")}
+        return paths.LinkPaths(time_s=np.arange(instants) * 0.1, gain=rng.normal(size=shape) + 1j, **arrays)
+
+    links = {(0, 1): link(1, 3), (0, 2): link(5, 4), (1, 2): link(5, 2)}
+    paths.write(tmp_path / "links.npz", links)
+    back = paths.read(tmp_path / "links.npz")
+    assert back.keys() == links.keys()
+    for pair, expected in links.items():
+        for name in ("time_s", "delay_s", "rate_before", "rate_after", "gain"):
+            np.testing.assert_array_equal(getattr(back[pair], name), getattr(expected, name))
+    (tmp_path / "links.npz").write_bytes(b"junk")
+    with pytest.raises(CastError, match="links.npz"):
+        paths.read(tmp_path / "links.npz")
+
+
+def test_errors_are_those_over_the_band_that_the_taps_were_fitted_to(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    zarr_file.write("own.zarr", sc.load("four_tap"), bandwidth_hz=20e6)
+    for options, says in (([], "over 20 MHz"), (["--band", "40e6"], "over 40 MHz")):
+        assert cast_scenario.main(["validate", "own.zarr", "--links", "1", *options]) == 0
+        assert says in capsys.readouterr().out
+
+
+def test_the_exit_status_says_whether_the_limits_hold(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    assert cast_scenario.main(["validate", "four_tap", "--links", "1"]) == 0
+    out = capfd.readouterr().out
+    assert "over 80 MHz" in out and "1 of 1 soundings agree" in out
+    assert ":info:" not in out  # GNU Radio's own lines stay out of the table
+    assert (tmp_path / "four_tap-path-loss.png").read_bytes().startswith(b"\x89PNG")
+    sc.save("static.mat", sc.load("1009"), form="static")  # taps at 1 ns, which the hardware plays at 0
+    assert cast_scenario.main(["validate", "static.mat", "--links", "1"]) == 0
+    monkeypatch.setattr(validation, "MAX_SIGMA", 1e-6)
+    assert cast_scenario.main(["validate", "four_tap", "--links", "1"]) == 1
+    with pytest.raises(CastError, match="1>9"):
+        cast_scenario.main(["validate", "four_tap", "--link", "1>9"])

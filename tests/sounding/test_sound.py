@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+import numpy as np
+import pytest
+from gr_cast.core.errors import CastError
+from gr_cast.signals import codes, recording
+from gr_cast.signals.recording import Recording
+from gr_cast.signals.waveform import Waveform, waveform_from_file
+from gr_cast.sounding.sound import LinkBudget, SoundingOptions, sound
+
+CODE = codes.glfsr(8)
+WAVEFORM = Waveform(samples=CODE.astype(np.complex64), name="glfsr:8")
+FOUR_TAPS = {0: -3.0, 64: -20.0, 100: -15.0, 200: -8.0}  # delay in samples of 20 ns to gain in dB
+
+
+def air(taps_db, periods, noise_db=-200.0, seed=1, rate_hz=50e6, offset_hz=0.0, **about):
+    random = np.random.default_rng(seed)
+    one = sum(10 ** (gain / 20) * np.roll(CODE, delay) for delay, gain in taps_db.items())
+    n = np.arange(255 * periods)
+    noise = random.standard_normal((2, len(n))) * np.sqrt(10 ** (noise_db / 10) / 2)
+    samples = np.tile(one, periods) * np.exp(2j * np.pi * offset_hz / rate_hz * n) + noise[0] + 1j * noise[1]
+    return Recording(samples=samples.astype(np.complex64), sample_rate_hz=rate_hz, **about)
+
+
+def test_four_taps_over_1500_frames_have_exact_delays_and_unbiased_gains():
+    result = sound(air(FOUR_TAPS, 1500, noise_db=-20.0), WAVEFORM)
+    assert np.array_equal(np.rint(result.taps.delay_samples), list(FOUR_TAPS))
+    z = (result.taps.delay_samples - list(FOUR_TAPS)) / result.taps.delay_std_samples
+    assert np.abs(z).max() < 4.5
+    gains_db = 10 * np.log10(result.taps.power)
+    assert np.abs(gains_db - list(FOUR_TAPS.values())).max() < 0.05
+    assert result.frames == 1500
+    assert 10 * np.log10(result.noise_power) == pytest.approx(-20.0, abs=0.05)
+
+
+def test_frames_scatter_as_the_noise_says():
+    result = sound(air(FOUR_TAPS, 1500, noise_db=-20.0), WAVEFORM)
+    for tap, gain_db in enumerate(FOUR_TAPS.values()):
+        amplitude = np.abs(result.frame_gain[:, tap])
+        assert np.std(amplitude) == pytest.approx(np.sqrt(0.01 / 255 / 2), rel=0.1)
+        assert np.mean(amplitude) == pytest.approx(10 ** (gain_db / 20), abs=5e-4)
+
+
+@pytest.mark.parametrize("offset_hz", [-20_000.0, -3_000.0, 700.0, 20_000.0])
+def test_a_carrier_offset_costs_less_than_a_tenth_of_a_db(offset_hz):
+    result = sound(air({30: -10.0}, 200, -20.0, rate_hz=10e6, offset_hz=offset_hz), WAVEFORM)
+    assert result.path_gain_db == pytest.approx(-10.0, abs=0.1)
+    assert result.offset.cycles_per_sample * 10e6 == pytest.approx(offset_hz, abs=1)
+
+
+def test_an_uncorrected_offset_costs_what_the_sinc_says():
+    options = SoundingOptions(correct_offset=False, average=1)
+    result = sound(air({30: 0.0}, 60, -40.0, rate_hz=10e6, offset_hz=20_000.0), WAVEFORM, options)
+    loss_db = 20 * np.log10(np.abs(np.sinc(20_000.0 * 255 / 10e6)))  # 4.1 dB: the published sounder's loss
+    strongest = int(np.argmax(result.taps.power))
+    frames_db = 10 * np.log10(np.mean(np.abs(result.frame_gain[:, strongest]) ** 2))
+    assert frames_db == pytest.approx(loss_db, abs=0.3)
+
+
+def test_missing_frames_are_told_from_weak_ones():
+    weak = air({10: -30.0}, 400, -30.0)
+    samples = weak.samples.copy()
+    samples[255 * 100 : 255 * 200] = air({10: -300.0}, 100, -30.0, seed=2).samples
+    result = sound(Recording(samples=samples, sample_rate_hz=50e6), WAVEFORM, SoundingOptions(average=1))
+    assert not result.frame_detected[100:200].any()
+    assert result.frame_detected[:100].all() and result.frame_detected[200:].all()
+    assert any("100 of 400 frames are missing" in warning for warning in result.warnings)
+
+
+def test_silence_is_no_signal_and_not_a_small_number():
+    result = sound(air({0: -300.0}, 100, -30.0), WAVEFORM)
+    assert (result.path_gain_db, result.path_loss_db, len(result.taps.power)) == (None, None, 0)
+    assert not result.frame_detected.any()
+    assert any("no signal" in warning for warning in result.warnings)
+
+
+def test_path_loss_counts_power_gains_and_base_loss():
+    # The laboratory of the paper: 30 dB of attenuator and 4.06 dB of cables, 15 dB of gain at either end.
+    budget = LinkBudget(tx_power_dbm=10, tx_gain_db=15, rx_gain_db=15, rx_full_scale_dbm=10, base_loss_db=4.06)
+    result = sound(air({3: -4.06}, 50, -60.0), WAVEFORM, SoundingOptions(budget=budget))
+    assert result.path_loss_db == pytest.approx(30.0, abs=0.01)
+
+
+def test_a_code_shorter_than_the_spread_is_warned_of():
+    def warned(rate_hz):
+        result = sound(air({0: 0.0}, 20, -20.0, rate_hz=rate_hz), WAVEFORM)
+        return any("alias" in warning for warning in result.warnings)
+
+    assert warned(50e6) and not warned(49e6)
+
+
+def test_clipping_is_warned_of_and_a_clean_code_is_not():
+    loud = air(FOUR_TAPS, 100, -20.0)
+    rails = np.clip(loud.samples.real, -0.6, 0.6) + 1j * np.clip(loud.samples.imag, -0.6, 0.6)
+    clipped = sound(Recording(samples=rails.astype(np.complex64), sample_rate_hz=50e6), WAVEFORM)
+    assert any("clipping" in warning for warning in clipped.warnings)
+    for clean in (loud, air({0: 0.0}, 100)):
+        assert not any("clipping" in warning for warning in sound(clean, WAVEFORM).warnings)
+
+
+def test_a_channel_that_turns_within_a_frame_is_warned_of():
+    samples = air({5: 0.0}, 400, -30.0).samples
+    turning = samples * np.exp(2j * np.pi * 3.0 * np.cos(np.arange(len(samples)) / 4000))
+    record = Recording(samples=turning.astype(np.complex64), sample_rate_hz=50e6)
+    assert any("averaging 50 periods loses" in w for w in sound(record, WAVEFORM, SoundingOptions(average=50)).warnings)
+
+
+def test_a_gap_keeps_the_delay_axis_and_is_reported():
+    whole = air({77: -6.0}, 100, -20.0)
+    samples = np.delete(whole.samples, slice(10_000, 10_333))
+    captures = ({"core:sample_start": 0}, {"core:sample_start": 10_000, "cast:lost_samples": 333})
+    result = sound(Recording(samples=samples, sample_rate_hz=50e6, captures=captures), WAVEFORM)
+    assert result.taps.delay_samples == pytest.approx([77.0], abs=0.01)
+    assert any("1 gaps, 333 samples lost" in warning for warning in result.warnings)
+
+
+def test_a_fading_tap_has_its_mean_power():
+    random = np.random.default_rng(4)
+    fade = np.convolve(random.standard_normal(5000) + 1j * random.standard_normal(5000), np.hanning(60), "valid")[:3000]
+    fade /= np.sqrt(np.mean(np.abs(fade) ** 2))
+    samples = np.tile(np.roll(CODE, 12), 3000) * np.repeat(fade, 255) * 0.1
+    noise = random.standard_normal((2, len(samples))) * 0.1
+    record = Recording(samples=(samples + noise[0] + 1j * noise[1]).astype(np.complex64), sample_rate_hz=50e6)
+    assert sound(record, WAVEFORM).path_gain_db == pytest.approx(-20.0, abs=0.3)
+
+
+def test_a_waveform_sent_once_gives_its_delay_and_gain():
+    random = np.random.default_rng(6)
+    sent = Waveform(samples=codes.zadoff_chu(1021, 3), repeat=False, name="burst")
+    samples = 0.01 * (random.standard_normal(5000) + 1j * random.standard_normal(5000))
+    samples[2000:3021] += 0.5 * sent.samples
+    samples[2040:3061] += 0.05j * sent.samples
+    result = sound(Recording(samples=samples.astype(np.complex64), sample_rate_hz=10e6), sent)
+    assert result.taps.delay_samples == pytest.approx([2000, 2040], abs=0.05)
+    assert np.abs(result.taps.gain[:, 0]) == pytest.approx([0.5, 0.05], rel=0.05)
+
+
+def test_unknown_samples_at_the_head_of_a_waveform_make_no_false_taps():
+    random = np.random.default_rng(9)
+    known = (random.choice([-1, 1], 5000) + 1j * random.choice([-1, 1], 5000)) / np.sqrt(2)
+    samples = 1e-3 * (random.standard_normal(6000) + 1j * random.standard_normal(6000))
+    samples[300:5300] += known
+    sent = known.astype(np.complex64)
+    sent[:1000] = np.nan
+    waveform = Waveform(samples=sent, repeat=False, name="headless")
+    result = sound(Recording(samples=samples.astype(np.complex64), sample_rate_hz=10e6), waveform)
+    assert result.taps.delay_samples == pytest.approx([300.0], abs=0.01)
+    assert 10 * np.log10(result.noise_power) == pytest.approx(10 * np.log10(2e-6), abs=1.5)
+
+
+def test_a_gap_in_a_waveform_sent_once_leaves_its_longest_run():
+    random = np.random.default_rng(10)
+    qpsk = (random.choice([-1, 1], 8000) + 1j * random.choice([-1, 1], 8000)) / np.sqrt(2)
+    sent = Waveform(samples=qpsk.astype(np.complex64), repeat=False, name="burst")
+    whole = np.concatenate([np.zeros(700), sent.samples, np.zeros(700)])
+    whole = whole + 0.01 * (random.standard_normal(len(whole)) + 1j * random.standard_normal(len(whole)))
+    captures = ({"core:sample_start": 0}, {"core:sample_start": 6000, "cast:lost_samples": 100})
+    record = Recording(samples=np.delete(whole, slice(6000, 6100)).astype(np.complex64), sample_rate_hz=10e6, captures=captures)
+    result = sound(record, sent)
+    assert result.path_gain_db == pytest.approx(0.0, abs=0.1)
+    assert result.taps.delay_samples == pytest.approx([700.0], abs=0.02)
+
+
+def test_digital_silence_is_no_noise():
+    samples = air({3: 0.0}, 100, -20.0).samples.copy()
+    samples[: 255 * 60] = 0
+    result = sound(Recording(samples=samples, sample_rate_hz=50e6), WAVEFORM)
+    assert len(result.taps.power) == 1
+    assert 10 * np.log10(result.noise_power) == pytest.approx(-20.0, abs=0.3)
+
+
+def test_a_constant_envelope_and_a_weak_converter_do_not_clip():
+    chirp = Waveform(samples=codes.zadoff_chu(255, 1), name="zc")
+    exact = Recording(samples=np.tile(chirp.samples, 20), sample_rate_hz=1e6)
+    random = np.random.default_rng(3)
+    steps = np.rint(random.standard_normal((255 * 20, 2)) * 1.2).clip(-3, 3) / 128
+    weak = Recording(samples=(steps[:, 0] + 1j * steps[:, 1]).astype(np.complex64), sample_rate_hz=1e6, datatype="ci8")
+    short = Recording(samples=air({0: 0.0}, 1, -20.0).samples, sample_rate_hz=1e6)
+    for record, sent in ((exact, chirp), (weak, WAVEFORM), (short, WAVEFORM)):
+        assert not any("clipping" in warning for warning in sound(record, sent).warnings)
+
+
+@pytest.mark.parametrize(
+    ("record", "waveform", "words"),
+    [
+        (Recording(samples=np.ones(999, "c8"), sample_rate_hz=None), WAVEFORM, "rate"),
+        (Recording(samples=np.ones(200, "c8"), sample_rate_hz=1e6), WAVEFORM, "no whole period"),
+        (Recording(samples=np.zeros(600, "c8"), sample_rate_hz=1e6), WAVEFORM, "every sample is zero"),
+        (Recording(samples=np.eye(1, 600, 599)[0].astype("c8"), sample_rate_hz=1e6), WAVEFORM, "whole periods is zero"),
+        (air({0: 0.0}, 4), Waveform(samples=np.ones(64, "c8"), name="dc"), "no bandwidth"),
+        (air({0: 0.0}, 4), Waveform(samples=WAVEFORM.samples, sample_rate_hz=1e6, name="w"), "resample"),
+    ],
+)
+def test_a_recording_that_cannot_hold_the_waveform_is_refused(record, waveform, words):
+    with pytest.raises(CastError, match=words):
+        sound(record, waveform)
+
+
+@pytest.mark.parametrize("receiver", [0, 1])
+def test_two_frames_of_the_cosmos_testbed_agree_within_their_uncertainty(cast_data, receiver):
+    folder = cast_data / "real" / "cosmos_pn"
+    sent = waveform_from_file(folder / "reference", repeat=False)
+    first, second = (sound(recording.read(folder / f"recording_rx{receiver}_frame{k}"), sent) for k in (0, 1))
+    strongest = [int(np.argmax(result.taps.power)) for result in (first, second)]
+    delays = [r.taps.delay_samples[k] for r, k in zip((first, second), strongest, strict=True)]
+    stds = [r.taps.delay_std_samples[k] for r, k in zip((first, second), strongest, strict=True)]
+    assert abs(delays[0] - delays[1]) < 3 * np.hypot(*stds)
+    assert abs(first.path_gain_db - second.path_gain_db) < 3 * np.hypot(first.path_gain_std_db, second.path_gain_std_db)
+    assert first.path_gain_db > first.smallest_path_gain_db + 20

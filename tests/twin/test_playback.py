@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Playing a twin: the contract's formula, one stream whatever the chunks, other conditions, and the loop back to a diagnosis."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from gr_cast.diagnose import diagnose, read_case
+from gr_cast.diagnose.write import write
+from gr_cast.signals import recording
+from gr_cast.twin.document import Waveform, read_twin
+from gr_cast.twin.playback import Conditions, Grid, Playback
+from scipy import signal
+
+PROGRAM = Path(__file__).resolve().parents[2] / "apps" / "cast_emulator.py"
+RATE_HZ, PERIOD = 1e6, 600
+BLOCK, STEP = Grid().block, Grid().step
+SILENT = Conditions(noise_power_db=-np.inf)
+
+
+def shaped(seed: int = 9) -> np.ndarray:
+    """One period of a complex waveform that fills half of its band."""
+    rng = np.random.default_rng(seed)
+    x = signal.resample(rng.normal(size=PERIOD // 2) + 1j * rng.normal(size=PERIOD // 2), PERIOD)
+    return (x / np.sqrt(np.mean(np.abs(x) ** 2))).astype(np.complex64).astype(complex)
+
+
+X = shaped()
+
+
+def at(t):
+    """The waveform at times t in samples: its Fourier series."""
+    k = np.fft.fftfreq(PERIOD, 1 / PERIOD)
+    return np.exp(2j * np.pi * np.outer(t, k) / PERIOD) @ np.fft.fft(X) / PERIOD
+
+
+ALL = [
+    ("iq_imbalance", "tx1", {"gain_imbalance_db": 0.4, "phase_imbalance_rad": 0.03}),
+    ("lo_leakage", "tx1", {"level_dbc": -30.0}),
+    ("pa_nonlinearity", "tx1", {"compression_db": 1.0, "memory": False}),
+    ("extra_path", "tx1>rx1", {"delay_s": 2.13e-5, "gain_db": -12.0, "phase_rad": 1.0, "doppler_hz": 40.0}),
+    ("tap_delay_error", "tx1>rx1", {"delay_s": 7.3e-6, "error_s": 4e-7}),
+    ("sample_clock_offset", "tx1", {"offset_ppm": 20.0}),
+    ("sample_loss", "rx1", {"time_s": 0.0655, "samples": 77}),
+    ("carrier_frequency_offset", "rx1", {"offset_hz": 120.0, "drift_hz_per_s": 50.0}),
+    ("front_end_filter", "rx1", {"ripple_db": 1.0}),
+    ("gain_step", "rx1", {"time_s": 0.07, "step_db": -0.5}),
+    ("power_supply_hum", "rx1", {"frequency_hz": 100.0, "depth": 0.05}),
+    ("dc_offset", "rx1", {"level_dbc": -31.0}),
+    ("tone_interference", "environment", {"frequency_hz": 1.1e5, "power_dbc": -33.0}),
+]
+LAWS = [
+    ("phase_noise", "rx1", {"rms_rad": 0.05}),
+    ("tap_fading", "tx1>rx1", {"delay_s": 0.0, "k_factor_db": 15.0, "doppler_spread_hz": 200.0}),
+    ("signal_dependent_noise", "rx1", {"slope_db": -3.0}),
+    ("pulsed_interference", "environment", {"period_s": 1e-3, "duty_cycle": 0.2, "power_dbc": -20.0}),
+    ("impulsive_noise", "environment", {"rate_hz": 3e3, "power_db": 0.0}),
+    ("narrowband_interference", "environment", {"frequency_hz": -2e5, "bandwidth_hz": 5e4, "power_dbc": -20.0}),
+    ("quantization", "rx1", {"step": 2.0**-6}),
+    ("adc_clipping", "rx1", {"level": 2.0}),
+]
+FILTER = {"side": "rx", "low": -1, "taps": [0.05, 0.02, -0.03, 0.01]}
+
+
+def twin(folder: Path, effects=(), repeat=True, periods=1, **more) -> Path:
+    """A twin of two paths, and its waveform beside it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    recording.write(folder / "wave", np.tile(X, periods), sample_rate_hz=RATE_HZ)
+    levels = {"tx1": "tx", "rx1": "rx", "tx1>rx1": "link", "environment": "environment"}
+    document = {
+        "cast_twin": 1,
+        "sample_rate_hz": RATE_HZ,
+        "center_frequency_hz": 1e9,
+        "waveforms": {"w1": {"file": "wave", "repeat": repeat}},
+        "nodes": {"tx1": {"transmit": "w1", "amplitude": 1.0}, "rx1": {}},
+        "links": [
+            {
+                "tx": "tx1",
+                "rx": "rx1",
+                "taps": [{"delay_s": 0.0}, {"delay_s": 7.3e-6, "gain_db": -6.0, "phase_rad": 0.7, "doppler_hz": 30.0}],
+            }
+        ],
+        "recordings": [{"file": "recording", "receiver": "rx1", "transmitters": ["tx1"]}],
+        "noise": {"rx1": {"power_db": -40.0}},
+        "effects": [
+            {
+                "family": family,
+                "owner": {"level": levels[owner], "name": owner},
+                "parameters": {k: {"value": v, "std": 0} if isinstance(v, float | int) else v for k, v in numbers.items()},
+                **({"model": FILTER} if family == "front_end_filter" else {}),
+            }
+            for family, owner, numbers in effects
+        ],
+        **more,
+    }
+    path = folder / "twin.yaml"
+    path.write_text(yaml.safe_dump(document))
+    return path
+
+
+def played(path, count, conditions=SILENT) -> np.ndarray:
+    case = read_twin(path)
+    return Playback(case, case.observations[0], count, conditions).samples()
+
+
+@pytest.mark.parametrize("repeat", [True, False])
+def test_a_twin_plays_the_formula_of_the_contract(tmp_path, repeat):
+    count = 3 * BLOCK
+    y = played(twin(tmp_path, repeat=repeat, periods=1 if repeat else count // PERIOD + 9), count)
+    n = np.arange(count)
+    echo = 10 ** (-6 / 20) * np.exp(0.7j + 2j * np.pi * 30 * n / RATE_HZ)
+    want = np.tile(X, count // PERIOD + 1)[:count] + echo * np.tile(at(np.arange(PERIOD) - 7.3), count // PERIOD + 1)[:count]
+    late = 0 if repeat else 2000  # before that a waveform sent once has only begun
+    assert np.sqrt(np.mean(np.abs(y - want)[late:] ** 2)) < 1e-4
+    assert np.abs(y - want)[STEP - 50 : STEP + 50].max() < 1e-3
+
+
+@pytest.mark.parametrize("repeat", [True, False])
+def test_the_stream_is_the_same_in_any_chunks(tmp_path, repeat):
+    count = BLOCK + 30_000
+    case = read_twin(twin(tmp_path, ALL + LAWS, repeat=repeat, periods=1 if repeat else count // PERIOD + 9))
+    conditions = Conditions(seed=5)
+    whole = Playback(case, case.observations[0], count, conditions).samples()
+    other = Playback(case, case.observations[0], count, conditions)
+    backwards = [other.samples(first, 8191) for first in reversed(range(0, count, 8191))]
+    assert np.array_equal(whole, np.concatenate(backwards[::-1]))
+    assert not np.array_equal(whole, Playback(case, case.observations[0], count, Conditions(seed=6)).samples())
+
+
+def test_a_period_sent_again_and_again_is_the_repeated_waveform(tmp_path):
+    count = BLOCK + 30_000
+    circle = played(twin(tmp_path / "a", ALL), count)
+    line = played(twin(tmp_path / "b", ALL, repeat=False, periods=count // PERIOD + 9), count)
+    assert np.abs(circle)[3000:].min() < np.abs(circle - line)[3000:].max() * 1e9  # both are there
+    assert np.sqrt(np.mean(np.abs(circle - line)[3000:] ** 2) / np.mean(np.abs(circle) ** 2)) < 1e-3
+
+
+def test_half_the_amplitude_is_bent_a_quarter_as_much_and_leaks_as_much_as_before(tmp_path):
+    entry = twin(tmp_path, [ALL[1], ALL[2]])
+    document = yaml.safe_load(entry.read_text())
+    leak, bend = document["effects"]
+    leak["model"], bend["model"] = {"sent_power": 1.0}, {"peak": float(np.abs(X).max())}
+    entry.write_text(yaml.safe_dump(document))
+    plain, bent = twin(tmp_path / "plain"), tmp_path / "twin_of_the_amplifier.yaml"
+    bent.write_text(yaml.safe_dump(document | {"effects": [bend]}))
+    half = Conditions(amplitude={"tx1": 0.5}, noise_power_db=-np.inf)
+    cube = played(bent, 6000) - played(plain, 6000)
+    leaked = played(entry, 6000) - played(bent, 6000)
+    both = played(entry, 6000, half) - played(plain, 6000, half)
+    assert np.abs(leaked).mean() > 0.01 and np.abs(cube).max() > 0.1
+    assert np.abs(both - cube / 8 - leaked).max() < 1e-5
+
+
+@pytest.mark.parametrize("owner", ["tx1", "rx1"])
+def test_another_carrier_scales_offset_and_doppler_and_turns_paths(tmp_path, owner):
+    path = twin(tmp_path, [("carrier_frequency_offset", owner, {"offset_hz": 100.0})])
+    y = played(path, 20_000, Conditions(center_frequency_hz=2e9 + 1e5, noise_power_db=-np.inf))
+    n = np.arange(20_000)
+    ratio = 2e9 / 1e9 + 1e-4
+    echo = 10 ** (-6 / 20) * np.exp(0.7j - 2j * np.pi * (1e9 + 1e5) * 7.3e-6 + 2j * np.pi * 30 * ratio * n / RATE_HZ)
+    if owner == "tx1":  # what is sent with an offset is late with it
+        echo = echo * np.exp(-2j * np.pi * 100 * ratio * 7.3e-6)
+    want = np.resize(X, len(n)) + echo * np.resize(at(np.arange(PERIOD) - 7.3), len(n))
+    turned = y / want * np.exp(-2j * np.pi * 100 * ratio * n / RATE_HZ)
+    assert np.median(np.abs(turned - np.median(turned))) < 1e-3
+
+
+@pytest.mark.parametrize("owner", ["tx1", "rx1"])
+def test_a_transmitters_hum_is_late_with_every_path_in_every_block(tmp_path, owner):
+    count = BLOCK + 30_000
+    y = played(twin(tmp_path, [("power_supply_hum", owner, {"frequency_hz": 9e3, "depth": 0.2})]), count)
+    n = np.arange(count)
+    hum = lambda t: 1 + 0.2 * np.cos(2 * np.pi * 9e3 * t / RATE_HZ)  # noqa: E731
+    late = 7.3 if owner == "tx1" else 0.0
+    echo = 10 ** (-6 / 20) * np.exp(0.7j + 2j * np.pi * 30 * n / RATE_HZ) * np.resize(at(np.arange(PERIOD) - 7.3), count)
+    want = np.resize(X, count) * hum(n) + echo * hum(n - late)
+    assert np.abs(y - want).max() < 2e-3 * np.abs(want).max()
+
+
+def test_noise_is_the_twins_floor_and_white(tmp_path):
+    path = twin(tmp_path)
+    noise = played(path, 100_000, Conditions(seed=3)) - played(path, 100_000)
+    assert np.mean(np.abs(noise) ** 2) == pytest.approx(1e-4, rel=0.02)
+    density = signal.welch(noise, nperseg=64, return_onesided=False, detrend=False)[1]
+    assert density.max() / density.min() < 1.4
+
+
+def test_rails_and_lattice_come_after_the_noise(tmp_path):
+    y = played(twin(tmp_path, LAWS[-2:]), 20_000, Conditions(seed=3))
+    assert np.abs(y.real).max() == 2.0 and np.allclose(y.real * 64, np.round(y.real * 64), atol=1e-4)
+
+
+class World:
+    """Recordings made by closed formulas: amplifier on a grid eight times finer, two paths, receiver, noise."""
+
+    def __init__(self, name: str, amplitude: float, seed: int):
+        self.name, self.amplitude, self.rng = name, amplitude, np.random.default_rng(seed)
+        self.n = np.arange(12_000)
+
+    def recorded(self) -> np.ndarray:
+        fine = signal.resample(self.amplitude * X, 8 * PERIOD)
+        if self.name == "pa_nonlinearity":
+            fine = fine / (1 + (np.abs(fine) / 3) ** 4) ** 0.25  # C. Rapp 1991
+        sent = signal.resample(fine, PERIOD)
+        paths = [(0, 1.0), (9, 0.5 * np.exp(0.7j))] + [(23, 0.05)] * (self.name == "extra_path")
+        y = 0.3 * np.exp(0.4j) * sum(a * sent[(self.n - 37 - d) % PERIOD] for d, a in paths)
+        if self.name == "iq_imbalance":
+            y = y + 0.03 * np.exp(1j) * np.conj(y)
+        if self.name == "carrier_frequency_offset":
+            y = y * np.exp(2j * np.pi * 31 * self.n / RATE_HZ)
+        if self.name == "phase_noise":
+            y = y * np.exp(1j * np.cumsum(self.rng.normal(size=len(y))) * np.sqrt(2 * np.pi * 0.3 / RATE_HZ))
+        y = y + 0.003 * (self.rng.normal(size=len(y)) + 1j * self.rng.normal(size=len(y)))
+        if self.name == "adc_clipping":
+            y = np.clip(y.real, -0.6, 0.6) + 1j * np.clip(y.imag, -0.6, 0.6)
+        return y
+
+    def write(self, folder: Path, effects=()) -> Path:
+        taps = [{"delay_s": 0.0}, {"delay_s": 9e-6, "gain_db": float(20 * np.log10(0.5)), "phase_rad": 0.7}]
+        entry = {"file": "recording", "receiver": "rx1", "transmitters": ["tx1"], "amplitude": {"tx1": self.amplitude}}
+        links = [{"tx": "tx1", "rx": "rx1", "taps": taps}]
+        noise = {"rx1": {"power_db": float(20 * np.log10(0.003 * np.sqrt(2)))}}
+        twin(folder, links=links, recordings=[entry], noise=noise, effects=list(effects))
+        recording.write(folder / "recording", self.recorded(), sample_rate_hz=RATE_HZ, center_frequency_hz=1e9)
+        return folder
+
+
+@pytest.mark.parametrize(
+    "name", ["pa_nonlinearity", "iq_imbalance", "carrier_frequency_offset", "extra_path", "phase_noise", "adc_clipping"]
+)
+def test_a_corrected_twin_has_nothing_to_learn_from_a_second_recording(tmp_path, name):
+    first = diagnose(read_case(World(name, 1.0, 1).write(tmp_path / "first")))
+    assert name in [e["family"] for e in first.document["effects"]]
+    write(first, tmp_path / "diagnosis", "")
+    second = World(name, 0.9 if name == "adc_clipping" else 0.6, 2).write(tmp_path / "second")
+    told = yaml.safe_load((second / "twin.yaml").read_text())
+    corrected = yaml.safe_load((tmp_path / "diagnosis" / "twin_corrected.yaml").read_text())
+    (second / "twin.yaml").write_text(yaml.safe_dump(told | {"effects": corrected["effects"]}))
+    assert diagnose(read_case(second)).document["verdict"] == "no_mismatch"
+
+
+def emulator(*arguments) -> subprocess.CompletedProcess:
+    return subprocess.run([sys.executable, PROGRAM, *map(str, arguments)], capture_output=True, text=True, timeout=120)
+
+
+def test_the_program_plays_what_a_diagnosis_wrote_and_never_overwrites(tmp_path):
+    path = twin(tmp_path / "twin", ALL)
+    command = ["--twin", path, "--output", tmp_path / "out", "--duration", 0.1, "--amplitude", "tx1=0.5", "--seed", 3]
+    assert emulator(*command).returncode == 0
+    taken = recording.read(tmp_path / "out" / "recording")
+    assert taken.sample_rate_hz == RATE_HZ and taken.center_frequency_hz == 1e9 and len(taken.samples) == 100_000
+    want = played(path, 100_000, Conditions(amplitude={"tx1": 0.5}, seed=3))
+    assert np.array_equal(taken.samples, want)
+    again = emulator(*command)
+    assert again.returncode == 2 and "nothing is overwritten" in again.stderr
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        ["--amplitude", "tx9=1"], ["--amplitude", "loud"], ["--recording", "other"], ["--duration", "-1"],
+        ["--amplitude", "nan"], ["--carrier", "0"], ["--seed", "-1"],
+    ],
+)  # fmt: skip
+def test_a_wrong_condition_is_one_line_and_leaves_nothing(tmp_path, wrong):
+    out = emulator("play", "--twin", twin(tmp_path / "twin"), "--output", tmp_path / "out", *wrong)
+    assert out.returncode == 2 and out.stderr.startswith("error: ") and out.stderr.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_recording_stands_for_the_twins_own_waveform(tmp_path):
+    path = twin(tmp_path / "twin", ALL)
+    recording.write(tmp_path / "sent", np.tile(X, 180), sample_rate_hz=RATE_HZ)
+    command = ["--twin", path, "--output", tmp_path / "out", "--no-noise", "--transmit", f"tx1={tmp_path / 'sent'}"]
+    assert emulator(*command).returncode == 0
+    got, own = recording.read(tmp_path / "out" / "recording").samples, played(path, 180 * PERIOD)
+    assert len(got) == 180 * PERIOD
+    assert np.sqrt(np.mean(np.abs(got - own)[3000:-200] ** 2) / np.mean(np.abs(own) ** 2)) < 1e-3
+
+
+@pytest.mark.parametrize("most", [137, 5000])
+def test_live_samples_meet_the_same_twin_however_they_are_scheduled(tmp_path, most):
+    from gnuradio import blocks, gr
+    from gr_cast.blocks.twin import LIVE_GRID, TwinReceiver
+
+    relative = {"lo_leakage", "pa_nonlinearity", "dc_offset", "tone_interference"}  # to a power that is not known here
+    case = read_twin(twin(tmp_path / "twin", [e for e in ALL if e[0] not in relative] + LAWS[:3]))
+    conditions = Conditions(seed=4, amplitude={"tx1": 0.7})
+    sent = np.tile(X, 200).astype(np.complex64)
+    top = gr.top_block(catch_exceptions=False)
+    source, sink = blocks.vector_source_c(sent.tolist()), blocks.vector_sink_c()
+    receiver = TwinReceiver(case, case.observations[0], ("tx1",), conditions)
+    receiver.set_max_noutput_items(most)
+    top.connect(source, receiver, sink)
+    top.run()
+    got = np.array(sink.data())
+    wave = Waveform(name="sent", samples=sent, repeat=False, built_in=False)
+    told = Conditions(seed=4, amplitude={"tx1": 0.7}, transmit={"tx1": wave})
+    want = Playback(case, case.observations[0], receiver.playback.count, told, LIVE_GRID).samples(0, len(got))
+    assert len(got) > len(sent) - LIVE_GRID.block - receiver.delay_samples
+    assert np.abs(got - want).max() < 1e-5
+
+
+def test_ports_bring_what_is_sent_and_take_what_is_received(tmp_path):
+    path = twin(tmp_path / "twin", [ALL[0], ALL[7]])
+    recording.write(tmp_path / "sent", np.tile(X, 200), sample_rate_hz=RATE_HZ)
+    ports = ["--port", f"tx1:tx=file:{tmp_path / 'sent'}", "--port", f"rx1:rx=file:{tmp_path / 'got'}"]
+    done = emulator("play", "--twin", path, "--no-noise", *ports)
+    assert done.returncode == 0, done.stderr
+    got, own = recording.read(tmp_path / "got").samples, played(path, 60_000_000)[: 200 * PERIOD]
+    assert len(got) > 190 * PERIOD - (1 << 14)
+    ratio = got[3000:] / own[3000 : len(got)]
+    assert np.abs(ratio / ratio[0] - 1).max() < 0.02
