@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Fits that the search relies on: effects that stand still, amplifiers and filters in the forms that suit each other."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,6 +15,7 @@ from gr_cast.diagnose.view import View
 from gr_cast.signals import recording
 from gr_cast.twin.effects import FAMILIES
 from gr_cast.twin.effects.base import start
+from gr_cast.twin.model import predict
 
 
 @pytest.fixture
@@ -129,3 +131,17 @@ def test_noise_that_fills_just_the_signals_band_is_no_interference(world, tmp_pa
     _, data, model = align.build(case, case.observations[0])
     families = [effect.family for _, effect in noise.starts(search.refit(data, model))]
     assert ("narrowband_interference" in families) == told
+
+
+def test_samples_lost_are_looked_for_in_recordings_of_every_length(world, tmp_path):
+    """Also where the last of so many equal segments would be empty: 49 lengths from 41² to 47² samples."""
+    y = np.where(world.n < 800, world.clean(), np.roll(world.clean(), -30))
+    case = read_case(world.write(tmp_path / "case", world.noisy(y)))
+    _, data, model = align.build(case, case.observations[0].part(0, 2300))
+    whole = refit(data, model)
+    for n in range(1600, 2300):
+        scene = data.scene.stretch(0, n, data.scene.sources, {})
+        here = SimpleNamespace(**vars(whole) | {"data": replace(data, scene=scene, y=data.y[:n], use=data.use[:n])})
+        here.chain, here.residual, here.came = predict(scene, whole.model), data.y[:n] - whole.chain.y[:n], whole.came
+        joints = View(here).jumps()
+        assert any(abs(at - 800) <= 1 and (lost - 30) % len(world.x) == 0 for at, lost, _ in joints), n

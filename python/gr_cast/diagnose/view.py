@@ -259,9 +259,11 @@ class View:
         """The likeliest (first sample after the joint, samples lost, whether the delay is that of the later part) and those of
         one more and one less, where two parts with a gain each make the recording far likelier than one."""
         n = self.scene.count
-        segments = min(48, n // LEAST_SEGMENT)
-        if segments < 4:
+        wished = min(48, n // LEAST_SEGMENT)
+        if wished < 4:
             return []
+        length = -(-n // wished)
+        segments = -(-n // length)  # none is empty
         y = self.fit.came(self.data.y) * self.weight * np.conj(self.carrier)
         c, lags = self.correlations(0, y, segments, reach=LONGEST_JUMP if self.scene.at is None else None)
         lag, size = lags - round(self.fit.model.base[0]), len(lags)
@@ -272,7 +274,7 @@ class View:
             c = sp_fft.ifft(sp_fft.fft(c, axis=1) * response, axis=1)
             lag = (lag + size // 2) % size - size // 2
         now = int(np.argmin(np.abs(lag)))
-        sent = np.add.reduceat(np.abs(self.wanted) ** 2 * self.weight, np.arange(0, n, -(-n // segments)))
+        sent = np.add.reduceat(np.abs(self.wanted) ** 2 * self.weight, np.arange(0, n, length))
         sent = np.maximum(sent, 1e-3 * sent.mean())
         found = []
         for later in (False, True):
@@ -285,7 +287,7 @@ class View:
             if d == now or nats[m, d] < np.log(nats.size) + JUMP_NATS:
                 continue
             lost = int(lag[d] if later else -lag[d])
-            first = (m + 1 if later else segments - m - 1) * -(-n // segments)
+            first = (m + 1 if later else segments - m - 1) * length
             for nearby in (lost, lost - 1, lost + 1):  # a delay between two samples hides one
                 joint = self._joint(first, nearby, later)
                 found.append((float(self.scene.index[min(joint, n - 1)]), float(nearby), later))
