@@ -15,6 +15,7 @@ from gr_cast.blocks.network import play
 from gr_cast.comparing.series import write_csv
 from gr_cast.core.errors import CastError
 from gr_cast.core.files import write_json
+from gr_cast.experiments import paper
 from gr_cast.experiments.cellular import downlink as downlink_model
 from gr_cast.experiments.cellular import experiment, stack, stack_run
 from gr_cast.experiments.cellular.downlink import Cell, Downlink, Radio
@@ -25,10 +26,9 @@ from gr_cast.scenario.create.spec import read as read_spec
 from gr_cast.sounding.result import output_folder
 
 CELLS = {1: ["12:34,37,41"], 2: ["10:33,34,41", "25:37,38,42"]}  # of the Arena: ceiling, standing, and two that walk
-COLOSSEUM_LOSS_DB = 57.55  # of the emulator itself (Bonati et al., DySPAN 2021)
+COLOSSEUM_LOSS_DB = paper.figures()["base_loss"]["mean_db"]  # of the emulator itself
 SHORT_S, FULL_S = 15.0, 37.0
 STEP_S = {1: 0.1, 2: 0.2}  # by stations: every station is sounded at every terminal
-PAPER = {"udp_bps": 0.994, "tcp_bps": 0.978, "sinr_db": 0.991}  # similarity of a testbed and its twin, one cell
 CHECKS = 3  # instants at which all stations are heard at once
 
 
@@ -200,7 +200,7 @@ def _report(args, output: Path, scenarios, cells, radio, courses, checks, files,
         print(f"\nall stations at once: interference and noise within {worst_db:.2f} dB of the sum of their parts")
     similar = experiment.similarities(*courses) if complete and len(courses) == 2 and len(courses[0].time_s) > 1 else []
     if similar:
-        _print_similarities(similar, [name for name, _ in scenarios])
+        _print_similarities(similar, [name for name, _ in scenarios], paper.cellular_rho(cells))
     document = {
         "cast_cellular": 1, "modelled": True, "model": experiment.MODEL, "complete": complete,
         "scenarios": [{"run": name, "scenario": scenario.name, "about": scenario.description} for name, scenario in scenarios],
@@ -208,7 +208,7 @@ def _report(args, output: Path, scenarios, cells, radio, courses, checks, files,
         "radio": {"resource_blocks": radio.blocks, "tx_power_dbm": radio.tx_power_dbm,
                   "noise_figure_db": radio.noise_figure_db, "setup_loss_db": args.setup_loss_db},
         "offered_bps": args.offered, "seed": args.seed, "terminals": rows, "superposition": checks, "similarity": similar,
-        "similarity_in_the_paper": PAPER, "series": files,
+        "similarity_in_the_paper": paper.cellular_rho(cells), "series": files,
     }  # fmt: skip
     write_json(output / "cellular.json", document)
     title = f"{' and '.join(cell.station for cell in cells)}: modelled downlink, {args.offered / 1e6:g} Mbit/s offered"
@@ -216,14 +216,16 @@ def _report(args, output: Path, scenarios, cells, radio, courses, checks, files,
     print(f"picture: {output / 'cellular.png'}, figures: {output / 'cellular.json'}")
 
 
-def _print_similarities(rows: list[dict], names: list[str]) -> None:
+def _print_similarities(rows: list[dict], names: list[str], published: dict) -> None:
     print(f"\nsimilarity of {names[0]} and {names[1]}; bias is {names[1]} less {names[0]}")
     print(f"{'terminal':>10s} {'of':>8s} {'rho':>6s} {'95 %':>14s} {'paper':>6s} {'bias':>8s} {'rmse':>8s}")
     for row in rows:
         scale, unit = (1, "dB") if row["quantity"] == "sinr_db" else (1e-6, "Mbit/s")
         rho = "–" if row["rho"] is None else f"{row['rho']:.3f}"
+        told = published.get(row["terminal"], {}).get(row["quantity"])
+        told = "–" if told is None else f"{told:.3f}"
         interval = "{:.3f} … {:.3f}".format(*row["rho_interval"]) if row["rho_interval"] else ""
-        print(f"{row['terminal']:>10s} {row['quantity']:>8s} {rho:>6s} {interval:>14s} {PAPER[row['quantity']]:6.3f}"
+        print(f"{row['terminal']:>10s} {row['quantity']:>8s} {rho:>6s} {interval:>14s} {told:>6s}"
               f" {scale * row['bias']:8.3f} {scale * row['rmse']:8.3f}   {unit}")  # fmt: skip
 
 

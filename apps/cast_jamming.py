@@ -12,14 +12,16 @@ from gr_cast import scenario as sc
 from gr_cast.comparing import series, similarity
 from gr_cast.core.errors import CastError
 from gr_cast.core.files import write_json
-from gr_cast.experiments import hall, jamming, left_out, loss
+from gr_cast.experiments import hall, jamming, left_out, loss, paper
 from gr_cast.experiments import jamming_result as result
 from gr_cast.report import plot
 from gr_cast.signals.wifi import MODES
 from gr_cast.sounding.result import output_folder
 
-SINR_DB = {"narrowband": 5.0, "wideband": 0.0}  # 20 and 25 dB below the default SNR, as in the paper
-DEFAULT_CASES = ("static-narrowband", "static-wideband", "mobile-narrowband")
+SNR_DB = 26.0  # of which the paper's 20 dB are 77 %
+SINR_DB = {"narrowband": 6.0, "wideband": 1.0}  # 20 and 25 dB below, as in the paper
+CENTRE_HZ = {"narrowband": 2.5e6, "wideband": 0.0}  # on a carrier: in the middle of the band 802.11 has none
+DEFAULT_CASES = tuple(paper.figures()["jamming"]["cases"])
 
 
 def _times_s(args, modem):
@@ -57,7 +59,8 @@ def _emulate(args, modem, setting: jamming.Setting, label: str, case: str) -> re
 def _jammer(kind: str, args, on_s: tuple[float, float]) -> jamming.Jammer | None:
     if kind == "none":
         return None
-    return jamming.Jammer(bandwidth_hz=jamming.BANDWIDTH_HZ[kind], centre_hz=args.centre, on_s=on_s)
+    centre_hz = CENTRE_HZ[kind] if args.centre is None else args.centre
+    return jamming.Jammer(bandwidth_hz=jamming.BANDWIDTH_HZ[kind], centre_hz=centre_hz, on_s=on_s)
 
 
 def _settings(case: str, args) -> list[jamming.Setting]:
@@ -207,9 +210,11 @@ def main(argv=None) -> int:
     command.add_argument("--twin", metavar="FILE", help="the scenario's twin, for the similarity")
     command.add_argument("--nodes", nargs=3, default=("tx", "rx", "jammer"), metavar=("TX", "RX", "JAMMER"))
     command.add_argument("--duration", type=float, default=60.0, metavar="SECONDS", help="of radio time (default 60)")
-    command.add_argument("--snr", type=float, default=25.0, metavar="DB", help="without the jammer (default 25)")
-    command.add_argument("--sinr", type=float, metavar="DB", help="with it, mean (default 5 narrowband, 0 wideband)")
-    command.add_argument("--centre", type=float, default=0.0, metavar="HZ", help="of the jammer, from the carrier (default 0)")
+    command.add_argument("--snr", type=float, default=SNR_DB, metavar="DB", help=f"without the jammer (default {SNR_DB:g})")
+    command.add_argument("--sinr", type=float, metavar="DB", help="with it, mean (default 6 narrowband, 1 wideband)")
+    command.add_argument(
+        "--centre", type=float, metavar="HZ", help="of the jammer, from the carrier (default 2.5e6 narrowband, 0 wideband)"
+    )
     command.add_argument("--frames-per-second", type=float, default=10.0, help="that are computed (default 10)")
     command.add_argument("--full", action="store_const", const=100.0, dest="frames_per_second", help="100 of them")
     command.add_argument("--step", type=float, default=1.0, metavar="SECONDS", help="of the series (default 1)")

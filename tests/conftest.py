@@ -3,6 +3,7 @@
 
 import importlib.util
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,8 @@ ROOT = Path(__file__).resolve().parent.parent
 BUILD = Path(os.environ.get("CAST_BUILD", ROOT / "build"))
 sys.path.insert(0, str(BUILD / "python"))
 sys.path.append(str(ROOT / "apps"))
+# A suite in the background inherits that interrupts are ignored, and so would every program that a test interrupts.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 os.environ["GR_DONT_LOAD_PREFS"] = "1"
 os.environ.setdefault("MPLBACKEND", "Agg")
 

@@ -11,14 +11,9 @@ from ..comparing import series as sr
 from ..comparing.similarity import compare
 from ..core.errors import CastError
 from ..core.units import db_from_power
+from . import paper
 from .jamming import Frame, Setting, interval_of_harm, series
 
-# "Colosseum as a Digital Twin", IEEE TMC 2024: throughput lost (%), SINR lost (dB), ρ of throughput and of SINR.
-PAPER = {
-    "static-narrowband": {"throughput_loss_percent": [37, 43], "sinr_loss_db": 20, "rho_throughput": 0.989, "rho_sinr": 0.985},
-    "static-wideband": {"throughput_loss_percent": [94, 96], "sinr_loss_db": 25},
-    "mobile-narrowband": {"throughput_loss_percent": [90, 90], "rho_throughput": 0.988, "rho_sinr": 0.964},
-}
 COLUMNS = ("throughput_mbit_per_s", "sinr_db")
 
 
@@ -101,7 +96,7 @@ def similarity(a: Run, b: Run) -> dict:
 
 
 def case_document(name: str, a: Run, b: Run | None) -> dict:
-    document = {"name": name, "a": as_document(a), "paper": PAPER.get(name)}
+    document = {"name": name, "a": as_document(a), "paper": paper.jamming(name)}
     if b is not None and len(b.frames) > 1:
         document |= {"b": as_document(b), "similarity": similarity(a, b)}
     return document
@@ -141,12 +136,12 @@ def as_table(document: dict) -> str:
         harm = f"{interval[0]:.2f}–{interval[1]:.2f} s" if interval else "–"
         lost = f"{cell(a['throughput_loss_percent'], '.0f') + ' %':>17}{cell(a['sinr_loss_db'], '.1f') + ' dB':>11}"
         lines.append(f"{case['name']:<22}{lost}{harm:>16}{rho[0]:>14}{rho[1]:>8}")
-        paper = case["paper"]
-        if paper:
-            loss = "–".join(str(value) for value in dict.fromkeys(paper["throughput_loss_percent"]))
+        told = case["paper"]
+        if told:
+            loss = "–".join(str(value) for value in dict.fromkeys(told["throughput_loss_percent"]))
             lines.append(
-                f"{'   the paper':<22}{loss + ' %':>17}{cell(paper.get('sinr_loss_db'), 'd') + ' dB':>11}{'':16}"
-                f"{cell(paper.get('rho_throughput'), '.3f'):>14}{cell(paper.get('rho_sinr'), '.3f'):>8}"
+                f"{'   the paper':<22}{loss + ' %':>17}{cell(told.get('sinr_loss_db'), 'd') + ' dB':>11}{'':16}"
+                f"{cell(told.get('rho_throughput'), '.3f'):>14}{cell(told.get('rho_sinr'), '.3f'):>8}"
             )
     if not document["complete"]:
         lines.append("interrupted: these are the frames until then")
