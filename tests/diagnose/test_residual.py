@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gr_cast.diagnose import align, diagnose, gate, noise, read_case, residual, run
+from gr_cast.diagnose import align, diagnose, floor, gate, noise, read_case, residual, run
 from gr_cast.diagnose.finding import Finding
 from gr_cast.diagnose.fit import off_the_rails
 from gr_cast.diagnose.search import refit, under_the_lattice
@@ -127,7 +127,7 @@ def test_noise_in_a_band_raises_no_floor_and_leaves_nothing_beside_it(world, tmp
     _, interference = FAMILIES["narrowband_interference"].find(noise.view_of(plain))
     fit = refit(data, model.adding(interference), near=plain)
     finding = Finding(observation=case.observations[0], scene=scene, data=data, twin=plain, fit=fit)
-    run._floor(finding)
+    floor.compare(finding)
     run._look_for_rest(finding)
     assert [e.family for e in finding.fit.model.found] == ["narrowband_interference"]
     assert not finding.left
@@ -155,7 +155,7 @@ def test_an_image_may_change_the_floor_by_what_unequal_gains_can(world, tmp_path
         for effect in effects:
             fit = replace(fit, model=fit.model.adding(effect))
         finding = Finding(observation=case.observations[0], scene=scene, data=data, twin=fit, fit=fit)
-        run._floor(finding)
+        floor.compare(finding)
         assert [e.family for e in finding.fit.model.found].count("noise_floor") == floors
 
 

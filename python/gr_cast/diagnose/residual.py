@@ -48,7 +48,7 @@ def _gamma_cells(energy: np.ndarray, count: np.ndarray):
 def time_frequency(fit, rows: int = 48, bins: int = 32):
     """(rows, bins) energy over expectation of the normalised residual, and samples behind each cell."""
     data, scene = fit.data, fit.data.scene
-    r = _normal(fit)
+    r = normal(fit)
     length = max(bins, scene.count // rows // bins * bins)
     rows = scene.count // length
     blocks = r[: rows * length].reshape(rows, -1, bins)
@@ -57,19 +57,25 @@ def time_frequency(fit, rows: int = 48, bins: int = 32):
     return power.sum(1), np.repeat(used.mean(2).sum(1)[:, None], bins, 1)
 
 
+def told_cells(fit):
+    """`time_frequency` with what is not told as even as noise is."""
+    energy, count = time_frequency(fit)
+    untold = _bands_not_told(fit, energy.shape[1])
+    energy[:, untold] = count[:, untold]
+    return energy, count
+
+
 def leftovers(fit, inside) -> list[Leftover]:
     """The worst cell of every map, worst first."""
     scene = fit.data.scene
     out = []
-    energy, count = time_frequency(fit)
+    energy, count = told_cells(fit)
     if coarse := any(is_coarse(e) for e in fit.model.effects):
         # Rare steps instead of noise: as many Gaussian samples as would make energies spread as much.
-        power = np.abs(_normal(fit)[inside]) ** 2
+        power = np.abs(normal(fit)[inside]) ** 2
         spread = max(1.0, float(np.var(power) / np.mean(power) ** 2))
         energy, count = energy / spread, count / spread
     rows, bins = energy.shape
-    untold = _bands_not_told(fit, bins)
-    energy[:, untold] = count[:, untold]
     t = np.append(scene.index, scene.index[-1] + 1)[np.arange(rows + 1) * (scene.count // rows)] / scene.sample_rate_hz
     for name, e, c in (
         ("time × frequency", energy, count),
@@ -116,7 +122,7 @@ def _bonferroni(log_p: float, cells: int) -> float:
     return float(min(1.0, np.exp(min(0.0, log_p + np.log(cells)))))
 
 
-def _normal(fit) -> np.ndarray:
+def normal(fit) -> np.ndarray:
     """(n,) the residual as it came in, made white and of unit power."""
     return fit.came(fit.data.whitened(fit.residual)) / np.sqrt(fit.sigma2)
 
@@ -128,7 +134,7 @@ def _place_in_code(fit) -> Leftover | None:
     if not source.repeat or fit.data.scene.count < 4 * period:
         return None
     lo = View(fit).carrier
-    turned = _normal(fit) * np.conj(lo) / np.abs(lo)
+    turned = normal(fit) * np.conj(lo) / np.abs(lo)
     index = fit.data.scene.wrap(period)
     total = np.bincount(index, turned.real, period) + 1j * np.bincount(index, turned.imag, period)
     hits = np.bincount(index, fit.data.use > 0, period)
@@ -145,7 +151,7 @@ def _place_in_code(fit) -> Leftover | None:
 def _amplitude(fit, inside) -> Leftover | None:
     """Mean residual along and across the prediction, and power, in bins of predicted amplitude."""
     use = inside
-    z, w = _normal(fit)[use], fit.came(fit.chain.wanted)[use]
+    z, w = normal(fit)[use], fit.came(fit.chain.wanted)[use]
     level = np.abs(w)
     if np.std(level) < 1e-6 * np.mean(level) + 1e-30:
         return None
@@ -237,7 +243,7 @@ def crowded_impulses(fit) -> float:
     windows = min(WINDOWS, len(used) // LEAST_WINDOW)
     if effect is None or windows < 4:
         return 1.0
-    energy = np.abs(_normal(replace(fit, data=replace(fit.data, variance=None)))[used]) ** 2
+    energy = np.abs(normal(replace(fit, data=replace(fit.data, variance=None)))[used]) ** 2
     at = np.flatnonzero(FAMILIES[effect.family].shares(effect, energy * fit.sigma2 / effect.aux["_level"]) > 0.5)
     if not len(at):
         return 1.0

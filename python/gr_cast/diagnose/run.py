@@ -5,18 +5,16 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import fft as sp_fft
 
 from ..twin.effects import FAMILIES, stage_of
-from ..twin.effects.base import RX_FILTER, complex_pair, db, start
+from ..twin.effects.base import RX_FILTER
 from ..twin.effects.noise_family import profile
 from ..twin.effects.phase_noise import MOST
-from ..twin.effects.signal_dependent_noise import told_floor
 from ..twin.model import in_scene
-from . import align, ambiguity, gate, heldout, joints, noise, offsets, residual, slow
+from . import align, ambiguity, flatness, floor, gate, joints, offsets, residual, slow
 from .exchange import exchanged
-from .finding import Finding, Worth, nmse, numbers, worth
-from .fit import COLOUR_ORDERS, Fit, gain_of_receiver, in_band, off_the_rails, solve
+from .finding import Finding, nmse, numbers, worth
+from .fit import COLOUR_ORDERS, Fit, off_the_rails, solve
 from .ownership import agree_on_sides, agree_on_wander
 from .search import MARGIN, beginnings, lattice_again, refit, search, under_the_lattice
 from .verdict import Words, conclude
@@ -30,7 +28,6 @@ HUNGRY = 3.0  # times the mean share that a recording may take of what is left; 
 MOST_FINDINGS = 24  # parts of a recording: what happened between two of 10⁸ samples is halved 12 times until it is found
 CUT_NATS = 10.0  # by which rails on a lattice, or at one end alone, must make a recording likelier
 FINE_LATTICE = 10.0  # energy of its error over the noise, over the whole recording
-FAINT = 0.01  # of the mean power: what is weaker has no direction
 JITTER_SURE = 2.5  # standard deviations by which noise across the signal must exceed noise along it
 FINEST = 3  # times the fastest wander of the search
 UNEXPLAINED_P = 1e-5
@@ -114,8 +111,8 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
     for i, effect in enumerate(fit.model.effects):
         if not effect.fixed:
             finding.worth_of(i)
-    _floor(finding)
     _look_for_rest(finding)
+    floor.compare(finding)
     return finding
 
 
@@ -300,98 +297,12 @@ def _directions(fit: Fit):
     return turned.imag**2 / power, turned.real**2 / power, power
 
 
-def _floor(finding: Finding) -> None:
-    """Compare the noise with the twin's, on samples that the rails do not touch."""
-    fit, told, sources = finding.fit, finding.data.noise_power, finding.data.scene.sources
-    # A filter's own gain is unknown, and with it the floor before it; one link cannot tell whose filter it is.
-    if told is None or any(e.family == "front_end_filter" for e in fit.model.effects):
-        return
-    inside = off_the_rails(fit)
-    shape = np.ones(fit.data.scene.count) if fit.data.variance is None else fit.data.variance
-    for e in fit.model.effects:
-        if e.family == "quantization":
-            if e.p[0] ** 2 / 6 > 0.1 * told:
-                return  # the step's own error hides the floor
-            told = told + e.p[0] ** 2 / 6
-    # The rounding of the file itself, which the twin's figure may hold or not.
-    rounding = gate.native_step(finding.observation.datatype) ** 2 / 6
-    vault = fit.data.vault
-    power = np.abs(fit.data.even(fit.residual, (fit.data.use > 0) | vault)) ** 2 / shape
-    told = float(np.clip(np.mean(power[inside]), told, told + rounding))
-    n = float(inside.sum())
-    energy = power[inside] / told
-    wanders = [e for e in fit.model.found if e.family == "phase_noise" and (e.aux.get("side") != "tx" or len(sources) == 1)]
-    if wanders:  # what it leaves over is across the signal
-        along, wanted = np.zeros((2, fit.data.scene.count))
-        _, along[fit.data.use > 0], wanted[fit.data.use > 0] = _directions(fit)
-        inside = inside & (wanted > FAINT * wanted[inside].mean())
-        energy, n = 2 * along[inside] / shape[inside] / told, inside.sum() / 2
-    if fit.data.spectrum is not None and not any(FAMILIES[e.family].noise_like for e in fit.model.effects):
-        # of noise that a filter coloured, what is told is the floor where the signal is
-        energy = energy * (_beside_signal(fit) / told / energy.mean())
-        n *= float(np.mean(fit.data.scene.occupied))
-    ratio = float(energy.mean())
-    nats = n * (ratio - 1 - np.log(ratio))
-    # A gain that changes has no level of its own: how far it moves from 1 is how well the floor is known.
-    moved = gain_of_receiver(fit, fit.model)
-    doubt_db = 0.05 if moved is None else 0.05 + 10 * np.log10(max(moved.max(), 1.0) / min(moved.min(), 1.0))
-    follows = any(e.family == "signal_dependent_noise" for e in fit.model.effects)
-    if any(e.family in noise.TESTED for e in fit.model.effects):
-        doubt_db += 0.3  # the shape of such noise is not known so well
-    for e in fit.model.effects:
-        if e.family == "iq_imbalance":  # noise passes a receiver's unequal gains too; whose they are is not known yet
-            image = abs(complex_pair(e.p))
-            doubt_db += db((1 + image) / (1 - image))
-        if e.prior is not None and FAMILIES[e.family].flexible:  # what a random course leaves over is not the floor's
-            doubt_db += 0.2 if any(e is wander for wander in wanders) else 1.0
-    if nats < 0.5 * np.log(n) + 8 or abs(10 * np.log10(ratio)) < doubt_db:
-        return
-    floor = start(
-        FAMILIES["noise_floor"],
-        [10 * np.log10(ratio)],
-        free=[False],
-        aux={"nats": float(nats), "_floor": fit.sigma2},
-    )
-    unseen = power[vault] / told
-    held_out = heldout.of_variance(unseen, np.full(len(unseen), ratio))
-    std = {"change_db": 10 / np.log(10) / np.sqrt(n)}
-    if ratio > 1 and not follows:
-        wanted = np.abs(fit.chain.wanted[inside]) ** 2
-        mean = max(wanted.mean(), 1e-300)
-        strength, likelihood = told_floor(energy, wanted / mean)
-        lead = -n * (np.log(ratio) + 1 + likelihood / len(energy))  # of a raised floor over noise that follows the signal
-        other = start(FAMILIES["signal_dependent_noise"], [strength], free=[False], aux={"nats": float(nats - lead)})
-        if abs(lead) < ambiguity.ALIKE_NATS:
-            finding.ambiguous.append(
-                {
-                    "families": ["noise_floor", "signal_dependent_noise"],
-                    "why": "The wanted power hardly changes here: more noise everywhere and noise following "
-                    f"the signal fit alike ({abs(lead):.1f} nats apart).",
-                    "record_next": ambiguity.noise_experiment(1.0, ratio - 1.0),
-                }
-            )
-        elif lead < 0:
-            floor, std = other, {"slope_db": 10 / np.log(10) / np.sqrt(n) * ratio / (ratio - 1)}
-            nats -= lead
-            variance = 1 + np.exp(strength) * np.abs(fit.chain.wanted[vault]) ** 2 / mean
-            held_out = heldout.of_variance(unseen, variance)
-    finding.fit = replace(fit, model=fit.model.adding(floor))
-    finding.worths[id(floor.p)] = Worth(evidence=float(nats), held_out=held_out)
-    finding.stds[floor.family] = std
-
-
-def _beside_signal(fit: Fit) -> float:
-    """Power per sample of the residual, if it were everywhere as dense as in the signal's band."""
-    used = fit.data.use > 0
-    power = np.abs(sp_fft.fft(fit.residual * used)) ** 2
-    return float(np.mean(power[in_band(fit.data.scene, len(power))]) / used.sum())
-
-
 def _look_for_rest(finding: Finding) -> None:
     fit = finding.fit
     explained = max(0.0, finding.twin.sigma2 / fit.sigma2 - 1) * fit.data.count
     beyond = [_beyond(finding, i) for i, e in enumerate(fit.model.effects) if FAMILIES[e.family].beyond]
-    for rest in [*residual.leftovers(fit, off_the_rails(fit)), *beyond]:
+    inside = off_the_rails(fit)
+    for rest in [*residual.leftovers(fit, inside), *flatness.left(fit, inside), *beyond]:
         if rest.p_value < UNEXPLAINED_P and rest.nats > max(UNEXPLAINED_NATS, UNEXPLAINED_SHARE * explained):
             finding.left.append(rest)
     finding.left += [jump for jump in residual.jumps(fit) if jump.p_value < UNEXPLAINED_P]

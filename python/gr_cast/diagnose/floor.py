@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The noise against the twin's figure of it: a raised floor, noise that follows the signal, or neither."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import fft as sp_fft
+
+from ..twin.effects import FAMILIES, Effect, stage_of
+from ..twin.effects.base import LATTICE, RX_FILTER, RX_IQ, RX_LO, TX_FILTER, TX_IQ, TX_LO, complex_pair, db, start
+from ..twin.effects.signal_dependent_noise import told_floor
+from . import ambiguity, flatness, gate, heldout
+from .finding import Finding, Worth
+from .fit import Fit, gain_of_receiver, in_band, off_the_rails
+
+FAINT = 0.01  # of the mean power: what is weaker has no direction
+HIDES = 0.1  # power of a lattice's own error over the told noise from which the floor cannot be seen
+LEAST_NATS = 8.0  # beyond half a logarithm of the samples, that another level must bring
+# dB by which a floor may differ for other reasons: the twin's figure is rounded; the shape of noise with a law of its own is not
+# known so well; a course of the oscillator, or any other, leaves some of itself over.
+TOLD_DB, SHAPED_DB, WANDERS_DB, COURSE_DB = 0.05, 0.3, 0.2, 1.0
+EVEN_P, EVEN_SHARE = 1e-3, 0.1  # of one level everywhere, below which it is none, unless what is uneven is so small a share of it
+
+
+@dataclass(frozen=True, kw_only=True)
+class Heard:
+    """What is left of a recording where the rails do not touch it, over the noise that the twin tells: `energy` and the
+    `level` of what is received by sample, as many independent samples as `count`, and the energies of the vault `unseen`."""
+
+    energy: np.ndarray
+    level: np.ndarray
+    count: float
+    unseen: np.ndarray
+    uneven: list
+
+    @property
+    def ratio(self) -> float:
+        return float(self.energy.mean())
+
+    @property
+    def nats(self) -> float:
+        return self.count * (self.ratio - 1 - float(np.log(self.ratio)))
+
+
+def compare(finding: Finding) -> None:
+    """Add to what was found that the noise is another one than the twin's, where nothing else is left of the recording, and what
+    is heard either has one level or follows the signal."""
+    fit = finding.fit
+    heard = None if finding.left else _heard(finding)
+    if heard is None or heard.nats < 0.5 * np.log(heard.count) + LEAST_NATS or abs(10 * np.log10(heard.ratio)) < _doubt_db(fit):
+        return
+    told, lead = _raised(heard), np.inf
+    if heard.ratio > 1 and not any(e.family == "signal_dependent_noise" for e in fit.model.effects):
+        other, lead = _following(fit, heard)
+        told = other if lead < -ambiguity.ALIKE_NATS else told
+    if told.effect.family == "noise_floor" and _uneven(heard):
+        return
+    if abs(lead) < ambiguity.ALIKE_NATS:
+        finding.ambiguous.append(
+            {
+                "families": ["noise_floor", "signal_dependent_noise"],
+                "why": "The wanted power hardly changes here: more noise everywhere and noise following "
+                f"the signal fit alike ({abs(lead):.1f} nats apart).",
+                "record_next": ambiguity.noise_experiment(1.0, heard.ratio - 1.0),
+            }
+        )
+    effect = replace(told.effect, aux={"nats": told.worth.evidence, "_floor": fit.sigma2})
+    finding.fit = replace(fit, model=fit.model.adding(effect))
+    finding.worths[id(effect.p)] = told.worth
+    finding.stds[effect.family] = told.stds
+
+
+@dataclass(frozen=True, kw_only=True)
+class Told:
+    effect: Effect
+    worth: Worth
+    stds: dict[str, float]
+
+
+def _raised(heard: Heard) -> Told:
+    """One other level everywhere."""
+    ratio = heard.ratio
+    return Told(
+        effect=start(FAMILIES["noise_floor"], [10 * np.log10(ratio)], free=[False]),
+        worth=Worth(evidence=heard.nats, held_out=heldout.of_variance(heard.unseen, np.full(len(heard.unseen), ratio))),
+        stds={"change_db": 10 / np.log(10) / np.sqrt(heard.count)},
+    )
+
+
+def _following(fit: Fit, heard: Heard) -> tuple[Told, float]:
+    """(noise that follows the signal over the twin's floor, nats by which one other level is likelier)."""
+    mean = max(float(np.mean(heard.level**2)), 1e-300)
+    strength, likelihood = told_floor(heard.energy, heard.level**2 / mean)
+    lead = -heard.count * (np.log(heard.ratio) + 1 + likelihood / len(heard.energy))
+    variance = 1 + np.exp(strength) * np.abs(fit.chain.wanted[fit.data.vault]) ** 2 / mean
+    told = Told(
+        effect=start(FAMILIES["signal_dependent_noise"], [strength], free=[False]),
+        worth=Worth(evidence=heard.nats - lead, held_out=heldout.of_variance(heard.unseen, variance)),
+        stds={"slope_db": 10 / np.log(10) / np.sqrt(heard.count) * heard.ratio / (heard.ratio - 1)},
+    )
+    return told, float(lead)
+
+
+def _uneven(heard: Heard) -> bool:
+    """Whether what is heard is no floor: more in one time, band or level than in another."""
+    return any(u.p_value < EVEN_P and u.nats > EVEN_SHARE * heard.nats for u in heard.uneven)
+
+
+def _heard(finding: Finding) -> Heard | None:
+    """None where the floor cannot be told: the twin says none, or a filter, whose own gain is unknown, or a coarse lattice is
+    between it and the recording."""
+    fit, told = finding.fit, finding.data.noise_power
+    if told is None or any(stage_of(e) in (TX_FILTER, RX_FILTER) for e in fit.model.effects):
+        return None
+    lattices = [e.p[0] ** 2 / 6 for e in fit.model.effects if stage_of(e) == LATTICE]
+    if any(error > HIDES * told for error in lattices):
+        return None
+    told += sum(lattices)
+    inside, data = off_the_rails(fit), fit.data
+    shape = np.ones(data.scene.count) if data.variance is None else data.variance
+    power = np.abs(data.even(fit.residual, (data.use > 0) | data.vault)) ** 2 / shape
+    # The rounding of the file itself, which the twin's figure may hold or not.
+    told = float(np.clip(np.mean(power[inside]), told, told + gate.native_step(finding.observation.datatype) ** 2 / 6))
+    energy, count, level = power / told, float(inside.sum()), np.abs(fit.chain.wanted)
+    if _wanders(fit):  # what it leaves over is across the signal
+        inside = inside & (level**2 > FAINT * np.mean(level[inside] ** 2))
+        along = (fit.residual * np.conj(fit.chain.wanted)).real / np.maximum(level, 1e-300)
+        energy, count = 2 * along**2 / shape / told, inside.sum() / 2
+        uneven = flatness.along(energy[inside], level[inside])
+    else:
+        uneven = flatness.over_all(fit, inside)
+    if data.spectrum is not None and not any(FAMILIES[e.family].noise_like for e in fit.model.effects):
+        # of noise that a filter coloured, what is told is the floor where the signal is
+        energy = energy * (_beside_signal(fit) / told / energy[inside].mean())
+        count *= float(np.mean(data.scene.occupied))
+    return Heard(energy=energy[inside], level=level[inside], count=count, unseen=power[data.vault] / told, uneven=uneven)
+
+
+def _wanders(fit: Fit) -> list[Effect]:
+    """Found random courses of the phase of all that is received."""
+    one = len(fit.data.scene.sources) == 1
+    return [e for e in fit.model.found if e.prior is not None and (stage_of(e) == RX_LO or one and stage_of(e) == TX_LO)]
+
+
+def _doubt_db(fit: Fit) -> float:
+    """By how much the level of noise may seem another one for other reasons than its own."""
+    # A gain that changes has no level of its own: how far it moves from 1 is how well the floor is known.
+    moved, doubt_db = gain_of_receiver(fit, fit.model), TOLD_DB
+    if moved is not None:
+        doubt_db += 10 * np.log10(max(moved.max(), 1.0) / min(moved.min(), 1.0))
+    if any(FAMILIES[e.family].noise_like for e in fit.model.effects):
+        doubt_db += SHAPED_DB
+    wanders = _wanders(fit)
+    for e in fit.model.effects:
+        if stage_of(e) in (TX_IQ, RX_IQ):  # noise passes a receiver's unequal gains too; whose they are is not known yet
+            image = abs(complex_pair(e.p))
+            doubt_db += db((1 + image) / (1 - image))
+        if e.prior is not None and FAMILIES[e.family].flexible:
+            doubt_db += WANDERS_DB if any(e is wander for wander in wanders) else COURSE_DB
+    return float(doubt_db)
+
+
+def _beside_signal(fit: Fit) -> float:
+    """Power per sample of the residual, if it were everywhere as dense as in the signal's band."""
+    used = fit.data.use > 0
+    power = np.abs(sp_fft.fft(fit.residual * used)) ** 2
+    return float(np.mean(power[in_band(fit.data.scene, len(power))]) / used.sum())

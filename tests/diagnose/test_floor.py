@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A floor is one level of noise: the same in every time, band and level of what is received."""
+
+import numpy as np
+import pytest
+from conftest_world import noise
+from gr_cast.diagnose import diagnose, flatness, read_case
+from scipy import stats
+
+
+@pytest.mark.parametrize("size", [3, 20, 400])
+def test_cells_of_one_level_are_even_as_often_as_chance_says(size):
+    rng = np.random.default_rng(size)
+    p = [flatness.uneven("", rng.gamma(size, size=300), np.full(300, float(size))).p_value for _ in range(400)]
+    assert stats.kstest(p, "uniform").pvalue > 0.01
+
+
+def test_many_cells_that_are_each_a_little_louder_are_uneven_together():
+    rng = np.random.default_rng(3)
+    louder = np.where(np.arange(1536) % 4 == 0, 1.3, 1.0)
+    energy, count = louder * rng.gamma(20, size=1536), np.full(1536, 20.0)
+    assert stats.gamma.sf(energy, count).min() * 1536 > 1e-4  # no cell alone
+    assert flatness.uneven("", energy, count).p_value < 1e-5
+
+
+def _document(world, folder, y):
+    return diagnose(read_case(world.write(folder, y)), budget_s=3000).document
+
+
+def test_noise_that_hops_through_the_band_is_no_floor(world, tmp_path):
+    rng, n = world.rng, len(world.n)
+    hops = 0.5 * (rng.random(n // 200) - 0.5).repeat(200)  # of the sample rate
+    band = np.convolve(noise(rng, n + 30), np.hanning(31) / np.sqrt(np.sum(np.hanning(31) ** 2)), "valid")
+    y = world.noisy(world.clean()) + 0.35 * world.noise_rms * band * np.exp(2j * np.pi * np.cumsum(hops))
+    document = _document(world, tmp_path / "case", y)
+    assert document["verdict"] == "unexplained"
+    assert "noise_floor" not in [e["family"] for e in document["effects"]]
+
+
+def test_noise_of_one_level_is_a_floor(world, tmp_path):
+    world.taps = [(0, 1.0), (9, 0.8 * np.exp(0.7j))]  # a signal whose power changes
+    y = world.noisy(world.clean()) + noise(world.rng, len(world.n), 0.35 * world.noise_rms)
+    document = _document(world, tmp_path / "case", y)
+    assert document["verdict"] == "identified"
+    assert [e["family"] for e in document["effects"]] == ["noise_floor"]
