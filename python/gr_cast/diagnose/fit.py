@@ -16,9 +16,8 @@ from scipy import fft as sp_fft
 from scipy import linalg
 
 from ..twin.columns import Dense, Lags, against, gram
-from ..twin.effects import FAMILIES, stage_of
+from ..twin.effects import FAMILIES, Role, is_coarse, plays, stage_of
 from ..twin.effects.base import RX_FILTER, RX_GAIN
-from ..twin.effects.quantization import is_coarse
 from ..twin.model import Model, jacobian, predict
 
 LARGE = 60  # parameters from which a matrix is inverted by Cholesky's method
@@ -231,7 +230,7 @@ def with_noise(fit: Fit, model: Model) -> Data:
             told = fit.data.noise_power or fit.sigma2
             v = 1 + family.unfollowed(effect) * np.abs(fit.chain.wanted) ** 2 / told
             variance = v if variance is None else variance * v
-        if effect.family == "impulsive_noise" and not effect.fixed:
+        if family.scattered and not effect.fixed:
             energy = np.abs(fit.residual) ** 2 / (1.0 if variance is None else variance) / effect.aux["_level"]
             strong = family.shares(effect, energy)
             weight = 1 - strong + strong / (1 + np.exp(effect.p[0]))
@@ -274,7 +273,7 @@ def shape_of_receiver(fit: Fit, model: Model):
     for effect in model.effects:
         if is_coarse(effect):
             predict(fit.data.scene, fit.model)  # leaves the prediction in front of the lattice
-            v = FAMILIES[effect.family].variance(fit.data.scene, effect)
+            v = FAMILIES[effect.family].variance(fit.data.scene, effect, fit.chain.wanted)
             shape = v if shape is None else shape if v is None else shape * v
     return shape
 
@@ -283,7 +282,7 @@ def off_the_rails(fit: Fit) -> np.ndarray:
     """(n,) bool: used samples whose prediction stays three noise deviations inside the rails."""
     inside = fit.data.use > 0
     for e in fit.model.effects:
-        if e.family == "adc_clipping":
+        if plays(e, Role.RAILS):
             level = e.p[0] - 3 * np.sqrt(fit.sigma2 / 2)
             inside = inside & (np.abs(fit.chain.y.real) < level) & (np.abs(fit.chain.y.imag) < level)
     return inside if inside.sum() > 100 else fit.data.use > 0

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special, stats
 
-from ..twin.effects.quantization import is_coarse
+from ..twin.effects import is_coarse
 from . import residual
 
 TIMES = 48  # cells of time

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import fft as sp_fft
+from scipy.optimize import minimize_scalar
 
-from ..twin.effects import FAMILIES, Effect, stage_of
-from ..twin.effects.base import LATTICE, RX_FILTER, RX_IQ, RX_LO, TX_FILTER, TX_IQ, TX_LO, complex_pair, db, start
-from ..twin.effects.signal_dependent_noise import told_floor
+from ..twin.effects import FAMILIES, Effect, Role, plays, stage_of, with_role
+from ..twin.effects.base import RX_LO, TX_LO, start
 from . import ambiguity, flatness, gate, heldout
 from .finding import Finding, Worth
 from .fit import Fit, gain_of_receiver, in_band, off_the_rails
@@ -50,15 +50,15 @@ def compare(finding: Finding) -> None:
     if heard is None or heard.nats < 0.5 * np.log(heard.count) + LEAST_NATS or abs(10 * np.log10(heard.ratio)) < _doubt_db(fit):
         return
     told, lead = _raised(heard), np.inf
-    if heard.ratio > 1 and not any(e.family == "signal_dependent_noise" for e in fit.model.effects):
+    if heard.ratio > 1 and fit.model.index_of(Role.FOLLOWING) is None:
         other, lead = _following(fit, heard)
         told = other if lead < -ambiguity.ALIKE_NATS else told
-    if told.effect.family == "noise_floor" and _uneven(heard):
+    if plays(told.effect, Role.FLOOR) and _uneven(heard):
         return
     if abs(lead) < ambiguity.ALIKE_NATS:
         finding.ambiguous.append(
             {
-                "families": ["noise_floor", "signal_dependent_noise"],
+                "families": [with_role(role).name for role in (Role.FLOOR, Role.FOLLOWING)],
                 "why": "The wanted power hardly changes here: more noise everywhere and noise following "
                 f"the signal fit alike ({abs(lead):.1f} nats apart).",
                 "record_next": ambiguity.noise_experiment(1.0, heard.ratio - 1.0),
@@ -81,7 +81,7 @@ def _raised(heard: Heard) -> Told:
     """One other level everywhere."""
     ratio = heard.ratio
     return Told(
-        effect=start(FAMILIES["noise_floor"], [10 * np.log10(ratio)], free=[False]),
+        effect=start(with_role(Role.FLOOR), [10 * np.log10(ratio)], free=[False]),
         worth=Worth(evidence=heard.nats, held_out=heldout.of_variance(heard.unseen, np.full(len(heard.unseen), ratio))),
         stds={"change_db": 10 / np.log(10) / np.sqrt(heard.count)},
     )
@@ -90,15 +90,27 @@ def _raised(heard: Heard) -> Told:
 def _following(fit: Fit, heard: Heard) -> tuple[Told, float]:
     """(noise that follows the signal over the twin's floor, nats by which one other level is likelier)."""
     mean = max(float(np.mean(heard.level**2)), 1e-300)
-    strength, likelihood = told_floor(heard.energy, heard.level**2 / mean)
+    strength, likelihood = _strength(heard.energy, heard.level**2 / mean)
     lead = -heard.count * (np.log(heard.ratio) + 1 + likelihood / len(heard.energy))
     variance = 1 + np.exp(strength) * np.abs(fit.chain.wanted[fit.data.vault]) ** 2 / mean
     told = Told(
-        effect=start(FAMILIES["signal_dependent_noise"], [strength], free=[False]),
+        effect=start(with_role(Role.FOLLOWING), [strength], free=[False]),
         worth=Worth(evidence=heard.nats - lead, held_out=heldout.of_variance(heard.unseen, variance)),
         stds={"slope_db": 10 / np.log(10) / np.sqrt(heard.count) * heard.ratio / (heard.ratio - 1)},
     )
     return told, float(lead)
+
+
+def _strength(energy: np.ndarray, power: np.ndarray) -> tuple[float, float]:
+    """(ln strength, ln L) of noise 1 + k·power, `energy` and `power` relative to a floor that is known and
+    to their mean."""
+
+    def cost(k):
+        v = 1 + np.exp(k) * power
+        return float(np.log(v).sum() + (energy / v).sum())
+
+    best = minimize_scalar(cost, bounds=(-9, 7), method="bounded", options={"xatol": 1e-3})
+    return float(best.x), -float(best.fun)
 
 
 def _uneven(heard: Heard) -> bool:
@@ -110,12 +122,12 @@ def _heard(finding: Finding) -> Heard | None:
     """None where the floor cannot be told: the twin says none, or a filter, whose own gain is unknown, or a coarse lattice is
     between it and the recording."""
     fit, told = finding.fit, finding.data.noise_power
-    if told is None or any(stage_of(e) in (TX_FILTER, RX_FILTER) for e in fit.model.effects):
+    if told is None or fit.model.index_of(Role.FILTER) is not None:
         return None
-    lattices = [e.p[0] ** 2 / 6 for e in fit.model.effects if stage_of(e) == LATTICE]
-    if any(error > HIDES * told for error in lattices):
+    rounding = sum(FAMILIES[e.family].rounding(e) for e in fit.model.effects)
+    if rounding > HIDES * told:
         return None
-    told += sum(lattices)
+    told += rounding
     inside, data = off_the_rails(fit), fit.data
     shape = np.ones(data.scene.count) if data.variance is None else data.variance
     power = np.abs(data.even(fit.residual, (data.use > 0) | data.vault)) ** 2 / shape
@@ -152,9 +164,7 @@ def _doubt_db(fit: Fit) -> float:
         doubt_db += SHAPED_DB
     wanders = _wanders(fit)
     for e in fit.model.effects:
-        if stage_of(e) in (TX_IQ, RX_IQ):  # noise passes a receiver's unequal gains too; whose they are is not known yet
-            image = abs(complex_pair(e.p))
-            doubt_db += db((1 + image) / (1 - image))
+        doubt_db += FAMILIES[e.family].noise_gain_db(e)
         if e.prior is not None and FAMILIES[e.family].flexible:
             doubt_db += WANDERS_DB if any(e is wander for wander in wanders) else COURSE_DB
     return float(doubt_db)

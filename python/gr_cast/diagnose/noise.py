@@ -3,13 +3,13 @@
 
 import numpy as np
 
-from ..twin.effects import FAMILIES
+from ..twin.effects import FAMILIES, Role, is_coarse
+from ..twin.effects.base import around_circle
 from ..twin.effects.noise_family import NoiseView
-from ..twin.effects.quantization import is_coarse
 from .fit import shape_of_receiver
 
 PASSBAND = 0.65  # common share of two bands from which they are one: a filter falls off within the signal's own edges
-TESTED = ("signal_dependent_noise", "impulsive_noise", "pulsed_interference", "narrowband_interference")
+TESTED = tuple(f.name for f in FAMILIES.values() if f.noise_like and f.role is not Role.FLOOR)  # laws of the noise, not its level
 
 
 def view_of(fit) -> NoiseView:
@@ -33,16 +33,18 @@ def starts(fit):
     for name in TESTED:
         gain, effect = FAMILIES[name].find(view)
         if effect is not None and not _is_passband(fit.data.scene, effect):
-            cost = 0.5 * FAMILIES[name].strengths * np.log(fit.data.count) + np.log(effect.trials)
+            cost = 0.5 * FAMILIES[name].hidden(effect) * np.log(fit.data.count) + np.log(effect.trials)
             out.append((gain - cost, effect))
     return out
 
 
 def _is_passband(scene, effect) -> bool:
     """Whether a band of noise is just the signal's: what a receiver's filter leaves of all noise, and no interference."""
-    if effect.family != "narrowband_interference":
+    filled = FAMILIES[effect.family].band(effect)
+    if filled is None:
         return False
+    middle, width = filled
     signal = scene.occupied
     f = np.arange(len(signal)) / len(signal)
-    band = FAMILIES[effect.family].distance(effect, f) < effect.p[2] / 2
+    band = around_circle(f, middle) < width / 2
     return (band & signal).sum() > PASSBAND * (band | signal).sum()

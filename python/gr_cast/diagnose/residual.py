@@ -10,9 +10,8 @@ import numpy as np
 from scipy import fft as sp_fft
 from scipy import stats
 
-from ..twin.effects import FAMILIES
-from ..twin.effects.base import at_half_the_rate
-from ..twin.effects.quantization import is_coarse
+from ..twin.effects import FAMILIES, is_coarse
+from ..twin.effects.base import around_circle, at_half_the_rate
 from .view import View
 
 WINDOWS = 64  # of time, in which impulses are counted
@@ -113,8 +112,9 @@ def _bands_not_told(fit, bins: int) -> np.ndarray:
     f = np.fft.fftfreq(bins)
     untold = at_half_the_rate(f)
     for e in fit.model.found:
-        if e.family == "narrowband_interference":
-            untold |= FAMILIES[e.family].distance(e, f) < e.p[2] + 0.5 / bins
+        if band := FAMILIES[e.family].band(e):
+            middle, width = band
+            untold |= around_circle(f, middle) < width + 0.5 / bins
     return untold
 
 
@@ -238,7 +238,7 @@ def foreign(fit) -> tuple[np.ndarray, Leftover] | None:
 def crowded_impulses(fit) -> float:
     """p-value of the fullest of many windows of time, half over each other, under impulses that come at random (Poisson); 1
     without impulses."""
-    effect = next((e for e in fit.model.found if e.family == "impulsive_noise"), None)
+    effect = next((e for e in fit.model.found if FAMILIES[e.family].scattered), None)
     used = np.flatnonzero(fit.data.use > 0)
     windows = min(WINDOWS, len(used) // LEAST_WINDOW)
     if effect is None or windows < 4:

@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..twin.effects import FAMILIES, stage_of
+from ..twin.effects import FAMILIES, Role, plays, stage_of
 from ..twin.effects.base import RX_FILTER
 from ..twin.effects.noise_family import profile
-from ..twin.effects.phase_noise import MOST
 from ..twin.model import in_scene
 from . import align, ambiguity, flatness, floor, gate, joints, offsets, residual, slow
 from .exchange import exchanged
@@ -29,7 +28,6 @@ MOST_FINDINGS = 24  # parts of a recording: what happened between two of 10⁸ s
 CUT_NATS = 10.0  # by which rails on a lattice, or at one end alone, must make a recording likelier
 FINE_LATTICE = 10.0  # energy of its error over the noise, over the whole recording
 JITTER_SURE = 2.5  # standard deviations by which noise across the signal must exceed noise along it
-FINEST = 3  # times the fastest wander of the search
 UNEXPLAINED_P = 1e-5
 UNEXPLAINED_NATS = 40.0
 UNEXPLAINED_SHARE = 0.01
@@ -77,9 +75,9 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
         first = refit(data, model)
         model, first = _without_false_rails(data, built, model, first)
     scene.rms = known.scene.rms if known else _wanted_rms(first) * align.whole_over_part(case, whole, part, scene)
-    have = LOCAL | {e.family for e in model.effects}
+    have = {e.family for e in model.effects}
     for effect in known.fit.model.found if known else ():
-        if effect.family not in have:
+        if FAMILIES[effect.family].lasting and effect.family not in have:
             model = model.adding(joints.carried(effect, known, part, scene))
     if known:
         model = offsets.with_gains(data, model)
@@ -120,8 +118,7 @@ def _without_false_rails(data, built, model, first: Fit):
     """(model, its fit) without rails that may be something else, unless they cut the prediction: on a lattice a signal of few
     levels heaps up as rails would, and at one end alone so may the peak of a waveform. Without a lattice it is then as it was
     `built`: false rails have moved the delay."""
-    at = next((i for i, e in enumerate(model.effects) if e.family == "adc_clipping" and not e.fixed), None)
-    on_lattice = any(e.family == "quantization" for e in model.found)
+    at, on_lattice = model.index_of(Role.RAILS, found=True), model.index_of(Role.QUANTISER, found=True) is not None
     if at is None or not on_lattice and "lone" not in model.effects[at].aux:
         return model, first
     uncut = under_the_lattice(data, model.without(at)) if on_lattice else built.without(at)
@@ -184,29 +181,16 @@ def _without_crowds(fit: Fit) -> Fit:
     """The fit without impulses that stand together in one stretch of time: that is something else, and is left."""
     if residual.crowded_impulses(fit) > residual.CROWDED_P:
         return fit
-    return refit(fit.data, fit.model.without(next(i for i, e in enumerate(fit.model.effects) if e.family == "impulsive_noise")))
+    return refit(fit.data, fit.model.without(next(i for i, e in enumerate(fit.model.effects) if FAMILIES[e.family].scattered)))
 
 
 def _without_fine_lattice(fit: Fit) -> Fit:
     """The fit without a lattice that is there but too fine to change the recording: a converter's own."""
     model = fit.model
     for i, e in enumerate(model.effects):
-        if e.family == "quantization" and e.p[0] ** 2 / 6 * fit.data.count < FINE_LATTICE * fit.sigma2:
+        if plays(e, Role.QUANTISER) and FAMILIES[e.family].rounding(e) * fit.data.count < FINE_LATTICE * fit.sigma2:
             return replace(fit, model=model.without(i))
     return fit
-
-
-# What belongs to one moment, or is judged anew in every part.
-LOCAL = {
-    "sample_loss",
-    "gain_step",
-    "gain_drift",
-    "noise_floor",
-    "pulsed_interference",
-    "adc_clipping",
-    "quantization",
-}
-LOCAL |= {"phase_noise", "tap_fading", "impulsive_noise", "clock_wander"}
 
 
 def _compare(finding: Finding) -> None:
@@ -256,21 +240,16 @@ def _wanted_rms(fit: Fit) -> float:
 
 
 def _finer(fit: Fit) -> Fit:
-    """Phase noise as fast as the search follows, followed to faster wander still where that is there."""
-    at = next((i for i, e in enumerate(fit.model.effects) if e.family == "phase_noise" and len(e.p) == MOST), None)
-    size = FINEST * MOST
-    if at is None or fit.data.scene.count < 24 * size:
-        return fit
-    effect, tried = fit.model.effects[at], [fit]
-    for law in ({"law": "flat"}, {"law": "held", "corner": size / 8}):
-        wide = FAMILIES["phase_noise"].wider(effect, size, law)
-        tried.append(refit(fit.data, fit.model.replacing(at, wide)))
+    """The fit with what follows a course as fast as the search does in its finest forms, where they are likelier."""
+    tried, scene = [fit], fit.data.scene
+    for i, effect in enumerate(fit.model.effects):
+        tried += [refit(fit.data, fit.model.replacing(i, form)) for form in FAMILIES[effect.family].finest(scene, effect)]
     return max(tried, key=lambda f: f.evidence)
 
 
 def _with_jitter(fit: Fit) -> Fit:
     """Phase noise with its part that is too fast to be followed: noise across the signal, and none along it."""
-    at = next((i for i, e in enumerate(fit.model.effects) if e.family == "phase_noise" and not e.fixed), None)
+    at = fit.model.index_of(Role.WANDER, found=True)
     if at is None:
         return fit
     across, along, power = _directions(fit)
@@ -278,7 +257,7 @@ def _with_jitter(fit: Fit) -> Fit:
     if jitter < JITTER_SURE * np.sqrt(np.sum((across + along) ** 2)) / power.sum():
         return fit
     effects = fit.model.effects
-    follows = next((i for i, e in enumerate(effects) if e.family == "signal_dependent_noise" and not e.fixed), None)
+    follows = fit.model.index_of(Role.FOLLOWING, found=True)
     if follows is not None:
         shape = np.exp(effects[follows].p[0]) * power / power.mean()
         both = profile(np.concatenate([across, along]), np.concatenate([1 + shape, 1 + shape]))

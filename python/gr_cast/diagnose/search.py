@@ -9,9 +9,8 @@ import numpy as np
 from scipy import fft as sp_fft
 
 from ..twin.columns import Dense, Lags, against, gram, inner
-from ..twin.effects import FAMILIES, Effect, stage_of
+from ..twin.effects import FAMILIES, Effect, Multiplicity, Role, is_coarse, plays, stage_of, with_role
 from ..twin.effects.base import RX_FILTER, RX_GAIN, RX_LO, start
-from ..twin.effects.quantization import is_coarse
 from ..twin.model import RIDGE, Model, _run, _start_chain, _steps, effect_columns, predict
 from . import heldout, noise, offsets
 from .fit import (
@@ -238,7 +237,7 @@ def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2, it
 def _softened(fit: Fit) -> Fit:
     """The fit with the converter's rails as soft as the noise in front of them makes them; under a lattice that has the noise
     in it they are hard."""
-    at = next((i for i, e in enumerate(fit.model.effects) if e.family == "adc_clipping"), None)
+    at = fit.model.index_of(Role.RAILS)
     if at is None:
         return fit
     level, before = fit.model.effects[at].p
@@ -299,19 +298,13 @@ def candidates(fit: Fit) -> list[Score]:
 def _candidates(fit: Fit) -> list[Score]:
     view = View(fit)
     scores = []
-    have = {(e.family, str(sorted((k, str(v)) for k, v in e.aux.items()))) for e in fit.model.effects}
+    have, families = {_what(e) for e in fit.model.effects}, {e.family for e in fit.model.effects}
     for family in FAMILIES.values():
-        if family.noise_like or fit.data.late:
+        if family.noise_like or fit.data.late or family.multiplicity is Multiplicity.ONE and family.name in families:
             continue
         for effect in family.starts(view):
-            if (
-                effect.family,
-                str(sorted((k, str(v)) for k, v in effect.aux.items())),
-            ) in have and effect.family not in REPEATABLE:
-                continue
-            if effect.family in ONCE and any(e.family == effect.family for e in fit.model.effects):
-                continue
-            scores.append(score(fit, effect))
+            if family.multiplicity is Multiplicity.MANY or _what(effect) not in have:
+                scores.append(score(fit, effect))
     if not fit.data.late and max((s.net for s in scores), default=0.0) < CLEAR_NATS:  # else what is left is not the noise's yet
         noises = [Score(net=net, effect=effect) for net, effect in noise.starts(fit)]
         colour = _colour(fit)
@@ -327,19 +320,9 @@ def _candidates(fit: Fit) -> list[Score]:
     return kept
 
 
-REPEATABLE = {"extra_path", "tone_interference", "sample_loss", "second_transmitter", "gain_step"}
-ONCE = {
-    "clock_wander",
-    "carrier_frequency_offset",
-    "front_end_filter",
-    "pa_nonlinearity",
-    "phase_noise",
-    "diffuse_tail",
-    "gain_drift",
-    "sample_clock_offset",
-    "dc_offset",
-    "power_supply_hum",
-}
+def _what(effect: Effect) -> tuple[str, str]:
+    """What an effect acts on, whatever its numbers."""
+    return effect.family, str(sorted((k, str(v)) for k, v in effect.aux.items()))
 
 
 def _worth_trying(scores: list[Score]) -> list[Score]:
@@ -410,11 +393,11 @@ def beginnings(data: Data, model: Model) -> list[Fit]:
 def _ways_round(scene, model: Model) -> list[Model]:
     """The model, and with the spectrum the other way round where only a fit can tell: mirrored, a real waveform is itself,
     and what a transmitter's offset makes of late paths may look like the mirror image of them."""
-    known = any(e.family == "spectral_inversion" and e.fixed for e in model.effects)
+    at = model.index_of(Role.ORIENTATION)
+    known = at is not None and model.effects[at].fixed
     if known or len(scene.taps) < 2 or any(s.samples.imag.any() for s in scene.sources):
         return [model]
-    at = next((i for i, e in enumerate(model.effects) if e.family == "spectral_inversion"), None)
-    other = model.adding(start(FAMILIES["spectral_inversion"], [])) if at is None else model.without(at)
+    other = model.adding(start(with_role(Role.ORIENTATION), [])) if at is None else model.without(at)
     base = model.base.copy()
     base[2::2] *= -1  # gains are those in front of the inversion
     return [model, replace(other, base=base)]
@@ -445,7 +428,7 @@ def _as_sent(scene, effect: Effect) -> list[Effect]:
 def under_the_lattice(data: Data, model: Model) -> Model:
     """The model with the noise in front of a coarse quantiser, in steps, under which its mean output fits best; itself where
     that is so."""
-    at = next((i for i, e in enumerate(model.effects) if e.family == "quantization"), None)
+    at = model.index_of(Role.QUANTISER)
     if at is None:
         return model
     tries = []
@@ -482,7 +465,7 @@ def _whose_carrier(data: Data, fit: Fit, again: bool) -> Fit:
     """The fit with a carrier offset on the side that the phases of late paths tell, or the edges of the band; unsaid where
     they do not. `again`: also where a side was said before all else was known."""
     scene, model = data.scene, fit.model
-    at = next((i for i, e in enumerate(model.effects) if e.family == "carrier_frequency_offset" and not e.fixed), None)
+    at = model.index_of(Role.CARRIER, found=True)
     if at is None or not again and "side" in model.effects[at].aux or data.late:
         return fit
     if scene.free_ports:  # ports of one transmitter have one oscillator
@@ -505,7 +488,7 @@ def _adding(fit: Fit, effect: Effect) -> list[Model]:
     """The model of a fit with one more effect, and with one of each owner's own in its place; a band of noise is not also the
     colour of a receiver's filter, which may be a transmitter's then."""
     models = [fit.model.adding(effect)]
-    if effect.family == "narrowband_interference":
+    if FAMILIES[effect.family].band(effect):
         models += [m.adding(effect) for m in _filter_as_sent(fit)]
     if own := FAMILIES[effect.family].apart(fit.data.scene, effect):
         models.append(functools.reduce(Model.adding, own, fit.model))
@@ -515,8 +498,8 @@ def _adding(fit: Fit, effect: Effect) -> list[Model]:
 def _polished(data: Data, fit: Fit) -> Fit:
     """The fit with the amplifier and the filter, or with the filters of several transmitters, in the forms that suit each
     other: the memory of one imitates the other, and only together their order and their lengths matter."""
-    filters = [e for e in fit.model.found if e.family == "front_end_filter"]
-    amplifiers = [e for e in fit.model.found if e.family == "pa_nonlinearity"]
+    filters = [e for e in fit.model.found if plays(e, Role.FILTER)]
+    amplifiers = [e for e in fit.model.found if plays(e, Role.AMPLIFIER)]
     if not filters or len(filters) + len(amplifiers) < 2:
         return fit
     for one in (*amplifiers, *filters, *amplifiers):
@@ -548,8 +531,9 @@ def _best(grown, leader: Fit, gained: float) -> list[Fit]:
 def causes(model: Model) -> int:
     """How many effects were searched out: what was read off the samples is none, nor an inversion, under which the twin was
     found; carrier and sample clock are one."""
-    searched = [e.family for e in model.found if "read" not in e.aux and e.family != "spectral_inversion"]
-    return len(searched) - ({"carrier_frequency_offset", "sample_clock_offset"} <= set(searched))
+    searched = [e for e in model.found if "read" not in e.aux and not plays(e, Role.ORIENTATION)]
+    oscillator = [any(plays(e, role) for e in searched) for role in (Role.CARRIER, Role.CLOCK)]
+    return len(searched) - all(oscillator)
 
 
 def claim_the_same(a: Effect, b: Effect) -> bool:
@@ -565,7 +549,7 @@ def _gross_offsets(data: Data, model: Model) -> list[Model]:
     """Where the recording turns fast against the twin: with that carrier offset, alone and with the sample
     clock of the
     same oscillator."""
-    if any(e.family == "carrier_frequency_offset" and not e.fixed for e in model.effects):
+    if model.index_of(Role.CARRIER, found=True) is not None:
         return []
     scene = data.scene
     if scene.at is not None:
@@ -581,13 +565,13 @@ def _gross_offsets(data: Data, model: Model) -> list[Model]:
     cycles = (k if k < size // 2 else k - size) * len(product) / size
     if abs(cycles) < 1.0 or spectrum[k] < 2 * spectrum[0]:
         return []
-    offset = start(FAMILIES["carrier_frequency_offset"], [cycles, 0.0], trials=len(product))
+    offset = start(with_role(Role.CARRIER), [cycles, 0.0], trials=len(product))
     offset = replace(offset, free=FAMILIES[offset.family].settled(scene, offset))
     found = [model.adding(offset)]
     if scene.carrier_hz:
         gained = cycles / scene.duration_s / scene.carrier_hz * scene.span
         if abs(gained) > 0.05:
-            found.append(found[0].adding(start(FAMILIES["sample_clock_offset"], [gained])))
+            found.append(found[0].adding(start(with_role(Role.CLOCK), [gained])))
     return found
 
 

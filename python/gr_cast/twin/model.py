@@ -8,7 +8,7 @@ import numpy as np
 
 from .chain import Chain
 from .columns import Dense
-from .effects import CHANNEL_AFTER, FAMILIES, Effect, stage_of
+from .effects import CHANNEL_AFTER, FAMILIES, Effect, Role, plays, stage_of
 from .effects.base import ENVIRONMENT
 
 RIDGE = 0.1  # precision of taps and coefficients of which nothing is known: they are not far above 1
@@ -34,7 +34,11 @@ class Model:
 
     @property
     def inverted(self) -> bool:
-        return any(e.family == "spectral_inversion" for e in self.effects)
+        return self.index_of(Role.ORIENTATION) is not None
+
+    def index_of(self, role: Role, *, found: bool = False) -> int | None:
+        """The number of the first effect that plays a part, of those that were `found` alone; None without one."""
+        return next((i for i, e in enumerate(self.effects) if plays(e, role) and not (found and e.fixed)), None)
 
     @property
     def found(self) -> list[Effect]:
@@ -89,8 +93,8 @@ class Model:
 
 def _place(effect: Effect) -> float:
     """Where a free effect stands among several of its kind: the number that is searched for."""
-    searched = {"extra_path": 2, "second_transmitter": 2, "tone_interference": 2, "sample_loss": 0}
-    return float(effect.p[searched[effect.family]]) if effect.family in searched else 0.0
+    searched = FAMILIES[effect.family].place
+    return 0.0 if searched is None else float(effect.p[searched])
 
 
 def _start_chain(scene, base) -> Chain:
@@ -181,8 +185,9 @@ def effect_columns(scene, model: Model, index: int, chain: Chain, before: Chain)
     its step."""
     effect = model.effects[index]
     family = FAMILIES[effect.family]
-    if hasattr(family, "columns"):
-        return family.columns(scene, effect, chain, before, lambda c, e, extra=None: _rest(scene, model, index, c, e, extra))
+    columns = family.columns(scene, effect, chain, before, lambda c, e, extra=None: _rest(scene, model, index, c, e, extra))
+    if columns is not None:
+        return columns
     rows = []
     for k in np.flatnonzero(effect.free):
         p = effect.p.copy()

@@ -2,7 +2,7 @@
 """The families of physics that a twin may leave out, in true signal order, one file each."""
 
 from .adc_clipping import AdcClipping
-from .base import CHANNEL_AFTER, Effect, Family
+from .base import CHANNEL_AFTER, Effect, Family, Multiplicity, Role
 from .carrier_frequency_offset import CarrierFrequencyOffset
 from .clock_wander import ClockWander
 from .dc_offset import DcOffset
@@ -75,8 +75,34 @@ NAMED = tuple(name for name, family in FAMILIES.items() if not family.beyond)  #
 
 def stage_of(effect: Effect) -> int:
     """Where in the signal order an effect stands."""
-    family = FAMILIES[effect.family]
-    return family.at(effect) if hasattr(family, "at") else family.stage
+    return FAMILIES[effect.family].at(effect)
 
 
-__all__ = ["CHANNEL_AFTER", "FAMILIES", "NAMED", "Effect", "Family", "stage_of"]
+def with_role(role: Role) -> Family:
+    """The family that plays a part."""
+    return next(family for family in FAMILIES.values() if family.role is role)
+
+
+def is_coarse(effect: Effect) -> bool:
+    """Whether an effect is a quantiser whose error is bound to the prediction."""
+    return FAMILIES[effect.family].coarse(effect)
+
+
+def plays(effect: Effect, *roles: Role) -> bool:
+    """Whether an effect plays one of some parts."""
+    return FAMILIES[effect.family].role in roles
+
+
+__all__ = [
+    "CHANNEL_AFTER",
+    "FAMILIES",
+    "NAMED",
+    "Effect",
+    "Family",
+    "Multiplicity",
+    "Role",
+    "is_coarse",
+    "plays",
+    "stage_of",
+    "with_role",
+]

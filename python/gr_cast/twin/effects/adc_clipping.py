@@ -5,7 +5,7 @@ of the rails. Internal: level, rms σ of that noise in I and in Q (both fixed)."
 import numpy as np
 from scipy.special import ndtr
 
-from .base import RAILS, Family, start
+from .base import RAILS, Family, Role, start
 
 FAR = 5.0  # σ from a rail, beyond which the noise does not reach it
 
@@ -27,6 +27,8 @@ def _mean_above(z):
 
 class AdcClipping(Family):
     name = "adc_clipping"
+    role = Role.RAILS
+    lasting = False
     stage = RAILS
 
     def apply(self, chain, effect):

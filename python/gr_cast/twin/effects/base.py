@@ -6,7 +6,9 @@ amplitudes);
 `values` turns them into the contract's names and units, and `parse` back.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from enum import Enum
 
 import numpy as np
 
@@ -33,6 +35,34 @@ import numpy as np
     NOISE,
 ) = range(19)
 CHANNEL_AFTER = CLOCK
+
+
+class Role(Enum):
+    """A part of a radio that one family alone plays and for which the engine has physics of its own; with the numbers `p` of an
+    effect that it may read."""
+
+    CARRIER = "offset of the oscillators: cycles over the recording amid it, cycles of drift"
+    CLOCK = "offset of the sample clocks: samples gained over the recording"
+    WANDER = "an oscillator's random phase"
+    SLIP = "samples lost or inserted: first sample behind the joint, samples lost"
+    STEP = "gain that changes at one moment: nepers, moment as a share of the recording"
+    DRIFT = "gain that changes slowly"
+    ORIENTATION = "which way round the spectrum is"
+    RAILS = "largest value of a converter: level, rms in I and in Q of the noise in front of it"
+    QUANTISER = "grid of a converter: step, level of one point in steps, rms in steps of the noise in front of it"
+    AMPLIFIER = "a transmitter's amplifier"
+    FILTER = "a front end's filter"
+    FLOOR = "level of the noise: dB over the twin's"
+    FOLLOWING = "noise in step with the signal: ln of its power at mean wanted power over the floor"
+
+
+class Multiplicity(Enum):
+    """How many effects of a family a recording may have."""
+
+    ONE = "one"
+    EACH_PLACE = "one at each place: a tap, a side, a transmitter"
+    MANY = "any number"
+
 
 PROBE = 1e-5  # size of the wave, path or tap that is added to measure a derivative
 NYQUIST = 0.01  # of the sample rate on either side of its half: what interpolation between samples cannot know
@@ -63,13 +93,21 @@ def start(family: "Family", p, *, free=None, aux=None, prior=None, trials=1.0) -
 
 
 class Family:
-    """One family: its place in the signal order, forward model, first guesses, numbers, sentence."""
+    """One family: its place in the signal order, forward model, first guesses, numbers, sentence. All that the engine may ask
+    of a family is declared here; a family has no other public name (tests/test_effect_interface.py)."""
 
     name = ""
-    level = "rx"  # tx, rx, link or environment: the likelier owner of one link alone
+    role: Role | None = None
+    owners: tuple[str, ...] = ("rx",)  # of tx, rx, link and environment, the likelier one of one link alone first
     stage = RX_GAIN
+    multiplicity = Multiplicity.EACH_PLACE
+    place: int | None = None  # the number that is searched for and tells several of a kind apart
+    lasting = True  # holds throughout a recording; else of one moment, or judged anew in every part of a long one
+    common = False  # its numbers are the same wherever its owner is seen
+    two_sided = False  # has a form in front of the channel and one behind it, and says which (aux side)
     noise_like = False  # changes the noise, not the prediction
     reach = 0.5
+    scattered = False  # noise of single samples, each of which has it or has not: `shares` and `likelihood` tell
     flexible = False  # fits much: tried after the simple ones
     linear = False  # the prediction is linear in its numbers: no step is too long
     either_side = False  # the same of a transmitter or the receiver but for small traces: all recordings together tell
@@ -79,16 +117,43 @@ class Family:
     same_as: dict[str, str] = {}  # families that are counted as the same answer, and when
     follows_carrier: dict[str, int] = {}  # numbers (of parameters or model) that grow with that power of the carrier
 
+    @property
+    def level(self) -> str:
+        """The likelier owner of one link alone."""
+        return self.owners[0]
+
+    def at(self, effect: Effect) -> int:
+        """Where in the signal order an effect stands."""
+        return self.stage
+
+    def coarse(self, effect: Effect) -> bool:
+        """Whether it is a quantiser whose error is bound to the signal, and no noise of its own."""
+        return False
+
+    def band(self, effect: Effect) -> tuple[float, float] | None:
+        """(middle, width) of the band that noise fills, shares of the sample rate; None where it is no matter of frequency."""
+        return None
+
     def apply(self, chain, effect: Effect) -> None:
         """Put the effect on the chain (replace its attributes)."""
         raise NotImplementedError
 
-    def starts(self, view) -> list[Effect]:
+    def columns(self, scene, effect: Effect, chain, before, rest):
+        """Derivatives of the prediction `chain` by the free numbers where they are cheaper than differences, else None; `before`
+        is the chain in front of the effect, `rest(chain, effect, extra=None)` runs it on from there, `extra` (source, wave) is
+        then sent too."""
+        return None
+
+    def starts(self, view) -> Iterable[Effect]:
         """Effects at zero strength at the places worth trying; the search turns them into fits."""
         return []
 
     def apart(self, scene, effect: Effect) -> tuple[Effect, ...]:
         """Effects of several owners that may stand in the place of one."""
+        return ()
+
+    def forms(self, scene, effect: Effect) -> Iterable[Effect]:
+        """The same part of a radio in other forms: other lengths and orders, the other side of the channel."""
         return ()
 
     def less(self, scene, effect: Effect, others: tuple[Effect, ...]) -> tuple[Effect, ...]:
@@ -124,9 +189,13 @@ class Family:
         """Whether the numbers can be those of real equipment."""
         return True
 
-    def finer(self, scene, effect: Effect) -> list[Effect]:
+    def finer(self, scene, effect: Effect) -> Iterable[Effect]:
         """The effect with more freedom, for where what stood in its way is gone."""
-        return []
+        return ()
+
+    def finest(self, scene, effect: Effect) -> Iterable[Effect]:
+        """The effect with more freedom than a search tries, for when all else is found."""
+        return ()
 
     def later(self, scene, effect: Effect, lengths: float) -> Effect:
         """The effect of a scene in a stretch of its length that begins so many lengths later."""
@@ -139,6 +208,43 @@ class Family:
     def since_the_beginning(self, scene, effect: Effect) -> Effect:
         """The effect of a part of a recording in one of its length at the recording's first sample."""
         return self.later(scene, effect, -scene.begins / scene.span) if scene.begins else effect
+
+    def variance(self, scene, effect: Effect, wanted: np.ndarray) -> np.ndarray | None:
+        """(n,) power of the noise of each sample beside the prediction's `wanted`, relative to the floor; None: even."""
+        return None
+
+    def spectrum(self, scene, effect: Effect) -> np.ndarray | None:
+        """(n,) power of the noise in each bin of an FFT relative to the floor; None: white."""
+        return None
+
+    def find(self, view, near: Effect | None = None) -> tuple[float, Effect | None]:
+        """(gain in nats over an even floor, effect) of a law of the noise, or (0, None); `near`: this effect as it was found
+        before."""
+        return 0.0, None
+
+    def added(self, scene, effect: Effect, wanted: np.ndarray, draw) -> np.ndarray:
+        """(n,) complex noise that the effect puts over the floor; draw() is circular white noise of power 1, (n,)."""
+        raise NotImplementedError
+
+    def shares(self, effect: Effect, energy: np.ndarray) -> np.ndarray:
+        """(n,) probability that a sample of this energy over the floor has what is `scattered`."""
+        raise NotImplementedError
+
+    def likelihood(self, effect: Effect, energy: np.ndarray) -> np.ndarray:
+        """(n,) ln of the density of the energies of samples with and without what is `scattered` together."""
+        raise NotImplementedError
+
+    def noise_gain_db(self, effect: Effect) -> float:
+        """By how much it may change the power of the noise, where nobody knows yet whose it is."""
+        return 0.0
+
+    def rounding(self, effect: Effect) -> float:
+        """Power of the noise that a converter's grid adds."""
+        return 0.0
+
+    def impulse_response(self, effect: Effect, p: np.ndarray) -> np.ndarray:
+        """(taps,) of a filter with the numbers `p`."""
+        return np.ones(1)
 
     def hidden(self, effect: Effect) -> int:
         """Numbers that were chosen by search and not fitted."""
@@ -162,6 +268,11 @@ class Family:
     def describe(self, number) -> str:
         """One sentence; `number(name)` gives a parameter with its interval and unit as text."""
         raise NotImplementedError
+
+
+def around_circle(f, middle: float):
+    """How far frequencies, as shares of the sample rate, lie from one of them."""
+    return np.abs((f - middle + 0.5) % 1.0 - 0.5)
 
 
 def db(ratio: float) -> float:

@@ -8,7 +8,7 @@ a receiver's offset makes of it. Where no path comes much later the two are the 
 
 import numpy as np
 
-from .base import RX_LO, TX_LO, Family, side_of, start
+from .base import RX_LO, TX_LO, Family, Multiplicity, Role, side_of, start
 
 FASTEST_DRIFT = 1e-3  # share of the carrier per second; what turns faster is no oscillator's drift
 LEAST_DRIFT = 0.1  # cycles of it that a recording must be long enough for
@@ -16,7 +16,10 @@ LEAST_DRIFT = 0.1  # cycles of it that a recording must be long enough for
 
 class CarrierFrequencyOffset(Family):
     name = "carrier_frequency_offset"
-    level = "tx"
+    role = Role.CARRIER
+    owners = ("tx", "rx")
+    multiplicity = Multiplicity.ONE
+    common = True
     stage = RX_LO
     either_side = True
     follows_carrier = {"offset_hz": 1, "drift_hz_per_s": 1}

@@ -12,7 +12,7 @@ from scipy import fft as sp_fft
 from ..basis import course_orders
 from ..columns import Courses
 from ..interpolate import TAU, frequencies, moved
-from .base import SAMPLER, Family, start
+from .base import SAMPLER, Family, Multiplicity, start
 from .phase_noise import PhaseNoise
 
 LAWS = 2, 4  # powers of the order by which coefficients become rarer
@@ -23,7 +23,8 @@ WIDEST = 0.35  # samples rms that it is good for
 
 class ClockWander(Family):
     name = "clock_wander"
-    level = "rx"
+    multiplicity = Multiplicity.ONE
+    lasting = False
     stage = SAMPLER
     flexible = True
     linear = True

@@ -4,13 +4,14 @@ wanted rms, ln(τ/T)."""
 
 import numpy as np
 
-from .base import RX_DC, Family, complex_pair, db, rms_of, said_rms, start
+from .base import RX_DC, Family, Multiplicity, complex_pair, db, rms_of, said_rms, start
 
 LONGEST_BACK = 3.0  # time constants: further back, where a decay began cannot be told
 
 
 class DcOffset(Family):
     name = "dc_offset"
+    multiplicity = Multiplicity.ONE
     stage = RX_DC
 
     def apply(self, chain, effect):

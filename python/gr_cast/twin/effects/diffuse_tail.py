@@ -8,14 +8,15 @@ import numpy as np
 
 from ..columns import Lags
 from ..scene import Path
-from .base import LINK, PROBE, Family, start
+from .base import LINK, PROBE, Family, Multiplicity, start
 
 SIZES = (8, 16, 32, 64)
 
 
 class DiffuseTail(Family):
     name = "diffuse_tail"
-    level = "link"
+    owners = ("link",)
+    multiplicity = Multiplicity.ONE
     stage = LINK
     flexible = True
     linear = True

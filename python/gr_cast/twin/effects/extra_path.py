@@ -5,14 +5,16 @@ cycles."""
 import numpy as np
 
 from ..scene import Path
-from .base import LINK, Family, complex_pair, db, start, turned
+from .base import LINK, Family, Multiplicity, complex_pair, db, start, turned
 
 FASTEST = 1e-5  # Doppler over the carrier: 3 km/s
 
 
 class ExtraPath(Family):
     name = "extra_path"
-    level = "link"
+    owners = ("link",)
+    multiplicity = Multiplicity.MANY
+    place = 2
     stage = LINK
     same_as = {
         "front_end_filter": "within one sample of a tap: both are one short FIR",

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..columns import Lags
-from .base import RX_FILTER, TX_FILTER, Effect, Family, of_sender, start
+from .base import RX_FILTER, TX_FILTER, Effect, Family, Multiplicity, Role, of_sender, start
 
 SIZES = (
     (0, 1),
@@ -33,11 +33,15 @@ FEW = 30_000  # samples, of all transmitters together, in which every length is 
 
 class FrontEndFilter(Family):
     name = "front_end_filter"
+    role = Role.FILTER
+    owners = ("rx", "tx")
+    multiplicity = Multiplicity.ONE
+    common = True
+    two_sided = True
     stage = RX_FILTER
     linear = True
 
-    @staticmethod
-    def impulse_response(effect, p):
+    def impulse_response(self, effect, p):
         low, high = effect.aux["low"], effect.aux["high"]
         taps = np.zeros(high - low + 1, complex)
         taps[np.arange(low, high + 1) != 0] = p[::2] + 1j * p[1::2]

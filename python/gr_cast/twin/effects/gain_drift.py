@@ -4,7 +4,7 @@
 
 import numpy as np
 
-from .base import side_of, start
+from .base import Multiplicity, Role, side_of, start
 from .gain_family import GainFamily
 
 LATEST = 0.05  # of a relaxation that a part shows: with less, where it began cannot be told
@@ -12,6 +12,11 @@ LATEST = 0.05  # of a relaxation that a part shows: with less, where it began ca
 
 class GainDrift(GainFamily):
     name = "gain_drift"
+    role = Role.DRIFT
+    owners = ("rx", "tx")
+    multiplicity = Multiplicity.ONE
+    lasting = False
+    common = True
 
     def _shape(self, u, effect, p):
         if not effect.aux.get("relaxes"):

@@ -4,12 +4,16 @@
 
 import numpy as np
 
-from .base import side_of, start
+from .base import Multiplicity, Role, side_of, start
 from .gain_family import GainFamily
 
 
 class GainStep(GainFamily):
     name = "gain_step"
+    role = Role.STEP
+    owners = ("rx", "tx")
+    multiplicity = Multiplicity.MANY
+    lasting = False
 
     def factor(self, effect, u):
         step, u0 = effect.p

@@ -12,7 +12,9 @@ from .noise_family import NoiseFamily
 
 class ImpulsiveNoise(NoiseFamily):
     name = "impulsive_noise"
-    level = "environment"
+    owners = ("environment",)
+    lasting = False
+    scattered = True
     strengths = 2
 
     def values(self, scene, effect, p):

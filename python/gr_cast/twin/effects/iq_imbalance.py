@@ -14,6 +14,9 @@ STRONGEST = 10 ** (-10 / 20)  # nothing that calls itself a radio is balanced wo
 
 class IqImbalance(Family):
     name = "iq_imbalance"
+    owners = ("rx", "tx")
+    common = True
+    two_sided = True
 
     def at(self, effect):
         return TX_IQ if effect.aux.get("side") == "tx" else RX_IQ
@@ -33,6 +36,10 @@ class IqImbalance(Family):
 
     def plausible(self, effect):
         return WEAKEST < abs(complex_pair(effect.p)) < STRONGEST
+
+    def noise_gain_db(self, effect):
+        image = abs(complex_pair(effect.p))  # noise passes a receiver's unequal gains too
+        return db((1 + image) / (1 - image))
 
     def values(self, scene, effect, p):
         beta = complex_pair(p)

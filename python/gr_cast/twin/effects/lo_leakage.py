@@ -9,7 +9,7 @@ from .base import TX_LEAK, Family, complex_pair, db, start
 
 class LoLeakage(Family):
     name = "lo_leakage"
-    level = "tx"
+    owners = ("tx",)
     stage = TX_LEAK
 
     def apply(self, chain, effect):

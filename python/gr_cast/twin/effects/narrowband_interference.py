@@ -4,7 +4,7 @@
 import numpy as np
 from scipy import fft as sp_fft
 
-from .base import at_half_the_rate, start
+from .base import around_circle, at_half_the_rate, start
 from .noise_family import NoiseFamily, two_levels
 
 WIDEST = 3  # a band wider than this part of the rate is what a filter leaves of the noise
@@ -13,16 +13,14 @@ FINE = 12  # steps per cell in which the edges of a band are looked for
 
 class NarrowbandInterference(NoiseFamily):
     name = "narrowband_interference"
-    level = "environment"
+    owners = ("environment",)
     strengths = 3
 
-    @staticmethod
-    def distance(effect, f):
-        """How far frequencies, as shares of the rate, lie from the middle of the band."""
-        return np.abs((f - effect.p[1] + 0.5) % 1.0 - 0.5)
+    def band(self, effect):
+        return effect.p[1], effect.p[2]
 
     def spectrum(self, scene, effect):
-        return 1 + np.exp(effect.p[0]) * (self.distance(effect, np.fft.fftfreq(scene.count)) <= effect.p[2] / 2)
+        return 1 + np.exp(effect.p[0]) * (around_circle(np.fft.fftfreq(scene.count), effect.p[1]) <= effect.p[2] / 2)
 
     def values(self, scene, effect, p):
         floor = effect.aux["_floor"]

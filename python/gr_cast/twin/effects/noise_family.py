@@ -36,18 +36,7 @@ class NoiseFamily(Family):
     def apply(self, chain, effect):
         pass
 
-    def variance(self, scene, effect, wanted):
-        return None
-
-    def spectrum(self, scene, effect):
-        return None
-
-    def find(self, view: NoiseView, near=None):
-        """(gain in nats over an even floor, effect), or (0, None); `near`: this effect as it was found before."""
-        return 0.0, None
-
-    def added(self, scene, effect, wanted, draw) -> np.ndarray:
-        """(n,) complex noise that the effect puts over the floor; draw() is circular white noise of power 1, (n,)."""
+    def added(self, scene, effect, wanted, draw):
         shape, spectrum = self.variance(scene, effect, wanted), self.spectrum(scene, effect)
         noise = np.sqrt(effect.aux["_floor"]) * draw()
         if spectrum is not None:

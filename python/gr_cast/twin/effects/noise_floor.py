@@ -4,11 +4,14 @@ twin's own figure)."""
 
 import numpy as np
 
+from .base import Role
 from .noise_family import NoiseFamily
 
 
 class NoiseFloor(NoiseFamily):
     name = "noise_floor"
+    role = Role.FLOOR
+    lasting = False
 
     def values(self, scene, effect, p):
         return {"change_db": p[0]}

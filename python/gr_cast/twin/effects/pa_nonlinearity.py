@@ -11,7 +11,7 @@ from scipy import fft as sp_fft
 
 from ..columns import Lags
 from ..interpolate import oversampled
-from .base import PROBE, TX_PA, Effect, Family, db, start
+from .base import PROBE, TX_PA, Effect, Family, Multiplicity, Role, db, start
 from .front_end_filter import FrontEndFilter
 
 ORDERS = ((1,), (1, 2), (1, 2, 3), (1, 2, 3, 4))
@@ -43,7 +43,10 @@ def kept(scene, i: int, x: np.ndarray, peak: float, orders) -> dict[int, np.ndar
 
 class PaNonlinearity(Family):
     name = "pa_nonlinearity"
-    level = "tx"
+    role = Role.AMPLIFIER
+    owners = ("tx",)
+    multiplicity = Multiplicity.ONE
+    common = True
     stage = TX_PA
     linear = True
 

@@ -14,9 +14,10 @@ import numpy as np
 
 from ..basis import course_length, course_orders, grid_of
 from ..columns import Courses
-from .base import RX_LO, TX_LO, Family, of_sender, side_of, start
+from .base import RX_LO, TX_LO, Family, Multiplicity, Role, of_sender, side_of, start
 
-MOST = 480  # cosines: the fastest wander that is followed
+MOST = 480  # cosines: the fastest wander that a search follows
+FINEST = 3 * MOST  # cosines: the fastest that is followed
 
 
 def shape_of(law: dict, size: int) -> np.ndarray:
@@ -29,6 +30,10 @@ def shape_of(law: dict, size: int) -> np.ndarray:
 
 class PhaseNoise(Family):
     name = "phase_noise"
+    role = Role.WANDER
+    owners = ("rx", "tx")
+    multiplicity = Multiplicity.ONE
+    lasting = False
     stage = RX_LO
     flexible = True
     linear = True
@@ -68,7 +73,7 @@ class PhaseNoise(Family):
             for law in [{"law": "free"}, *laws] if size < 200 else laws:
                 yield start(self, np.zeros(size), prior=shape_of(law, size), trials=12, aux=law)
 
-    def wider(self, effect, size: int, law: dict):
+    def _wider(self, effect, size: int, law: dict):
         """The effect followed to `size` cosines under another law, with the power that it has."""
         prior, have = shape_of(law, size), len(effect.p)
         prior *= effect.prior.sum() / prior[:have].sum()
@@ -79,7 +84,13 @@ class PhaseNoise(Family):
     def finer(self, scene, effect):
         """To faster wander, which on the wrong side could not be followed."""
         sizes = [size for size in course_orders(scene, MOST) if size > len(effect.p)]
-        return [self.wider(effect, size, {"law": "held", "corner": size / 8}) for size in sizes]
+        return [self._wider(effect, size, {"law": "held", "corner": size / 8}) for size in sizes]
+
+    def finest(self, scene, effect):
+        """As fast as the search follows, faster still under laws that reach so far."""
+        if len(effect.p) == MOST and scene.count >= 24 * FINEST:
+            for law in ({"law": "flat"}, {"law": "held", "corner": FINEST / 8}):
+                yield self._wider(effect, FINEST, law)
 
     def values(self, scene, effect, p):
         unseen = float(np.sum(effect.aux.get("_variance", [0.0])))  # of the course around its estimate

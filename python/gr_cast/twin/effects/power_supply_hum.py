@@ -4,12 +4,14 @@ the recording."""
 
 import numpy as np
 
-from .base import side_of, start, turned
+from .base import Multiplicity, side_of, start, turned
 from .gain_family import GainFamily
 
 
 class PowerSupplyHum(GainFamily):
     name = "power_supply_hum"
+    owners = ("rx", "tx")
+    multiplicity = Multiplicity.ONE
 
     def factor(self, effect, u):
         a, b, cycles = effect.p

@@ -12,8 +12,9 @@ from .noise_family import NoiseFamily, two_levels
 
 class PulsedInterference(NoiseFamily):
     name = "pulsed_interference"
+    owners = ("environment",)
+    lasting = False
     strengths = 4
-    level = "environment"
 
     @staticmethod
     def gate(scene, effect):

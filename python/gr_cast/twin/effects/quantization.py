@@ -11,15 +11,10 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import ndtr
 
-from .base import LATTICE, Family, start
+from .base import LATTICE, Family, Role, start
 
 TABLE = 8192  # entries over one step
 COARSE = 0.7  # steps of noise below which a quantiser's error is no noise of its own, but bound to the signal
-
-
-def is_coarse(effect) -> bool:
-    """Whether an effect is a quantiser whose error is bound to the prediction."""
-    return effect.family == "quantization" and effect.p[2] < COARSE
 
 
 def mean_of_quantizer(value, step, origin, sigma):
@@ -55,7 +50,12 @@ def variance_of_quantizer(value, step, origin, sigma):
 
 class Quantization(Family):
     name = "quantization"
+    role = Role.QUANTISER
+    lasting = False
     stage = LATTICE
+
+    def coarse(self, effect):
+        return bool(effect.p[2] < COARSE)
 
     def apply(self, chain, effect):
         step, origin, sigma = effect.p
@@ -63,16 +63,19 @@ class Quantization(Family):
         if sigma == 0:  # the noise is in the signal
             lattice = lambda x: (np.round(x / step - origin) + origin) * step  # noqa: E731
             chain.y = lattice(chain.y.real) + 1j * lattice(chain.y.imag)
-        elif is_coarse(effect):
+        elif self.coarse(effect):
             chain.y = mean_of_quantizer(chain.y.real, step, origin, sigma) + 1j * mean_of_quantizer(
                 chain.y.imag, step, origin, sigma
             )
 
-    def variance(self, scene, effect):
+    def rounding(self, effect):
+        return effect.p[0] ** 2 / 6
+
+    def variance(self, scene, effect, wanted):
         """(n,) power of the noise behind the quantiser over its mean, at the latest prediction; None for a
         fine one."""
         step, origin, sigma = effect.p
-        if not is_coarse(effect):
+        if not self.coarse(effect):
             return None
         y = scene.notes["before the lattice"]
         v = variance_of_quantizer(y.real, step, origin, sigma) + variance_of_quantizer(y.imag, step, origin, sigma)

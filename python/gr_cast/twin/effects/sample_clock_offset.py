@@ -2,12 +2,15 @@
 """Sample clock offset: the received waveform runs fast by offset_ppm, x(t(1 + ε)). Internal: samples
 gained."""
 
-from .base import CLOCK, Family, start
+from .base import CLOCK, Family, Multiplicity, Role, start
 
 
 class SampleClockOffset(Family):
     name = "sample_clock_offset"
-    level = "tx"
+    role = Role.CLOCK
+    owners = ("tx", "rx")
+    multiplicity = Multiplicity.ONE
+    common = True
     stage = CLOCK
 
     def apply(self, chain, effect):

@@ -5,11 +5,15 @@ first sample after the joint, samples lost."""
 
 import numpy as np
 
-from .base import LINK, Family, start
+from .base import LINK, Family, Multiplicity, Role, start
 
 
 class SampleLoss(Family):
     name = "sample_loss"
+    role = Role.SLIP
+    multiplicity = Multiplicity.MANY
+    place = 0
+    lasting = False
     stage = LINK
     leaps = True
 

@@ -7,14 +7,16 @@ import numpy as np
 from ..columns import Dense
 from ..interpolate import TAU, frequencies
 from ..scene import BINS
-from .base import ENVIRONMENT, PROBE, Family, complex_pair, db, start, turned
+from .base import ENVIRONMENT, PROBE, Family, Multiplicity, complex_pair, db, start, turned
 
 ECHOES = tuple(lag for lag in range(-4, 13) if lag)
 
 
 class SecondTransmitter(Family):
     name = "second_transmitter"
-    level = "environment"
+    owners = ("environment",)
+    multiplicity = Multiplicity.MANY
+    place = 2
     follows_carrier = {"offset_hz": 1}
     stage = ENVIRONMENT
 

@@ -4,12 +4,13 @@
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from .base import start
+from .base import Role, start
 from .noise_family import NoiseFamily, profile
 
 
 class SignalDependentNoise(NoiseFamily):
     name = "signal_dependent_noise"
+    role = Role.FOLLOWING
     strengths = 1
 
     def variance(self, scene, effect, wanted):
@@ -37,15 +38,3 @@ class SignalDependentNoise(NoiseFamily):
         curvature = (cost(best.x + 0.2) - 2 * best.fun + cost(best.x - 0.2)) / 0.2**2
         aux = {"_std": [1 / np.sqrt(max(curvature, 1e-6))]}
         return -best.fun - flat, start(self, [best.x], free=[False], aux=aux)
-
-
-def told_floor(energy: np.ndarray, power: np.ndarray) -> tuple[float, float]:
-    """(ln strength, ln L) of noise 1 + k·power, `energy` and `power` relative to a floor that is known and
-    to their mean."""
-
-    def cost(k):
-        v = 1 + np.exp(k) * power
-        return float(np.log(v).sum() + (energy / v).sum())
-
-    best = minimize_scalar(cost, bounds=(-9, 7), method="bounded", options={"xatol": 1e-3})
-    return float(best.x), -float(best.fun)

@@ -3,11 +3,12 @@
 
 import numpy as np
 
-from .base import INVERSION, Family, start
+from .base import INVERSION, Family, Role, start
 
 
 class SpectralInversion(Family):
     name = "spectral_inversion"
+    role = Role.ORIENTATION
     stage = INVERSION
 
     def apply(self, chain, effect):

@@ -6,7 +6,7 @@ from .extra_path import around
 
 
 class TapFamily(Family):
-    level = "link"
+    owners = ("link",)
     stage = LINK
 
     def find(self, scene, parameters, model) -> int:

@@ -14,6 +14,7 @@ from .tap import TapFamily
 
 class TapFading(TapFamily):
     name = "tap_fading"
+    lasting = False
     flexible = True
     linear = True
     random = True

@@ -3,12 +3,14 @@
 
 import numpy as np
 
-from .base import AIR, Family, complex_pair, db, rms_of, said_rms, start, turned
+from .base import AIR, Family, Multiplicity, complex_pair, db, rms_of, said_rms, start, turned
 
 
 class ToneInterference(Family):
     name = "tone_interference"
-    level = "environment"
+    owners = ("environment",)
+    multiplicity = Multiplicity.MANY
+    place = 2
     stage = AIR
 
     def apply(self, chain, effect):
