@@ -14,7 +14,10 @@ _PLACES = [_HERE.parent / "build" / "python", _HERE.parent / "python"] + [
 ]
 sys.path[:0] = [str(place) for place in _PLACES if (place / "gr_cast").is_dir()]
 
+from gr_cast.core import interrupts
 from gr_cast.core.errors import CastError
+
+interrupts.second_ends()
 
 _shown = False  # whether the last line is one of progress, which the next would go on
 

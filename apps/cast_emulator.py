@@ -4,13 +4,13 @@
 
 import argparse
 import json
-import signal
 import sys
 import threading
 from pathlib import Path
 
 import _program
 import numpy as np
+from gr_cast.core import interrupts
 from gr_cast.core.errors import CastError
 from gr_cast.emulation.reference import FixedPoint, noise_power_from_snr
 from gr_cast.scenario import load
@@ -71,7 +71,7 @@ def run(args) -> None:
         )
         for port in radios
     }  # fmt: skip
-    control = ControlServer(args.control)
+    control = ControlServer(args.control, tuple(args.allow_load))
     emulation = Emulation(
         load(args.scenario), ports, rate_hz, noise_power=_noise_power(args), seed=args.seed,
         fixed_point=_fixed_point(args), settings=settings, n_threads=args.threads,
@@ -80,9 +80,7 @@ def run(args) -> None:
     if bulk:
         print(f"taps between samples: every link is {bulk} samples late", file=sys.stderr)
     ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
-    with control.obeying(emulation, ended):
+    with interrupts.heeded(ended.set), control.obeying(emulation, ended):
         emulation.run_until(ended, _report, args.report)
     _report(emulation.status())
     print(file=sys.stderr)
@@ -182,9 +180,8 @@ def _play_live(twin, ports: list[str], conditions: Conditions) -> None:
 
     emulation = TwinEmulation(twin, [Port.parse(text) for text in ports], conditions)
     ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
-    emulation.run_until(ended)
+    with interrupts.heeded(ended.set):
+        emulation.run_until(ended)
 
 
 def _count(twin, observation, args, conditions) -> int:
@@ -248,6 +245,10 @@ def main(argv=None) -> int:
         help="zmq:ADDRESS (as srsRAN's radio), pubsub:ADDRESS, file:STEM, uhd:ARGS, null; repeat for every port",
     )  # fmt: skip
     command.add_argument("--control", metavar="ADDRESS", help="answer JSON commands there, such as tcp://*:5555")
+    command.add_argument(
+        "--allow-load", action="append", type=Path, default=[], metavar="DIR",
+        help="whose scenarios `load` may take from another machine, beside the catalogue; repeat",
+    )  # fmt: skip
     command.add_argument("--frequency", type=float, help="carrier of uhd ports in Hz")
     command.add_argument("--gain", type=float, default=0.0, help="of uhd ports in dB")
     command.add_argument("--clock-source", default="internal", help="of uhd ports: internal, external, gpsdo")

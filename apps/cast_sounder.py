@@ -3,7 +3,6 @@
 """Sound a radio channel: over the embedded emulator, with X310s, or from a recording."""
 
 import argparse
-import signal
 import sys
 import time
 from dataclasses import replace
@@ -11,6 +10,7 @@ from pathlib import Path
 
 import _program
 import numpy as np
+from gr_cast.core import interrupts
 from gr_cast.core.errors import CastError
 from gr_cast.core.files import write_json, write_text
 from gr_cast.core.units import db_from_amplitude
@@ -257,23 +257,15 @@ def _links(args, scenario) -> list[tuple[str, str]]:
 
 def _until_done(top, what: str) -> None:
     """Run a flowgraph to its end; Ctrl-C or SIGTERM ends it early and keeps what was recorded."""
-    stopped = []
-
-    def stop(*_):
-        stopped.append(True)
-        top.stop()
-
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
     print(what, flush=True)
-    try:
+    with interrupts.heeded(top.stop) as stopped:
         top.start()
-        top.wait()
-    finally:
-        top.stop()
-        top.wait()
-        for number, handler in before.items():
-            signal.signal(number, handler)
-    if stopped:
+        try:
+            top.wait()
+        finally:
+            top.stop()
+            top.wait()
+    if stopped.is_set():
         print("stopped early; a recording holds what came until now", file=sys.stderr)
         raise KeyboardInterrupt
 

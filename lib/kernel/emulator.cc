@@ -41,6 +41,8 @@ double transform(double n_bins) { return 2200 * n_bins * std::log2(n_bins) / (20
 double product(double n_bins) { return 220 * n_bins / 2048; }
 } // namespace cost
 
+constexpr uint64_t most_samples = uint64_t(1) << 62;
+
 void require(bool holds, const std::string& name, long got, const std::string& limit)
 {
     if (!holds)
@@ -128,6 +130,10 @@ void emulator::check(const link_update& update) const
         refuse_node("tx", update.input, d_config.n_inputs);
     if (update.output < 0 || update.output >= d_config.n_outputs)
         refuse_node("rx", update.output, d_config.n_outputs);
+    const uint64_t count = std::max(update.ramp, update.at.value_or(0));
+    if (count > most_samples) // the end of a ramp is a sample's number, too
+        throw std::invalid_argument("offset or ramp: got " + std::to_string(count) +
+                                    " samples, expected 2^62 or less");
     if (update.gain && !std::isfinite(*update.gain))
         throw std::invalid_argument("gain of the link: not a finite number");
     if (!update.taps)

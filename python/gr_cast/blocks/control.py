@@ -2,15 +2,20 @@
 """Commands to a running emulator: one JSON object in, one out, over a ZeroMQ REP socket."""
 
 import contextlib
+import ipaddress
 import json
 import threading
+from pathlib import Path
 
 import zmq
 
 from ..core.errors import CastError
-from ..scenario import load
+from ..emulation.reference import filter_length
+from ..scenario import catalogue
 from .ports import address_to_bind
 
+MOST_BYTES = 1 << 20  # of a request
+MOST_GAIN_DB = 120.0  # of a tap that is set by hand, up or down
 _KEYS = {
     "status": set(),
     "start": set(),
@@ -21,22 +26,25 @@ _KEYS = {
 }
 
 
-def obey(emulation, ended: threading.Event, command) -> dict:
-    """Carry out one command, a dictionary; the answer holds `ok` and, where it failed, `errors`, a line each."""
+def obey(emulation, ended: threading.Event, command, folders: tuple[Path, ...] | None = None) -> dict:
+    """Carry out one command, a dictionary; the answer holds `ok` and, where it failed, `errors`, a line each.
+
+    `folders`: where scenario files may lie that `load` names, beside the catalogue's ids; None: anywhere.
+    """
     try:
-        if not isinstance(command, dict) or command.get("command") not in _KEYS:
-            raise CastError(f"command: got {command!r}, needs an object whose 'command' is one of {', '.join(_KEYS)}")
+        if not isinstance(command, dict) or not isinstance(command.get("command"), str) or command["command"] not in _KEYS:
+            raise CastError(f"command: got {_short(command)}, needs an object whose 'command' is one of {', '.join(_KEYS)}")
         name = command["command"]
         unknown = set(command) - _KEYS[name] - {"command"}
         if unknown:
-            raise CastError(*(f"{name}: unknown key {key!r}" for key in sorted(unknown)))
+            raise CastError(*(f"{name}: unknown key {_short(key)}" for key in sorted(unknown)))
         if name == "load":
-            emulation.load(load(_text(command, "scenario")))
+            emulation.load(_scenario(_text(command, "scenario"), folders))
         elif name == "set_link":
             emulation.set_link(
                 _text(command, "tx"),
                 _text(command, "rx"),
-                taps=_taps(command.get("taps")),
+                taps=_taps(command.get("taps"), emulation.sample_rate_hz),
                 enabled=_switch(command),
             )
         elif name in ("start", "stop"):
@@ -46,6 +54,18 @@ def obey(emulation, ended: threading.Event, command) -> dict:
         return {"ok": True, "status": emulation.status()}
     except CastError as error:
         return {"ok": False, "errors": list(error.faults)}
+    except OSError as error:
+        return {"ok": False, "errors": [f"{command['command']}: {error.strerror}"]}
+
+
+def _scenario(name: str, folders: tuple[Path, ...] | None):
+    """The scenario of that catalogue id or file; what a peer may not read is refused before it is opened."""
+    if name in catalogue.catalogue_entries():
+        return catalogue.load(name)
+    path = Path(name.replace("\0", "")).resolve()
+    if folders is not None and not any(path.is_relative_to(folder.resolve()) for folder in folders):
+        raise CastError("load: scenario: needs an id of the catalogue, or a file in a folder that --allow-load names")
+    return catalogue.read(path)
 
 
 def _text(command: dict, key: str) -> str:
@@ -61,32 +81,68 @@ def _switch(command: dict) -> bool | None:
     return enabled
 
 
-def _taps(taps) -> list[dict] | None:
+def _taps(taps, sample_rate_hz: float) -> list[dict] | None:
     if taps is None:
         return None
     if not isinstance(taps, list):
-        raise CastError(f"set_link: taps: got {taps!r}, needs a list")
+        raise CastError(f"set_link: taps: got {_short(taps)}, needs a list")
+    longest_s = filter_length(sample_rate_hz) / sample_rate_hz
     for number, tap in enumerate(taps, 1):
         names = {"delay_s", "gain_db"}
-        good = isinstance(tap, dict) and names <= set(tap) <= names | {"phase_rad"}
-        if not good or not all(_is_finite(value) for value in tap.values()) or tap["delay_s"] < 0:
-            raise CastError(f"set_link: tap {number}: got {tap!r}, needs delay_s (0 s or more), gain_db and perhaps phase_rad")
+        good = isinstance(tap, dict) and names <= set(tap) <= names | {"phase_rad"} and all(map(_is_number, tap.values()))
+        if not good or not 0 <= tap["delay_s"] <= longest_s or abs(tap["gain_db"]) > MOST_GAIN_DB:
+            raise CastError(
+                f"set_link: tap {number}: got {_short(tap)}, needs delay_s (0 to {longest_s:.3g} s), "
+                f"gain_db (−{MOST_GAIN_DB:g} to {MOST_GAIN_DB:g} dB) and perhaps phase_rad"
+            )
     return taps
 
 
-def _is_finite(value) -> bool:
+def _is_number(value) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e9
 
 
-class ControlServer:
-    """Has `address` from the first, obeys the commands there with `obeying`; address None: nobody is listened to."""
+def _short(value) -> str:
+    text = repr(value)
+    return text if len(text) < 80 else text[:77] + "..."
 
-    def __init__(self, address: str | None):
+
+def command_of(parts: list[bytes]):
+    """The command in a request's parts; None where there is none to be read."""
+    if len(parts) != 1 or len(parts[0]) > MOST_BYTES:
+        return None
+    try:
+        return json.loads(parts[0])
+    except (ValueError, RecursionError):  # also text that is not UTF-8
+        return None
+
+
+def is_local(address: str) -> bool:
+    """Whether nobody but this machine's users reaches a ZeroMQ address."""
+    transport, _, where = address.partition("://")
+    host = where.rpartition(":")[0].strip("[]")
+    if transport != "tcp":
+        return True
+    with contextlib.suppress(ValueError):
+        return ipaddress.ip_address(host).is_loopback
+    return host == "localhost"
+
+
+class ControlServer:
+    """Has `address` from the first, obeys the commands there with `obeying`; address None: nobody is listened to.
+
+    Whoever reaches the address commands the emulator. From this machine it may load any scenario file; from elsewhere the
+    catalogue's and those in `folders`.
+    """
+
+    def __init__(self, address: str | None, folders: tuple[Path, ...] = ()):
         self._socket = None
+        self._folders = None if address is None or is_local(address) else folders
         if address is None:
             return
         self._socket = zmq.Context.instance().socket(zmq.REP)
         self._socket.setsockopt(zmq.LINGER, 200)
+        self._socket.setsockopt(zmq.MAXMSGSIZE, MOST_BYTES)
         try:
             self._socket.bind(address_to_bind("--control", address))
         except zmq.ZMQError as error:
@@ -108,10 +164,7 @@ class ControlServer:
         while self._socket and not closing.is_set():
             if not self._socket.poll(100):
                 continue
-            try:
-                command = json.loads(self._socket.recv())
-            except ValueError:  # also text that is not UTF-8
-                command = None
-            self._socket.send_json(obey(emulation, ended, command))
+            command = command_of(self._socket.recv_multipart())
+            self._socket.send_json(obey(emulation, ended, command, self._folders))
         if self._socket:
             self._socket.close()

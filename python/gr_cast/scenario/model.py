@@ -10,11 +10,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..core.errors import CastError, Faults
-from ..core.units import amplitude_from_db, db_from_power
+from ..core.units import amplitude_from_db, db_from_amplitude, db_from_power
 
 GRID_STEP_S = 10e-9
 GRID_TAPS = 512
 MAX_DELAY_S = (GRID_TAPS - 1) * GRID_STEP_S
+MOST_GAIN = 1e6  # of a tap, 120 dB: no channel, and far from what single precision holds
 MAX_NODES = 256  # antennas of the emulator's mesh
 INTERPOLATIONS = ("hold", "linear")
 
@@ -36,6 +37,8 @@ class LinkTaps:
             raise CastError(f"taps: got shapes {delay_s.shape} and {gain.shape}, delay_s and gain need one shape (T, P)")
         if not (np.isfinite(delay_s).all() and np.isfinite(gain).all()):
             raise CastError("taps: delay_s and gain must be finite")
+        if np.abs(gain).max() > MOST_GAIN:
+            raise CastError(f"taps: gain: got {db_from_amplitude(np.abs(gain).max()):.0f} dB, limit 120 dB")
         for name, value in (("delay_s", delay_s), ("gain", gain)):
             value.flags.writeable = False
             object.__setattr__(self, name, value)

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Any request to a running emulator gets one answer; what is refused changes nothing."""
+
+import contextlib
+import json
+import os
+import random
+import threading
+
+import pytest
+import zmq
+from gr_cast import scenario as sc
+from gr_cast.blocks import control
+from gr_cast.blocks.cast_python import emulator_kernel
+from gr_cast.blocks.emulation import Emulation
+from gr_cast.core.errors import CastError
+
+RATE_HZ = 1e6
+SCENARIO = "cast_scenario: 1\nnodes: [a, b]\nlinks:\n  - {tx: a, rx: b, taps: [{delay_s: 0.0, gain_db: %s}]}\n"
+
+
+@pytest.fixture
+def asked(tmp_path):
+    """ask(*parts): the answer of an emulation to a request of these parts."""
+    (tmp_path / "two.yaml").write_text(SCENARIO % -3)
+    emulation = Emulation(sc.load(tmp_path / "two.yaml"), [], RATE_HZ)
+    address = f"ipc://{tmp_path}/control"
+    server = control.ControlServer(address)
+    client = zmq.Context.instance().socket(zmq.REQ)
+    client.setsockopt(zmq.LINGER, 0)
+    client.connect(address)
+
+    def ask(*parts: bytes):
+        client.send_multipart(parts)
+        assert client.poll(20_000), f"no answer to {parts}"
+        return client.recv_json()
+
+    with server.obeying(emulation, threading.Event()):
+        yield ask
+    client.close()
+
+
+def said(ask, **command):
+    return ask(json.dumps(command).encode())
+
+
+TAP = {"command": "set_link", "tx": "a", "rx": "b"}
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        [b""],
+        [b"null"],
+        [b"[1]"],
+        [b'{"command": []}'],
+        [b'{"command": {}}'],
+        [b"[" * 100_000],
+        [b'{"command": "status"}', b"and more"],
+        [b"\xff\xfe"],
+        [json.dumps({**TAP, "taps": [{"delay_s": 0, "gain_db": 10_000}]}).encode()],
+        [json.dumps({**TAP, "taps": [{"delay_s": 1e8, "gain_db": 0}]}).encode()],
+        [json.dumps({**TAP, "taps": [{"delay_s": 0, "gain_db": 0, "phase_rad": 10**400}]}).encode()],
+        [b'{"command": "set_link", "tx": "a", "rx": "b", "taps": [{"delay_s": NaN, "gain_db": 0}]}'],
+        [json.dumps({"command": "load", "scenario": "/"}).encode()],
+        [json.dumps({"command": "load", "scenario": "nul\0.yaml"}).encode()],
+        [json.dumps({"command": "load", "scenario": "x" * 10_000 + ".yaml"}).encode()],
+        [json.dumps({"command": "status", "k" * 5000: 1}).encode()],
+    ],
+)
+def test_a_malformed_request_is_refused_and_the_next_one_is_answered(asked, parts):
+    before = said(asked, command="status")["status"]
+    answer = asked(*parts)
+    assert answer["ok"] is False and answer["errors"] and max(map(len, answer["errors"])) < 11_000
+    after = said(asked, command="status")
+    assert after["ok"] and after["status"]["active_taps"] == before["active_taps"]
+
+
+def test_a_scenario_that_cannot_be_is_refused_and_the_old_one_plays_on(asked, tmp_path):
+    (tmp_path / "loud.yaml").write_text(SCENARIO % 3000)
+    (tmp_path / "far.yaml").write_text((SCENARIO % 0).replace("delay_s: 0.0", "delay_s: 100.0"))
+    os.mkfifo(tmp_path / "pipe.yaml")
+    for name in ("loud", "far", "pipe"):
+        answer = said(asked, command="load", scenario=str(tmp_path / f"{name}.yaml"))
+        assert not answer["ok"] and said(asked, command="status")["status"]["scenario"] == "two"
+
+
+def test_random_requests_are_all_answered(asked):
+    rng = random.Random(5)
+    atoms = [None, True, -1, 1e308, 10**30, "", "a", "b", "status", "load", "set_link", "\0", [], {}, float("nan")]
+
+    def grown(depth):
+        kind = rng.random()
+        if depth == 0 or kind < 0.5:
+            return rng.choice(atoms)
+        if kind < 0.7:
+            return [grown(depth - 1) for _ in range(rng.randrange(4))]
+        keys = ["command", "scenario", "tx", "rx", "taps", "enabled", "delay_s", "gain_db", "phase_rad"]
+        return {rng.choice(keys): grown(depth - 1) for _ in range(rng.randrange(6))}
+
+    for _ in range(300):
+        request = grown(4)
+        if isinstance(request, dict) and rng.random() < 0.8:
+            request["command"] = rng.choice(["status", "start", "load", "set_link"])
+        assert "ok" in asked(json.dumps(request).encode())
+    assert said(asked, command="status")["ok"]
+
+
+def test_from_another_machine_only_named_folders_are_read(tmp_path):
+    assert [control.is_local(a) for a in ("tcp://127.0.0.1:1", "tcp://localhost:1", "tcp://[::1]:1", "ipc:///x")] == [True] * 4
+    assert [control.is_local(a) for a in ("tcp://*:1", "tcp://0.0.0.0:1", "tcp://192.168.1.2:1", "tcp://eth0:1")] == [False] * 4
+    inside, outside = tmp_path / "in", tmp_path / "out"
+    for folder in (inside, outside):
+        folder.mkdir()
+        (folder / "s.yaml").write_text("secret: of the house\n")
+    for name in (outside / "s.yaml", inside / ".." / "out" / "s.yaml", outside / "absent.yaml"):
+        with pytest.raises(CastError) as refused:
+            control._scenario(str(name), (inside,))
+        assert "secret" not in str(refused.value) and "absent" not in str(refused.value)
+    with pytest.raises(CastError, match="secret"):
+        control._scenario(str(inside / "s.yaml"), (inside,))
+    assert control._scenario("four_tap", ()).name
+
+
+@pytest.mark.parametrize("ramp", [2**64 - 10, 2**62 + 1])
+def test_a_ramp_beyond_all_samples_is_refused(ramp):
+    kernel = emulator_kernel(1, 1, 8)
+    kernel.set_sparse_taps(0, 0, [0], [1.0])
+    with contextlib.suppress(OverflowError), pytest.raises(ValueError, match="ramp"):
+        kernel.set_sparse_taps(0, 0, [0], [0.5], 0, ramp)

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A signal at any moment ends a program, and a second one ends it at once, whatever lock the main thread holds."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+WAITING = """
+import sys, threading
+from gr_cast.core import interrupts
+ended = threading.Event()
+print("ready", flush=True)
+with interrupts.heeded({stop}) as came:
+    while not ended.wait(1e-4):  # takes and lets go of the event's lock all the time
+        {within}
+print("tidied", came.is_set(), flush=True)
+"""
+
+
+def program(stop="ended.set", within="pass"):
+    code = WAITING.format(stop=stop, within=within)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    started = subprocess.Popen(
+        [sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert started.stdout.readline() == "ready\n"
+    time.sleep(0.02)
+    return started
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_signals_in_quick_succession_never_lock_up(seed):
+    rng = random.Random(seed)
+    running = program()
+    time.sleep(rng.uniform(0, 0.02))
+    for _ in range(2):
+        running.send_signal(rng.choice([signal.SIGINT, signal.SIGTERM]))
+        time.sleep(rng.uniform(0, 1e-3))
+    running.communicate(timeout=10)  # that it ends is the law; with which status depends on the moment
+
+
+def test_the_first_signal_lets_the_program_tidy_up():
+    running = program()
+    running.send_signal(signal.SIGTERM)
+    assert running.communicate(timeout=10)[0] == "tidied True\n" and running.returncode == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_second_signal_ends_what_does_not_end_by_itself(number):
+    running = program(stop="threading.Event().wait", within="pass")
+    running.send_signal(signal.SIGINT)
+    time.sleep(0.2)
+    assert running.poll() is None
+    running.send_signal(number)
+    running.communicate(timeout=10)
+    assert running.returncode == 128 + number
+
+
+def test_handlers_are_as_before_afterwards():
+    from gr_cast.core import interrupts
+
+    before = [signal.getsignal(number) for number in interrupts.SIGNALS]
+    descriptors = len(os.listdir("/proc/self/fd"))
+    with interrupts.heeded(lambda: None) as came:
+        assert [signal.getsignal(number) for number in interrupts.SIGNALS] != before
+    assert [signal.getsignal(number) for number in interrupts.SIGNALS] == before and not came.is_set()
+    assert len(os.listdir("/proc/self/fd")) == descriptors
