@@ -8,6 +8,7 @@ cluster, with the same result to the last bit; what is done is kept, and a run t
 import hashlib
 import json
 import os
+import shutil
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from ..core import tasks
 from ..core.errors import CastError, Faults
-from ..core.files import write_json
+from ..core.files import locked, write_json
 from ..emulation.reference import FixedPoint, filter_length
 from ..scenario import Scenario
 from ..signals import recording
@@ -26,10 +27,10 @@ _ITEM = np.dtype(np.complex64)
 
 @dataclass(frozen=True, kw_only=True)
 class BatchJob:
-    """All that a worker needs to know, whichever chunk it gets. `transmit` maps a node to its recording."""
+    """All that a worker needs to know, whichever chunk it gets. `transmit` maps a node to its samples on disk."""
 
     scenario: Scenario
-    transmit: dict[str, str]
+    transmit: dict[str, recording.Stored]
     receivers: tuple[str, ...]
     folder: str
     sample_rate_hz: float
@@ -43,11 +44,19 @@ class BatchJob:
     def n_chunks(self) -> int:
         return -(-self.n_samples // self.chunk_samples)
 
+    @property
+    def work(self) -> Path:
+        return Path(self.folder) / ".batch"
+
+    @property
+    def plan(self) -> Path:
+        return self.work / "plan.json"
+
     def part(self, receiver: str) -> Path:
-        return Path(self.folder) / ".batch" / f"{receiver}.part"
+        return self.work / f"{receiver}.part"
 
     def mark(self, chunk: int) -> Path:
-        return Path(self.folder) / ".batch" / f"{chunk}.done"
+        return self.work / f"{chunk}.done"
 
 
 def make_chunk(job: BatchJob, chunk: int) -> int:
@@ -65,12 +74,10 @@ def make_chunk(job: BatchJob, chunk: int) -> int:
         kernel.set_fixed_point(**asdict(job.fixed_point))
     kernel.skip_to(begin)
     x = np.zeros((len(nodes), past + end - begin), np.complex64)
-    for node, stem in job.transmit.items():
+    for node, stored in job.transmit.items():
         first = max(0, begin - past)
-        about = recording.read(stem, start=first, count=end - first) if _length(stem) > first else None
-        if about is not None:
-            at = past - (begin - first)
-            x[nodes.index(node), at : at + len(about.samples)] = about.samples
+        sent, at = stored[first:end], past - (begin - first)
+        x[nodes.index(node), at : at + len(sent)] = sent
     y = kernel.process(x)
     for receiver, samples in zip(job.receivers, y[wanted], strict=True):
         with open(job.part(receiver), "r+b") as file:
@@ -98,22 +105,20 @@ def run_batch(
 ) -> None:
     """Write `folder`/NODE, a SigMF recording, for every receiver. Raises CastError, all faults at once, before any work."""
     job = _job(scenario, transmit, folder, receivers, chunk_samples, noise_power, seed, fixed_point)
-    todo = _prepare(job)
-    done = job.n_chunks - len(todo)
-    progress(done, job.n_chunks)
-    for _ in tasks.run(make_chunk, job, todo, dask=dask, processes=workers):
-        done += 1
+    Path(job.folder).mkdir(parents=True, exist_ok=True)
+    with locked(Path(job.folder)):
+        todo = _prepare(job)
+        done = job.n_chunks - len(todo)
         progress(done, job.n_chunks)
-    for receiver in job.receivers:
-        _seal(job, receiver)
-    for path in (Path(job.folder) / ".batch").iterdir():
-        path.unlink()
-    (Path(job.folder) / ".batch").rmdir()
-
-
-def _length(stem: str) -> int:
-    width = np.dtype(recording.DATATYPES[recording.read(stem, count=1).datatype][0]).itemsize * 2
-    return recording.data_path(stem).stat().st_size // width
+        for _ in tasks.run(make_chunk, job, todo, dask=dask, processes=workers):
+            done += 1
+            progress(done, job.n_chunks)
+        for receiver in job.receivers:
+            _seal(job, receiver)
+        for path in job.work.glob("*.done"):
+            path.unlink()
+        job.plan.unlink()  # last: what a killed run leaves is told by it
+        job.work.rmdir()
 
 
 def _job(scenario, transmit, folder, receivers, chunk_samples, noise_power, seed, fixed_point) -> BatchJob:
@@ -123,10 +128,11 @@ def _job(scenario, transmit, folder, receivers, chunk_samples, noise_power, seed
             faults.add(f"node {node}", f"the scenario has {', '.join(scenario.nodes)}")
     if chunk_samples < 1:
         faults.add("chunk", f"got {chunk_samples} samples, needs 1 or more")
-    rates = {}
+    rates, stored = {}, {}
     for node, stem in transmit.items():
-        try:
-            rates[node] = recording.read(stem, count=1).sample_rate_hz
+        try:  # once for all chunks: the whole file is held against its checksum
+            taken = recording.read(Path(stem).resolve(), longest=0)
+            rates[node], stored[node] = taken.sample_rate_hz, taken.samples
         except CastError as error:
             for line in error.faults:
                 faults.add(f"node {node}", line)
@@ -138,11 +144,11 @@ def _job(scenario, transmit, folder, receivers, chunk_samples, noise_power, seed
     faults.raise_if_any()
     return BatchJob(
         scenario=scenario,
-        transmit={node: str(Path(stem).resolve()) for node, stem in transmit.items()},
+        transmit=stored,
         receivers=tuple(receivers or scenario.nodes),
         folder=str(folder.resolve()),  # workers of a cluster stand elsewhere
         sample_rate_hz=next(iter(rates.values())),
-        n_samples=max(_length(stem) for stem in transmit.values()),
+        n_samples=max(map(len, stored.values())),
         chunk_samples=chunk_samples,
         noise_power=noise_power,
         seed=seed,
@@ -152,7 +158,7 @@ def _job(scenario, transmit, folder, receivers, chunk_samples, noise_power, seed
 
 def _fingerprint(job: BatchJob) -> dict:
     """What a half-done run must share with this one to be gone on with."""
-    files = {node: [stem, recording.data_path(stem).stat().st_mtime_ns] for node, stem in job.transmit.items()}
+    files = {node: [str(stored.path), stored.path.stat().st_mtime_ns, len(stored)] for node, stored in job.transmit.items()}
     plan = scenario_digest(job.scenario)
     fixed = job.fixed_point and asdict(job.fixed_point)
     return {
@@ -178,26 +184,35 @@ def scenario_digest(scenario: Scenario) -> str:
 
 def _prepare(job: BatchJob) -> list[int]:
     """Make or take up the folder of parts; the chunks that are still to do."""
-    work = Path(job.folder) / ".batch"
-    plan = work / "plan.json"
+    goes_on = job.plan.exists()
+    if goes_on and json.loads(job.plan.read_text()) != _fingerprint(job):
+        raise CastError(f"{job.work}: holds a run with other inputs; remove it, or choose another folder")
+    if not goes_on:
+        shutil.rmtree(job.work, ignore_errors=True)  # without a plan nobody knows of what run its marks are
     for receiver in job.receivers:
-        if recording.meta_path(Path(job.folder) / receiver).exists():
-            raise CastError(f"{Path(job.folder) / receiver}: a recording of that name exists; nothing is overwritten")
-    if plan.exists() and json.loads(plan.read_text()) != _fingerprint(job):
-        raise CastError(f"{work}: holds a run with other inputs; remove it, or choose another folder")
-    if not plan.exists():
-        work.mkdir(parents=True, exist_ok=True)
+        stem = Path(job.folder) / receiver
+        is_own = goes_on and not job.part(receiver).exists()
+        if not is_own and (recording.meta_path(stem).exists() or recording.data_path(stem).exists()):
+            raise CastError(f"{stem}: a recording of that name exists; nothing is overwritten")
+    if not goes_on:
+        job.work.mkdir()
         for receiver in job.receivers:
             with open(job.part(receiver), "wb") as file:
                 file.truncate(job.n_samples * _ITEM.itemsize)
-        write_json(plan, _fingerprint(job))
+        write_json(job.plan, _fingerprint(job))
+    if not all(job.part(receiver).exists() for receiver in job.receivers):
+        return []  # it was being sealed, so all of it is done
     return [chunk for chunk in range(job.n_chunks) if not job.mark(chunk).exists()]
 
 
 def _seal(job: BatchJob, receiver: str) -> None:
+    """The part of a receiver as a recording; again where a killed run had got no further than half of it."""
     stem = Path(job.folder) / receiver
-    checksum = recording.sha512_of(job.part(receiver))
-    os.replace(job.part(receiver), recording.data_path(stem))
+    if job.part(receiver).exists():
+        os.replace(job.part(receiver), recording.data_path(stem))
+    if recording.meta_path(stem).exists():
+        return
+    checksum = recording.sha512_of(recording.data_path(stem))
     fields = {
         "core:sha512": checksum,
         "cast:receiver": receiver,

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A batch that is killed anywhere ends, run again, in the same samples to the last bit, and never in another run's."""
+
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gr_cast import scenario as sc
+from gr_cast.blocks import batch
+from gr_cast.core.errors import CastError
+from gr_cast.core.files import locked
+from gr_cast.signals import recording
+
+RATE_HZ = 1e6
+SCENARIO = "cast_scenario: 1\nnodes: [a, b]\nlinks:\n  - {tx: a, rx: b, taps: [{delay_s: 3.0e-6, gain_db: -3}]}\n"
+
+
+class Killed(BaseException):
+    pass
+
+
+@pytest.fixture
+def job(tmp_path):
+    """run(folder, **changes): the batch of one recording through a scenario."""
+    (tmp_path / "s.yaml").write_text(SCENARIO)
+    rng = np.random.default_rng(3)
+    recording.write(tmp_path / "x", (rng.normal(size=(5000, 2)) @ [1, 1j]).astype(np.complex64), sample_rate_hz=RATE_HZ)
+    scenario = sc.load(tmp_path / "s.yaml")
+    told = {"chunk_samples": 1700, "noise_power": 0.1, "seed": 5}
+    return lambda folder, **more: batch.run_batch(scenario, {"a": str(tmp_path / "x")}, folder, **told | more)
+
+
+def samples(folder):
+    return [recording.read(folder / node).samples.tobytes() for node in "ab"]
+
+
+def killed_at(monkeypatch, step: int) -> None:
+    """Have the process die before its `step`-th change of the file system."""
+    count = [0]
+
+    def dying(module, name):
+        real = getattr(module, name)
+
+        def call(*arguments, **more):
+            count[0] += 1
+            if count[0] == step:
+                raise Killed
+            return real(*arguments, **more)
+
+        monkeypatch.setattr(module, name, call)
+
+    for module, names in ((os, ["replace", "fsync"]), (Path, ["unlink", "touch", "mkdir", "rmdir"]), (shutil, ["rmtree"])):
+        for name in names:
+            dying(module, name)
+
+
+def test_a_run_that_dies_at_any_step_ends_bit_identical_when_run_again(job, tmp_path, monkeypatch):
+    job(tmp_path / "whole")
+    for step in range(1, 60):
+        folder = tmp_path / f"killed-{step}"
+        try:
+            with monkeypatch.context() as patch:
+                killed_at(patch, step)
+                job(folder)
+            died = False
+        except Killed:
+            died = True
+            if not (folder / ".batch" / "plan.json").exists() and (folder / "b.sigmf-meta").exists():
+                with pytest.raises(CastError, match="exists"):
+                    job(folder)
+            else:
+                job(folder)
+        assert samples(folder) == samples(tmp_path / "whole"), step
+        assert {path.name for path in folder.iterdir()} == {f"{n}.sigmf-{kind}" for n in "ab" for kind in ("data", "meta")}
+        if not died:
+            break
+    assert step > 15 and not died
+
+
+def test_what_a_killed_run_leaves_never_ends_in_another_runs_recordings(job, tmp_path, monkeypatch):
+    job(tmp_path / "other", seed=6)
+    for step in range(1, 60):
+        folder = tmp_path / f"killed-{step}"
+        try:
+            with monkeypatch.context() as patch:
+                killed_at(patch, step)
+                job(folder)
+            break
+        except Killed:
+            try:
+                job(folder, seed=6)
+                assert samples(folder) == samples(tmp_path / "other"), step
+            except CastError as refused:
+                assert "other inputs" in str(refused) or "exists" in str(refused)
+
+
+def test_two_runs_in_one_folder_do_not_meet(job, tmp_path):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    with locked(folder), pytest.raises(CastError, match="another run is at work"):
+        job(folder)
+    job(folder)
+
+
+def test_an_input_is_read_once_to_be_checked(job, tmp_path, monkeypatch):
+    hashed, real = [], recording.sha512_of
+    monkeypatch.setattr(recording, "sha512_of", lambda path: hashed.append(Path(path).name) or real(path))
+    job(tmp_path / "out", chunk_samples=100)
+    assert hashed.count("x.sigmf-data") == 1
