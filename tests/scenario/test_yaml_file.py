@@ -4,6 +4,7 @@ import math
 import numpy as np
 import pytest
 from gr_cast import scenario as sc
+from gr_cast.core.documents import Reader
 from gr_cast.core.errors import CastError
 from gr_cast.scenario import yaml_file
 from hypothesis import given, settings
@@ -139,7 +140,7 @@ VALUES = st.recursive(
 @settings(max_examples=1500, deadline=None)
 @given(st.dictionaries(st.sampled_from(sorted(yaml_file.KEYS)), VALUES, max_size=8))
 def test_any_mapping_is_read_or_refused_but_never_crashes(monkeypatch_module, document):
-    monkeypatch_module.setattr(yaml_file, "parse_text", lambda path: {"cast_scenario": 1} | document)
+    monkeypatch_module.setattr(yaml_file, "yaml_file", lambda path: Reader(str(path), {"cast_scenario": 1} | document))
     try:
         yaml_file.read("fuzz.yaml")
     except CastError as error:

@@ -1,13 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The one error that a user can cause: it says what, got, limit, unit and where."""
 
+MOST_FAULTS = 1000  # of one input, told one by one: who has more mends these first
+
 
 class CastError(Exception):
     """Bad input, refused. `faults` holds one line each, all faults of an input at once."""
 
     def __init__(self, *faults: str):
-        self.faults = faults
-        super().__init__("\n".join(faults))
+        self.faults = tuple(_one_line(fault) for fault in faults)
+        super().__init__("\n".join(self.faults))
+
+
+def _one_line(text: str) -> str:
+    """Text that a terminal can show on one line, whatever names of files and keys are in it."""
+    return text if text.isprintable() else "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 class Faults:
@@ -16,13 +23,17 @@ class Faults:
     def __init__(self, where: str):
         self.where = where
         self._lines: list[str] = []
+        self._more = 0
 
     def add(self, place: str, message: str) -> None:
-        self._lines.append(f"{self.where}: {place}: {message}" if place else f"{self.where}: {message}")
+        if len(self._lines) < MOST_FAULTS:
+            self._lines.append(f"{self.where}: {place}: {message}" if place else f"{self.where}: {message}")
+        else:
+            self._more += 1
 
     def __bool__(self) -> bool:
         return bool(self._lines)
 
     def raise_if_any(self) -> None:
         if self._lines:
-            raise CastError(*self._lines)
+            raise CastError(*self._lines, *([f"{self.where}: and {self._more} more faults"] if self._more else []))

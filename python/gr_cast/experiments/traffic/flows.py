@@ -5,10 +5,8 @@ import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
-from ...core.errors import CastError, Faults
-from ...scenario.yaml_file import Reader, parse_text
+from ...core.documents import Reader, short, yaml_file
+from ...core.errors import CastError
 
 VERSION = 1
 PATTERNS = ("poisson", "periodic", "burst")
@@ -61,11 +59,10 @@ def read(name_or_path: str | Path) -> Traffic:
     shipped = examples_folder() / f"{name_or_path}.yaml"
     if not path.suffix and shipped.is_file():
         path = shipped
-    document, faults = parse_text(path), Faults(str(path))
-    get = Reader(faults)
-    get.known(document, _KEYS, "")
-    if document.get("cast_traffic") != VERSION:
-        faults.add("cast_traffic", f"got {document.get('cast_traffic')!r}, needs {VERSION}: the version of this format")
+    get = yaml_file(path)
+    document, faults = get.document, get.faults
+    get.keys(document, "", _KEYS)
+    get.version("cast_traffic", VERSION)
     duration_s = get.number(document.get("duration_s"), "duration_s", "s", 0.1, 86400)
     entries = get.sequence(document.get("flows"), "flows")
     flows = [_flow(entry, index, duration_s, get) for index, entry in enumerate(entries)]
@@ -80,21 +77,16 @@ def read(name_or_path: str | Path) -> Traffic:
 
 def _flow(entry, index: int, duration_s: float, get: Reader) -> Flow:
     place = f"flows[{index}]"
-    entry = get.mapping(entry, place)
-    get.known(entry, _FLOW_KEYS, place)
+    entry = get.keys(entry, place, _FLOW_KEYS)
     source, destination = (_node(entry.get(key), f"{place}.{key}", get) for key in ("from", "to"))
     if source == destination:
         get.faults.add(place, f"goes from {source!r} to itself")
-    pattern = entry.get("pattern")
-    if pattern not in PATTERNS:
-        get.faults.add(f"{place}.pattern", f"got {pattern!r}, needs one of {', '.join(PATTERNS)}")
+    pattern = get.choice(entry.get("pattern"), f"{place}.pattern", PATTERNS)
     start_s = get.number(entry.get("start_s", 0.0), f"{place}.start_s", "s", 0.0, duration_s)
     stop_s = get.number(entry.get("stop_s", duration_s), f"{place}.stop_s", "s", 0.0, duration_s)
     if stop_s <= start_s:
         get.faults.add(place, f"stops at {stop_s} s, needs to be after its start at {start_s} s")
-    size_bytes = get.number(entry.get("size_bytes"), f"{place}.size_bytes", "bytes", *SIZE_LIMITS)
-    if size_bytes == size_bytes and size_bytes % 1:
-        get.faults.add(f"{place}.size_bytes", f"got {size_bytes}, needs whole bytes")
+    size_bytes = get.whole(entry.get("size_bytes"), f"{place}.size_bytes", "bytes", *SIZE_LIMITS)
     values = dict(
         rate_pps=get.number(entry.get("rate_pps"), f"{place}.rate_pps", "packets/s", 1e-3, 1e6), start_s=start_s, stop_s=stop_s
     )
@@ -105,17 +97,17 @@ def _flow(entry, index: int, duration_s: float, get: Reader) -> Flow:
             get.faults.add(f"{place}.{key}", "belongs to bursts only")
     if values.get("length_s", 0.0) > values.get("every_s", 0.0):
         get.faults.add(place, f"bursts of {values['length_s']} s every {values['every_s']} s overlap")
-    name = str(entry.get("name", f"{source}>{destination} {pattern} {index + 1}"))
+    name = get.text(entry.get("name", f"{source}>{destination} {pattern} {index + 1}"), f"{place}.name")
     return Flow(
         number=index + 1, name=name, source=source, destination=destination, pattern=pattern,
-        size_bytes=int(np.nan_to_num(size_bytes)), **values,
+        size_bytes=size_bytes, **values,
     )  # fmt: skip
 
 
 def _node(value, place: str, get: Reader) -> str:
-    text = str(value)
-    if value is None or isinstance(value, bool) or not re.fullmatch(r"[A-Za-z0-9_-]{1,32}", text):
-        get.faults.add(place, f"got {value!r}, needs a node's name: letters, digits, _ and -")
+    text = get.text(value, place)
+    if text and not re.fullmatch(r"[A-Za-z0-9_-]{1,32}", text):
+        get.faults.add(place, f"got {short(value)}, needs a node's name: letters, digits, _ and -, at most 32")
     return text
 
 

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.errors import CastError, Faults
-from ..yaml_file import Reader, parse_text
+from ...core.documents import Reader, yaml_file
+from ...core.errors import CastError
+from ..model import MAX_NODES
 from .nodes import Node
 
 VERSION = 1
@@ -54,18 +55,16 @@ class Spec:
 def read(path: str | Path) -> Spec:
     """Read a SPEC; CastError names file, place, value and limit of every fault at once."""
     path = Path(path)
-    document = parse_text(path)
-    faults = Faults(str(path))
-    get = Reader(faults)
-    get.known(document, _KEYS, "")
-    if document.get("cast_create") != VERSION:
-        faults.add("cast_create", f"got {document.get('cast_create')!r}, needs {VERSION}: the version of this format")
+    get = yaml_file(path)
+    document, faults = get.document, get.faults
+    get.keys(document, "", _KEYS)
+    get.version("cast_create", VERSION)
     name = get.text(document.get("id", path.stem), "id")
     if name and not re.fullmatch(r"[A-Za-z0-9_-]{1,64}", name):
         faults.add("id", f"got {name!r}, needs letters, digits, _ and - (at most 64)")
     values = _environment(document, get) | _model(document, get, path) | _sampling(document, get) | _approximation(document, get)
     rules = get.mapping(document.get("materials"), "materials")
-    materials = {str(key): get.text(value, f"materials.{key}") for key, value in rules.items()}
+    materials = {key: get.text(value, f"materials.{key}") for key, value in rules.items()}
     nodes = _nodes(document, get)
     if len({node.name for node in nodes}) != len(nodes):
         faults.add("nodes", "the same node is named twice")
@@ -81,9 +80,7 @@ def read(path: str | Path) -> Spec:
 
 
 def _section(document: dict, get: Reader, name: str, keys: set[str]) -> dict:
-    section = get.mapping(document.get(name, {}), name)
-    get.known(section, keys, name)
-    return section
+    return get.keys(document.get(name, {}), name, keys)
 
 
 def _environment(document: dict, get: Reader) -> dict:
@@ -128,12 +125,9 @@ def _sampling(document: dict, get: Reader) -> dict:
             out[key] = get.number(section[key], where + key, unit, low, high)
     for key, low, high in (("max_depth", 0, 10), ("rays", 1000, 10**8), ("check_instants", 0, 1000)):
         if key in section:
-            number = get.number(section[key], where + key, "whole steps", low, high)
-            out[key] = int(number) if number == number else low
+            out[key] = get.whole(section[key], where + key, "steps", low, high)
     if "refraction" in section:
-        if not isinstance(section["refraction"], bool):
-            get.faults.add(where + "refraction", f"got {section['refraction']!r}, needs true or false")
-        out["refraction"] = section["refraction"]
+        out["refraction"] = get.truth(section["refraction"], where + "refraction")
     return out
 
 
@@ -141,9 +135,7 @@ def _approximation(document: dict, get: Reader) -> dict:
     section = _section(document, get, "approximation", {"method", "update_s", "hold_s", "dynamic_range_db"})
     out = {}
     if "method" in section:
-        out["method"] = section["method"]
-        if section["method"] not in METHODS:
-            get.faults.add("approximation.method", f"got {section['method']!r}, needs one of {', '.join(METHODS)}")
+        out["method"] = get.choice(section["method"], "approximation.method", METHODS)
     for key, unit, low, high in (
         ("update_s", "s", 1e-3, 1.0),
         ("hold_s", "s", 1e-3, 3600),
@@ -176,20 +168,21 @@ def _nodes(document: dict, get: Reader) -> list[Node]:
     nodes = []
     for index, grid in enumerate(get.sequence(document.get("node_grids", []), "node_grids")):
         place = f"node_grids[{index}]"
-        grid = get.mapping(grid, place)
-        get.known(grid, _GRID_KEYS, place)
+        grid = get.keys(grid, place, _GRID_KEYS)
         origin = _numbers(grid.get("origin_m"), f"{place}.origin_m", 3, get)
         spacing = _numbers(grid.get("spacing_m"), f"{place}.spacing_m", 2, get)
         counts = [int(c) if c == c and 1 <= c <= 256 else 0 for c in _numbers(grid.get("count"), f"{place}.count", 2, get)]
-        prefix = get.text(grid.get("prefix", "n"), f"{place}.prefix")
+        if len(nodes) + counts[0] * counts[1] > MAX_NODES:
+            get.faults.add(f"{place}.count", f"got more than {MAX_NODES} nodes in all, limit {MAX_NODES}")
+            continue
+        prefix = get.name(grid.get("prefix", "n"), f"{place}.prefix")
         for number in range(counts[0] * counts[1]):
             row, column = divmod(number, max(counts[0], 1))
             at = np.array(origin) + [column * spacing[0], row * spacing[1], 0]
             _add(nodes, get, f"{prefix}{number + 1}", dict(waypoints_m=[at]), _equipment(grid, place, get))
     for name, entry in get.mapping(document.get("nodes", {}), "nodes").items():
         place = f"nodes.{name}"
-        entry = get.mapping(entry, place)
-        get.known(entry, _NODE_KEYS, place)
+        entry = get.keys(entry, place, _NODE_KEYS)
         if ("position_m" in entry) == ("waypoints_m" in entry):
             get.faults.add(place, "needs position_m, or waypoints_m with speed_m_per_s")
             continue
@@ -200,7 +193,7 @@ def _nodes(document: dict, get: Reader) -> list[Node]:
             track = dict(waypoints_m=[_numbers(point, f"{place}.waypoints_m", 3, get) for point in points] or [[0, 0, 0]])
         if "speed_m_per_s" in entry:
             track["speed_m_per_s"] = get.number(entry["speed_m_per_s"], f"{place}.speed_m_per_s", "m/s", 0, 1e4)
-        _add(nodes, get, get.text(name, place), track, _equipment(entry, place, get))
+        _add(nodes, get, get.name(name, place), track, _equipment(entry, place, get))
     return nodes
 
 
