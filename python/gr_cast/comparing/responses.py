@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Compare two channel impulse responses: tap by tap, and by delay spread, K-factor and path gain."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,8 +8,11 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from .. import __version__
+from ..core.documents import json_file
 from ..core.errors import CastError
 from ..core.units import amplitude_from_db, db_from_power, power_from_db
+
+MAX_DELAY_S, MAX_GAIN_DB = 1e6, 1e3  # beyond any radio, and powers are still numbers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,16 +67,20 @@ def from_sounding(path: Path) -> Response | None:
     if path.suffix != ".json":
         return None
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (FileNotFoundError, UnicodeDecodeError, json.JSONDecodeError, RecursionError):
+        get = json_file(path)
+    except CastError:
+        return None  # a series perhaps, which says what is wrong with it
+    if "cast_sounding" not in get.document:
         return None
-    if not isinstance(document, dict) or "cast_sounding" not in document:
-        return None
-    try:
-        taps = [(float(tap["delay_s"]), float(tap["gain_db"])) for tap in document["taps"]]
-    except (KeyError, TypeError, ValueError):
-        raise CastError(f"{path}: taps: needs a list of delay_s and gain_db") from None
-    return Response(name=str(path), delay_s=[tap[0] for tap in taps], gain_db=[tap[1] for tap in taps])
+    get.version("cast_sounding", 1)
+    taps = get.sequence(get.document.get("taps"), "taps")
+    taps = [get.mapping(tap, f"taps[{k}]") for k, tap in enumerate(taps)]
+    columns = {
+        key: [get.number(tap.get(key), f"taps[{k}].{key}", unit, -limit, limit) for k, tap in enumerate(taps)]
+        for key, unit, limit in (("delay_s", "s", MAX_DELAY_S), ("gain_db", "dB", MAX_GAIN_DB))
+    }
+    get.faults.raise_if_any()
+    return Response(name=str(path), **columns)
 
 
 def compare_responses(a: Response, b: Response, tolerance_s: float) -> ResponseComparison:

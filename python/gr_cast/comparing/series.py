@@ -3,15 +3,16 @@
 
 import csv
 import io
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from ..core.errors import CastError
+from ..core.documents import is_number, json_file, read_text, short
+from ..core.errors import CastError, Faults
 from ..core.files import write_text
 
+MAX_STEPS = 10_000_000  # of a series cut into steps
 STEP_TOLERANCE = 0.01  # share of the mean step by which a time may be off its place in a uniform series
 
 
@@ -60,6 +61,8 @@ def resampled(series: Series, step_s: float) -> Series:
     known = ~np.isnan(series.value)
     if not known.any():
         raise CastError(f"{series.name}: holds no measured value")
+    if (series.time_s[-1] - series.time_s[0]) / step_s > MAX_STEPS:
+        raise CastError(f"{series.name}: step: got {step_s} s, limit {MAX_STEPS} steps over the series")
     place = np.floor((series.time_s - series.time_s[0]) / step_s + 1e-9).astype(int)
     count = np.bincount(place[known], minlength=place[-1] + 1)
     total = np.bincount(place[known], series.value[known], minlength=place[-1] + 1)
@@ -74,10 +77,10 @@ def read(path: str | Path, column: str = "value") -> Series:
     readers = {".csv": _csv_columns, ".json": _json_columns, ".parquet": _parquet_columns}
     if path.suffix not in readers:
         raise CastError(f"{path}: got suffix {path.suffix!r}, needs one of {', '.join(readers)}")
-    columns = readers[path.suffix](path)
+    has, columns = readers[path.suffix](path, ("time_s", column))
     missing = [name for name in ("time_s", column) if name not in columns]
     if missing:
-        raise CastError(f"{path}: no column {' and '.join(missing)}; has {', '.join(columns) or 'none'}")
+        raise CastError(f"{path}: no column {' and '.join(missing)}; has {short(', '.join(has) or 'none')}")
     numbers = {name: _numbers(path, name, columns[name]) for name in ("time_s", column)}
     return Series(name=str(path), time_s=numbers["time_s"], value=numbers[column])
 
@@ -94,27 +97,29 @@ def write_csv(path: str | Path, columns: dict) -> None:
 
 def _numbers(path: Path, name: str, values) -> np.ndarray:
     """Floats of a column; an empty cell or null is NaN."""
-    out = np.empty(len(values))
+    faults, out = Faults(str(path)), np.full(len(values), np.nan)
     for row, value in enumerate(values):
-        try:
-            out[row] = np.nan if value is None or value == "" else float(value)
-        except (TypeError, ValueError):
-            raise CastError(f"{path}: row {row + 1}: {name}: got {value!r}, needs a number") from None
+        if value is None or is_number(value):
+            out[row] = np.nan if value is None else value
+        else:
+            faults.add(f"row {row + 1}: {name}", f"got {short(value)}, needs a number")
+    faults.raise_if_any()
     return out
 
 
-def _text(path: Path) -> str:
+def _cell(text: str):
+    """What a cell of a CSV file says: a number, nothing, or its text."""
+    text = text.strip()
     try:
-        return path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise CastError(f"{path}: no such file") from None
-    except UnicodeDecodeError as error:
-        raise CastError(f"{path}: not UTF-8 text: {error.reason} at byte {error.start}") from None
+        return float(text) if text else None
+    except ValueError:
+        return text
 
 
-def _csv_columns(path: Path) -> dict[str, list]:
+def _csv_columns(path: Path, wanted: tuple[str, ...]) -> tuple[list, dict[str, list]]:
+    """The names of all columns, and those `wanted`."""
     try:
-        rows = [row for row in csv.reader(io.StringIO(_text(path)), skipinitialspace=True) if row]
+        rows = [row for row in csv.reader(io.StringIO(read_text(path)), skipinitialspace=True) if row]
     except csv.Error as error:
         raise CastError(f"{path}: not CSV: {error}") from None
     if not rows:
@@ -123,28 +128,32 @@ def _csv_columns(path: Path) -> dict[str, list]:
     for number, row in enumerate(rows[1:], 1):
         if len(row) != len(head):
             raise CastError(f"{path}: row {number}: got {len(row)} cells, the header has {len(head)}")
-    return {name: [row[k].strip() for row in rows[1:]] for k, name in enumerate(head)}
+    for name in wanted:
+        if head.count(name) > 1:
+            raise CastError(f"{path}: two columns are named {name}")
+    return head, {name: [_cell(row[head.index(name)]) for row in rows[1:]] for name in wanted if name in head}
 
 
-def _json_columns(path: Path) -> dict[str, list]:
-    try:
-        document = json.loads(_text(path))
-    except (json.JSONDecodeError, RecursionError) as error:
-        raise CastError(f"{path}: not JSON: {error}") from None
+def _json_columns(path: Path, wanted: tuple[str, ...]) -> tuple[list, dict[str, list]]:
+    get = json_file(path, kind=(dict, list))
+    get.faults.raise_if_any()
+    document = get.document
     if isinstance(document, list) and document and all(isinstance(row, dict) for row in document):
-        return {name: [row.get(name) for row in document] for name in document[0]}
+        return list(document[0]), {name: [row.get(name) for row in document] for name in wanted if name in document[0]}
     if isinstance(document, dict):
-        return {name: value for name, value in document.items() if isinstance(value, list)}
+        has = [name for name, value in document.items() if isinstance(value, list)]
+        return has, {name: document[name] for name in wanted if name in has}
     raise CastError(f'{path}: needs {{"time_s": […], "value": […]}} or a list of such objects')
 
 
-def _parquet_columns(path: Path) -> dict[str, list]:
+def _parquet_columns(path: Path, wanted: tuple[str, ...]) -> tuple[list, dict[str, list]]:
     try:
         from pyarrow import ArrowException, parquet
     except ImportError as error:
         raise CastError(f"{path}: Parquet needs pyarrow, beside NumPy 1 'pyarrow<19' ({error}); or convert to CSV") from None
     try:
-        return parquet.read_table(path).to_pydict()
+        has = parquet.read_schema(path).names
+        return has, parquet.read_table(path, columns=[name for name in wanted if name in has]).to_pydict()
     except FileNotFoundError:
         raise CastError(f"{path}: no such file") from None
     except ArrowException as error:

@@ -50,8 +50,8 @@ def short(value) -> str:
     return text if len(text) < 60 else text[:57] + "..."
 
 
-def read_text(path: str | Path, *, missing: str = "", limit: int = MAX_BYTES) -> str:
-    """The text of a file, UTF-8, of at most `limit` bytes; `missing` goes on where the message of a missing file ends."""
+def read_bytes(path: str | Path, *, missing: str = "", limit: int = MAX_BYTES) -> bytes:
+    """A file of at most `limit` bytes; `missing` goes on where the message of a missing file ends."""
     try:
         with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:  # a FIFO would wait
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
@@ -63,6 +63,12 @@ def read_text(path: str | Path, *, missing: str = "", limit: int = MAX_BYTES) ->
         raise CastError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     if len(data) > limit:
         raise CastError(f"{path}: got more than {limit} bytes, limit {limit} bytes")
+    return data
+
+
+def read_text(path: str | Path, *, missing: str = "", limit: int = MAX_BYTES) -> str:
+    """`read_bytes` as text, UTF-8."""
+    data = read_bytes(path, missing=missing, limit=limit)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -6,13 +6,13 @@ the transmitter in its row. Two forms: a cell array N x N x T of structs with de
 without mobility, an N x N matrix of path gains in dB, which the hardware plays as one tap at 1 ns.
 """
 
-import json
 import re
 from pathlib import Path
 
 import numpy as np
 import scipy.io
 
+from ..core.documents import Reader, json_file, short
 from ..core.errors import CastError, Faults
 from ..core.files import write_json, written_aside
 from ..core.units import amplitude_from_db, db_from_amplitude
@@ -24,7 +24,7 @@ MIN_GAIN_DB, MAX_GAIN_DB = -43.0, 0.0
 DEFAULT_DELAY_S = 1e-9  # of a tap that a file leaves alone, and of the static form
 UPDATE_MS = 1
 MAX_SRN = 128
-MAX_CELLS = 2_000_000  # a minute to write, some hundred megabytes
+MAX_CELLS = 1_000_000  # half a minute to write, some hundred megabytes
 _ROOM_DB, _ROOM_S = 1e-6, 5e-13  # for decimal limits that binary numbers cannot hold
 
 
@@ -266,16 +266,11 @@ def _instants(scenario: Scenario, faults: Faults) -> tuple[np.ndarray, np.ndarra
     ) + 1e-9  # a hair later, so that rounding never holds the instant before
 
 
-def _read_json(path: Path) -> dict:
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise CastError(f"{path}: no such file") from None
-    except (ValueError, RecursionError) as error:
-        raise CastError(f"{path}: not JSON: {error}") from None
-    if not isinstance(document, dict) or not document:
-        raise CastError(f"{path}: needs a JSON object with at least one node")
-    return document
+def _map_of_nodes(path: str | Path) -> Reader:
+    get = json_file(path)
+    if not get.document:
+        get.faults.add("", "needs a JSON object with at least one node")
+    return get
 
 
 def _is_number_to(value, high: int) -> bool:
@@ -287,20 +282,20 @@ def read_radio_map(path: str | Path) -> dict[str, dict[str, int] | None]:
 
     The file: {"Node 1": {"SRN": 1, "RadioA": 1, "RadioB": 2}, "Node 5": "None"}. CastError with every fault.
     """
-    path = Path(path)
-    faults, radios, taken = Faults(str(path)), {}, {}
-    for name, entry in _read_json(path).items():
+    get = _map_of_nodes(path)
+    faults, radios, taken = get.faults, {}, {}
+    for name, entry in get.document.items():
         match = re.fullmatch(r"Node ([1-9][0-9]{0,3})", name)
         if not match:
             faults.add(name, 'needs the form "Node 1"')
         elif entry == "None":
             radios[match[1]] = None
         elif not isinstance(entry, dict) or set(entry) != {"SRN", "RadioA", "RadioB"}:
-            faults.add(name, f'got {entry!r}, needs SRN, RadioA and RadioB, or "None"')
+            faults.add(name, f'got {short(entry)}, needs SRN, RadioA and RadioB, or "None"')
         elif not (
             _is_number_to(entry["SRN"], MAX_SRN) and all(_is_number_to(entry[end], 2 * MAX_SRN) for end in ("RadioA", "RadioB"))
         ):
-            faults.add(name, f"got {entry!r}, needs whole numbers: SRN 1 to {MAX_SRN}, radios 1 to {2 * MAX_SRN}")
+            faults.add(name, f"got {short(entry)}, needs whole numbers: SRN 1 to {MAX_SRN}, radios 1 to {2 * MAX_SRN}")
         elif entry["SRN"] in taken:
             faults.add(name, f"SRN {entry['SRN']} serves {taken[entry['SRN']]} already")
         else:
@@ -316,14 +311,13 @@ def write_radio_map(path: str | Path, radios: dict[str, dict[str, int] | None]) 
 
 def read_node_map(path: str | Path) -> dict[str, int]:
     """A node map, {"1": 1, "2": 45}: scenario node to SRN, each SRN once. CastError with every fault."""
-    path = Path(path)
-    faults, taken = Faults(str(path)), {}
-    document = _read_json(path)
+    get = _map_of_nodes(path)
+    faults, document, taken = get.faults, get.document, {}
     for node, srn in document.items():
         if not re.fullmatch(r"[1-9][0-9]{0,3}", node):
             faults.add(node, "needs a node number from 1")
         if not _is_number_to(srn, MAX_SRN):
-            faults.add(node, f"got {srn!r}, needs an SRN from 1 to {MAX_SRN}")
+            faults.add(node, f"got {short(srn)}, needs an SRN from 1 to {MAX_SRN}")
         elif srn in taken:
             faults.add(node, f"SRN {srn} serves node {taken[srn]} already")
         else:

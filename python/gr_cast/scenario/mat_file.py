@@ -9,10 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.documents import read_bytes
 from ..core.errors import CastError
 
 _HEADER_BYTES = 128
-_MAX_BYTES = 1 << 31  # of one variable, unpacked
+_MAX_BYTES = 320 << 20  # of all variables, unpacked: a million cells, which take another 700 MB as Python's
+_MAX_NUMBERS = 8_000_000  # of one array
+_MAX_NAMES = 1 << 16  # characters of a struct's names
 _MAX_DEPTH = 8
 _MATRIX, _COMPRESSED = 14, 15
 _CELL, _STRUCT, _NUMBERS = 1, 2, range(6, 16)
@@ -32,10 +35,7 @@ def read(path: str | Path) -> dict:
     Raises CastError for a missing file, another format, or damage.
     """
     path = Path(path)
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise CastError(f"{path}: no such file") from None
+    data = read_bytes(path, limit=_MAX_BYTES)
     if data.startswith((b"\x89HDF\r\n\x1a\n", b"MATLAB 7")):
         raise CastError(f"{path}: is a MATLAB 7.3 (HDF5) file, needs level 5: save with -v7")
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
@@ -48,20 +48,22 @@ def read(path: str | Path) -> dict:
 
 
 def _variables(data: bytes, order: str):
-    for kind, content in _elements(data, order):
+    room = _MAX_BYTES
+    for kind, content in _elements(memoryview(data), order):
         if kind == _COMPRESSED:
             unpacker = zlib.decompressobj()
-            content = unpacker.decompress(content, _MAX_BYTES)
+            content = unpacker.decompress(content, room)
+            room -= len(content)
             if not unpacker.eof:
-                raise _Damaged("a compressed variable ends early")
-            kind, content = next(_elements(content, order), (None, b""))
+                raise _Damaged("a compressed variable ends early" if room else f"more than {_MAX_BYTES} bytes, unpacked")
+            kind, content = next(_elements(memoryview(content), order), (None, b""))
         if kind != _MATRIX:
             raise _Damaged(f"got element type {kind}, needs a variable")
         name, value = _matrix(content, order, 0)
         yield name, value
 
 
-def _elements(data: bytes, order: str):
+def _elements(data: memoryview, order: str):
     """(type, content) of each element in turn; content lies at 8-byte steps, four bytes or less inside the tag."""
     at = 0
     while at < len(data):
@@ -81,14 +83,14 @@ def _elements(data: bytes, order: str):
         at += step
 
 
-def _matrix(data: bytes, order: str, depth: int):
+def _matrix(data: memoryview, order: str, depth: int):
     """(name, value) of one array element."""
     if not data:
         return "", np.zeros((0, 0))
     if depth > _MAX_DEPTH:
         raise _Damaged(f"nested deeper than {_MAX_DEPTH}")
     parts = _elements(data, order)
-    flags, shape = _integers(parts, order), _integers(parts, order)
+    flags, shape = _integers(parts, order, 8), _integers(parts, order, 8)
     name = _text(parts, order)
     if flags.size < 1 or shape.size < 2 or (shape < 0).any():
         raise _Damaged("an array has no class or shape")
@@ -113,7 +115,7 @@ def _matrix(data: bytes, order: str, depth: int):
             value[index] = item
         return name, value.reshape(shape, order="F")
     if kind == _STRUCT and count == 1:
-        width, names = _integers(parts, order), _text(parts, order)
+        width, names = _integers(parts, order, 8), _text(parts, order)
         if width.size != 1 or width[0] < 1:
             raise _Damaged("a struct has no length of names")
         fields = [names[at : at + width[0]].split("\0")[0] for at in range(0, len(names), width[0])]
@@ -124,21 +126,23 @@ def _matrix(data: bytes, order: str, depth: int):
     return name, None
 
 
-def _content(part: tuple[int, bytes]) -> bytes:
+def _content(part: tuple[int, memoryview]) -> memoryview:
     if part[0] != _MATRIX:
         raise _Damaged(f"got element type {part[0]}, needs an array")
     return part[1]
 
 
-def _integers(parts, order: str) -> np.ndarray:
+def _integers(parts, order: str, most: int) -> np.ndarray:
     numbers = _numbers(parts, order)
+    if numbers.size > most:
+        raise _Damaged(f"got {numbers.size} numbers where {most} are the most")
     if numbers.dtype.kind == "f":
         raise _Damaged("got fractions where whole numbers belong")
     return numbers.astype(np.int64)
 
 
 def _text(parts, order: str) -> str:
-    return (_integers(parts, order) & 0xFF).astype(np.uint8).tobytes().decode("latin-1")
+    return (_integers(parts, order, _MAX_NAMES) & 0xFF).astype(np.uint8).tobytes().decode("latin-1")
 
 
 def _numbers(parts, order: str) -> np.ndarray:
@@ -148,4 +152,6 @@ def _numbers(parts, order: str) -> np.ndarray:
     item = np.dtype(order + _TYPES[kind])
     if len(content) % item.itemsize:
         raise _Damaged(f"{len(content)} bytes are not whole numbers of {item.itemsize} bytes")
-    return np.frombuffer(content, item)
+    if len(content) // item.itemsize > _MAX_NUMBERS:
+        raise _Damaged(f"got {len(content) // item.itemsize} numbers, limit {_MAX_NUMBERS}")
+    return np.frombuffer(bytes(content), item)

@@ -1,17 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Base loss per link, measured once in a 0 dB scenario, kept by name and version, and applied later."""
 
-import json
 import math
 import os
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..core.errors import CastError, Faults
-from ..core.files import write_json
-
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+from ..core.documents import json_file
+from ..core.errors import CastError
+from ..core.files import NAME_RULE, is_name, write_json
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,8 +35,8 @@ def store_folder() -> Path:
 
 def save(calibration: Calibration, about: dict) -> Path:
     """Store as the next version of its name; no version is ever overwritten. Returns the file."""
-    if not _NAME.fullmatch(calibration.name):
-        raise CastError(f"calibration name: got {calibration.name!r}, needs letters, digits, '.', '_' or '-'")
+    if not is_name(calibration.name):
+        raise CastError(f"calibration name: got {calibration.name!r}, needs {NAME_RULE}")
     folder = store_folder() / calibration.name
     folder.mkdir(parents=True, exist_ok=True)
     version = max(_versions(folder), default=0) + 1
@@ -50,7 +47,7 @@ def save(calibration: Calibration, about: dict) -> Path:
 
 
 def _versions(folder: Path) -> list[int]:
-    return sorted(int(path.stem[1:]) for path in folder.glob("v*.json") if path.stem[1:].isdigit())
+    return sorted(int(path.stem[1:]) for path in folder.glob("v*.json") if path.stem[1:].isdecimal())
 
 
 def load(text: str) -> Calibration:
@@ -65,31 +62,24 @@ def load(text: str) -> Calibration:
         return Calibration(name=text, base_loss_db={}, default_db=loss_db)
     name, _, wanted = text.partition("@")
     folder = store_folder() / name
-    versions = _versions(folder) if _NAME.fullmatch(name) and folder.is_dir() else []
+    versions = _versions(folder) if is_name(name) and folder.is_dir() else []
     if not versions:
         known = sorted(path.name for path in store_folder().glob("*") if path.is_dir())
         raise CastError(f"base loss: no calibration named {name!r} in {store_folder()}; known: {', '.join(known) or 'none'}")
-    if wanted and (not wanted.isdigit() or int(wanted) not in versions):
+    if wanted and (not wanted.isdecimal() or int(wanted) not in versions):
         raise CastError(f"base loss: {name} has no version {wanted!r}, it has {', '.join(map(str, versions))}")
     return _read(folder / f"v{wanted or versions[-1]}.json")
 
 
 def _read(path: Path) -> Calibration:
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise CastError(f"{path}: not JSON: {error}") from None
-    faults = Faults(str(path))
-    if not isinstance(document, dict) or document.get("cast_calibration") != 1:
-        raise CastError(f"{path}: cast_calibration: needs 1")
-    links = document.get("base_loss_db")
-    if not isinstance(links, dict):
-        raise CastError(f"{path}: base_loss_db: needs an object of link to dB")
+    get = json_file(path)
+    get.version("cast_calibration", 1)
     losses = {}
-    for link, loss in links.items():
-        if link.count(">") != 1 or not isinstance(loss, (int, float)) or not math.isfinite(loss):
-            faults.add(f"base_loss_db: {link}", f"got {loss!r}, needs TX>RX and a finite number of dB")
-        else:
-            losses[tuple(link.split(">"))] = float(loss)
-    faults.raise_if_any()
-    return Calibration(name=str(document.get("name")), base_loss_db=losses, version=int(path.stem[1:]))
+    for link, loss in get.mapping(get.document.get("base_loss_db"), "base_loss_db").items():
+        place = f"base_loss_db: {link}"
+        if link.count(">") != 1:
+            get.faults.add(place, "needs the form TX>RX")
+        losses[tuple(link.split(">"))] = get.number(loss, place, "dB")
+    name = get.name(get.document.get("name"), "name")
+    get.faults.raise_if_any()
+    return Calibration(name=name, base_loss_db=losses, version=int(path.stem[1:]))
