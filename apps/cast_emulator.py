@@ -11,6 +11,7 @@ from pathlib import Path
 import _program
 import numpy as np
 from gr_cast.core import interrupts
+from gr_cast.core.documents import json_text
 from gr_cast.core.errors import CastError
 from gr_cast.emulation.reference import FixedPoint, noise_power_from_snr
 from gr_cast.scenario import load
@@ -206,14 +207,12 @@ def ask(args) -> None:
     """Send one command to a running emulator and print its answer."""
     import zmq
 
-    try:
-        command = json.loads(args.command)
-    except json.JSONDecodeError as error:
-        raise CastError(f"command: not JSON: {error}") from None
+    get = json_text(args.command, "command")
+    get.faults.raise_if_any()
     socket = zmq.Context.instance().socket(zmq.REQ)
     socket.setsockopt(zmq.LINGER, 0)
     socket.connect(args.address)
-    socket.send_json(command)
+    socket.send_json(get.document)
     if not socket.poll(5000):
         raise CastError(f"{args.address}: no answer within 5 s")
     answer = socket.recv_json()

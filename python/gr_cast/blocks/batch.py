@@ -6,7 +6,6 @@ cluster, with the same result to the last bit; what is done is kept, and a run t
 """
 
 import hashlib
-import json
 import os
 import shutil
 from dataclasses import asdict, dataclass
@@ -15,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core import tasks
+from ..core.documents import json_file
 from ..core.errors import CastError, Faults
 from ..core.files import locked, write_json
 from ..emulation.reference import FixedPoint, filter_length
@@ -185,7 +185,7 @@ def scenario_digest(scenario: Scenario) -> str:
 def _prepare(job: BatchJob) -> list[int]:
     """Make or take up the folder of parts; the chunks that are still to do."""
     goes_on = job.plan.exists()
-    if goes_on and json.loads(job.plan.read_text()) != _fingerprint(job):
+    if goes_on and json_file(job.plan).document != _fingerprint(job):
         raise CastError(f"{job.work}: holds a run with other inputs; remove it, or choose another folder")
     if not goes_on:
         shutil.rmtree(job.work, ignore_errors=True)  # without a plan nobody knows of what run its marks are

@@ -3,12 +3,12 @@
 
 import contextlib
 import ipaddress
-import json
 import threading
 from pathlib import Path
 
 import zmq
 
+from ..core.documents import json_text, short
 from ..core.errors import CastError
 from ..emulation.reference import filter_length
 from ..scenario import catalogue
@@ -33,11 +33,11 @@ def obey(emulation, ended: threading.Event, command, folders: tuple[Path, ...] |
     """
     try:
         if not isinstance(command, dict) or not isinstance(command.get("command"), str) or command["command"] not in _KEYS:
-            raise CastError(f"command: got {_short(command)}, needs an object whose 'command' is one of {', '.join(_KEYS)}")
+            raise CastError(f"command: got {short(command)}, needs an object whose 'command' is one of {', '.join(_KEYS)}")
         name = command["command"]
         unknown = set(command) - _KEYS[name] - {"command"}
         if unknown:
-            raise CastError(*(f"{name}: unknown key {_short(key)}" for key in sorted(unknown)))
+            raise CastError(*(f"{name}: unknown key {short(key)}" for key in sorted(unknown)))
         if name == "load":
             emulation.load(_scenario(_text(command, "scenario"), folders))
         elif name == "set_link":
@@ -70,14 +70,14 @@ def _scenario(name: str, folders: tuple[Path, ...] | None):
 
 def _text(command: dict, key: str) -> str:
     if not isinstance(command.get(key), str):
-        raise CastError(f"{command['command']}: {key}: got {command.get(key)!r}, needs a string")
+        raise CastError(f"{command['command']}: {key}: got {short(command.get(key))}, needs a string")
     return command[key]
 
 
 def _switch(command: dict) -> bool | None:
     enabled = command.get("enabled")
     if enabled is not None and not isinstance(enabled, bool):
-        raise CastError(f"set_link: enabled: got {enabled!r}, needs true or false")
+        raise CastError(f"set_link: enabled: got {short(enabled)}, needs true or false")
     return enabled
 
 
@@ -85,14 +85,14 @@ def _taps(taps, sample_rate_hz: float) -> list[dict] | None:
     if taps is None:
         return None
     if not isinstance(taps, list):
-        raise CastError(f"set_link: taps: got {_short(taps)}, needs a list")
+        raise CastError(f"set_link: taps: got {short(taps)}, needs a list")
     longest_s = filter_length(sample_rate_hz) / sample_rate_hz
     for number, tap in enumerate(taps, 1):
         names = {"delay_s", "gain_db"}
         good = isinstance(tap, dict) and names <= set(tap) <= names | {"phase_rad"} and all(map(_is_number, tap.values()))
         if not good or not 0 <= tap["delay_s"] <= longest_s or abs(tap["gain_db"]) > MOST_GAIN_DB:
             raise CastError(
-                f"set_link: tap {number}: got {_short(tap)}, needs delay_s (0 to {longest_s:.3g} s), "
+                f"set_link: tap {number}: got {short(tap)}, needs delay_s (0 to {longest_s:.3g} s), "
                 f"gain_db (−{MOST_GAIN_DB:g} to {MOST_GAIN_DB:g} dB) and perhaps phase_rad"
             )
     return taps
@@ -102,19 +102,15 @@ def _is_number(value) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e9
 
 
-def _short(value) -> str:
-    text = repr(value)
-    return text if len(text) < 80 else text[:77] + "..."
-
-
 def command_of(parts: list[bytes]):
     """The command in a request's parts; None where there is none to be read."""
     if len(parts) != 1 or len(parts[0]) > MOST_BYTES:
         return None
     try:
-        return json.loads(parts[0])
-    except (ValueError, RecursionError):  # also text that is not UTF-8
+        get = json_text(parts[0], "command")
+    except CastError:
         return None
+    return None if get.faults else get.document
 
 
 def is_local(address: str) -> bool:

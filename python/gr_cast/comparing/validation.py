@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.documents import Reader
 from ..core.errors import CastError
 from ..core.units import amplitude_from_db, db_from_amplitude, db_from_power
 from ..emulation.reference import emulate, scenario_updates
@@ -141,7 +142,10 @@ def _deviations(sounding: Sounding, delay_s: np.ndarray, gain: np.ndarray) -> tu
 def own_band_hz(path: str | Path) -> float:
     """The band that an installed scenario's taps were fitted to; 80 MHz for others."""
     about = zarr_file.attributes(path) if Path(path).suffix == ".zarr" else {}
-    return float(about.get("bandwidth_hz") or BAND_HZ)
+    get = Reader(f"{path}: .zattrs")
+    band_hz = get.number(about.get("bandwidth_hz") or BAND_HZ, "bandwidth_hz", "Hz", 1.0, 1e12)
+    get.faults.raise_if_any()
+    return band_hz
 
 
 def traced_rays(path: str | Path, scenario: Scenario):
@@ -155,10 +159,12 @@ def traced_rays(path: str | Path, scenario: Scenario):
     file = Path(str(about.get("paths_file", "")))
     if not file.is_file():
         return None
+    get = Reader(f"{path}: .zattrs")
+    moved = _moves(get, get.sequence(about.get("delays_moved_s", []), "delays_moved_s"))
+    hold_s = get.number(about.get("hold_s", 1e9), "hold_s", "s", 1e-6)
+    get.faults.raise_if_any()
     links = paths.read(file)
     number = {node: index for index, node in enumerate(scenario.nodes)}
-    moved = {(tx, rx): shifts_s for tx, rx, shifts_s in about.get("delays_moved_s", [])}
-    hold_s = float(about.get("hold_s", np.inf))
 
     def rays(key: tuple[str, str], time_s: float):
         for a, b in (key, key[::-1]):  # the way back is the same
@@ -170,6 +176,17 @@ def traced_rays(path: str | Path, scenario: Scenario):
         return None
 
     return rays
+
+
+def _moves(get: Reader, entries: list) -> dict[tuple[str, str], list[float]]:
+    """Seconds by which a link's delays were moved in each stretch, by (tx, rx)."""
+    moved = {}
+    for index, entry in enumerate(entries):
+        place = f"delays_moved_s[{index}]"
+        ends = [get.text(end, place) for end in get.sequence(entry, place)[:2]]
+        shifts = get.sequence(entry[2] if isinstance(entry, list) and len(entry) == 3 else None, place)
+        moved[tuple(ends)] = [get.number(shift, place, "s") for shift in shifts] or [0.0]
+    return moved
 
 
 def check(scenario: Scenario, keys: Sequence, *, rays=None, bandwidth_hz=BAND_HZ, play: Play = play_reference) -> list[LinkCheck]:

@@ -200,7 +200,7 @@ def json_text(text: str | bytes, where: str, *, kind: type | tuple = dict) -> Re
         raise CastError(f"{where}: got some {most} values, limit {MAX_VALUES}")
     reader = Reader(where)
     try:
-        reader.document = json.loads(text, object_pairs_hook=_object, parse_constant=_no_constant)
+        reader.document = json.loads(text, object_pairs_hook=_object)
     except (ValueError, RecursionError) as error:
         raise CastError(f"{where}: not JSON: {_brief(error)}") from None
     return _checked(reader, kind, endless=False)
@@ -218,10 +218,6 @@ def _object(pairs: list) -> dict:
         mapping = _Doubled(reversed(pairs))  # the first of each is gone on with
         mapping.keys_twice = tuple(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
     return mapping
-
-
-def _no_constant(name: str):
-    raise ValueError(f"{name} is no number of JSON")
 
 
 def _brief(error: Exception) -> str:

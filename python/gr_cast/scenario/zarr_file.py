@@ -5,18 +5,21 @@ Zarr version 2 (https://zarr-specs.readthedocs.io), one group of arrays with `_A
 link. A link that does not change is stored once; so are two directions that are the same. Gains are complex64.
 """
 
-import json
 import math
 import zlib
 from pathlib import Path
 
 import numpy as np
 
+from ..core.documents import Reader, json_file, read_bytes, short
 from ..core.errors import CastError
 from ..core.files import write_json, written_aside
-from .model import LinkTaps, Scenario
+from .model import INTERPOLATIONS, MAX_NODES, LinkTaps, Scenario
 
 VERSION = 1
+MAX_ARRAY_BYTES = 1 << 31  # of one array, unpacked
+_DTYPES = ("<f8", "<f4", "<c8", "<c16", "<i2", "<i4", "<i8")
+_DEFLATE = 1032  # bytes that one of zlib's can become at most
 _FIELDS = ("name", "description", "center_frequency_hz", "base_loss_db", "interpolation")
 
 
@@ -44,39 +47,45 @@ def write_array(folder: Path, name: str, values: np.ndarray, dimensions: tuple[s
             (path / key).write_bytes(zlib.compress(chunk.tobytes(), 1))
 
 
-def read_array(folder: Path, name: str) -> np.ndarray:
-    """An array written by `write_array`. Raises CastError for a missing or damaged one."""
+def read_array(folder: Path, name: str, kinds: str = "ifc") -> np.ndarray:
+    """An array written by `write_array`, of NumPy's `kinds`. Raises CastError for a missing or damaged one."""
     path = folder / name
-    try:
-        about = json.loads((path / ".zarray").read_text(encoding="utf-8"))
-        shape, chunks, kind = tuple(about["shape"]), tuple(about["chunks"]), np.dtype(about["dtype"])
-        size = math.prod(chunks) * kind.itemsize
-        if (
-            about["compressor"]["id"] != "zlib"
-            or kind.hasobject
-            or shape[1:] != tuple(min(c, s) for c, s in zip(chunks[1:], shape[1:], strict=True))
-        ):
-            raise ValueError("not one chunk per row block, zlib")
-        values = np.empty(shape, kind)
-        for start in range(0, len(values) if values.size else 0, chunks[0]):
-            key = ".".join([str(start // chunks[0])] + ["0"] * (len(shape) - 1))
-            data = zlib.decompressobj().decompress((path / key).read_bytes(), size)
-            block = np.frombuffer(data, kind).reshape(chunks)
-            values[start : start + chunks[0]] = block[: len(values) - start]
-        return values
-    except FileNotFoundError as error:
-        raise CastError(f"{path}: missing: {Path(error.filename).name}") from None
-    except (
-        ValueError,
-        KeyError,
-        TypeError,
-        IndexError,
-        AttributeError,
-        OverflowError,
-        MemoryError,
-        zlib.error,
-    ) as error:
-        raise CastError(f"{path}: damaged: {error}") from None
+    get = json_file(path / ".zarray")
+    shape, chunks = (_sides(get, side) for side in ("shape", "chunks"))
+    names = [one for one in _DTYPES if np.dtype(one).kind in kinds]
+    kind = np.dtype(get.choice(get.document.get("dtype"), "dtype", names))
+    if get.mapping(get.document.get("compressor"), "compressor").get("id") != "zlib":
+        get.faults.add("compressor", "needs zlib")
+    get.faults.raise_if_any()
+    if len(shape) != len(chunks) or shape[1:] != tuple(min(pair) for pair in zip(chunks[1:], shape[1:], strict=True)):
+        raise CastError(f"{path}: .zarray: shape {shape}, chunks {chunks}: needs one chunk per block of rows")
+    size = math.prod(chunks) * kind.itemsize
+    if math.prod(shape) * kind.itemsize > MAX_ARRAY_BYTES or size > MAX_ARRAY_BYTES:
+        raise CastError(f"{path}: .zarray: shape {shape}: limit {MAX_ARRAY_BYTES} bytes")
+    starts = range(0, shape[0] if math.prod(shape) else 0, chunks[0])
+    files = [path / ".".join([str(start // chunks[0]), *["0"] * (len(shape) - 1)]) for start in starts]
+    stored = sum(file.stat().st_size for file in files if file.is_file())
+    if stored * _DEFLATE < math.prod(shape) * kind.itemsize:
+        raise CastError(f"{path}: truncated: {stored} bytes in {len(files)} chunks cannot be an array of shape {shape}")
+    values = np.empty(shape, kind)
+    for start, file in zip(starts, files, strict=True):
+        try:
+            data = zlib.decompressobj().decompress(read_bytes(file, limit=size + 1024), size)
+        except zlib.error as error:
+            raise CastError(f"{file}: damaged: {error}") from None
+        if len(data) != size:
+            raise CastError(f"{file}: truncated: {len(data)} bytes, unpacked, needs {size}")
+        block = np.frombuffer(data, kind).reshape(chunks)
+        values[start : start + chunks[0]] = block[: len(values) - start]
+    return values
+
+
+def _sides(get: Reader, name: str) -> tuple[int, ...]:
+    sides = get.sequence(get.document.get(name), name)
+    if not 1 <= len(sides) <= 4:
+        get.faults.add(name, f"got {short(sides)}, needs one to four sides")
+        return (1,)
+    return tuple(get.whole(side, name, "rows", int(name == "chunks"), 1 << 31) for side in sides)
 
 
 def write(path: str | Path, scenario: Scenario, **attributes) -> None:
@@ -133,32 +142,38 @@ def _once(links: dict) -> tuple[list, set]:
 
 def attributes(path: str | Path) -> dict:
     """The attributes of a Zarr scenario. Raises CastError where there are none."""
-    path = Path(path)
-    try:
-        about = json.loads((path / ".zattrs").read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise CastError(f"{path}: not a Zarr scenario: it has no .zattrs") from None
-    except (ValueError, RecursionError) as error:
-        raise CastError(f"{path}: .zattrs: not JSON: {error}") from None
-    if not isinstance(about, dict) or about.get("cast_scenario") != VERSION:
-        raise CastError(f"{path}: .zattrs: cast_scenario: needs {VERSION}: the version of this format")
-    return about
+    get = json_file(Path(path) / ".zattrs", missing=": not a Zarr scenario")
+    get.version("cast_scenario", VERSION)
+    get.faults.raise_if_any()
+    return get.document
 
 
 def read(path: str | Path) -> Scenario:
     """Read a Zarr scenario. Raises CastError for damage or values that the model refuses."""
     path = Path(path)
-    about = attributes(path)
-    try:
-        nodes = tuple(str(node) for node in about["nodes"])
-        losses = {(tx, rx): float(loss) for tx, rx, loss in about["link_base_loss_db"]}
-        fields = {name: about[name] for name in _FIELDS}
-    except (KeyError, TypeError, ValueError) as error:
-        raise CastError(f"{path}: .zattrs: damaged: {error}") from None
+    get = Reader(f"{path}: .zattrs", attributes(path))
+    nodes = tuple(get.name(node, "nodes") for node in get.sequence(get.document.get("nodes"), "nodes")[: MAX_NODES + 1])
+    losses = {}
+    for entry in get.sequence(get.document.get("link_base_loss_db"), "link_base_loss_db"):
+        if not isinstance(entry, list) or len(entry) != 3 or not {*map(str, entry[:2])} <= {*nodes}:
+            get.faults.add("link_base_loss_db", f"got {short(entry)}, needs tx, rx and dB")
+            continue
+        losses[str(entry[0]), str(entry[1])] = get.number(entry[2], "link_base_loss_db", "dB")
+    frequency = get.document.get("center_frequency_hz")
+    fields = {
+        "name": get.text(get.document.get("name"), "name"),
+        "description": str(get.document.get("description", "")),
+        "center_frequency_hz": None if frequency is None else get.number(frequency, "center_frequency_hz", "Hz", 1.0, 1e12),
+        "base_loss_db": get.number(get.document.get("base_loss_db"), "base_loss_db", "dB"),
+        "interpolation": get.choice(get.document.get("interpolation"), "interpolation", INTERPOLATIONS),
+    }
+    get.faults.raise_if_any()
     links = {}
     for kind in ("static", "moving"):
-        ends, delay_s, gain = (read_array(path, f"{kind}_{name}") for name in ("ends", "delay_s", "gain"))
-        if ends.ndim != 2 or ends.shape[1] != 3 or delay_s.shape != gain.shape or len(ends) != len(gain):
+        ends, delay_s, gain = (
+            read_array(path, f"{kind}_{name}", kinds) for name, kinds in (("ends", "i"), ("delay_s", "f"), ("gain", "c"))
+        )
+        if ends.ndim != 2 or ends.shape[1] != 3 or delay_s.shape != gain.shape or len(ends) != len(gain) or 0 in gain.shape[1:]:
             raise CastError(f"{path}: {kind}_ends: its shape does not fit {kind}_gain")
         if ends.size and (ends[:, :2].min() < 0 or ends[:, :2].max() >= len(nodes)):
             raise CastError(f"{path}: {kind}_ends: names a node that is not in nodes")
@@ -174,9 +189,9 @@ def read(path: str | Path) -> Scenario:
         return Scenario(
             nodes=nodes,
             links=links,
-            time_s=read_array(path, "time_s"),
+            time_s=read_array(path, "time_s", "f"),
             link_base_loss_db=losses,
-            position_m={node: read_array(path, name) for node, name in position_m.items()},
+            position_m={node: read_array(path, name, "f") for node, name in position_m.items()},
             **fields,
         )
     except CastError as error:

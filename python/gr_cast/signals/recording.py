@@ -5,7 +5,6 @@ Samples are complex64 with full scale 1.0. SigMF: https://sigmf.org, version 1.0
 """
 
 import hashlib
-import json
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
+from ..core.documents import is_number, json_file, short
 from ..core.errors import CastError, Faults
 from ..core.files import write_json, written_aside
 
@@ -24,6 +24,7 @@ DATATYPES = {
     "cu8": ("u1", 127.5, 128.0),
 }
 RAW_FORMATS = {"cf32": "cf32_le", "ci16": "ci16_le", "ci8": "ci8", "cu8": "cu8"}
+MAX_RATE_HZ = 1e15  # of samples: beyond any, and still a number with all that is worked out of it
 EXTENSION = {"name": "cast", "version": __version__, "optional": True}  # the cast: fields explain, a reader may skip them
 
 
@@ -61,10 +62,6 @@ def data_path(path: str | Path) -> Path:
     return stem.with_name(stem.name + ".sigmf-data")
 
 
-def _is_finite_number(value) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-
-
 def _is_count(value) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and value >= 0
 
@@ -72,20 +69,11 @@ def _is_count(value) -> bool:
 def read_metadata(path: str | Path) -> dict:
     """The SigMF metadata of a recording, checked: `global`, `captures` and `annotations` are there and of their types."""
     meta = meta_path(path)
-    try:
-        text = meta.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise CastError(f"{meta}: no such file (a SigMF recording is a pair .sigmf-meta and .sigmf-data)") from None
-    except UnicodeDecodeError as error:
-        raise CastError(f"{meta}: not UTF-8 text: {error.reason} at byte {error.start}") from None
-    try:
-        document = json.loads(text)
-    except (json.JSONDecodeError, RecursionError) as error:
-        raise CastError(f"{meta}: not JSON: {error}") from None
-    faults = Faults(str(meta))
-    if not isinstance(document, dict) or not isinstance(document.get("global"), dict):
-        raise CastError(f"{meta}: global: missing, needs a JSON object")
-    _check_global(document["global"], faults)
+    get = json_file(meta, missing=" (a SigMF recording is a pair .sigmf-meta and .sigmf-data)")
+    document, faults = get.document, get.faults
+    if "global" not in document:
+        faults.add("global", "missing, needs a JSON object")
+    _check_global(get.mapping(document.get("global", {}), "global"), faults)
     for section in ("captures", "annotations"):
         entries = document.setdefault(section, [])
         if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
@@ -99,8 +87,8 @@ def read_metadata(path: str | Path) -> dict:
     if not faults:
         for index, capture in enumerate(document["captures"]):
             frequency = capture.get("core:frequency")
-            if frequency is not None and not _is_finite_number(frequency):
-                faults.add(f"captures[{index}]", f"core:frequency: got {frequency!r}, needs a finite number of Hz")
+            if frequency is not None:
+                get.number(frequency, f"captures[{index}]: core:frequency", "Hz")
             if not _is_count(capture.get("core:header_bytes", 0)) or capture.get("core:header_bytes", 0):
                 faults.add(f"captures[{index}]", "core:header_bytes: files with headers inside are not supported")
             if not _is_count(capture.get("cast:lost_samples", 0)):
@@ -112,12 +100,12 @@ def read_metadata(path: str | Path) -> dict:
 def _check_global(fields: dict, faults: Faults) -> None:
     datatype = fields.get("core:datatype")
     if not isinstance(datatype, str) or datatype not in DATATYPES:
-        faults.add("core:datatype", f"got {datatype!r}, needs one of {', '.join(DATATYPES)}")
+        faults.add("core:datatype", f"got {short(datatype)}, needs one of {', '.join(DATATYPES)}")
     rate = fields.get("core:sample_rate")
-    if rate is not None and not (_is_finite_number(rate) and rate > 0):
-        faults.add("core:sample_rate", f"got {rate!r}, needs a finite number of Hz above 0")
+    if rate is not None and not (is_number(rate) and 0 < rate < MAX_RATE_HZ):
+        faults.add("core:sample_rate", f"got {short(rate)}, needs a finite number of Hz above 0")
     if fields.get("core:num_channels", 1) != 1:
-        faults.add("core:num_channels", f"got {fields['core:num_channels']!r}, needs 1: one channel per file")
+        faults.add("core:num_channels", f"got {short(fields['core:num_channels'])}, needs 1: one channel per file")
     if fields.get("core:metadata_only"):
         faults.add("core:metadata_only", "the recording holds no samples")
 

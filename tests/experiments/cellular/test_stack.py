@@ -104,5 +104,5 @@ def test_a_file_of_the_real_iperf3_is_read(tmp_path):
     with pytest.raises(CastError, match="unable to connect"):
         stack.read_iperf3(tmp_path / "none.json")
     (tmp_path / "cut.json").write_text('{"start": ')
-    with pytest.raises(CastError, match="not the JSON"):
+    with pytest.raises(CastError, match="not JSON"):
         stack.read_iperf3(tmp_path / "cut.json")

@@ -6,14 +6,16 @@ the emulator. File formats are those of srsRAN 4G 23.04 (enb.conf, ue.conf, epc.
 """
 
 import csv
-import json
 import re
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from ...comparing.series import Series
-from ...core.errors import CastError
+from ...core.documents import json_file, read_text, short
+from ...core.errors import CastError, Faults
 from ...core.files import write_text
 from .downlink import Cell
 
@@ -21,6 +23,7 @@ PROGRAMS = ("srsepc", "srsenb", "srsue")
 SAMPLE_RATE_HZ = {6: 1.92e6, 15: 3.84e6, 25: 5.76e6, 50: 11.52e6, 75: 15.36e6, 100: 23.04e6}  # srsRAN's own
 GATEWAY = "172.16.0.1"  # of the packet core, where traffic to the terminals comes from
 METRICS_S = 1.0
+SHORTEST_S = 0.1  # of an interval of iperf3 that is a measurement: the last may be a rest
 _KEY, _OPC, _FIRST_IMSI = "00112233445566778899aabbccddeeff", "63bfa50ee6523365ff14c1f45f88737d", 1010123456000
 _TEMPLATES = ("sib.conf", "rb.conf", "rr.conf")
 
@@ -144,53 +147,64 @@ def _core(folder: Path) -> str:
 
 def read_terminal_metrics(path: Path) -> dict[str, Series]:
     """`sinr_db` and `dl_bps` over time of srsUE's metrics file; times of the file are in ms. A cut last line is left out."""
-    rows = _metrics(path, ("time", "dl_snr", "dl_brate"))
-    time_s = [float(row["time"]) / 1e3 for row in rows]
-    columns = {"sinr_db": "dl_snr", "dl_bps": "dl_brate"}
-    return {
-        name: Series(name=f"{path.stem} {name}", time_s=time_s, value=[float(row[column]) for row in rows])
-        for name, column in columns.items()
-    }
+    time_ms, sinr_db, dl_bps = _metrics(path, ("time", "dl_snr", "dl_brate"))
+    values = {"sinr_db": sinr_db, "dl_bps": dl_bps}
+    return {name: Series(name=f"{path}: {name}", time_s=time_ms / 1e3, value=value) for name, value in values.items()}
 
 
 def read_station_metrics(path: Path) -> dict[str, Series]:
     """`dl_bps` and `ul_bps` of all terminals together over time, of srsENB's metrics file; its times are in s."""
-    rows = _metrics(path, ("time", "dl_brate", "ul_brate"))
-    return {
-        f"{way}_bps": Series(
-            name=f"{path.stem} {way}_bps", time_s=[float(row["time"]) for row in rows],
-            value=[float(row[f"{way}_brate"]) for row in rows],
-        )
-        for way in ("dl", "ul")
-    }  # fmt: skip
+    time_s, dl_bps, ul_bps = _metrics(path, ("time", "dl_brate", "ul_brate"))
+    values = {"dl_bps": dl_bps, "ul_bps": ul_bps}
+    return {name: Series(name=f"{path}: {name}", time_s=time_s, value=value) for name, value in values.items()}
 
 
-def _metrics(path: Path, needed: tuple[str, ...]) -> list[dict]:
+def _metrics(path: Path, needed: tuple[str, ...]) -> list[np.ndarray]:
+    """The columns `needed`, (n,) each, of a metrics file. All faults of it at once, a line of the file each."""
+    text = read_text(path, missing=": the stack wrote no metrics")
+    lines = text[: text.rfind("\n") + 1].split("\n")
     try:
-        text = path.read_text(errors="replace")
-    except FileNotFoundError:
-        raise CastError(f"{path}: no such file: the stack wrote no metrics") from None
-    reader = csv.DictReader(text[: text.rfind("\n") + 1].splitlines(), delimiter=";")
-    missing = [name for name in needed if name not in (reader.fieldnames or ())]
+        head, *rows = csv.reader(lines, delimiter=";")
+    except csv.Error as error:
+        raise CastError(f"{path}: not CSV: {error}") from None
+    missing = [name for name in needed if name not in head]
     if missing:
-        raise CastError(f"{path}: no column {', '.join(missing)}; has {', '.join(reader.fieldnames or ['none'])}")
-    # Only the first carrier's lines: others repeat the time.
-    rows = [row for row in reader if row[needed[-1]] is not None and row.get("cc", "0") == "0"]
-    if len(rows) < 2:
-        raise CastError(f"{path}: {len(rows)} lines of metrics, needs 2 or more")
-    return rows
+        raise CastError(f"{path}: no column {', '.join(missing)}; has {short(', '.join(head) or 'none')}")
+    places = [head.index(name) for name in needed]
+    carrier = head.index("cc") if "cc" in head else None
+    faults, columns = Faults(str(path)), []
+    for number, row in enumerate(rows, 2):
+        if len(row) <= max(places):  # srsRAN's last line says that it ended
+            continue
+        if carrier is not None and row[carrier : carrier + 1] not in ([], ["0"]):
+            continue  # only the first carrier's lines: others repeat the time
+        try:
+            columns.append([float(row[place]) for place in places])
+        except ValueError:
+            faults.add(f"line {number}", f"got {short(';'.join(row[place] for place in places))}, needs numbers")
+    if len(columns) < 2:
+        faults.add("", f"{len(columns)} lines of metrics, needs 2 or more")
+    faults.raise_if_any()
+    return list(np.array(columns).T)
 
 
 def read_iperf3(path: Path) -> Series:
     """Received bits per s over time of an iperf3 JSON file: the server's where it is in there, else the client's own."""
-    try:
-        document = json.loads(path.read_text(errors="replace"))
-    except FileNotFoundError:
-        raise CastError(f"{path}: no such file: iperf3 wrote nothing") from None
-    except json.JSONDecodeError as error:
-        raise CastError(f"{path}: not the JSON of iperf3: {error}") from None
-    intervals = document.get("server_output_json", document).get("intervals", [])
-    sums = [interval["sum"] for interval in intervals if interval["sum"]["seconds"] > 0.1]
-    if len(sums) < 2:
-        raise CastError(f"{path}: {len(sums)} intervals, needs 2 or more; iperf3 says: {document.get('error', 'nothing')}")
-    return Series(name=path.stem, time_s=[(s["start"] + s["end"]) / 2 for s in sums], value=[s["bits_per_second"] for s in sums])
+    get = json_file(path, missing=": iperf3 wrote nothing")
+    document = get.mapping(get.document.get("server_output_json", get.document), "server_output_json")
+    place, time_s, bits_per_s = "intervals", [], []
+    for index, interval in enumerate(get.sequence(document.get(place, []), place)):
+        where = f"{place}[{index}].sum"
+        total = get.mapping(get.mapping(interval, f"{place}[{index}]").get("sum"), where)
+        seconds, start_s, end_s = (
+            get.number(total.get(key), f"{where}.{key}", "s", 0.0, 1e9) for key in ("seconds", "start", "end")
+        )
+        rate = get.number(total.get("bits_per_second"), f"{where}.bits_per_second", "bit/s", 0.0, 1e15)
+        if seconds > SHORTEST_S:
+            time_s.append((start_s + end_s) / 2)
+            bits_per_s.append(rate)
+    if len(time_s) < 2:
+        said = short(get.document.get("error", "nothing"))
+        get.faults.add(place, f"{len(time_s)} intervals, needs 2 or more; iperf3 says: {said}")
+    get.faults.raise_if_any()
+    return Series(name=str(path), time_s=time_s, value=bits_per_s)

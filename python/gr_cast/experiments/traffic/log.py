@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.errors import CastError
+from ...core.documents import read_text, short
+from ...core.errors import CastError, Faults
 from .flows import LEAD_S, Flow, Traffic
 
 _DAY_S = 86400.0
-_LINE = re.compile(r"^(\d\d):(\d\d):(\d\d\.\d+) (SEND|RECV|START)\b(.*)$")
-_FIELD = re.compile(r"(\w+)>(\S+)")
+MAX_STEPS = 1_000_000  # of a run cut into steps
+_LINE = re.compile(r"([01][0-9]|2[0-3]):([0-5][0-9]):([0-6][0-9]\.[0-9]{1,9}) (SEND|RECV|START)\b(.*)")
+_FIELD = re.compile(r"\b(flow|seq)>([0-9]{1,10})(?!\S)")  # both are 32 bit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,19 +44,23 @@ def _seconds(hours: str, minutes: str, seconds: str) -> float:
     return 3600 * int(hours) + 60 * int(minutes) + float(seconds)
 
 
-def _events(path: Path) -> list[tuple[float, str, dict]]:
-    """(second of the day, event, fields) of every whole line; one that a dying process cut short is left out."""
-    try:
-        text = path.read_text(encoding="utf-8", errors="replace")
-    except FileNotFoundError:
-        raise CastError(f"{path}: no such file: MGEN's log of this node") from None
-    events = []
-    for line in text[: text.rfind("\n") + 1].splitlines():
+def _events(path: Path) -> list[tuple[float, str, int, int]]:
+    """(second of the day, event, flow, packet's number) of every whole line; one that a dying process cut short is left out."""
+    text = read_text(path, missing=": MGEN's log of this node")
+    events, faults = [], Faults(str(path))
+    for number, line in enumerate(text[: text.rfind("\n") + 1].split("\n"), 1):
         match = _LINE.match(line)
-        if match:
-            events.append((_seconds(*match.groups()[:3]), match[4], dict(_FIELD.findall(match[5]))))
+        if not match:
+            continue
+        fields = dict(_FIELD.findall(match[5]))
+        if match[4] != "START" and len(fields) < 2:
+            faults.add(f"line {number}", f"got {short(line)}, needs flow>NUMBER and seq>NUMBER")
+        else:
+            at = int(fields.get("flow", 0)), int(fields.get("seq", 0))
+            events.append((_seconds(*match.groups()[:3]), match[4], *at))
     if text.strip() and not events:
-        raise CastError(f"{path}: not a text log of MGEN 5: no START, SEND or RECV in it")
+        faults.add("", "not a text log of MGEN 5: no START, SEND or RECV in it")
+    faults.raise_if_any()
     return events
 
 
@@ -64,7 +70,7 @@ def evaluate(traffic: Traffic, logs: dict[str, Path]) -> list[FlowResult]:
     missing = [node for node in traffic.nodes if node not in events]
     if missing:
         raise CastError(f"logs: none of node {', '.join(missing)}")
-    starts = [when for lines in events.values() for when, event, _ in lines if event == "START"]
+    starts = [when for lines in events.values() for when, event, *_ in lines if event == "START"]
     if not starts:
         raise CastError("logs: no START in any: MGEN did not run")
     zero = min(starts) if np.ptp(starts) < _DAY_S / 2 else min(s for s in starts if s > _DAY_S / 2)  # around midnight
@@ -74,16 +80,14 @@ def evaluate(traffic: Traffic, logs: dict[str, Path]) -> list[FlowResult]:
 
     results = []
     for flow in traffic.flows:
-        number = str(flow.number)
         sent = {
-            int(fields["seq"]): clock(when)
-            for when, event, fields in events[flow.source]
-            if event == "SEND" and fields.get("flow") == number
+            packet: clock(when)
+            for when, event, number, packet in events[flow.source]
+            if event == "SEND" and number == flow.number
         }
         came, duplicates = {}, 0
-        for when, event, fields in events[flow.destination]:
-            if event == "RECV" and fields.get("flow") == number:
-                sequence = int(fields["seq"])
+        for when, event, number, sequence in events[flow.destination]:
+            if event == "RECV" and number == flow.number:
                 duplicates += sequence in came
                 came.setdefault(sequence, clock(when))
         order = sorted(sent)
@@ -96,6 +100,8 @@ def evaluate(traffic: Traffic, logs: dict[str, Path]) -> list[FlowResult]:
 
 def series(result: FlowResult, duration_s: float, step_s: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Per step of `step_s`, (time at its middle, value): throughput_bps by arrival; loss, latency_s by sending, NaN if none."""
+    if not duration_s / MAX_STEPS < step_s < np.inf:
+        raise CastError(f"step: got {step_s} s, needs more than {duration_s / MAX_STEPS:g} s: a millionth of the duration")
     edges = np.arange(0, duration_s + step_s * (1 - 1e-9), step_s)
     middle = (edges[:-1] + edges[1:]) / 2
     bits = 8 * result.flow.size_bytes

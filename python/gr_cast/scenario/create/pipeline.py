@@ -21,6 +21,7 @@ import numpy as np
 
 from ... import __version__
 from ...core import tasks
+from ...core.documents import Reader, json_file
 from ...core.errors import CastError, Faults
 from ...core.files import locked, sweep, write_json, write_text, written_aside
 from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
@@ -35,6 +36,7 @@ _SECTIONS = {
     "nodes": ("nodes", "node_grids", "sampling"),
     "sampling": ("sampling",), "parsing": (), "approximation": ("approximation",), "install": ("id", "name", "description"),
 }  # fmt: skip
+_RECORD = ("fingerprint", "result", "seconds", "peak_mib", "summary")  # of a step that is done
 _CHUNK_TRANSMITTERS = 7  # static transmitters per task: bounds the tracer's memory
 _LINKS_PER_TASK = 8
 
@@ -100,13 +102,17 @@ def _forget_peak() -> None:
 
 
 def _read_record(folder: Path) -> dict:
-    try:
-        record = json.loads((folder / "steps.json").read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    path = folder / "steps.json"
+    if not path.exists():
         return {}
-    except ValueError:
-        raise CastError(f"{folder / 'steps.json'}: damaged: delete the folder to start anew") from None
-    return record
+    get = json_file(path)
+    for step, entry in get.document.items():
+        entry = get.keys(entry, step, _RECORD, _RECORD)
+        get.path_inside(entry.get("result"), f"{step}.result")
+    if get.faults:
+        get.faults.add("", "delete the folder to start anew")
+    get.faults.raise_if_any()
+    return get.document
 
 
 def _fingerprint(before: str, spec: Spec, step: str) -> str:
@@ -418,7 +424,9 @@ def _write(spec: Spec, run: Run, made: Scenario, content: str, target: Path) -> 
     version = 1
     if target.exists():
         about = zarr_file.attributes(target)
-        version = about.get("version", 0) + (about.get("content_sha256") != content)
+        get = Reader(f"{target}: .zattrs", about)
+        version = get.whole(about.get("version", 0), "version", "versions", 0, 10**9) + (about.get("content_sha256") != content)
+        get.faults.raise_if_any()
     radios = {
         node.name: {"antenna": node.antenna, "power_dbm": node.power_dbm, "noise_figure_db": node.noise_figure_db}
         for node in spec.nodes
