@@ -8,21 +8,7 @@ import pytest
 from gr_cast.twin.effects import FAMILIES, Role, with_role
 
 PACKAGE = Path(__file__).resolve().parents[1] / "python" / "gr_cast"
-NAMELESS = (  # where no family may be named
-    "diagnose/search.py",
-    "diagnose/exchange.py",
-    "diagnose/flatness.py",
-    "diagnose/floor.py",
-    "diagnose/fit.py",
-    "diagnose/heldout.py",
-    "diagnose/maps.py",
-    "diagnose/noise.py",
-    "diagnose/run.py",
-    "diagnose/view.py",
-    "diagnose/write.py",
-    "report",
-    "twin/model.py",
-)
+NAMELESS = ("diagnose", "report", "twin")  # rooms, without those below them, in which no family may be named
 
 
 def _names(path: Path) -> list[str]:
@@ -34,8 +20,9 @@ def _names(path: Path) -> list[str]:
 
 @pytest.mark.parametrize("place", NAMELESS)
 def test_no_family_is_known_by_its_name(place):
-    files = sorted((PACKAGE / place).glob("*.py")) if (PACKAGE / place).is_dir() else [PACKAGE / place]
-    assert [name for path in files for name in _names(path)] == []
+    assert [
+        name for path in sorted({*(PACKAGE / place).glob("*.py")} - {PACKAGE / "diagnose/joints.py"}) for name in _names(path)
+    ] == []
 
 
 def test_every_part_of_a_radio_is_played_by_one_family():

@@ -180,7 +180,7 @@ def test_a_part_that_is_silent_at_first_has_the_phase_of_what_is_heard(tmp_path,
     recorded = late * np.exp(2j * np.pi * hz * np.arange(COUNT) / RATE_HZ) + noise(rng, COUNT, 0.01)
     found = diagnose(sent_once(tmp_path, recorded, sent))
     first = found.findings[0]
-    middle = first.scene.begins + slow._amidst(first, "gain_drift")
+    middle = first.scene.begins + slow._amidst(first, Role.DRIFT)
     assert first.scene.begins == 2_000 and middle == pytest.approx((3_000 + 2_000 + first.scene.span) / 2, abs=60)
     (offset,) = found.document["effects"]
     for name, true in (("offset_hz", hz), ("drift_hz_per_s", 0.0)):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import fft as sp_fft
 
-from ..twin.effects import FAMILIES
+from ..twin.effects import FAMILIES, Role, with_role
 from ..twin.effects.base import start
 from ..twin.entries import effect_of, lost_before, plain, source_of, told_noise_db, twin_effects
 from ..twin.model import Model, predict
@@ -190,7 +190,7 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
 
 
 def _told_inverted(case, observation) -> bool:
-    return any(e["family"] == "spectral_inversion" for e in twin_effects(case, observation))
+    return any(FAMILIES[e["family"]].role is Role.ORIENTATION for e in twin_effects(case, observation))
 
 
 def build(case, observation, *, near: tuple[float, bool] | None = None):
@@ -250,7 +250,7 @@ def build(case, observation, *, near: tuple[float, bool] | None = None):
     for entry in twin:
         model = model.adding(effect_of(scene, entry))
     if flip:
-        model = model.adding(start(FAMILIES["spectral_inversion"], []))
+        model = model.adding(start(with_role(Role.ORIENTATION), []))
     chain = predict(scene, model)
     w = data.root
     overlap = np.vdot(chain.y * w, y * w) / max(np.vdot(chain.y * w, chain.y * w).real, 1e-30)
@@ -315,7 +315,7 @@ def _twin_offset_hz(case, observation, links) -> float:
     """Carrier offset that the twin already knows, with the Doppler of the strongest tap."""
     total = 0.0
     for entry in twin_effects(case, observation):
-        if entry["family"] == "carrier_frequency_offset":
+        if FAMILIES[entry["family"]].role is Role.CARRIER:
             total += plain(entry["parameters"].get("offset_hz", 0.0), observation.name) or 0.0
     strongest = max((t for link in links for t in link.taps), key=lambda t: t.gain_db)
     return total + strongest.doppler_hz

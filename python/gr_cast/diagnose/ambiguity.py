@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft as sp_fft
 
-from ..twin.effects import FAMILIES, Effect
+from ..twin.effects import FAMILIES, Effect, Role, with_role
 from ..twin.effects.base import start
 from ..twin.model import Model, predict
 from ..twin.scene import Source
@@ -19,7 +19,6 @@ from .search import REFITS, candidates, claim_the_same, plausible, refit_or_know
 
 ALIKE_NATS = 3.0  # in ln L: two fits that differ by less are alike
 ALIKE_TAPS_NATS = 12.0  # in evidence: what the priors of two rows of taps may differ by
-TAPS = {"front_end_filter", "diffuse_tail"}  # both a row of taps behind the strongest
 NEAR_SHARE = 0.3  # or this share of what the effect brings
 NEAR_NATS = 25.0  # predicted evidence within which a rival is worth a fit
 
@@ -49,7 +48,7 @@ def rivals(fit: Fit, index: int, known: list[Fit]) -> tuple[Fit, list[Rival]]:
         if _same(effect, s.effect) or s.net < 0 or family.beyond:
             continue
         far = s.net < lost - max(NEAR_NATS, NEAR_SHARE * lost)  # a score is rough where an effect is strong
-        promises = s.net > lost - roughness(lost) or {effect.family, s.effect.family} == TAPS
+        promises = s.net > lost - roughness(lost) or _two_rows(effect, s.effect)
         if far or family.flexible and not promises:
             if not found:
                 found.append(Rival(effect=s.effect, evidence=lost - s.net, likelihood=lost - s.net, fit=None))
@@ -83,11 +82,16 @@ def _same(a: Effect, b: Effect) -> bool:
     return claim_the_same(a, b) or b.family in FAMILIES[a.family].same_as or a.family in FAMILIES[b.family].same_as
 
 
+def _two_rows(a: Effect, b: Effect) -> bool:
+    """Whether two effects are rows of taps of different kinds."""
+    return a.family != b.family and FAMILIES[a.family].row_of_taps and FAMILIES[b.family].row_of_taps
+
+
 def all_alike(effect: Effect, rivals: list[Rival]) -> list[Rival]:
     """The rivals that the data leave open beside an effect, and what the data leave open beside those."""
     open_ones = [r for r in rivals if alike(effect, r)]
     for r in rivals:
-        rows = [o for o in open_ones if {o.effect.family, r.effect.family} == TAPS]
+        rows = [o for o in open_ones if _two_rows(o.effect, r.effect)]
         if r.fit and not any(r is o for o in open_ones) and any(abs(r.evidence - o.evidence) <= ALIKE_TAPS_NATS for o in rows):
             open_ones.append(r)
     return open_ones
@@ -98,7 +102,7 @@ def alike(effect: Effect, rival: Rival) -> bool:
     evidence that is alike."""
     if rival.fit is None:
         return False
-    if {effect.family, rival.effect.family} == TAPS:
+    if _two_rows(effect, rival.effect):
         return rival.evidence <= ALIKE_TAPS_NATS
     if FAMILIES[rival.effect.family].flexible:
         return rival.evidence <= ALIKE_NATS
@@ -141,7 +145,7 @@ def _separation(first: Fit, second: Fit, experiment: str) -> float:
         base = np.concatenate([second.model.base[:1], first.model.base[1:3], second.model.base[3:]])
         second = replace(second, model=replace(second.model, base=base))
     a, b = _predicted(first, experiment), _predicted(second, experiment)
-    unknown = any(e.family == "front_end_filter" for f in (first, second) for e in f.model.effects)  # a filter's own gain is
+    unknown = any(f.model.index_of(Role.FILTER) is not None for f in (first, second))  # a filter's own gain is
     if unknown or experiment not in ("absolute_calibration", "mute_transmitter"):
         a = _free_gain(a, b)
     n = first.data.scene.count
@@ -163,9 +167,7 @@ def _predicted(fit: Fit, experiment: str):
     if experiment == "mute_transmitter":
         scene.sources = [replace(s, samples=np.zeros_like(s.samples), power=0.0, peak=0.0) for s in scene.sources]
     elif experiment == "offset_carrier":
-        model = model.adding(
-            replace(start(FAMILIES["carrier_frequency_offset"], [200.0 * scene.duration_s + 3.3, 0.0]), fixed=True)
-        )
+        model = model.adding(replace(start(with_role(Role.CARRIER), [200.0 * scene.duration_s + 3.3, 0.0]), fixed=True))
     elif experiment == "second_power":
         scene.sources = [replace(s, samples=0.5 * s.samples, power=0.25 * s.power, peak=0.5 * s.peak) for s in scene.sources]
     elif experiment == "other_code_length":

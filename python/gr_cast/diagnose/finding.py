@@ -45,16 +45,13 @@ class Finding:
     ambiguous: list = field(default_factory=list)
     worths: dict = field(default_factory=dict)  # effect → Worth
 
-    def part_of_fading(self, effect) -> bool:
-        """Whether an effect is the mean, or a strong moment, of a tap that fades, and no cause of its own."""
-        taps = [e.aux["tap"] for e in self.fit.model.effects if e.family == "tap_fading" and not e.fixed]
-        if effect.family == "tap_gain_error":
-            return effect.aux["tap"] in taps
-        return effect.family == "extra_path" and any(abs(self.scene.taps[k].delay - effect.p[2]) < 1.0 for k in taps)
+    def part_of_another(self, effect) -> bool:
+        """Whether an effect is a part of another one, as the mean of a tap that fades is, and no cause of its own."""
+        return any(FAMILIES[e.family].holds(self.scene, e, effect) for e in self.fit.model.found)
 
     def is_cause(self, effect) -> bool:
         """Whether an effect is a cause that a diagnosis names, and neither the twin's own nor what no twin plays."""
-        return not (effect.fixed or FAMILIES[effect.family].beyond or self.part_of_fading(effect))
+        return not (effect.fixed or FAMILIES[effect.family].beyond or self.part_of_another(effect))
 
     @property
     def crowded(self) -> bool:
@@ -134,25 +131,24 @@ def numbers(finding: Finding, index: int) -> tuple[dict, dict]:
             h = 1e-4
             moved = [family.values(scene, effect, effect.p + h * np.eye(len(effect.p))[k])[name] for k in range(len(effect.p))]
             variance[name] = sum(((m - values[name]) / h * std) ** 2 for m, std in zip(moved, effect.aux["_std"], strict=True))
-    if effect.family == "gain_step":  # Hinkley (1970): a change of mean is placed to a few noise variances over its square
-        change = (np.exp(effect.p[0]) - 1) ** 2 * np.mean(np.abs(fit.chain.wanted) ** 2)
-        variance["time_s"] = ((0.5 + 2.5 * fit.sigma2 / change) / scene.sample_rate_hz) ** 2
+    found = family.spread(scene, effect, fit.sigma2, float(np.mean(np.abs(fit.chain.wanted) ** 2)))
+    variance |= {name: std**2 for name, std in found.items()}
     stds = effect.aux.get("_stds") or finding.stds.get(effect.family, {})
     out = {}
     for name, value in values.items():
         std = stds.get(name, np.sqrt(max(variance[name], 0.0)))
         if effect.prior is not None:
-            std = max(std, LEAST_OF_COURSES.get(name, 0.0) * (1.0 if name.endswith("_db") else abs(value)))
+            std = max(std, family.least_error.get(name, 0.0) * (1.0 if name.endswith("_db") else abs(value)))
         if not std:
-            std = default_std(effect.family, name, value, scene)
+            std = family.resolution(scene, name, value)
         out[name] = {"value": float(value), "std": float(std)}
     return out, family.constants(scene, effect)
 
 
 def front_end(model) -> np.ndarray:
     """Taps of the receiver's filter in a model."""
-    filters = [e for e in model.effects if e.family == "front_end_filter" and stage_of(e) == RX_FILTER]
-    return FAMILIES["front_end_filter"].impulse_response(filters[0], filters[0].p) if filters else np.ones(1)
+    filters = [e for e in model.effects if stage_of(e) == RX_FILTER]
+    return FAMILIES[filters[0].family].impulse_response(filters[0], filters[0].p) if filters else np.ones(1)
 
 
 def _told(scene, effect, p: np.ndarray) -> dict[str, float]:
@@ -160,25 +156,3 @@ def _told(scene, effect, p: np.ndarray) -> dict[str, float]:
     family = FAMILIES[effect.family]
     whole = family.since_the_beginning(scene, effect.moved(p))
     return family.values(scene, whole, whole.p)
-
-
-# What one realisation of a random course leaves open: a share of the number, or dB.
-LEAST_OF_COURSES = {
-    "rms_rad": 0.1,
-    "rms_s": 0.1,
-    "k_factor_db": 0.6,
-    "doppler_spread_hz": 0.2,
-    "decay_s": 0.15,
-    "power_db": 0.3,
-}
-
-
-def default_std(family: str, name: str, value: float, scene) -> float:
-    """For numbers found by search: the resolution of the search."""
-    if name == "delay_s":
-        return 0.0
-    if name == "time_s":
-        return 2.0 / scene.sample_rate_hz
-    if name == "samples":
-        return 0.0
-    return abs(value) * 0.05

@@ -4,7 +4,7 @@
 import numpy as np
 
 from ..signals.recording import DATATYPES
-from ..twin.effects import FAMILIES, Effect
+from ..twin.effects import Effect, Role, with_role
 from ..twin.effects.base import start
 
 
@@ -75,9 +75,9 @@ def discrete(y: np.ndarray, datatype: str) -> list[tuple[Effect, dict]]:
     if top:
         level, std, samples, lone = top
         aux = {"read": True} | ({"lone": True} if lone else {})
-        effect = start(FAMILIES["adc_clipping"], [level, 0.0], free=[False] * 2, aux=aux)
+        effect = start(with_role(Role.RAILS), [level, 0.0], free=[False] * 2, aux=aux)
         found.append((effect, {"level": std, "samples": samples}))
     if grid:
-        effect = start(FAMILIES["quantization"], [step, grid[2], 1.0], free=[False] * 3, aux={"read": True})
+        effect = start(with_role(Role.QUANTISER), [step, grid[2], 1.0], free=[False] * 3, aux={"read": True})
         found.append((effect, {"step": grid[1]}))
     return found

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..twin.effects import FAMILIES, Effect
+from ..twin.effects import FAMILIES, Effect, Role, plays, with_role
 from ..twin.effects.base import start
 from ..twin.entries import lost_before
 from ..twin.model import predict
@@ -40,7 +40,7 @@ def _held(case, part, near, known: Finding):
     """(share of a part's energy that the prediction holds with the oscillators found in another part, data)."""
     scene, data, model = align.build(case, part, near=near)
     for effect in known.fit.model.found:
-        if effect.family in ("carrier_frequency_offset", "sample_clock_offset"):
+        if plays(effect, Role.CARRIER, Role.CLOCK):
             model = model.adding(carried(effect, known, part, scene))
     y = predict(scene, offsets.with_gains(data, model)).y
     return 1 - misfit(data, y) / np.sum(np.abs(data.y * data.use) ** 2), data
@@ -79,12 +79,12 @@ def _expected(known: Finding, part, lost: int) -> tuple[float, bool]:
     waveform."""
     ahead = part.first - known.observation.first
     delay = known.scene.anchor + known.fit.model.base[0] - ahead * (1 + _gained(known)) - (lost - known.scene.ahead)
-    return delay, any(e.family == "spectral_inversion" for e in known.fit.model.found)
+    return delay, known.fit.model.index_of(Role.ORIENTATION, found=True) is not None
 
 
 def _gained(known: Finding) -> float:
     """Samples that the received waveform gains per sample by its clock."""
-    clock = next((e.p[0] for e in known.fit.model.effects if e.family == "sample_clock_offset"), 0.0)
+    clock = next((e.p[0] for e in known.fit.model.effects if plays(e, Role.CLOCK)), 0.0)
     return clock / known.scene.span
 
 
@@ -96,7 +96,7 @@ def between(findings: list[Finding]) -> None:
         nats = max(after.elsewhere_nats, before.elsewhere_nats)
         std = {"time_s": width / np.sqrt(12) / after.scene.sample_rate_hz}
         aux = {"later": True, "nats": nats, "gap": float(width), "_stds": std}
-        effect = start(FAMILIES["sample_loss"], [joint, lost], free=[False, False], aux=aux)
+        effect = start(with_role(Role.SLIP), [joint, lost], free=[False, False], aux=aux)
         after.fit = replace(after.fit, model=after.fit.model.adding(effect))
         after.worths[id(effect.p)] = Worth(evidence=nats, held_out=0.0)
 
@@ -130,7 +130,7 @@ def _slips(finding: Finding, known: Finding) -> tuple[int, int]:
     here = round(at - finding.scene.anchor - finding.fit.model.base[0]) if finding.elsewhere_nats else 0
     begin = end = here
     for effect in finding.fit.model.found:
-        if effect.family == "sample_loss":
+        if plays(effect, Role.SLIP):
             if effect.aux.get("later"):
                 begin -= round(effect.p[1])
             else:

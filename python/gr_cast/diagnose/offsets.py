@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft as sp_fft
 
-from ..twin.effects import FAMILIES
+from ..twin.effects import FAMILIES, Role, plays, with_role
 from ..twin.effects.base import start
 from ..twin.model import Model, _run, _start_chain
 
@@ -37,14 +37,14 @@ def models(data, model: Model) -> list[Model]:
     """The model with the likeliest offset of the carrier alone, and with those of carrier and clock, its gains fitted."""
     scene, out, y, effects = data.scene, [], data.y * (data.use > 0), model.effects
     if model.inverted:  # oscillators are in front of the inversion
-        y, effects = np.conj(y), tuple(e for e in effects if e.family != "spectral_inversion")
+        y, effects = np.conj(y), tuple(e for e in effects if not plays(e, Role.ORIENTATION))
     for offset in find(scene, model.base, y, effects):
-        carrier = start(FAMILIES["carrier_frequency_offset"], [offset.cycles, 0.0], trials=scene.span)
+        carrier = start(with_role(Role.CARRIER), [offset.cycles, 0.0], trials=scene.span)
         carrier = replace(carrier, free=FAMILIES[carrier.family].settled(scene, carrier))
         base = np.concatenate([[model.base[0] + offset.delay], model.base[1:]])
         other = replace(model, base=base).adding(carrier)
         if offset.gained:
-            other = other.adding(start(FAMILIES["sample_clock_offset"], [_of_one_oscillator(scene, offset)], trials=20))
+            other = other.adding(start(with_role(Role.CLOCK), [_of_one_oscillator(scene, offset)], trials=20))
         out.append(with_gains(data, other))
     return out
 

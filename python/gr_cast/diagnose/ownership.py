@@ -11,22 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..twin.effects import FAMILIES, Effect, stage_of
+from ..twin.effects import FAMILIES, Effect, Role, plays, stage_of
 from ..twin.effects.base import TX_LO
 from ..twin.model import in_scene
 from .fit import Fit, invert
 from .search import MARGIN, candidates, refit
 
-# Numbers that are the same wherever the owner is seen; others are compared by presence alone.
-COMMON = {
-    "carrier_frequency_offset",
-    "sample_clock_offset",
-    "iq_imbalance",
-    "pa_nonlinearity",
-    "front_end_filter",
-    "gain_drift",
-}
-SIDED = ("iq_imbalance", "front_end_filter")  # have a form in front of the channel and one behind it
 SIDES_ALIKE_NATS = 3.0  # in ln L, by recording
 SILENT_NATS = 20.0  # what a recording can say at most against an effect that it should show and does not
 
@@ -47,7 +37,7 @@ class Voice:
 def agree_on_sides(findings) -> None:
     """Where one recording has an effect in front of the channel and another behind it, put all on the side that loses
     nothing, if there is one: a single recording often cannot tell."""
-    for family in SIDED:
+    for family in (f.name for f in FAMILIES.values() if f.two_sided):
         holders = [(f, i) for f in findings for i, e in enumerate(f.fit.model.effects) if e.family == family and not e.fixed]
         if len({f.fit.model.effects[i].aux["side"] for f, i in holders}) < 2 or len({id(f) for f, _ in holders}) < len(holders):
             continue
@@ -62,15 +52,15 @@ def agree_on_sides(findings) -> None:
 def agree_on_wander(findings) -> None:
     """Where one recording shows a carrier offset and another the phase noise of the same oscillator, let it be phase noise in
     both, if that costs no more than what one effect less is worth: the slow part of a wander is an offset."""
-    wandering = [f for f in findings if any(e.family == "phase_noise" for e in f.fit.model.found)]
+    wandering = [f for f in findings if f.fit.model.index_of(Role.WANDER, found=True) is not None]
     for finding in findings:
         fit = finding.fit
-        offsets = [i for i, e in enumerate(fit.model.effects) if e.family == "carrier_frequency_offset" and not e.fixed]
+        offset = fit.model.index_of(Role.CARRIER, found=True)
         apart = any(other is finding for other in wandering) or not any(_meet(finding, w) for w in wandering)
-        if not offsets or apart or finding.later:
+        if offset is None or apart or finding.later:
             continue
-        bare = refit(fit.data, fit.model.without(offsets[0]))
-        course = next((s.effect for s in candidates(bare) if s.effect.family == "phase_noise"), None)
+        bare = refit(fit.data, fit.model.without(offset))
+        course = next((s.effect for s in candidates(bare) if plays(s.effect, Role.WANDER)), None)
         other = refit(fit.data, bare.model.adding(course)) if course else fit
         if other.evidence > fit.evidence - MARGIN:
             finding.fit = other
@@ -163,7 +153,7 @@ def weigh(family: str, heard: list[Voice], group: set[str]) -> float:
     """ln L of "the recordings of `group` share this effect" over "no recording has it"."""
     inside = [v for v in heard if v.finding.observation.name in group]
     sizes = {len(v.p) for v in inside}
-    if family in COMMON and len(sizes) == 1 and 0 not in sizes:
+    if FAMILIES[family].common and len(sizes) == 1 and 0 not in sizes:
         total = sum(v.curvature for v in inside)
         mean = invert(total) @ sum(v.curvature @ v.p for v in inside)
         return float(sum(v.gain - 0.5 * (mean - v.p) @ v.curvature @ (mean - v.p) for v in inside))
@@ -186,8 +176,7 @@ def owners(findings, effect: Effect) -> list[tuple[str, str, set[str]]]:
     if family.level == "environment":
         return [("environment", "environment", everything)]
     out = []
-    levels = ("rx",) if effect.family in ALWAYS_RX else ("tx",) if effect.family in ALWAYS_TX else ("tx", "rx")
-    for level in levels:
+    for level in (side for side in ("tx", "rx") if side in family.owners):
         names = (
             {tx for f in findings for tx in f.scene.transmitters} if level == "tx" else {f.observation.receiver for f in findings}
         )
@@ -199,18 +188,6 @@ def owners(findings, effect: Effect) -> list[tuple[str, str, set[str]]]:
             }
             out.append((level, name, mine))
     return out
-
-
-ALWAYS_TX = {"lo_leakage", "pa_nonlinearity"}
-ALWAYS_RX = {
-    "dc_offset",
-    "adc_clipping",
-    "quantization",
-    "noise_floor",
-    "signal_dependent_noise",
-    "sample_loss",
-    "spectral_inversion",
-}
 
 
 def owner(findings, members) -> tuple[dict, set[str]]:
@@ -231,7 +208,7 @@ def owner(findings, members) -> tuple[dict, set[str]]:
         best = next((o for o in options if o[0] == side), options[0])
         rest = [o for o in options if o != best]
         name = {"level": best[0], "name": best[1]}
-        if rest and effect.family not in ALWAYS_TX | ALWAYS_RX:
+        if rest and len(family.owners) > 1:
             name["alternatives"] = [{"level": level, "name": other} for level, other, _ in rest]
         return name, best[2]
     heard = voices(findings, members)

@@ -177,7 +177,7 @@ def jumps(fit) -> list[Leftover]:
     does."""
     scene, out = fit.data.scene, []
     for e in fit.model.found:
-        if e.family not in ("phase_noise", "tap_fading"):
+        if not FAMILIES[e.family].wanders:
             continue
         course = FAMILIES[e.family].course(scene, e, e.p)
         orders = len(e.p) // (2 if np.iscomplexobj(course) else 1)

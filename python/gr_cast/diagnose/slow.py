@@ -9,7 +9,7 @@ import numpy as np
 from scipy import stats
 
 from ..sounding.cir import DB_PER_NEPER as DB
-from ..twin.effects import FAMILIES, Effect
+from ..twin.effects import FAMILIES, Effect, Role, plays, with_role
 from ..twin.effects.base import start
 from ..twin.model import Model
 from . import courses
@@ -29,14 +29,14 @@ WORSE_NATS = 3.0  # by which a part may be less likely with what all parts tell 
 OPEN_CYCLES = 0.1  # from one part to the next: with a larger error of what they turn their phases cannot be joined
 UNSEEN_CYCLES = 0.02  # that a part turns without an offset being found in it, at least,
 UNSEEN = 6.0  # standard deviations of what its phase tells of that
-RANDOM = {"tap_fading", "phase_noise"}  # beside which a phase has no course of its own
 
 
 def between(findings: list[Finding]) -> None:
     """Put what the parts of a recording show together into one of them, as an effect. `findings` are of one recording, the
     first one that of the part that was searched."""
-    shown = {e.family for f in findings for e in f.fit.model.found}
-    if len(findings) < FEWEST or "tap_fading" in shown or len(findings[0].scene.sources) > 1:
+    shown = [e for f in findings for e in f.fit.model.found]
+    wanders = {what for e in shown for what in FAMILIES[e.family].wanders}
+    if len(findings) < FEWEST or "gain" in wanders or len(findings[0].scene.sources) > 1:
         return
     first, in_time = findings[0], _in_time(findings)
     whole_s, whole = first.scene.whole_s, first.scene.whole
@@ -48,28 +48,28 @@ def between(findings: list[Finding]) -> None:
             told["time_constant_s"] = best.time * whole_s
             std["time_constant_s"] = TIME_STD * best.time * whole_s
         worth = Worth(evidence=best.nats, held_out=_held_out(in_time, level, best, 1.0))
-        _put(findings, first, "gain_drift", told, std, worth)
+        _put(findings, first, Role.DRIFT, told, std, worth)
     elif best:
         best = best if _put_step(in_time, level, best) else None
     if level and best is None and courses.nats_over_none(level, level.value) > LEFT_NATS and np.ptp(level.value) > WANDER:
         first.left.append(_wander(level, whole_s))
         for finding in findings:  # what some of them show is no drift of the whole
-            if (bare := _without(finding, "gain_drift")) is not finding.fit.model:
+            if (bare := _without(finding, Role.DRIFT)) is not finding.fit.model:
                 _take(finding, refit(finding.fit.data, bare), bare)
     if level:
         said = level.value if best is None else best.said
         _without_floors(in_time, said - said[0] + [nepers for nepers, _ in steps])
-    phase = _phases(in_time) if not shown & RANDOM else None
+    phase = _phases(in_time) if "phase" not in wanders else None
     if phase and (best := courses.parabola(phase)):
         hz, (bend, doubt) = 1 / (2 * np.pi * whole_s), best.bend
         told = {"offset_hz": best.change * hz, "drift_hz_per_s": 2 * bend * hz / whole_s}
         std = {"offset_hz": best.std * hz, "drift_hz_per_s": 2 * doubt * hz / whole_s}
         worth = Worth(evidence=best.nats, held_out=_held_out(in_time, phase, best, 1j))
-        _put(findings, first, "carrier_frequency_offset", told, std, worth)
-    delay = _delays(in_time) if "sample_loss" not in shown else None
+        _put(findings, first, Role.CARRIER, told, std, worth)
+    delay = _delays(in_time) if not any(plays(e, Role.SLIP) for e in shown) else None
     if delay and (best := courses.line(delay)):
         told, std = {"offset_ppm": -best.change / whole * 1e6}, {"offset_ppm": best.std / whole * 1e6}
-        _put(findings, first, "sample_clock_offset", told, std, Worth(evidence=best.nats, held_out=0.0))
+        _put(findings, first, Role.CLOCK, told, std, Worth(evidence=best.nats, held_out=0.0))
 
 
 def gap(findings: list[Finding]) -> tuple[int, int] | None:
@@ -88,15 +88,14 @@ def _in_time(findings: list[Finding]) -> list[Finding]:
     return sorted(findings, key=lambda f: f.observation.first)
 
 
-def _found(finding: Finding, family: str) -> list[tuple[int, Effect]]:
-    effects = finding.fit.model.effects
-    return [(i, e) for i, e in enumerate(effects) if e.family == family and not e.fixed]
+def _found(finding: Finding, role: Role) -> list[tuple[int, Effect]]:
+    return [(i, e) for i, e in enumerate(finding.fit.model.effects) if plays(e, role) and not e.fixed]
 
 
-def _series(in_time: list[Finding], family: str, value: Callable, slopes: Callable) -> Series | None:
+def _series(in_time: list[Finding], role: Role, value: Callable, slopes: Callable) -> Series | None:
     """The series of a value of a finding, with its derivatives {number in the model's vector: derivative}; None where the
     twin's own of that family moves in the fits of the parts."""
-    if any(e.family == family and e.fixed and e.free.any() for f in in_time for e in f.fit.model.effects):
+    if any(plays(e, role) and e.fixed and e.free.any() for f in in_time for e in f.fit.model.effects):
         return None
     at, values, std = [], [], []
     for finding in in_time:
@@ -104,15 +103,15 @@ def _series(in_time: list[Finding], family: str, value: Callable, slopes: Callab
         weights = np.array(list(by.values()))
         values.append(value(finding))
         std.append(np.hypot(np.sqrt(weights @ finding.fit.covariance[np.ix_(list(by), list(by))] @ weights), ALIKE))
-        at.append((finding.scene.begins + _amidst(finding, family)) / finding.scene.whole)
+        at.append((finding.scene.begins + _amidst(finding, role)) / finding.scene.whole)
     return Series(at=np.array(at), value=np.array(values), std=np.array(std))
 
 
-def _amidst(finding: Finding, family: str) -> float:
+def _amidst(finding: Finding, role: Role) -> float:
     """The sample of a part that its gain, phase and delay are those of: its middle where a course of them is fitted too, else
     that of what is heard in it."""
     scene = finding.scene
-    if _found(finding, family):
+    if _found(finding, role):
         return scene.span / 2
     heard = np.abs(finding.fit.chain.y) ** 2 * finding.fit.data.use
     return float(np.sum(scene.index * heard) / max(np.sum(heard), 1e-300))
@@ -128,9 +127,9 @@ def _along(finding: Finding, way: complex) -> dict[int, float]:
     return {1: gain.real / abs(gain) ** 2, 2: gain.imag / abs(gain) ** 2}
 
 
-def _amid(finding: Finding, family: str, share: float) -> dict[int, float]:
+def _amid(finding: Finding, role: Role, share: float) -> dict[int, float]:
     """Derivative by the first number of what a part shows of a family itself."""
-    return {finding.fit.model.span(i).start: share for i, e in _found(finding, family) if e.free[0]}
+    return {finding.fit.model.span(i).start: share for i, e in _found(finding, role) if e.free[0]}
 
 
 def _steps_before(in_time: list[Finding]) -> list[tuple[float, float]]:
@@ -138,7 +137,7 @@ def _steps_before(in_time: list[Finding]) -> list[tuple[float, float]]:
     out, total, variance = [], 0.0, 0.0
     for finding in in_time:
         out.append((total, variance))
-        for i, e in _found(finding, "gain_step"):
+        for i, e in _found(finding, Role.STEP):
             total += e.p[0]
             variance += finding.fit.covariance[finding.fit.model.span(i), finding.fit.model.span(i)].sum()
     return out
@@ -146,34 +145,34 @@ def _steps_before(in_time: list[Finding]) -> list[tuple[float, float]]:
 
 def _levels(in_time: list[Finding]) -> Series | None:
     """ln of the gain, without the steps that parts show."""
-    drift, before = FAMILIES["gain_drift"], dict(zip(map(id, in_time), _steps_before(in_time), strict=True))
+    drift, before = with_role(Role.DRIFT), dict(zip(map(id, in_time), _steps_before(in_time), strict=True))
 
     def value(finding):
-        drifted = sum(np.log(drift.factor(e, np.array([0.5]))[0]) for _, e in _found(finding, drift.name))
+        drifted = sum(np.log(drift.factor(e, np.array([0.5]))[0]) for _, e in _found(finding, Role.DRIFT))
         return np.log(abs(_gain_of(finding))) + drifted - before[id(finding)][0]
 
-    series = _series(in_time, drift.name, value, lambda f: _along(f, 1.0) | _amid(f, drift.name, 0.5))
+    series = _series(in_time, Role.DRIFT, value, lambda f: _along(f, 1.0) | _amid(f, Role.DRIFT, 0.5))
     return series and replace(series, std=np.hypot(series.std, [np.sqrt(before[id(f)][1]) for f in in_time]))
 
 
 def _phases(in_time: list[Finding]) -> Series | None:
     """Phase in rad without what the twin's own oscillators turn; None where it is open how often it turns between parts."""
-    carrier = FAMILIES["carrier_frequency_offset"]
+    carrier = with_role(Role.CARRIER)
 
     def value(finding):
         scene = finding.scene
         t = (scene.begins + scene.span / 2) / scene.sample_rate_hz
-        own = [e for e in finding.fit.model.effects if e.family == carrier.name and e.fixed]
+        own = [e for e in finding.fit.model.effects if plays(e, Role.CARRIER) and e.fixed]
         told = [carrier.values(scene, e, e.p) for e in (carrier.since_the_beginning(scene, e) for e in own)]
         return np.angle(_gain_of(finding)) - 2 * np.pi * sum(v["offset_hz"] * t + 0.5 * v["drift_hz_per_s"] * t**2 for v in told)
 
-    series = _series(in_time, carrier.name, value, lambda f: _along(f, 1j))
+    series = _series(in_time, Role.CARRIER, value, lambda f: _along(f, 1j))
     if series is None or any(f.fit.model.inverted for f in in_time):
         return None
     turns, weights, unseen = [], [], []  # cycles over the recording
     for finding, std in zip(in_time, series.std, strict=True):
         lengths = finding.scene.whole / finding.scene.span
-        for k, (_, e) in zip(_amid(finding, carrier.name, 1.0), _found(finding, carrier.name), strict=True):
+        for k, (_, e) in zip(_amid(finding, Role.CARRIER, 1.0), _found(finding, Role.CARRIER), strict=True):
             turns.append(e.p[0] * lengths)
             weights.append(1 / (finding.fit.covariance[k, k] * lengths**2))
         unseen.append(max(UNSEEN_CYCLES, UNSEEN * np.sqrt(12) * std / (2 * np.pi)) * lengths)
@@ -190,25 +189,26 @@ def _delays(in_time: list[Finding]) -> Series | None:
     """Delay in samples without what the twin's own clocks have gained."""
 
     def value(finding):
-        scene, clocks = finding.scene, [e for e in finding.fit.model.effects if e.family == "sample_clock_offset"]
+        scene, clocks = finding.scene, [e for e in finding.fit.model.effects if plays(e, Role.CLOCK)]
         gained = sum(e.p[0] * (scene.begins / scene.span if e.fixed else -0.5) for e in clocks)
         return scene.anchor + finding.fit.model.base[0] + scene.begins + gained
 
-    series = _series(in_time, "sample_clock_offset", value, lambda f: {0: 1.0} | _amid(f, "sample_clock_offset", -0.5))
+    series = _series(in_time, Role.CLOCK, value, lambda f: {0: 1.0} | _amid(f, Role.CLOCK, -0.5))
     source = in_time[0].scene.sources[0]
     if series is None or not source.repeat:
         return series
     return replace(series, value=np.unwrap(series.value, period=len(source.samples)))
 
 
-def _put(findings: list[Finding], holder: Finding, family: str, told: dict, std: dict, worth: Worth) -> None:
+def _put(findings: list[Finding], holder: Finding, role: Role, told: dict, std: dict, worth: Worth) -> None:
     """Let one finding hold what the whole recording tells of a family; what others show of it themselves they have from there."""
+    family = with_role(role)
     for finding in findings:
-        bare, scene = _without(finding, family), finding.scene
+        bare, scene = _without(finding, role), finding.scene
         own = bare is not finding.fit.model
         if finding is not holder and not own:
             continue
-        effect = FAMILIES[family].in_its_part(scene, FAMILIES[family].parse(scene, told, {}))
+        effect = family.in_its_part(scene, family.parse(scene, told, {}))
         free, aux = np.zeros(len(effect.p), bool), {**effect.aux, "whole": True, "_stds": std}
         effect = replace(effect, free=free, aux=aux, fixed=finding is not holder)
         model = bare.adding(effect)
@@ -218,10 +218,10 @@ def _put(findings: list[Finding], holder: Finding, family: str, told: dict, std:
             finding.worths[id(effect.p)] = worth
 
 
-def _without(finding: Finding, family: str) -> Model:
+def _without(finding: Finding, role: Role) -> Model:
     """The model of a part without what it shows of a family itself."""
     model = finding.fit.model
-    for i, _ in reversed(_found(finding, family)):
+    for i, _ in reversed(_found(finding, role)):
         model = model.without(i)
     return model
 
@@ -239,7 +239,7 @@ def _put_step(in_time: list[Finding], level: Series, course: Course) -> bool:
     std = {"step_db": DB * course.std, "time_s": float(high - low) / np.sqrt(12) / scene.sample_rate_hz}
     aux = {"gap": float(high - low), "_stds": std}
     place = ((low + high) / 2 - scene.begins) / scene.span
-    effect = start(FAMILIES["gain_step"], [course.change, place], free=[False, False], aux=aux)
+    effect = start(with_role(Role.STEP), [course.change, place], free=[False, False], aux=aux)
     model = holder.fit.model.adding(effect)
     fit = refit(holder.fit.data, model) if place < 1 else replace(holder.fit, model=model)
     if fit.likelihood < holder.fit.likelihood - WORSE_NATS:
@@ -266,8 +266,8 @@ def _wander(level: Series, whole_s: float) -> Leftover:
 def _without_floors(in_time: list[Finding], changed: np.ndarray) -> None:
     """Take out noise floors that are no more than what the gain, `changed` by so many nepers (parts,), makes of the noise."""
     for finding, change_db in zip(in_time, DB * changed, strict=True):
-        for i, e in reversed(_found(finding, "noise_floor")):
-            doubt_db = FLOOR_DB + SURE * finding.stds["noise_floor"]["change_db"]
+        for i, e in reversed(_found(finding, Role.FLOOR)):
+            doubt_db = FLOOR_DB + SURE * finding.stds[e.family]["change_db"]
             if abs(e.p[0] - change_db) < min(doubt_db, abs(change_db)):
                 rest = finding.fit.model.without(i)
                 _take(finding, replace(finding.fit, model=rest), rest)

@@ -12,7 +12,6 @@ from .ownership import kind_of, owner
 
 SAME_DELAY_SAMPLES = 0.7
 SURELY_APART = 3.0  # standard deviations
-HEAVY = 2.5  # of the standard deviation of a step's time: its errors fall off like exp(−|t|), one in 200 is eight of them
 HURRIED = 0.9  # of the confidence of an effect of a search that its time ended, with nothing left that would tell against it
 UNTRUSTED = 0.2  # of the confidence of an effect that stands in a list with something left unexplained
 LEAST_NATS = 8.0  # that an effect must bring over all recordings
@@ -39,17 +38,8 @@ def _group(findings: list[Finding]) -> list[list[tuple[Finding, int]]]:
 def _place(finding: Finding, index: int) -> tuple[float, float]:
     """A coordinate that is the same where the effect is the same, and its standard deviation where that may be large, in units
     of SAME_DELAY_SAMPLES."""
-    effect = finding.fit.model.effects[index]
-    if effect.family == "extra_path":
-        return float(effect.p[2]), 0.0
-    if effect.family == "tone_interference":
-        return float(effect.p[2]) / 4, 0.0
-    if effect.family == "sample_loss":
-        return (finding.observation.first + float(effect.p[0])) / 50, 0.0
-    if effect.family == "gain_step":
-        time = numbers(finding, index)[0]["time_s"]
-        return 100 * time["value"] / finding.scene.duration_s, 100 * HEAVY * time["std"] / finding.scene.duration_s
-    return 0.0, 0.0
+    family = FAMILIES[finding.fit.model.effects[index].family]
+    return (0.0, 0.0) if family.place is None else family.placed(finding.scene, numbers(finding, index)[0])
 
 
 def conclude(case, findings: list[Finding], vault: list[tuple]) -> dict:

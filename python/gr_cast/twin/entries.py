@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .effects import FAMILIES
+from .effects import FAMILIES, Role
 from .scene import Source
 
 
@@ -27,7 +27,7 @@ def lost_before(case, observation) -> int:
 
 def _is_over(case, observation, entry) -> bool:
     """Whether a part of a recording begins behind the samples that an entry says are lost."""
-    if entry["family"] != "sample_loss":
+    if FAMILIES[entry["family"]].role is not Role.SLIP:
         return False
     return plain(entry["parameters"]["time_s"], observation.name) * case.sample_rate_hz <= observation.first
 
@@ -81,5 +81,5 @@ def told_noise_db(case, observation) -> float | None:
     told = case.noise_db.get(observation.receiver)
     if told is None:
         return None
-    known = (e for e in twin_effects(case, observation) if e["family"] == "noise_floor")
+    known = (e for e in twin_effects(case, observation) if FAMILIES[e["family"]].role is Role.FLOOR)
     return told + sum(plain(e["parameters"]["change_db"], observation.name) for e in known)

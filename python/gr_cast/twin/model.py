@@ -93,8 +93,8 @@ class Model:
 
 def _place(effect: Effect) -> float:
     """Where a free effect stands among several of its kind: the number that is searched for."""
-    searched = FAMILIES[effect.family].place
-    return 0.0 if searched is None else float(effect.p[searched])
+    family = FAMILIES[effect.family]
+    return 0.0 if family.place is None else float(effect.p[family.place]) / family.place_step
 
 
 def _start_chain(scene, base) -> Chain:

@@ -17,7 +17,7 @@ from ..core.units import amplitude_from_db
 from ..emulation.reference import receiver_noise
 from ..signals import recording
 from .document import Case, Observation, Waveform
-from .effects import FAMILIES
+from .effects import FAMILIES, Role, plays, with_role
 from .entries import effect_of, plain, source_of, told_noise_db, twin_effects
 from .model import Model, predict
 from .scene import Path, Scene, Source
@@ -173,14 +173,8 @@ class Playback:
     @property
     def warnings(self) -> list[str]:
         """Where the twin is asked for more than was measured."""
-        out = []
-        for effect in self.model.effects:
-            if effect.family == "pa_nonlinearity":
-                sent, measured = self.scene.sources[effect.aux["source"]].peak, effect.aux["peak"]
-                if sent > 1.01 * measured:
-                    name = self.scene.transmitters[effect.aux["source"]]
-                    out.append(f"{name}: amplifier driven to {sent:.3g}, measured up to {measured:.3g}: extrapolated")
-        return out
+        told = (FAMILIES[effect.family].extrapolated(self.scene, effect) for effect in self.model.effects)
+        return [warning for warning in told if warning]
 
     def chunks(self, size: int = 1 << 20) -> Iterator[np.ndarray]:
         """All samples in order, `size` at a time."""
@@ -292,20 +286,14 @@ class Playback:
             drawn = family.played(self.scene, effect, np.random.default_rng([self.conditions.seed, k]))
             model = model.adding(replace(drawn, aux={**drawn.aux, "entry": k}))
         if self.conditions.carrier_offset_hz:
-            family = FAMILIES["carrier_frequency_offset"]
+            family = with_role(Role.CARRIER)
             model = model.adding(family.parse(self.scene, {"offset_hz": self.conditions.carrier_offset_hz}, {}))
         return model
 
     def _retuned(self, family, entry: dict) -> dict:
         """An entry on another carrier: an oscillator's errors and Dopplers grow with it, paths turn by their delay."""
         parameters = {k: plain(v, self.observation.name) for k, v in entry["parameters"].items()}
-        model = dict(entry.get("model") or {})
-        for numbers in (parameters, model):
-            for name, power in family.follows_carrier.items():
-                if numbers.get(name) is not None:
-                    numbers[name] *= self.ratio**power
-        if entry["family"] == "extra_path":
-            parameters["phase_rad"] = (parameters.get("phase_rad") or 0.0) - 2 * np.pi * self.moved_hz * parameters["delay_s"]
+        parameters, model = family.retuned(parameters, dict(entry.get("model") or {}), self.ratio, self.moved_hz)
         return {**entry, "parameters": parameters, "model": model}
 
     def _at(self, first: int, model: Model | None = None) -> Scene:
@@ -318,14 +306,12 @@ class Playback:
     def _reach(self, first: int, model: Model) -> tuple[int, int]:
         """First and last sample of what was sent that a block can hold: clock and joints move it, paths delay it."""
         last = first + self.grid.block
-        clock = sum(e.p[0] for e in model.effects if e.family == "sample_clock_offset") / self.count
-        joints = [e.p for e in model.effects if e.family == "sample_loss"]
+        clock = sum(e.p[0] for e in model.effects if plays(e, Role.CLOCK)) / self.count
+        joints = [e.p for e in model.effects if plays(e, Role.SLIP)]
         edges = [first, last, *(at for at, _ in joints if first <= at < last)]
         shifts = [sum(lost for at, lost in joints if edge >= at) for edge in edges]
         delays = [p.delay for p in self.scene.taps]
-        delays += [e.p[2] for e in model.effects if e.family in ("extra_path", "second_transmitter")]
-        delays += [e.aux["first"] + len(e.p) / 2 for e in model.effects if e.family == "diffuse_tail"]
-        delays += [max(delays) + e.p[0] for e in model.effects if e.family == "tap_delay_error"]
+        delays += [delay for e in model.effects for delay in FAMILIES[e.family].delays(self.scene, e)]
         early = min(clock * first, clock * last) + min(shifts) - max(delays)
         late = max(clock * first, clock * last) + max(shifts) - min(delays)
         return first + int(np.floor(early)), last + int(np.ceil(late))

@@ -65,6 +65,7 @@ class Multiplicity(Enum):
 
 
 PROBE = 1e-5  # size of the wave, path or tap that is added to measure a derivative
+SEARCHED = 0.05  # of a number, that a search leaves open
 NYQUIST = 0.01  # of the sample rate on either side of its half: what interpolation between samples cannot know
 
 
@@ -102,6 +103,7 @@ class Family:
     stage = RX_GAIN
     multiplicity = Multiplicity.EACH_PLACE
     place: int | None = None  # the number that is searched for and tells several of a kind apart
+    place_step = 1.0  # of that number, by which two differ in a search
     lasting = True  # holds throughout a recording; else of one moment, or judged anew in every part of a long one
     common = False  # its numbers are the same wherever its owner is seen
     two_sided = False  # has a form in front of the channel and one behind it, and says which (aux side)
@@ -112,6 +114,9 @@ class Family:
     linear = False  # the prediction is linear in its numbers: no step is too long
     either_side = False  # the same of a transmitter or the receiver but for small traces: all recordings together tell
     leaps = False  # no small step leads to it: all else must move with it before its worth is seen
+    wanders: tuple[str, ...] = ()  # of gain and phase: what its `course` moves at random, so that no other course of it shows
+    row_of_taps = False  # taps behind the strongest: two such families imitate each other, whatever their lengths
+    least_error: dict[str, float] = {}  # what one realisation of a random course leaves open: share of a number, or dB
     random = False  # its numbers are a law: what a twin has of it runs another course in every recording
     beyond = False  # physics that a diagnosis has no name for: what is left, and no cause
     same_as: dict[str, str] = {}  # families that are counted as the same answer, and when
@@ -246,6 +251,39 @@ class Family:
         """(taps,) of a filter with the numbers `p`."""
         return np.ones(1)
 
+    def course(self, scene, effect: Effect, p: np.ndarray) -> np.ndarray:
+        """(n,) the course with the numbers `p` of what `wanders`: a phase in rad, or a complex gain."""
+        raise NotImplementedError
+
+    def factor(self, effect: Effect, u: np.ndarray) -> np.ndarray:
+        """(n,) what it makes of the gain at the times `u` (n,), shares of the recording."""
+        return np.ones(len(u))
+
+    def placed(self, scene, told: dict[str, dict]) -> tuple[float, float]:
+        """Where an effect with these parameters {name: {value, std}} is, the same in every recording that shows it, and the
+        standard deviation of that where it may be large: within 0.7 two are at one place."""
+        return 0.0, 0.0
+
+    def holds(self, scene, effect: Effect, other: Effect) -> bool:
+        """Whether another effect is a part of this one, and no cause of its own."""
+        return False
+
+    def delays(self, scene, effect: Effect) -> tuple[float, ...]:
+        """Delays, in samples on the scale of the taps, at which it puts what is sent."""
+        return ()
+
+    def extrapolated(self, scene, effect: Effect) -> str | None:
+        """What of the scene goes beyond that in which the effect was measured, as a sentence."""
+        return None
+
+    def retuned(self, parameters: dict, model: dict, ratio: float, moved_hz: float) -> tuple[dict, dict]:
+        """Parameters and model of an entry on a carrier `ratio` times as high, or `moved_hz` higher."""
+        out = []
+        for numbers in (parameters, model):
+            told = {k: numbers[k] * ratio**power for k, power in self.follows_carrier.items() if numbers.get(k) is not None}
+            out.append(numbers | told)
+        return out[0], out[1]
+
     def hidden(self, effect: Effect) -> int:
         """Numbers that were chosen by search and not fitted."""
         return 0
@@ -261,6 +299,14 @@ class Family:
     def played(self, scene, effect: Effect, rng) -> Effect:
         """The effect as a twin plays it: what is random is drawn anew from its law, with the generator `rng`."""
         return effect
+
+    def spread(self, scene, effect: Effect, sigma2: float, power: float) -> dict[str, float]:
+        """Standard deviations of numbers that are found by search, at a noise and a wanted power."""
+        return {}
+
+    def resolution(self, scene, name: str, value: float) -> float:
+        """Standard deviation of a number of which nothing else tells it: that of its search."""
+        return SEARCHED * abs(value)
 
     def where(self, scene, effect: Effect, values: dict) -> dict:
         return {}

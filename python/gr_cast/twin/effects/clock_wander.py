@@ -29,6 +29,7 @@ class ClockWander(Family):
     flexible = True
     linear = True
     random = True
+    least_error = {"rms_s": 0.1}
     beyond = True
 
     def apply(self, chain, effect):

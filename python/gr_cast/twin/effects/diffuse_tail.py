@@ -20,6 +20,8 @@ class DiffuseTail(Family):
     stage = LINK
     flexible = True
     linear = True
+    row_of_taps = True
+    least_error = {"decay_s": 0.15, "power_db": 0.3}
 
     def apply(self, chain, effect):
         taps = effect.p[::2] + 1j * effect.p[1::2]
@@ -76,6 +78,9 @@ class DiffuseTail(Family):
 
     def model(self, scene, effect):
         return {"first": float(effect.aux["first"]), "taps": [float(v) for v in effect.p]}
+
+    def delays(self, scene, effect):
+        return (effect.aux["first"] + len(effect.p) / 2,)
 
     def where(self, scene, effect, values):
         first = effect.aux["first"] / scene.sample_rate_hz

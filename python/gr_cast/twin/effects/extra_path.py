@@ -71,6 +71,21 @@ class ExtraPath(Family):
             aux={"source": model.get("source", 0)},
         )
 
+    def placed(self, scene, told):
+        return told["delay_s"]["value"] * scene.sample_rate_hz, 0.0
+
+    def delays(self, scene, effect):
+        return (effect.p[2],)
+
+    def resolution(self, scene, name, value):
+        return 0.0 if name == "delay_s" else super().resolution(scene, name, value)
+
+    def retuned(self, parameters, model, ratio, moved_hz):
+        """A path turns by its delay as well."""
+        parameters, model = super().retuned(parameters, model, ratio, moved_hz)
+        turned_rad = (parameters.get("phase_rad") or 0.0) - 2 * np.pi * moved_hz * parameters["delay_s"]
+        return parameters | {"phase_rad": turned_rad}, model
+
     def where(self, scene, effect, values):
         return around(scene, values["delay_s"])
 

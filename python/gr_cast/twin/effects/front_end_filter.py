@@ -40,6 +40,7 @@ class FrontEndFilter(Family):
     two_sided = True
     stage = RX_FILTER
     linear = True
+    row_of_taps = True
 
     def impulse_response(self, effect, p):
         low, high = effect.aux["low"], effect.aux["high"]

@@ -4,8 +4,6 @@
 
 from functools import lru_cache
 
-import numpy as np
-
 from .base import RX_GAIN, TX_LO, Family
 
 
@@ -14,10 +12,6 @@ class GainFamily(Family):
 
     def at(self, effect):
         return TX_LO if effect.aux.get("side") == "tx" else RX_GAIN
-
-    def factor(self, effect, u: np.ndarray) -> np.ndarray:
-        """(n,) the gain at the times `u` (n,), shares of the recording."""
-        raise NotImplementedError
 
     def apply(self, chain, effect):
         scene = chain.scene

@@ -7,12 +7,16 @@ import numpy as np
 from .base import Multiplicity, Role, side_of, start
 from .gain_family import GainFamily
 
+SHARE_APART = 0.01  # of the recording, by which two steps are told apart
+HEAVY = 2.5  # of the standard deviation of its time: its errors fall off like exp(−|t|), one in 200 is eight of them
+
 
 class GainStep(GainFamily):
     name = "gain_step"
     role = Role.STEP
     owners = ("rx", "tx")
     multiplicity = Multiplicity.MANY
+    place, place_step = 1, SHARE_APART
     lasting = False
 
     def factor(self, effect, u):
@@ -32,6 +36,18 @@ class GainStep(GainFamily):
 
     def later(self, scene, effect, lengths):
         return effect.moved(effect.p - [0.0, lengths])
+
+    def spread(self, scene, effect, sigma2, power):
+        """Hinkley (1970): a change of mean is placed to a few noise variances over its square."""
+        change = (np.exp(effect.p[0]) - 1) ** 2 * power
+        return {"time_s": (0.5 + 2.5 * sigma2 / change) / scene.sample_rate_hz}
+
+    def placed(self, scene, told):
+        unit_s = SHARE_APART * scene.duration_s
+        return told["time_s"]["value"] / unit_s, HEAVY * told["time_s"]["std"] / unit_s
+
+    def resolution(self, scene, name, value):
+        return 2.0 / scene.sample_rate_hz if name == "time_s" else super().resolution(scene, name, value)
 
     def plausible(self, effect):
         return abs(effect.p[0]) < 4

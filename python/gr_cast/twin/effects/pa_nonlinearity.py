@@ -161,6 +161,13 @@ class PaNonlinearity(Family):
         plain = not effect.aux.get("lags") and self.driven(scene, effect) is scene.sources[effect.aux["source"]].samples
         return {"compression_db": -db(self.curve(p) if plain else self.met(scene, effect, p))}
 
+    def extrapolated(self, scene, effect):
+        sent, measured = scene.sources[effect.aux["source"]].peak, effect.aux["peak"]
+        if sent <= 1.01 * measured:
+            return None
+        name = scene.transmitters[effect.aux["source"]]
+        return f"{name}: amplifier driven to {sent:.3g}, measured up to {measured:.3g}: extrapolated"
+
     def constants(self, scene, effect):
         return {"memory": bool(effect.aux.get("lags"))}
 

@@ -38,6 +38,8 @@ class PhaseNoise(Family):
     flexible = True
     linear = True
     random = True
+    wanders = ("phase",)
+    least_error = {"rms_rad": 0.1}
     either_side = True
     follows_carrier = {"linewidth_hz": 2, "rms_rad": 1}
 

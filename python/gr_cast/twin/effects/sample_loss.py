@@ -7,6 +7,8 @@ import numpy as np
 
 from .base import LINK, Family, Multiplicity, Role, start
 
+SAMPLES_APART = 50.0  # by which joints of two recordings may differ and be one
+
 
 class SampleLoss(Family):
     name = "sample_loss"
@@ -38,6 +40,12 @@ class SampleLoss(Family):
 
     def parse(self, scene, parameters, model):
         return start(self, [parameters["time_s"] * scene.sample_rate_hz, parameters["samples"]], free=[False, False])
+
+    def placed(self, scene, told):
+        return told["time_s"]["value"] * scene.sample_rate_hz / SAMPLES_APART, 0.0
+
+    def resolution(self, scene, name, value):
+        return {"time_s": 2.0 / scene.sample_rate_hz, "samples": 0.0}[name]
 
     def hidden(self, effect):
         return 1

@@ -94,6 +94,12 @@ class SecondTransmitter(Family):
             gain_db = 10 * np.log10(max((own * response * heard).sum() / (wanted * heard).sum(), 1e-24))
         return {"gain_db": gain_db, "delay_s": p[2] / scene.sample_rate_hz}
 
+    def delays(self, scene, effect):
+        return (effect.p[2],)
+
+    def resolution(self, scene, name, value):
+        return 0.0 if name == "delay_s" else super().resolution(scene, name, value)
+
     def constants(self, scene, effect):
         return {"code": effect.aux["code"]}
 

@@ -21,5 +21,8 @@ class TapFamily(Family):
     def delay_of(self, scene, effect) -> float:
         return scene.taps[effect.aux["tap"]].delay / scene.sample_rate_hz
 
+    def resolution(self, scene, name, value):
+        return 0.0 if name == "delay_s" else super().resolution(scene, name, value)  # the tap's own
+
     def where(self, scene, effect, values):
         return around(scene, self.delay_of(scene, effect))

@@ -20,6 +20,9 @@ class TapDelayError(TapFamily):
             for jump in view.tap_shift(k):
                 yield start(self, [jump], aux={"tap": k}, trials=len(view.scene.taps) * 50)
 
+    def delays(self, scene, effect):
+        return (scene.taps[effect.aux["tap"]].delay + effect.p[0],)
+
     def plausible(self, effect):
         return abs(effect.p[0]) < 30
 

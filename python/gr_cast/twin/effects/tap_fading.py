@@ -9,7 +9,9 @@ import numpy as np
 from ..basis import course_orders
 from ..columns import Courses
 from .base import PROBE, start
+from .extra_path import ExtraPath
 from .tap import TapFamily
+from .tap_gain_error import TapGainError
 
 
 class TapFading(TapFamily):
@@ -18,6 +20,8 @@ class TapFading(TapFamily):
     flexible = True
     linear = True
     random = True
+    wanders = ("gain", "phase")
+    least_error = {"k_factor_db": 0.6, "doppler_spread_hz": 0.2}
     follows_carrier = {"doppler_spread_hz": 1}
 
     def course(self, scene, effect, p):
@@ -73,6 +77,13 @@ class TapFading(TapFamily):
         share = np.diff(np.arcsin(np.minimum(np.arange(len(k) + 1) / most, 1.0)))
         prior = 10 ** (-parameters["k_factor_db"] / 10) * share / share.sum() / 2
         return start(self, np.zeros(2 * len(k)), prior=np.repeat(prior, 2), aux={"tap": self.find(scene, parameters, model)})
+
+    def holds(self, scene, effect, other):
+        """Its mean, and its strong moments."""
+        k = effect.aux["tap"]
+        if other.family == TapGainError.name:
+            return other.aux["tap"] == k
+        return other.family == ExtraPath.name and abs(scene.taps[k].delay - other.p[2]) < 1.0
 
     def played(self, scene, effect, rng):
         return effect.moved(rng.normal(size=len(effect.p)) * np.sqrt(effect.prior))

@@ -5,6 +5,8 @@ import numpy as np
 
 from .base import AIR, Family, Multiplicity, complex_pair, db, rms_of, said_rms, start, turned
 
+CYCLES_APART = 4.0  # over the recording, by which tones of two recordings may differ and be one
+
 
 class ToneInterference(Family):
     name = "tone_interference"
@@ -38,6 +40,9 @@ class ToneInterference(Family):
     def model(self, scene, effect):
         phase_rad = np.angle(complex_pair(effect.p) * np.exp(-1j * np.pi * effect.p[2]))  # at t = 0
         return {"phase_rad": float(phase_rad), "wanted_rms": scene.wanted_rms}
+
+    def placed(self, scene, told):
+        return told["frequency_hz"]["value"] * scene.duration_s / CYCLES_APART, 0.0
 
     def where(self, scene, effect, values):
         f, width = values["frequency_hz"], 1 / scene.duration_s
