@@ -6,6 +6,7 @@ import pytest
 import yaml
 from conftest_world import COUNT, RATE_HZ, World, noise, sent_once
 from gr_cast.diagnose import align, diagnose, read_case, slow
+from gr_cast.twin.effects import Role
 
 
 @pytest.fixture
