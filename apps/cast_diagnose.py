@@ -4,10 +4,7 @@
 corrected twin."""
 
 import argparse
-import concurrent.futures
 import os
-import shutil
-import signal
 import sys
 import time
 import traceback
@@ -18,7 +15,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import _program
 from gr_cast import report
+from gr_cast.core import tasks
 from gr_cast.core.errors import CastError
+from gr_cast.core.files import check_writable, sweep_dead
 from gr_cast.diagnose import diagnose, read_case, write
 
 PROGRESS_S = 10.0  # between two lines about a case that takes long
@@ -37,8 +36,9 @@ def _progress(name: str):
     return show
 
 
-def _one(folder: Path, output: Path, budget_s: float) -> tuple[str, list[str]]:
-    """(line for the screen, faults) of one case."""
+def _one(common: tuple[Path, float], folder: Path) -> tuple[str, list[str]]:
+    """(line for the screen, faults) of one case; `common`: folder for the diagnoses, seconds for each."""
+    output, budget_s = common
     try:
         case = read_case(folder)
     except CastError as error:
@@ -47,26 +47,13 @@ def _one(folder: Path, output: Path, budget_s: float) -> tuple[str, list[str]]:
         diagnosis = diagnose(case, budget_s=budget_s, progress=_progress(case.name))
     except Exception:  # one case must not stop the others
         return "", [f"{folder}: internal error\n{traceback.format_exc()}"]
-    write(diagnosis, output / Path(folder).resolve().name, report.render(diagnosis))
+    try:
+        write(diagnosis, output / Path(folder).resolve().name, report.render(diagnosis))
+    except OSError as error:
+        return "", [f"{error.filename or output}: {error.strerror or error}"]
     d = diagnosis.document
     named = ", ".join(f"{e['family']} ({e['owner']['name']})" for e in d["effects"])
     return f"{case.name}: {d['verdict']}{': ' + named if named else ''}  [{d['seconds']:.1f} s]", []
-
-
-def _ignore_interrupt() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def _stop(pool, output: Path, names: list[str]) -> None:
-    """End the processes of a pool, and remove what they were writing."""
-    processes = list(pool._processes.values())
-    for process in processes:
-        process.terminate()
-    for process in processes:
-        process.join()
-    for path in output.iterdir() if output.is_dir() else ():
-        if path.name.startswith(tuple(f".{name}." for name in names)):
-            shutil.rmtree(path, ignore_errors=True)
 
 
 def main(argv=None) -> int:
@@ -82,27 +69,24 @@ def main(argv=None) -> int:
         faults.append(f"--jobs: got {args.jobs}, needs 1 or more")
     if not args.budget > 0:
         faults.append(f"--budget: got {args.budget}, needs more than 0 seconds")
-    if args.output.exists() and not args.output.is_dir():
-        faults.append(f"{args.output}: not a folder")
+    try:
+        check_writable(args.output)
+    except CastError as error:
+        faults += error.faults
     if faults:
         raise CastError(*faults)
     refused, done = False, 0
-    with concurrent.futures.ProcessPoolExecutor(args.jobs, initializer=_ignore_interrupt) as pool:
-        futures = [pool.submit(_one, case, args.output, args.budget) for case in args.cases]
-        try:
-            for future in concurrent.futures.as_completed(futures):
-                line, faults = future.result()
-                done += 1
-                for fault in faults:
-                    refused = True
-                    print(f"error: {fault}", file=sys.stderr, flush=True)
-                if line:
-                    print(f"[{done}/{len(futures)}] {line}", flush=True)
-        except KeyboardInterrupt:
-            for future in futures:
-                future.cancel()
-            _stop(pool, args.output, names)
-            raise
+    lost = lambda index: ("", [f"{args.cases[index]}: its process was killed (out of memory?)"])  # noqa: E731
+    try:
+        for _, (line, faults) in tasks.run(_one, (args.output, args.budget), args.cases, processes=args.jobs, lost=lost):
+            done += 1
+            for fault in faults:
+                refused = True
+                print(f"error: {fault}", file=sys.stderr, flush=True)
+            if line:
+                print(f"[{done}/{len(args.cases)}] {line}", flush=True)
+    finally:
+        sweep_dead(args.output)
     return 2 if refused else 0
 
 

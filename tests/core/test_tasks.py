@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import operator
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -26,6 +27,32 @@ def test_workers_end_with_a_parent_that_is_killed():
         workers = wait_for(lambda: [pid for pid in children(parent.pid) if "spawn_main" in command(pid)][1:])
         parent.kill()
     wait_for(lambda: not any("spawn_main" in command(pid) for pid in workers))
+
+
+def deadly(folder: Path, value: int) -> int:
+    """Dies by SIGKILL for 3, always, and for 1 the first time."""
+    first = folder / str(value)
+    if value == 3 or value == 1 and not first.exists():
+        first.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return -value
+
+
+def test_a_killed_worker_loses_no_other_task(tmp_path):
+    code = (
+        "import sys, pickle; sys.path[:0] = sys.argv[1:3]\n"
+        "import test_tasks\nfrom gr_cast.core import tasks\n"
+        "if __name__ == '__main__':\n"
+        "    from pathlib import Path\n"
+        "    found = tasks.run(test_tasks.deadly, Path(sys.argv[3]), list(range(9)), processes=2, lost=lambda index: 'lost')\n"
+        "    print(sorted(found))\n"
+    )
+    program = tmp_path / "program.py"
+    program.write_text(code)
+    package = str(Path(tasks.__file__).resolve().parents[2])
+    command = [sys.executable, str(program), str(Path(__file__).parent), package, str(tmp_path)]
+    told = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert told.stdout.strip() == str([(n, "lost" if n == 3 else -n) for n in range(9)]), told.stderr
 
 
 def children(pid: int) -> list[int]:

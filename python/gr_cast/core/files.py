@@ -86,6 +86,23 @@ def sweep(folder: Path) -> None:
         _remove(left)
 
 
+def sweep_dead(folder: Path) -> None:
+    """Remove what writers left aside that were killed and are gone; others may be at work in `folder`."""
+    for left in folder.glob(f"{_ASIDE}*"):
+        number = left.name.removeprefix(_ASIDE).partition(".")[0]
+        if number.isdigit() and not Path(f"/proc/{number}").exists():
+            _remove(left)
+
+
+def check_writable(folder: Path) -> None:
+    """Raises CastError where `folder` can be neither written to nor made: before the work, not after it."""
+    there = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
+    if not there.is_dir():
+        raise CastError(f"{there}: not a folder")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise CastError(f"{there}: cannot be written to")
+
+
 def write_text(path: str | Path, text: str) -> None:
     with written_aside(path) as aside:
         aside.write_text(text, encoding="utf-8")

@@ -3,9 +3,11 @@
 
 import multiprocessing
 import os
+import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 
 from .errors import CastError
@@ -14,31 +16,63 @@ _WAIT_S = 10  # for a scheduler to answer, and for a worker to be there
 
 
 def run(
-    function: Callable, common, inputs: Sequence, *, dask: str | None = None, processes: int | None = None
+    function: Callable,
+    common,
+    inputs: Sequence,
+    *,
+    dask: str | None = None,
+    processes: int | None = None,
+    lost: Callable[[int], object] | None = None,
 ) -> Iterator[tuple]:
     """Yield (index, function(common, inputs[index])) as tasks finish. `common` travels once per worker, an input per task.
 
     `dask` is a scheduler's address (tcp://...). Without it tasks run in `processes` processes here (default: one per core),
-    or in this one if that is 1. Raises CastError if no cluster answers, or if it cannot do the work.
+    or in this one if that is 1. A task whose process is killed (out of memory) is tried once more alone, then `lost(index)`
+    stands in for its result. Raises CastError if that is not given, if no cluster answers, or if it cannot do the work.
     """
     processes = processes or len(os.sched_getaffinity(0))
     if not inputs:
         return
     if dask:
         yield from _on_dask(function, common, inputs, dask)
-    elif processes == 1 or len(inputs) < 2:
+    elif lost is None and (processes == 1 or len(inputs) < 2):
         for index, value in enumerate(inputs):
             yield index, function(common, value)
     else:
-        # A fresh interpreter per process: threads of GNU Radio and of the ray tracer do not survive a fork.
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(min(processes, len(inputs)), context, _begin, (common,)) as pool:
-            futures = {pool.submit(_with_common, function, value): index for index, value in enumerate(inputs)}
+        undone = dict(enumerate(inputs))
+        while undone:
             try:
-                for future in as_completed(futures):
-                    yield futures.pop(future), future.result()  # a future that is kept would keep its result
-            finally:
-                pool.shutdown(wait=False, cancel_futures=True)
+                for index, result in _in_pool(function, common, undone, processes):
+                    del undone[index]
+                    yield index, result
+            except BrokenProcessPool:  # nobody says whose process it was: of those that were under way each goes alone
+                for index in list(undone)[: processes + 1]:
+                    yield index, _alone(function, common, index, undone.pop(index), lost)
+
+
+def _alone(function: Callable, common, index: int, value, lost: Callable[[int], object] | None):
+    try:
+        return next(_in_pool(function, common, {index: value}, 1))[1]
+    except BrokenProcessPool:
+        if lost is None:
+            raise CastError(f"task {index + 1}: its process was killed (out of memory?)") from None
+        return lost(index)
+
+
+def _in_pool(function: Callable, common, inputs: dict, processes: int) -> Iterator[tuple]:
+    # A fresh interpreter per process: threads of GNU Radio and of the ray tracer do not survive a fork.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(processes, len(inputs)), context, _begin, (common,)) as pool:
+        futures = {pool.submit(_with_common, function, value): index for index, value in inputs.items()}
+        try:
+            for future in as_completed(futures):
+                yield futures.pop(future), future.result()  # a future that is kept would keep its result
+        finally:
+            workers = list(pool._processes.values())  # the pool forgets them
+            pool.shutdown(wait=False, cancel_futures=True)
+            if futures:  # nobody waits for what is still being done
+                for worker in workers:
+                    worker.terminate()
 
 
 _common = None  # of the tasks of this worker
@@ -47,6 +81,7 @@ _common = None  # of the tasks of this worker
 def _begin(common) -> None:
     global _common
     _common = common
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which ends its workers
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
