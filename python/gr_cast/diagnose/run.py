@@ -230,7 +230,8 @@ def _settle(fit: Fit, finer: bool) -> Fit:
         if FAMILIES[e.family].noise_like:
             e = replace(e, aux={**e.aux, "_floor": fit.sigma2})
         elif e.prior is not None:
-            e = replace(e, aux={**e.aux, "_variance": np.diag(covariance)[fit.model.span(i)].tolist()})
+            span = fit.model.span(i)
+            e = FAMILIES[e.family].settled_law(scene, e, covariance[span, span])
         effects.append(e)
     return replace(fit, model=replace(fit.model, effects=tuple(effects)))
 

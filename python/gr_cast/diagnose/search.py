@@ -139,7 +139,7 @@ def score(fit: Fit, effect: Effect) -> Score:
                 step = invert(schur, 0.0 if family.linear else SEEN) @ slope
                 gain += 0.5 * slope @ step
             else:
-                more, occam, step, prior = _with_prior(schur, slope, effect.prior[free])
+                more, occam, step, prior = _with_prior(schur, slope, effect.prior[free], family.entangled)
                 gain += more
             if not family.linear:  # a linear one is fitted from its start, together with what it resembles
                 p[free] += step
@@ -184,10 +184,10 @@ def _derivatives(fit: Fit, probe: Effect):
     return chain, effect_columns(scene, model, index, chain, before) if probe.free.any() else None
 
 
-def _with_prior(schur, slope, shape):
+def _with_prior(schur, slope, shape, entangled: bool):
     """The scale of the prior that makes the data likeliest: (gain, Occam cost, step, prior)."""
     root = np.sqrt(shape)
-    if len(shape) <= MANY:
+    if len(shape) <= MANY or entangled:
         values, vectors = np.linalg.eigh(schur * np.outer(root, root))
         values = np.maximum(values, 0)
         b = vectors.T @ (slope * root)
@@ -251,14 +251,13 @@ def _softened(fit: Fit) -> Fit:
 
 
 def _with_likely_priors(fit: Fit) -> Model:
-    """The model with the scale of every prior that its course makes likeliest (one step of EM), where that is another."""
+    """The model with the priors that the courses under them make likeliest."""
     model = fit.model
     for i, e in enumerate(model.effects):
         if e.prior is not None and not e.fixed and e.free.all():
-            variance = np.diag(fit.covariance)[model.span(i)]
-            factor = float(np.clip(np.mean((e.p**2 + variance) / e.prior), 0.1, 10.0))
-            if not 0.8 < factor < 1.25:
-                model = model.replacing(i, replace(e, prior=e.prior * factor))
+            span = model.span(i)
+            likelier = FAMILIES[e.family].likelier(e, fit.covariance[span, span])
+            model = model if likelier is e else model.replacing(i, likelier)
     return model
 
 

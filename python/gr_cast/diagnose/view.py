@@ -165,6 +165,20 @@ class View:
             power[:, np.abs(lags - lags[d]) <= 2] = 0.0
         return found
 
+    def held_late(self, code: int, first: float, last: float) -> float:
+        """Standard deviations by which the residual holds more of a waveform, from `first` to `last` samples late on the taps'
+        scale, than white noise does."""
+        carrier, source = self.carrier_of(code), self.scene.sources[code]
+        c, lags = self.correlations(code, self.residual * np.conj(carrier), 1)
+        late = lags - self.fit.model.base[0]
+        late = late % len(source.samples) if source.repeat else late
+        inside = (late >= first) & (late < last)
+        if not inside.any():
+            return 0.0
+        noise = self.sigma2 * np.mean(np.abs(source.samples[source.known]) ** 2) * np.sum(self.weight * np.abs(carrier) ** 2)
+        independent = inside.sum() * np.mean(self.scene.occupied)
+        return float((np.mean(np.abs(c[0, inside]) ** 2) / noise - 1) * np.sqrt(independent))
+
     # ------------------------------------------------------------ taps
     def tap_order(self) -> list[int]:
         """The twin's taps that can differ from the rest: all, where a source has more than one or there are

@@ -9,10 +9,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy import fft as sp_fft
 
 from .basis import products, weights
 
 FEW = 8  # derivatives against which a whole table is cheaper than its chunks
+MANY_LAGS = 32  # from which the structure of their inner products pays
+OFTEN = 20  # samples, in the mean, between two changes of a window that are cheaper than all samples
 CHUNK = 1 << 18  # complex numbers that are worked on at once: what a cache holds
 
 
@@ -119,6 +122,12 @@ def inner(a, b) -> np.ndarray:
         return out.reshape(len(a), len(b))
     if isinstance(b, Courses):
         return inner(b, a).T
+    if _row_of_lags(b) and not _row_of_lags(a):
+        return inner(b, a).T
+    if _row_of_lags(a) and (isinstance(b, Dense) or b.height <= MANY_LAGS):
+        return _real(_with_lags(a, b.table), a.paired, b.paired)
+    if a is b and _row_of_lags(a) and (own := _own_lags(a)) is not None:
+        return _real(own, a.paired, b.paired)
     n = a.signals.shape[1]
     size = max(512, CHUNK // (a.height + b.height + 1))
     if b.kept and a.height <= FEW:
@@ -133,6 +142,45 @@ def inner(a, b) -> np.ndarray:
         q = p if a is b else b.part(first, min(first + size, n))[:, live]
         total += np.conj(p) @ q.T
     return _real(total, a.paired, b.paired)
+
+
+def _row_of_lags(columns) -> bool:
+    """Whether derivatives are one signal at one lag after the other, so many that their structure pays."""
+    if not isinstance(columns, Lags) or len(columns.entries) < MANY_LAGS or len(columns.signals) > 1:
+        return False
+    low = columns.entries[0][1]
+    return columns.entries == tuple((0, low + k) for k in range(len(columns.entries)))
+
+
+def _with_lags(a: Lags, rows: np.ndarray) -> np.ndarray:
+    """(entries, rows) Σ conj(a)·row for a row of lags, by correlation."""
+    size, n, low = len(a.entries), a.signals.shape[1], a.entries[0][1]
+    span = sp_fft.next_fast_len(n + size + abs(low))
+    spectrum = np.conj(sp_fft.fft(a.signals[0], span))
+    at = (low + np.arange(size)) % span
+    seen = rows if a.window is None else rows * a.window
+    return np.array([sp_fft.ifft(sp_fft.fft(row, span) * spectrum)[at] for row in seen]).reshape(-1, size).T
+
+
+def _own_lags(a: Lags) -> np.ndarray | None:
+    """(entries, entries) Σ conj(a)·a of a row of lags: from one lag to the next it changes only where the window does. None
+    where that is too often."""
+    size, n, low = len(a.entries), a.signals.shape[1], a.entries[0][1]
+    window = np.ones(n) if a.window is None else a.window**2
+    change = np.diff(np.concatenate([[0.0], window, [0.0]]))  # of the window, at the sample after −1, 0, …
+    at = np.flatnonzero(change)
+    if len(at) * OFTEN > n:
+        return None
+    before, behind = max(size + low, 1), max(1 - low, 1)
+    padded = np.concatenate([np.zeros(before, complex), a.signals[0], np.zeros(behind, complex)])
+    lagged = padded[(before - 1 - low + at)[:, None] - np.arange(size)]  # the signal as each lag has it at the sample before
+    steps = (np.conj(lagged) * change[at, None]).T @ lagged
+    out = np.empty((size, size), complex)
+    out[:, 0] = _with_lags(a, Lags(signals=a.signals, entries=a.entries[:1], window=a.window).part(0, n))[:, 0]
+    out[0] = np.conj(out[:, 0])
+    for k in range(1, size):
+        out[k, 1:] = out[k - 1, :-1] + steps[k - 1, :-1]
+    return out
 
 
 def _real(products_, paired_a: int, paired_b: int) -> np.ndarray:

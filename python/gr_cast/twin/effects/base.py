@@ -111,6 +111,7 @@ class Family:
     reach = 0.5
     scattered = False  # noise of single samples, each of which has it or has not: `shares` and `likelihood` tell
     flexible = False  # fits much: tried after the simple ones
+    entangled = False  # what its numbers do resembles one another, however many they are
     linear = False  # the prediction is linear in its numbers: no step is too long
     either_side = False  # the same of a transmitter or the receiver but for small traces: all recordings together tell
     leaps = False  # no small step leads to it: all else must move with it before its worth is seen
@@ -189,6 +190,16 @@ class Family:
     def settled(self, scene, effect: Effect) -> np.ndarray:
         """(parameters,) bool: what moves once the effect is found; a drift or a Doppler of 0 has an error too."""
         return effect.free
+
+    def likelier(self, effect: Effect, covariance: np.ndarray) -> Effect:
+        """The effect under the prior that its numbers make likeliest, from their covariance under the present one: its scale,
+        by one step of EM."""
+        factor = float(np.clip(np.mean((effect.p**2 + np.diag(covariance)) / effect.prior), 0.1, 10.0))
+        return effect if 0.8 < factor < 1.25 else replace(effect, prior=effect.prior * factor)
+
+    def settled_law(self, scene, effect: Effect, covariance: np.ndarray) -> Effect:
+        """The effect with what its numbers, of this covariance, tell of the law behind them, once all else is known."""
+        return replace(effect, aux={**effect.aux, "_variance": np.diag(covariance).tolist()})
 
     def plausible(self, effect: Effect) -> bool:
         """Whether the numbers can be those of real equipment."""

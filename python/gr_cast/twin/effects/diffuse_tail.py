@@ -1,16 +1,113 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A diffuse tail behind the first tap: many weak taps whose power falls by e in decay_s. Internal: Re and
-Im of the taps."""
+Im of the taps.
 
-from dataclasses import replace
+Its law is that of scattering (Bello 1963): taps of independent circular Gaussian gains with the mean power
+P·exp(−k/τ)/Σ. Power and decay are told by the likelihood of what was recorded under the law, all taps averaged out
+(MacKay 1992), `Told`.
+"""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import linalg, optimize
 
 from ..columns import Lags
 from ..scene import Path
 from .base import LINK, PROBE, Family, Multiplicity, start
 
-SIZES = (8, 16, 32, 64)
+SIZES = (8, 16, 32, 64, 128, 256)
+LONG = 64  # taps from which a tail is looked for only where the residual holds its waveform that late
+LATE_SIGMA = 3.0  # standard deviations by which it must
+FALLS = 3.0  # decays that a row of taps holds when the search begins
+WHOLE = 7.0  # decays after which less than a thousandth is left
+ENDS = (3.0, 5.0, WHOLE, np.inf)  # decays after which a tail may end: one that ends before 3 has no decay to speak of
+SKIRT = 3e-4  # power that taps between two samples leave far from them, over that of the first
+ALIKE = 0.5  # decays in which taps come together, where they come in clusters
+NEPER_STEP = 0.1  # of power and decay, for the curvature of their likelihood
+LEAST_VARIANCE = 0.25  # of ln power and ln decay, times the taps of one decay: however well each is known, they are few
+LEAST_DECAY = 0.5  # samples: a shorter one is a tap
+DB = 10 / np.log(10)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Told:
+    """What a recording says of taps: `information` (2k, 2k) about their Re and Im without any law, and `pull` (2k,),
+    information times their likeliest values."""
+
+    information: np.ndarray
+    pull: np.ndarray
+
+    @staticmethod
+    def of(p: np.ndarray, covariance: np.ndarray, prior: np.ndarray) -> "Told":
+        """From the posterior mean and covariance under a law of variances `prior`."""
+        precision = linalg.inv(covariance)
+        return Told(information=precision - np.diag(1 / np.maximum(prior, 1e-30)), pull=precision @ p)
+
+    def likelihood(self, law: np.ndarray) -> float:
+        """ln of the recording's probability under a law of variances (2k,), over that without any taps."""
+        root = np.sqrt(law)
+        factor = linalg.cholesky(np.eye(len(law)) + self.information * np.outer(root, root), lower=True, check_finite=False)
+        y = linalg.solve_triangular(factor, root * self.pull, lower=True, check_finite=False)
+        return float(0.5 * y @ y - np.log(np.diag(factor)).sum())
+
+    def taps(self, law: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and covariance of the taps, given the recording and the law."""
+        root = np.sqrt(law)
+        covariance = np.outer(root, root) * linalg.inv(np.eye(len(law)) + self.information * np.outer(root, root))
+        return covariance @ self.pull, covariance
+
+    def power(self, law: np.ndarray) -> float:
+        """Mean power of all taps, given the recording and the law."""
+        mean, covariance = self.taps(law)
+        return float(np.sum(mean**2) + np.trace(covariance))
+
+
+def profile(size: int, power: float, decay: float, end: float = np.inf) -> np.ndarray:
+    """(2·size,) variances of Re and Im of taps that hold `power` in all, falling by e in `decay` samples, and none after `end`."""
+    k = np.arange(size)
+    shape = np.exp(-k / decay) * (k < max(end, 1.0)) + SKIRT
+    return np.repeat(power / 2 * shape / shape.sum(), 2)
+
+
+def likeliest(told: Told, begin: tuple[float, float], ends: float = np.inf) -> tuple[float, np.ndarray]:
+    """(ln L, [ln power, ln decay]) of the law that makes a recording likeliest; it ends after so many decays."""
+    size = len(told.pull) // 2
+    low, high = np.log(LEAST_DECAY), np.log(size)
+
+    def cost(q):
+        beyond = max(q[1] - high, low - q[1], 0.0)
+        power, decay = np.exp(np.clip(q[0], -60.0, 20.0)), np.exp(np.clip(q[1], low, high))
+        return beyond * size - told.likelihood(profile(size, power, decay, ends * decay))
+
+    corners = np.log(begin) + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, -1.0]])
+    options = {"initial_simplex": corners, "xatol": 0.02, "fatol": 0.1}
+    found = optimize.minimize(cost, corners[0], method="Nelder-Mead", options=options)
+    return -float(found.fun), np.array([found.x[0], np.clip(found.x[1], low, high)])
+
+
+def spread(told: Told, at: np.ndarray) -> np.ndarray:
+    """(2,) variances of ln power and ln decay: from the curvature of their likelihood, or, where taps are sparse or come in
+    clusters, from how unevenly they speak for the law (White 1982), whichever is larger."""
+    size, axes = len(told.pull) // 2, np.eye(2) * NEPER_STEP
+
+    def law(q):
+        return profile(size, *np.exp(q))
+
+    def cost(q):
+        return -told.likelihood(law(q))
+
+    both = [[cost(at + a + b) - cost(at + a - b) - cost(at - a + b) + cost(at - a - b) for b in axes] for a in axes]
+    values, vectors = np.linalg.eigh(np.array(both) / (2 * NEPER_STEP) ** 2)
+    curved = vectors @ np.diag(1 / np.maximum(values, 0.25)) @ vectors.T  # two nepers at most: nothing is known
+    mean, covariance = told.taps(law(at))
+    excess = ((mean**2 + np.diag(covariance)) / law(at) - 1).reshape(-1, 2).sum(1) / 2
+    slopes = excess * np.array([np.log(law(at + a) / law(at - a))[::2] / (2 * NEPER_STEP) for a in axes])
+    variances = [np.diag(curved)]
+    for width in (1, int(np.ceil(ALIKE * np.exp(at[1])))):
+        groups = np.add.reduceat(slopes, np.arange(0, size, width), axis=1)
+        variances.append(np.diag(curved @ (groups @ groups.T) @ curved))
+    return np.max(variances, axis=0)
 
 
 class DiffuseTail(Family):
@@ -21,7 +118,7 @@ class DiffuseTail(Family):
     flexible = True
     linear = True
     row_of_taps = True
-    least_error = {"decay_s": 0.15, "power_db": 0.3}
+    entangled = True
 
     def apply(self, chain, effect):
         taps = effect.p[::2] + 1j * effect.p[1::2]
@@ -30,9 +127,9 @@ class DiffuseTail(Family):
             chain.paths.append(Path(source=effect.aux["source"], delay=first, gain=1.0, shape=taps))
 
     def nest(self, scene, effect):
-        size = 2 * max(s for s in SIZES if s <= max(scene.count // 12, SIZES[0]))
+        size = 2 * effect.aux["_longest"]
         return (
-            effect.aux["source"],
+            (effect.aux["source"], effect.aux["first"]),
             replace(effect, p=np.zeros(size), free=np.ones(size, bool), prior=None),
             np.arange(len(effect.p)),
         )
@@ -44,36 +141,69 @@ class DiffuseTail(Family):
         return Lags(signals=unit[None], entries=tuple((0, k) for k in range(len(effect.p) // 2)), paired=chain.facing)
 
     def starts(self, view):
+        unknown = not all(s.known.all() for s in view.scene.sources)
         for i in range(len(view.scene.sources)):
             first = min(t.delay for t in view.scene.taps if t.source == i) + 1.0
-            for size in SIZES:
-                unknown = not all(s.known.all() for s in view.scene.sources)
-                if size > view.scene.count // 12 or (unknown and size > 24):
-                    continue
-                k = np.repeat(np.arange(size), 2)
+            most = min(view.scene.count // 12, 24 if unknown else SIZES[-1])
+            if most > LONG and view.held_late(i, first + LONG, first + most) < LATE_SIGMA:
+                most = LONG
+            sizes = [s for s in SIZES if s <= most]
+            for size in sizes:
                 yield start(
                     self,
                     np.zeros(2 * size),
-                    prior=np.exp(-3.0 * k / size),
-                    aux={"source": i, "first": first},
+                    prior=np.exp(-FALLS * np.repeat(np.arange(size), 2) / size),
+                    aux={"source": i, "first": first, "_longest": sizes[-1]},
                     trials=len(SIZES),
                 )
 
+    def likelier(self, effect, covariance):
+        told = Told.of(effect.p, covariance, effect.prior)
+        power, decay = np.exp(likeliest(told, self._begin(effect))[1])
+        size = min(len(effect.p) // 2, int(np.ceil(WHOLE * decay)) + 1)
+        return replace(
+            effect, p=effect.p[: 2 * size], free=np.ones(2 * size, bool), prior=profile(size, float(power), float(decay))
+        )
+
+    def settled_law(self, scene, effect, covariance):
+        """With power and decay as the recording tells them, whether or not the tail ends; their errors are those of a law
+        without an end, and what the ends make of it."""
+        told, begin = Told.of(effect.p, covariance, effect.prior), self._begin(effect)
+        found = [likeliest(told, begin, ends) for ends in ENDS]
+        weight = np.exp([nats - max(n for n, _ in found) for nats, _ in found])
+        weight /= weight.sum()
+        at = np.array([q for _, q in found])
+        mean = weight @ at
+        variance = spread(told, at[-1]) + weight @ (at - mean) ** 2 + LEAST_VARIANCE / np.exp(mean[1])
+        best = int(np.argmax(weight))
+        power, decay = np.exp(at[best])
+        law = {
+            "decay": float(np.exp(mean[1])),
+            "power": told.power(profile(len(effect.p) // 2, power, decay, ENDS[best] * decay)),
+        }
+        std = np.sqrt(variance)
+        stds = {"power_db": DB * float(std[0]), "decay_s": float(std[1]) * law["decay"] / scene.sample_rate_hz}
+        return replace(effect, aux={**effect.aux, "_law": law, "_stds": stds})
+
+    @staticmethod
+    def _begin(effect) -> tuple[float, float]:
+        """Power and decay of the law that an effect has."""
+        taps = effect.prior[::2]
+        fall = np.log(taps[0] / taps[-1]) if taps[-1] > 0 else FALLS
+        return float(2 * taps.sum()), (len(taps) - 1) / max(fall, 1e-3)
+
     def values(self, scene, effect, p):
-        power = p[::2] ** 2 + p[1::2] ** 2
-        decay = effect.aux.get("decay", len(power) / 3.0)
-        return {"decay_s": decay / scene.sample_rate_hz, "power_db": 10 * np.log10(power.sum() + 1e-30)}
+        law = effect.aux.get("_law", {})
+        power = law.get("power", np.sum(p**2))
+        decay = law.get("decay", len(p) / 2 / FALLS)
+        return {"decay_s": decay / scene.sample_rate_hz, "power_db": 10 * np.log10(power + 1e-30)}
 
     def parse(self, scene, parameters, model):
-        taps = model.get("taps", [0.0, 0.0])
+        law = {"decay": parameters["decay_s"] * scene.sample_rate_hz}
         return start(
             self,
-            taps,
-            aux={
-                "source": model.get("source", 0),
-                "first": model.get("first", 1.0),
-                "decay": parameters["decay_s"] * scene.sample_rate_hz,
-            },
+            model.get("taps", [0.0, 0.0]),
+            aux={"source": model.get("source", 0), "first": model.get("first", 1.0), "_law": law},
         )
 
     def model(self, scene, effect):

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A tail's power and decay are those that make the recording likeliest, all taps averaged out."""
+
+import numpy as np
+import pytest
+from gr_cast.twin.effects import FAMILIES
+from gr_cast.twin.effects.base import start
+from gr_cast.twin.effects.diffuse_tail import Told, profile
+from scipy.stats import multivariate_normal
+
+TAIL = FAMILIES["diffuse_tail"]
+SIZE = 100
+
+
+class Scene:
+    sample_rate_hz = 1e6
+
+
+def _gaussian(rng, size):
+    return (rng.normal(size=size) + 1j * rng.normal(size=size)) / np.sqrt(2)
+
+
+def _fitted(taps, noise_power, rng):
+    """(effect, covariance) as a fit leaves them where every tap was measured on its own in noise."""
+    seen = taps + np.sqrt(noise_power) * _gaussian(rng, len(taps))
+    prior = profile(len(taps), 1.0, len(taps) / 3)
+    covariance = 1 / (2 / noise_power + 1 / prior)
+    p = covariance * 2 / noise_power * np.stack([seen.real, seen.imag], 1).ravel()
+    return start(TAIL, p, prior=prior, aux={"source": 0, "first": 1.0}), np.diag(covariance)
+
+
+def test_the_likelihood_of_a_law_is_that_of_gaussian_taps_in_gaussian_noise():
+    rng = np.random.default_rng(3)
+    design, noise_power = rng.normal(size=(9, 6)), 0.3
+    recorded = rng.normal(size=9)
+    prior, law = np.array([1.0, 1.0, 0.5, 0.5, 0.2, 0.2]), profile(3, 0.7, 1.4)
+    covariance = np.linalg.inv(design.T @ design / noise_power + np.diag(1 / prior))
+    told = Told.of(covariance @ design.T @ recorded / noise_power, covariance, prior)
+    with_taps = multivariate_normal(cov=noise_power * np.eye(9) + design @ np.diag(law) @ design.T).logpdf(recorded)
+    without = multivariate_normal(cov=noise_power * np.eye(9)).logpdf(recorded)
+    assert told.likelihood(law) == pytest.approx(with_taps - without, rel=1e-6)
+
+
+@pytest.mark.parametrize("ends", [3.0, 6.0, 20.0])
+@pytest.mark.parametrize("decay", [9.0, 20.0])
+def test_power_and_decay_are_told_within_their_errors_wherever_the_tail_ends(decay, ends):
+    rng, z = np.random.default_rng(8), []
+    for _ in range(3):
+        k = np.arange(SIZE)
+        taps = 0.1 * _gaussian(rng, SIZE) * np.exp(-k / decay / 2) * (k < ends * decay)
+        effect = TAIL.settled_law(Scene, *_fitted(taps, 1e-6, rng))
+        values, stds = TAIL.values(Scene, effect, effect.p), effect.aux["_stds"]
+        assert values["decay_s"] * 1e6 == pytest.approx(decay, rel=0.4)
+        z += [(values["decay_s"] * 1e6 - decay) / (stds["decay_s"] * 1e6)]
+        z += [(values["power_db"] - 10 * np.log10(np.sum(np.abs(taps) ** 2))) / stds["power_db"]]
+    assert np.sqrt(np.mean(np.square(z))) < 1.5
+
+
+def test_a_law_that_is_likelier_keeps_the_taps_that_hold_the_tail():
+    rng = np.random.default_rng(4)
+    taps = 0.1 * _gaussian(rng, 128) * np.exp(-np.arange(128) / 8 / 2)
+    likelier = TAIL.likelier(*_fitted(taps, 1e-6, rng))
+    assert len(likelier.p) == len(likelier.prior) == len(likelier.free)
+    assert 5 * 8 < len(likelier.p) / 2 < 100  # a few decays, not all that were looked at
+    assert likelier.prior[0] / likelier.prior[16] == pytest.approx(np.exp(8 / 8), rel=0.4)  # the taps 0 and 8

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Inner products of derivatives are those of the derivatives written out."""
+
+import numpy as np
+import pytest
+from gr_cast.twin.columns import Dense, Lags, inner
+
+COUNT = 3000
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(5)
+
+
+def gaussian(rng, *shape):
+    return rng.normal(size=shape) + 1j * rng.normal(size=shape)
+
+
+def written_out(a, b):
+    return (np.conj(a.full()) @ b.full().T).real
+
+
+@pytest.mark.parametrize("low", [-40, -3, 0, 7])
+@pytest.mark.parametrize("window", ["none", "gaps", "rough"])
+def test_many_lags_of_one_signal_have_the_products_of_their_samples(rng, low, window):
+    seen = {"none": None, "gaps": np.where(np.arange(COUNT) % 700 < 600, 1.3, 0.0), "rough": rng.uniform(size=COUNT)}[window]
+    lags = Lags(signals=gaussian(rng, 1, COUNT), entries=tuple((0, low + k) for k in range(50)), window=seen, paired=-1)
+    few = Lags(signals=gaussian(rng, 2, COUNT), entries=((0, 3), (1, -2)))
+    dense = Dense(signals=gaussian(rng, 3, COUNT))
+    for other in (lags, few, dense):
+        expected = written_out(lags, other)
+        scale = np.abs(expected).max()
+        np.testing.assert_allclose(inner(lags, other), expected, atol=1e-11 * scale)
+        np.testing.assert_allclose(inner(other, lags), expected.T, atol=1e-11 * scale)
