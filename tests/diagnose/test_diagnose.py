@@ -331,3 +331,16 @@ def test_a_line_at_half_the_rate_is_a_tone_where_the_signal_has_nothing(world, t
     world.x = codes.from_spec(world.code).astype(complex)
     line = world.noise_rms * np.sqrt(80 / len(world.n)) * np.exp(2j * np.pi * 0.4996 * world.n)
     assert named(run(world, tmp_path, world.noisy(world.clean() + line))) == found
+
+
+def test_a_long_tail_is_told_with_its_decay_and_is_no_row_of_echoes(world, tmp_path):
+    k, rng = np.arange(110), world.rng
+    gains = np.exp(-k / 44) * (rng.normal(size=110) + 1j * rng.normal(size=110))  # the power falls by e in 22 samples
+    gains *= 0.15 / np.sqrt(np.sum(np.abs(gains) ** 2))
+    tail = 0.3 * np.exp(0.4j) * sum(g * world.path(d) for d, g in zip(3 + k, gains, strict=True))
+    document = run(world, tmp_path, world.noisy(world.clean() + tail))
+    assert named(document) == ["diffuse_tail"] and document["verdict"] == "identified"
+    power, decay = said(document, "diffuse_tail", "power_db"), said(document, "diffuse_tail", "decay_s")
+    assert power["value"] == pytest.approx(20 * np.log10(0.15), abs=2 * power["std"])
+    assert decay["value"] == pytest.approx(22 / RATE_HZ, abs=2 * decay["std"])
+    assert decay["std"] < 0.25 * decay["value"]

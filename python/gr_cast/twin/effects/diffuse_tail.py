@@ -64,7 +64,7 @@ class Told:
 
 
 def profile(size: int, power: float, decay: float, end: float = np.inf) -> np.ndarray:
-    """(2·size,) variances of Re and Im of taps that hold `power` in all, falling by e in `decay` samples, and none after `end`."""
+    """(2·size,) variances of Re and Im of taps that hold `power` in all, falling by e in `decay` samples, none after `end`."""
     k = np.arange(size)
     shape = np.exp(-k / decay) * (k < max(end, 1.0)) + SKIRT
     return np.repeat(power / 2 * shape / shape.sum(), 2)
