@@ -12,6 +12,7 @@ from ..twin.effects.base import RX_LO, TX_LO, start
 from . import ambiguity, flatness, gate, heldout
 from .finding import Finding, Worth
 from .fit import Fit, gain_of_receiver, in_band, off_the_rails
+from .next_recording import Hypothesis, record_next
 
 FAINT = 0.01  # of the mean power: what is weaker has no direction
 HIDES = 0.1  # power of a lattice's own error over the told noise from which the floor cannot be seen
@@ -61,7 +62,7 @@ def compare(finding: Finding) -> None:
                 "families": [with_role(role).name for role in (Role.FLOOR, Role.FOLLOWING)],
                 "why": "The wanted power hardly changes here: more noise everywhere and noise following "
                 f"the signal fit alike ({abs(lead):.1f} nats apart).",
-                "record_next": ambiguity.noise_experiment(1.0, heard.ratio - 1.0),
+                "record_next": _experiment(fit, heard, other.effect, lead),
             }
         )
     effect = replace(told.effect, aux={"nats": told.worth.evidence, "_floor": fit.sigma2})
@@ -111,6 +112,13 @@ def _strength(energy: np.ndarray, power: np.ndarray) -> tuple[float, float]:
 
     best = minimize_scalar(cost, bounds=(-9, 7), method="bounded", options={"xatol": 1e-3})
     return float(best.x), -float(best.fun)
+
+
+def _experiment(fit: Fit, heard: Heard, following: Effect, lead: float) -> str:
+    """What tells one other level from noise that follows the signal."""
+    raised = Hypothesis.of(fit)
+    told = replace(raised, model=fit.model.adding(following), floor=raised.floor / heard.ratio)
+    return record_next([raised, replace(told, likelihood=raised.likelihood - lead)])
 
 
 def _uneven(heard: Heard) -> bool:

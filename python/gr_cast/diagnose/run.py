@@ -201,17 +201,8 @@ def _compare(finding: Finding) -> None:
             continue
         bare, rivals = ambiguity.rivals(fit, i, finding.known)
         finding.worths[id(effect.p)] = worth(fit, bare, rivals)
-        equal = ambiguity.all_alike(effect, rivals)
-        if equal:
-            families = list(dict.fromkeys([effect.family, *(r.effect.family for r in equal)]))[:3]
-            apart = abs(equal[0].likelihood)
-            finding.ambiguous.append(
-                {
-                    "families": families,
-                    "why": f"{' and '.join(families)} explain this recording equally well ({apart:.1f} nats apart).",
-                    "record_next": ambiguity.record_next(fit, equal[0].fit),
-                }
-            )
+        if entry := ambiguity.open_beside(fit, effect, rivals):
+            finding.ambiguous.append(entry)
 
 
 def _settle(fit: Fit, finer: bool) -> Fit:

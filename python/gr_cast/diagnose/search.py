@@ -394,12 +394,9 @@ def _ways_round(scene, model: Model) -> list[Model]:
     and what a transmitter's offset makes of late paths may look like the mirror image of them."""
     at = model.index_of(Role.ORIENTATION)
     known = at is not None and model.effects[at].fixed
-    if known or len(scene.taps) < 2 or any(s.samples.imag.any() for s in scene.sources):
+    if known or len(scene.taps) < 2 or not all(s.on_one_line for s in scene.sources):
         return [model]
-    other = model.adding(start(with_role(Role.ORIENTATION), [])) if at is None else model.without(at)
-    base = model.base.copy()
-    base[2::2] *= -1  # gains are those in front of the inversion
-    return [model, replace(other, base=base)]
+    return [model, model.adding(start(with_role(Role.ORIENTATION), [])) if at is None else model.without(at)]
 
 
 def _on_their_sides(data: Data, fit: Fit, again: bool = False) -> Fit:

@@ -135,7 +135,7 @@ def _entry(findings, members) -> dict | None:
         **{k: [float(a) for a in v] for k, v in family.where(scene, effect, plain).items()},
         "recording": finding.observation.name if len(members) == 1 else sorted({f.observation.name for f, _ in members}),
     }
-    others = finding.worth_of(index).rivals
+    others = [r for r in finding.worth_of(index).rivals if r.effect.family != effect.family]
     evidence = {
         "heldout_gain_nats": round(held_out, 2),
         "runner_up": others[0].effect.family if others else None,

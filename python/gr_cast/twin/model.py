@@ -9,7 +9,7 @@ import numpy as np
 from .chain import Chain
 from .columns import Dense
 from .effects import CHANNEL_AFTER, FAMILIES, Effect, Role, plays, stage_of
-from .effects.base import ENVIRONMENT
+from .effects.base import ENVIRONMENT, INVERSION
 
 RIDGE = 0.1  # precision of taps and coefficients of which nothing is known: they are not far above 1
 STEP = 1e-5  # of a finite difference; every internal parameter is scaled to be of order 1
@@ -23,10 +23,18 @@ class Model:
     effects: tuple[Effect, ...] = ()
 
     def adding(self, effect: Effect) -> "Model":
-        return replace(self, effects=tuple(sorted((*self.effects, effect), key=stage_of)))
+        model = self._facing_round() if stage_of(effect) == INVERSION else self
+        return replace(model, effects=tuple(sorted((*model.effects, effect), key=stage_of)))
 
     def without(self, index: int) -> "Model":
-        return replace(self, effects=self.effects[:index] + self.effects[index + 1 :])
+        model = self._facing_round() if stage_of(self.effects[index]) == INVERSION else self
+        return replace(model, effects=model.effects[:index] + model.effects[index + 1 :])
+
+    def _facing_round(self) -> "Model":
+        """The model as it is behind an inversion more or less: gains and all that turns are told of what came in."""
+        base = self.base.copy()
+        base[2::2] *= -1
+        return replace(self, base=base, effects=tuple(FAMILIES[e.family].mirrored(e) for e in self.effects))
 
     def replacing(self, index: int, effect: Effect) -> "Model":
         """The model with another effect of the same stage in the place of one."""

@@ -15,6 +15,7 @@ OVERSAMPLING = 8
 BINS = 512  # of a coarse spectrum
 KEPT_DELAYS = 16
 KEPT_TABLES = 4
+ROUNDING = 1e-6  # share of a waveform's energy that the format of its file leaves across the line on which it lies
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +43,12 @@ class Source:
     power: float  # mean power over the known samples of the whole waveform
     peak: float  # largest magnitude of the whole waveform
     origin: int = -PAD
+
+    @property
+    def on_one_line(self) -> bool:
+        """Whether all samples have one phase or its opposite: mirrored, the waveform is itself but for a turn."""
+        energy = float(np.vdot(self.samples, self.samples).real)
+        return energy - abs(np.sum(self.samples**2)) < ROUNDING * energy
 
 
 @dataclass(kw_only=True)

@@ -213,6 +213,10 @@ class Family:
         """The effect with more freedom than a search tries, for when all else is found."""
         return ()
 
+    def mirrored(self, effect: Effect) -> Effect:
+        """The effect of a spectrum that faces the other way, where no small step of a fit leads there: what turns turns back."""
+        return effect
+
     def later(self, scene, effect: Effect, lengths: float) -> Effect:
         """The effect of a scene in a stretch of its length that begins so many lengths later."""
         return effect

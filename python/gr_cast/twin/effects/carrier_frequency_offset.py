@@ -51,6 +51,9 @@ class CarrierFrequencyOffset(Family):
     def settled(self, scene, effect):
         return np.array([True, self._can_drift(scene)])
 
+    def mirrored(self, effect):
+        return effect.moved(-effect.p)
+
     def later(self, scene, effect, lengths):
         return effect.moved(effect.p + np.array([effect.p[1] * lengths, 0.0]))
 

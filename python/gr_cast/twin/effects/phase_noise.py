@@ -46,6 +46,9 @@ class PhaseNoise(Family):
     def at(self, effect):
         return TX_LO if effect.aux.get("side") == "tx" else RX_LO
 
+    def mirrored(self, effect):
+        return effect.moved(-effect.p)
+
     def course(self, scene, effect, p):
         return scene.course(p)
 

@@ -10,6 +10,12 @@ class SpectralInversion(Family):
     name = "spectral_inversion"
     role = Role.ORIENTATION
     stage = INVERSION
+    leaps = True  # gain and phase must turn with it
+
+    def starts(self, view):
+        """Of a real waveform over several paths: mirrored it is itself, and only how the paths' phases fit tells."""
+        if len(view.scene.taps) > 1 and all(s.on_one_line for s in view.scene.sources):
+            yield start(self, [])
 
     def apply(self, chain, effect):
         chain.y = np.conj(chain.y)

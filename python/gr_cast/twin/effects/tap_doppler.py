@@ -37,6 +37,9 @@ class TapDoppler(TapFamily):
         held = start(self, [effect.p[0], 0.0], free=[True, False], aux=aux, trials=effect.trials)
         return held, start(TapGainError(), [0.0, effect.p[1]], aux=effect.aux, trials=effect.trials)
 
+    def mirrored(self, effect):
+        return effect.moved(-effect.p)
+
     def later(self, scene, effect, lengths):
         return _free(self, effect.aux["tap"], effect.p[0], _begins_at(effect) + 2 * np.pi * effect.p[0] * lengths)
 
