@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest_world import RATE_HZ
 from gr_cast.diagnose import align, diagnose, floor, gate, noise, read_case, residual, run
 from gr_cast.diagnose.finding import Finding
 from gr_cast.diagnose.fit import off_the_rails
@@ -189,3 +190,11 @@ def test_a_floor_beside_phase_noise_is_told_from_what_is_too_fast_to_follow(worl
     world.noise_rms = told
     document = diagnose(read_case(world.write(tmp_path / "case", y)), budget_s=3000).document
     assert [e["family"] for e in document["effects"]] == ["phase_noise"] + ["noise_floor"] * (raised_db > 0)
+
+
+def test_every_sample_is_in_the_map_of_what_is_left(world, tmp_path):
+    y = world.noisy(world.clean())
+    y[-60:] += 30 * world.noise_rms  # less than the last row of a map
+    fit = refit(*_built(world, tmp_path / "case", y))
+    rest = residual.leftovers(fit, off_the_rails(fit))[0]
+    assert rest.p_value < 1e-5 and rest.where["time_s"][1] == pytest.approx(len(y) / RATE_HZ)

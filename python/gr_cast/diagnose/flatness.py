@@ -40,7 +40,7 @@ def uneven(test: str, energy: np.ndarray, count: np.ndarray) -> Unevenness:
 
 def over_all(fit, inside: np.ndarray) -> list[Unevenness]:
     """The residual's unevenness over every axis, on the samples `inside` (n,) bool for the level."""
-    energy, count = residual.told_cells(fit)
+    energy, count, _ = residual.told_cells(fit)
     held = _held(fit.data.use, energy.shape[1])
     return [
         uneven("time × frequency", held * energy, held * count),

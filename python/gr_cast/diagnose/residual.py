@@ -45,37 +45,38 @@ def _gamma_cells(energy: np.ndarray, count: np.ndarray):
 
 
 def time_frequency(fit, rows: int = 48, bins: int = 32):
-    """(rows, bins) energy over expectation of the normalised residual, and samples behind each cell."""
-    data, scene = fit.data, fit.data.scene
-    r = normal(fit)
-    length = max(bins, scene.count // rows // bins * bins)
-    rows = scene.count // length
-    blocks = r[: rows * length].reshape(rows, -1, bins)
-    used = (data.use[: rows * length] > 0).reshape(rows, -1, bins)
-    power = np.abs(sp_fft.fft(blocks, axis=2)) ** 2 / bins
-    return power.sum(1), np.repeat(used.mean(2).sum(1)[:, None], bins, 1)
+    """(rows, bins) energy over expectation of the normalised residual, samples behind each cell, and (rows + 1,) edges of
+    the rows in samples; the last block of `bins` samples may be short, and every sample is in one."""
+    used, n = fit.data.use > 0, fit.data.scene.count
+    blocks = -(-n // bins)
+    rows = min(rows, blocks)
+    r, used = (np.pad(x, (0, blocks * bins - n)).reshape(blocks, bins) for x in (normal(fit), used))
+    first = np.arange(rows) * blocks // rows
+    power = np.abs(sp_fft.fft(r, axis=1)) ** 2 / bins
+    count = np.add.reduceat(used.mean(1), first)
+    return np.add.reduceat(power, first), np.repeat(count[:, None], bins, 1), np.append(first * bins, n)
 
 
 def told_cells(fit):
     """`time_frequency` with what is not told as even as noise is."""
-    energy, count = time_frequency(fit)
+    energy, count, edges = time_frequency(fit)
     untold = _bands_not_told(fit, energy.shape[1])
     energy[:, untold] = count[:, untold]
-    return energy, count
+    return energy, count, edges
 
 
 def leftovers(fit, inside) -> list[Leftover]:
     """The worst cell of every map, worst first."""
     scene = fit.data.scene
     out = []
-    energy, count = told_cells(fit)
+    energy, count, edges = told_cells(fit)
     if coarse := any(is_coarse(e) for e in fit.model.effects):
         # Rare steps instead of noise: as many Gaussian samples as would make energies spread as much.
         power = np.abs(normal(fit)[inside]) ** 2
         spread = max(1.0, float(np.var(power) / np.mean(power) ** 2))
         energy, count = energy / spread, count / spread
     rows, bins = energy.shape
-    t = np.append(scene.index, scene.index[-1] + 1)[np.arange(rows + 1) * (scene.count // rows)] / scene.sample_rate_hz
+    t = np.append(scene.index, scene.index[-1] + 1)[edges] / scene.sample_rate_hz
     for name, e, c in (
         ("time × frequency", energy, count),
         ("time", energy.sum(1, keepdims=True), count.sum(1, keepdims=True)),

@@ -3,6 +3,7 @@
 backward elimination."""
 
 import functools
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -348,7 +349,9 @@ def search(data: Data, beam: list[Fit], proof_deadline: float = np.inf) -> list[
         for fit in beam:
             if data.late:
                 break
-            for more in (m for s in _worth_trying(candidates(fit)) for m in _adding(fit, s.effect)):
+            for more in itertools.chain(
+                _all_at_once(fit), (m for s in _worth_trying(candidates(fit)) for m in _adding(fit, s.effect))
+            ):
                 if data.late:
                     break
                 trial = refit(data, more, near=fit)
@@ -363,13 +366,42 @@ def search(data: Data, beam: list[Fit], proof_deadline: float = np.inf) -> list[
         beam = _best(grown.values(), leader, leader.evidence - before)
         if not any(f is leader or not f.model.flexible for f in beam):
             break
-        beam = [lattice_again(data, _on_their_sides(data, f)) for f in beam]
+        beam = [lattice_again(data, _on_their_sides(data, at_their_moments(data, f))) for f in beam]
         done |= {f.model.families: f for f in beam if f.evidence >= done.get(f.model.families, f).evidence}
     ranked = sorted(done.values(), key=lambda f: -f.evidence)
     cut, data = data.late, replace(data, deadline=max(data.deadline, proof_deadline))
     best = _on_their_sides(data, proven(data, eliminate(data, _polished(data, ranked[0]), ranked), ranked), again=True)
     best.notes["cut"] = cut or data.late
     return [best, *ranked]
+
+
+def _all_at_once(fit: Fit) -> list[Model]:
+    """The model of a fit with everything that happens in leaps, where that is more than one: taken one by one, each hides in
+    the others."""
+    models, data = [], replace(fit.data, variance=None, spectrum=None, impulses=None)
+    for family in FAMILIES.values():
+        if not family.leaps or data.late:
+            continue
+        later, found = family.at_once(View(fit))
+        if len(found) < 2:
+            continue
+        base = fit.model.base + later * np.eye(len(fit.model.base))[0]
+        best = at_their_moments(data, solve(data, functools.reduce(_put, found, replace(fit.model, base=base))))
+        for i, effect in enumerate(best.model.effects):
+            if effect.family == family.name and not effect.fixed:
+                others = (best.model.replacing(i, other) for other in family.another(effect))
+                best = max(best, *(solve(data, m, iterations=LEAP_STEPS) for m in others), key=lambda f: f.evidence)
+        models.append(at_their_moments(data, best).model)
+    return models
+
+
+def _put(model: Model, effect: Effect) -> Model:
+    """The model with an effect, joined with one that is at its place where there is one."""
+    for i, other in enumerate(model.effects):
+        one = FAMILIES[effect.family].joined(other, effect) if other.family == effect.family and not other.fixed else None
+        if one is not None:
+            return model.without(i).adding(one)
+    return model.adding(effect)
 
 
 def _least(fit: Fit, more: Model) -> float:
@@ -413,6 +445,25 @@ def _on_their_sides(data: Data, fit: Fit, again: bool = False) -> Fit:
         best = max((refit(data, fit.model.without(k).adding(form)) for form in forms), key=lambda f: f.evidence)
         if best.evidence > fit.evidence + 1.0:
             return _on_their_sides(data, best)
+    return fit
+
+
+def at_their_moments(data: Data, fit: Fit) -> Fit:
+    """The fit with what happens at a moment where all else that is known makes the recording likeliest."""
+    scene = data.scene
+    for i, effect in enumerate(fit.model.effects):
+        family = FAMILIES[effect.family]
+        now = None if effect.fixed or data.late else family.moment(scene, effect)
+        if now is None:
+            continue
+        ends = (fit.model.replacing(i, family.happening(scene, effect, end)) for end in (np.inf, -np.inf))
+        before, after = (np.abs(fit.data.whitened(data.y - predict(scene, model).y)) ** 2 for model in ends)
+        cost = np.concatenate([[0.0], np.cumsum(before - after)])
+        at = int(np.argmin(cost))
+        if cost[at] < cost[int(np.searchsorted(scene.index, now))] - MARGIN * fit.sigma2:
+            first = np.append(scene.index, scene.index[-1] + 1)[at]
+            model = fit.model.replacing(i, family.happening(scene, effect, float(first)))
+            fit = max(fit, refit(data, model, near=fit), key=lambda f: f.evidence)
     return fit
 
 
@@ -481,9 +532,11 @@ def _whose_carrier(data: Data, fit: Fit, again: bool) -> Fit:
 
 
 def _adding(fit: Fit, effect: Effect) -> list[Model]:
-    """The model of a fit with one more effect, and with one of each owner's own in its place; a band of noise is not also the
-    colour of a receiver's filter, which may be a transmitter's then."""
+    """The model of a fit with one more effect, with one of each owner's own in its place, and joined with one that is at its
+    place; a band of noise is not also the colour of a receiver's filter, which may be a transmitter's then."""
     models = [fit.model.adding(effect)]
+    if len((joined := _put(fit.model, effect)).effects) == len(fit.model.effects):
+        models.append(joined)
     if FAMILIES[effect.family].band(effect):
         models += [m.adding(effect) for m in _filter_as_sent(fit)]
     if own := FAMILIES[effect.family].apart(fit.data.scene, effect):

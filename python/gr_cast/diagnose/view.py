@@ -9,11 +9,14 @@ from scipy import fft as sp_fft
 
 from ..twin.effects import FAMILIES, stage_of
 from ..twin.effects.base import RX_GAIN, RX_LO, at_half_the_rate, peaks
+from ..twin.model import predict
 from ..twin.scene import PAD
 
 SKIRT, AROUND = 6, 64  # half cycles over the recording: what a line reaches itself, and its surroundings
 LEAST_SEGMENT = 40  # samples in which a waveform is looked for alone
+SEGMENTS = 48  # of time in which a jump is looked for, beside shorter ones at the ends
 LONGEST_JUMP = 900  # samples of a waveform that is sent once; of one that repeats every jump is one within its period
+MOST_JUMPS = 6  # in one recording: with more the path of its delay is a slope, or noise
 JUMP_NATS = 10.0  # by which two parts must be likelier than one
 SHORT_HUM = 200.0  # cycles over the recording up to which a hum is looked for, however short it is
 LINE_NATS = 5.0  # by which a line stands out of the largest of as many peaks of noise
@@ -110,16 +113,17 @@ class View:
             found.append((i if i < span else i - 2 * span) / 2)
         return found
 
-    def correlations(self, code, signal, segments: int, reach: int | None = None):
-        """c[m, d] of `signal` with a waveform at lags d, by segments in time; and the lags: of a waveform that is sent once
-        those up to `reach`, or those that paths of the twin may have."""
+    def correlations(self, code, signal, edges: int | np.ndarray, reach: int | None = None):
+        """c[m, d] of `signal` with a waveform at lags d, by segments in time (so many, or between edges in samples); and the
+        lags: of a waveform that is sent once those up to `reach`, or those that paths of the twin may have."""
         source = self.scene.sources[code] if isinstance(code, int) else self.scene.extra[code]
         n, size = self.scene.count, len(source.samples)
-        length = -(-n // segments)
+        if np.ndim(edges) == 0:
+            edges = np.minimum(np.arange(edges + 1) * -(-n // edges), n)
+        segments, lengths = len(edges) - 1, np.diff(edges)
         if source.repeat:
             spectrum = np.conj(sp_fft.fft(source.samples))
-            folded = np.zeros((segments, size), complex)
-            index = self.scene.wrap(size) + (np.arange(n) // length) * size
+            index = self.scene.wrap(size) + np.repeat(np.arange(segments), lengths) * size
             folded = np.bincount(index, signal.real, segments * size) + 1j * np.bincount(index, signal.imag, segments * size)
             c = sp_fft.ifft(sp_fft.fft(folded.reshape(segments, size), axis=1) * spectrum, axis=1)
             return c, np.arange(size)
@@ -130,12 +134,12 @@ class View:
             low, spread = -reach, reach
         elif not all(s.known.all() for s in self.scene.sources):
             low, spread = -10, int(last) + 26
-        block = sp_fft.next_fast_len(length + spread - low)
+        block = sp_fft.next_fast_len(int(lengths.max()) + spread - low)
         c = np.zeros((segments, spread - low), complex)
-        for m in range(segments):
-            piece = signal[m * length : (m + 1) * length]
-            first = PAD + m * length - spread + 1
-            template = source.samples[max(first, 0) : PAD + m * length + len(piece) - low]
+        for m, begin in enumerate(edges[:-1]):
+            piece = signal[begin : edges[m + 1]]
+            first = PAD + begin - spread + 1
+            template = source.samples[max(first, 0) : PAD + begin + len(piece) - low]
             if first < 0:
                 template = np.concatenate([np.zeros(-first, complex), template])
             # lag d pairs piece[i] with template[i + spread − 1 − d]
@@ -269,17 +273,68 @@ class View:
         slope = np.sum(weight * (u - u0) * lags) / max(np.sum(weight * (u - u0) ** 2), 1e-300)
         return float(-np.clip(slope, -16, 16))
 
-    def jumps(self) -> list[tuple[float, float, bool]]:
+    def jumps(self, lost_everywhere) -> list[tuple[float, float, bool]]:
         """The likeliest (first sample after the joint, samples lost, whether the delay is that of the later part) and those of
-        one more and one less, where two parts with a gain each make the recording far likelier than one."""
-        n = self.scene.count
-        wished = min(48, n // LEAST_SEGMENT)
-        if wished < 4:
+        one more and one less, where a part with a delay of its own makes the recording far likelier.
+        `lost_everywhere(samples)` is an effect under which so many are lost from the first one on."""
+        if self.lags_over_time is None:
             return []
-        length = -(-n // wished)
-        segments = -(-n // length)  # none is empty
+        edges, lag, c, sent = self.lags_over_time
+        now, n, found = int(np.argmin(np.abs(lag))), self.scene.count, []
+        for later in (False, True):
+            there = slice(None) if later else slice(None, None, -1)  # the part with another delay comes first
+            part, energy = np.cumsum(c[there], axis=0), np.cumsum(sent[there])[:, None]
+            held = np.abs(part[:-1]) ** 2 / energy[:-1] / self.sigma2
+            nats = held - held[:, now : now + 1]  # with a gain of its own either way: a step of gain is no jump
+            m, d = np.unravel_index(int(np.argmax(nats)), nats.shape)
+            if nats[m, d] < np.log(nats.size) + JUMP_NATS:
+                continue
+            lost = int(lag[d] if later else -lag[d])
+            first = int(edges[m + 1 if later else len(edges) - m - 2])
+            for nearby in (lost, lost - 1, lost + 1):  # a delay between two samples hides one
+                beyond = predict(self.scene, self.fit.model.adding(lost_everywhere(-nearby if later else nearby)))
+                joint = self._joint(first, beyond, later)
+                found.append((float(self.scene.index[min(joint, n - 1)]), float(nearby), later))
+        return found
+
+    def steps_of_lag(self) -> tuple[int, list[tuple[float, float]]]:
+        """(samples by which the first part is later than the fit has it, [(first sample after a joint, samples lost)]) of the
+        parts, each with a delay of its own, that together are likeliest: the best path over lags (Viterbi), a step of which
+        costs what it is looked for in."""
+        if self.lags_over_time is None:
+            return 0, []
+        edges, lag, c, sent = self.lags_over_time
+        sent = np.maximum(sent, sent.sum() / self.scene.count * np.diff(edges))  # silence has no delay
+        nats, step = np.abs(c) ** 2 / sent[:, None] / self.sigma2, np.log(c.size) + JUMP_NATS
+        best, came = nats[0], []
+        for row in nats[1:]:
+            top = int(np.argmax(best))
+            stays = best >= best[top] - step
+            came.append(np.where(stays, np.arange(len(lag)), top))
+            best = row + np.where(stays, best, best[top] - step)
+        path = [int(np.argmax(best))]
+        for back in reversed(came):
+            path.append(int(back[path[-1]]))
+        late, period = lag[path[::-1]], len(lag) if self.scene.sources[0].repeat else 0
+        level, joints = late[0], []
+        for m, there in enumerate(late):
+            moved = (there - level + period // 2) % period - period // 2 if period else there - level
+            if abs(moved) > 1:  # one may be a delay between two samples
+                level, joints = there, [*joints, (float(self.scene.index[edges[m]]), float(-moved))]
+        return (int(late[0]), joints) if len(joints) <= MOST_JUMPS else (0, [])
+
+    @cached_property
+    def lags_over_time(self):
+        """(edges of segments, lags from where the fit has the link, (segments, lags) correlation of the recording with the link,
+        (segments,) energy predicted); None where too little is there."""
+        edges = self._edges()
+        if len(edges) < 5:
+            return None
         y = self.fit.came(self.data.y) * self.weight * np.conj(self.carrier)
-        c, lags = self.correlations(0, y, segments, reach=LONGEST_JUMP if self.scene.at is None else None)
+        c, lags = self.correlations(0, y, edges, reach=LONGEST_JUMP if self.scene.at is None else None)
+        ahead = self._ahead(edges)
+        if ahead.any():
+            c = np.stack([np.roll(row, k) for row, k in zip(c, ahead, strict=True)])
         lag, size = lags - round(self.fit.model.base[0]), len(lags)
         if self.scene.sources[0].repeat:
             # the whole link, not one path: filter along the lags with the twin's taps
@@ -287,34 +342,35 @@ class View:
             response = sum(np.conj(p.gain) * np.exp(2j * np.pi * f * p.delay) for p in self.scene.taps if p.source == 0)
             c = sp_fft.ifft(sp_fft.fft(c, axis=1) * response, axis=1)
             lag = (lag + size // 2) % size - size // 2
-        now = int(np.argmin(np.abs(lag)))
-        sent = np.add.reduceat(np.abs(self.wanted) ** 2 * self.weight, np.arange(0, n, length))
-        sent = np.maximum(sent, 1e-3 * sent.mean())
-        found = []
-        for later in (False, True):
-            there = slice(None) if later else slice(None, None, -1)  # the part with another delay comes first
-            part, energy = np.cumsum(c[there], axis=0), np.cumsum(sent[there])[:, None]
-            rest, rest_energy = part[-1, now] - part[:, now : now + 1], energy[-1] - energy
-            both = np.abs(part[:-1]) ** 2 / energy[:-1] + (np.abs(rest) ** 2)[:-1] / rest_energy[:-1]
-            nats = (both - np.abs(part[-1, now]) ** 2 / energy[-1]) / self.sigma2
-            m, d = np.unravel_index(int(np.argmax(nats)), nats.shape)
-            if d == now or nats[m, d] < np.log(nats.size) + JUMP_NATS:
-                continue
-            lost = int(lag[d] if later else -lag[d])
-            first = (m + 1 if later else segments - m - 1) * length
-            for nearby in (lost, lost - 1, lost + 1):  # a delay between two samples hides one
-                joint = self._joint(first, nearby, later)
-                found.append((float(self.scene.index[min(joint, n - 1)]), float(nearby), later))
-        return found
+        sent = np.add.reduceat(np.abs(self.wanted) ** 2 * self.weight, edges[:-1])
+        return edges, lag, c, np.maximum(sent, 1e-3 * sent.sum() / self.scene.count * np.diff(edges))
 
-    def _joint(self, guess: int, lost: int, later: bool) -> int:
-        """The first sample after a joint, to the sample where the noise allows; the delay that the fit gave both parts may be
-        off by most of a sample, and then the guess is anywhere."""
-        y, spectrum, f = self.fit.came(self.data.y), sp_fft.fft(self.wanted), sp_fft.fftfreq(self.scene.count)
+    def _edges(self) -> np.ndarray:
+        """Of segments in time in which a jump is looked for: shorter and shorter towards the ends, where it leaves little of
+        one part; and the joints that are known."""
+        n = self.scene.count
+        length = max(-(-n // SEGMENTS), LEAST_SEGMENT)
+        halves = length >> np.arange(1, int(np.log2(length / LEAST_SEGMENT)) + 1)
+        edges = np.concatenate([np.arange(0, n - length // 2, length), [n], halves, n - halves])
+        if self.fit.chain.shift is not None:
+            edges = np.append(edges, np.flatnonzero(np.diff(self.fit.chain.shift)) + 1)
+        return np.unique(edges)
+
+    def _ahead(self, edges: np.ndarray) -> np.ndarray:
+        """(segments,) whole samples by which the fit has each segment ahead of its delay: lost, or gained by the clock."""
+        middle, chain = (edges[:-1] + edges[1:]) // 2, self.fit.chain
+        lost = np.zeros(len(middle)) if chain.shift is None else chain.shift[middle]
+        return np.rint(lost + chain.clock * chain.u[middle]).astype(int)
+
+    def _joint(self, guess: int, beyond, later: bool) -> int:
+        """The first sample after a joint, to the sample where the noise allows, `beyond` which the prediction is that chain's;
+        the delay that the fit gave both parts may be off by most of a sample, and then the guess is anywhere."""
+        y, f = self.fit.came(self.data.y), sp_fft.fftfreq(self.scene.count)
+        here, there = sp_fft.fft(self.wanted), sp_fft.fft(self.fit.came(beyond.wanted))
         best = np.inf, guess
         for off in np.arange(-3, 4) / 4:
-            w = sp_fft.ifft(spectrum * np.exp(-2j * np.pi * f * off))
-            moved = np.roll(w, lost if later else -lost)
+            turn = np.exp(-2j * np.pi * f * off)
+            w, moved = sp_fft.ifft(here * turn), sp_fft.ifft(there * turn)
             before, after = (moved, w) if later else (w, moved)
             before, after = before * gain_of(y, before, slice(None, guess)), after * gain_of(y, after, slice(guess, None))
             first, second = np.abs(y - before) ** 2 * self.weight, np.abs(y - after) ** 2 * self.weight

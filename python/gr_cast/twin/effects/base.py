@@ -154,6 +154,14 @@ class Family:
         """Effects at zero strength at the places worth trying; the search turns them into fits."""
         return []
 
+    def at_once(self, view) -> tuple[float, list[Effect]]:
+        """(samples by which the twin's signal is later then, all effects of this family that the recording shows together)."""
+        return 0.0, []
+
+    def another(self, effect: Effect) -> list[Effect]:
+        """The effect with the numbers next to those that a search counted."""
+        return []
+
     def apart(self, scene, effect: Effect) -> tuple[Effect, ...]:
         """Effects of several owners that may stand in the place of one."""
         return ()
@@ -165,6 +173,18 @@ class Family:
     def less(self, scene, effect: Effect, others: tuple[Effect, ...]) -> tuple[Effect, ...]:
         """Effects that claim less and may explain the same beside `others`: each stands in where it does."""
         return ()
+
+    def moment(self, scene, effect: Effect) -> float | None:
+        """The first sample behind the moment at which an effect happens; None: at no moment."""
+        return None
+
+    def happening(self, scene, effect: Effect, first: float) -> Effect:
+        """The effect at another moment, with its first sample behind that."""
+        raise NotImplementedError
+
+    def joined(self, effect: Effect, other: Effect) -> Effect | None:
+        """The one effect that two of this family are at one place; None: they are apart."""
+        return None
 
     def values(self, scene, effect: Effect, p: np.ndarray) -> dict[str, float]:
         """The contract's parameters of internal `p`."""

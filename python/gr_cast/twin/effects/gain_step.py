@@ -9,6 +9,7 @@ from .gain_family import GainFamily
 
 SHARE_APART = 0.01  # of the recording, by which two steps are told apart
 HEAVY = 2.5  # of the standard deviation of its time: its errors fall off like exp(−|t|), one in 200 is eight of them
+LEAST_PART = 16  # samples on either side of a step
 
 
 class GainStep(GainFamily):
@@ -26,13 +27,19 @@ class GainStep(GainFamily):
     def starts(self, view):
         score, norm = view.amplitude_moments()
         a, e = np.cumsum(score), np.cumsum(norm)
-        low, high = np.searchsorted(e, [0.01 * e[-1], 0.99 * e[-1]])
-        if high - low < 8:
+        low, high = LEAST_PART, len(e) - LEAST_PART
+        if high - low < LEAST_PART:
             return
         share = e / e[-1]
         gain = (a - share * a[-1]) ** 2 / np.maximum(e[-1] * share * (1 - share), 1e-300)
         at = low + int(np.argmax(gain[low:high]))
         yield start(self, [0.0, view.scene.u[min(at + 1, view.scene.count - 1)]], free=[True, False], trials=200)
+
+    def moment(self, scene, effect):
+        return float(effect.p[1] * scene.span)
+
+    def happening(self, scene, effect, first):
+        return effect.moved(np.array([effect.p[0], first / scene.span]))
 
     def later(self, scene, effect, lengths):
         return effect.moved(effect.p - [0.0, lengths])

@@ -8,6 +8,7 @@ import numpy as np
 from .base import LINK, Family, Multiplicity, Role, start
 
 SAMPLES_APART = 50.0  # by which joints of two recordings may differ and be one
+ONE_JOINT = 40  # samples: too few between two joints to tell that there are two
 
 
 class SampleLoss(Family):
@@ -29,8 +30,26 @@ class SampleLoss(Family):
         chain.u = (chain.scene.index + chain.shift) / chain.scene.span
 
     def starts(self, view):
-        for joint, lost, later in view.jumps():
+        everywhere = lambda lost: start(self, [-np.inf, lost], free=[False, False])  # noqa: E731
+        for joint, lost, later in view.jumps(everywhere):
             yield start(self, [joint, lost], free=[False, False], aux={"later": later}, trials=view.scene.count)
+
+    def at_once(self, view):
+        later, joints = view.steps_of_lag()
+        return later, [start(self, [*joint], free=[False, False], trials=view.scene.count) for joint in joints]
+
+    def another(self, effect):
+        return [effect.moved(effect.p + np.array([0.0, one])) for one in (-1.0, 1.0)]
+
+    def moment(self, scene, effect):
+        return float(effect.p[0])
+
+    def happening(self, scene, effect, first):
+        return effect.moved(np.array([first, effect.p[1]]))
+
+    def joined(self, effect, other):
+        alike = effect.aux.get("later") == other.aux.get("later") and abs(effect.p[0] - other.p[0]) < ONE_JOINT
+        return other.moved(np.array([other.p[0], effect.p[1] + other.p[1]])) if alike else None
 
     def later(self, scene, effect, lengths):
         return effect.moved(effect.p - [lengths * scene.span, 0.0])

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What happens at one moment of a recording: samples that are lost, however near its ends, several times, beside a tone."""
+
+import numpy as np
+import pytest
+from conftest_world import RATE_HZ
+from gr_cast.diagnose import diagnose, read_case
+
+RUN = 25  # samples at a stretch of the vault, in which no joint is placed
+
+
+def lost(world, *joints):
+    """The clean signal with (first sample behind it, samples lost) at every joint."""
+    ahead = sum((lost * (world.n >= at) for at, lost in joints), np.zeros_like(world.n))
+    other = type(world)()
+    other.n = world.n + ahead
+    return other.clean()
+
+
+def losses(document):
+    told = [e for e in document["effects"] if e["family"] == "sample_loss"]
+    return {round(e["parameters"]["time_s"]["value"] * RATE_HZ): e["parameters"]["samples"]["value"] for e in told}
+
+
+@pytest.mark.parametrize(("at", "samples"), [(19_880, 44), (19_930, 5), (80, 44), (120, -7), (19_900, 1)])
+def test_samples_lost_in_the_first_and_last_hundredth_are_found(world, tmp_path, at, samples):
+    case = read_case(world.write(tmp_path / "case", world.noisy(lost(world, (at, samples)))))
+    document = diagnose(case, budget_s=3000).document
+    assert document["verdict"] == "identified" and len(document["effects"]) == 1
+    ((time, number),) = losses(document).items()
+    assert abs(time - at) <= RUN and number % 510 == samples % 510
+
+
+def test_every_loss_of_several_is_found(world, tmp_path):
+    joints = [(4_321, 40), (9_876, -13), (15_432, 7)]
+    case = read_case(world.write(tmp_path / "case", world.noisy(lost(world, *joints))))
+    document = diagnose(case, budget_s=3000).document
+    assert document["verdict"] == "identified" and len(document["effects"]) == 3
+    found = sorted(losses(document).items())
+    assert [number % 510 for _, number in found] == [number % 510 for _, number in joints]
+    assert np.allclose([time for time, _ in found], [at for at, _ in joints], atol=RUN)
+
+
+@pytest.mark.parametrize("at", [150, 19_850])
+def test_a_step_of_gain_in_the_first_and_last_hundredth_is_found(world, tmp_path, at):
+    y = world.noisy(world.clean() * np.where(world.n < at, 1.0, 10 ** (3 / 20)))
+    (step,) = diagnose(read_case(world.write(tmp_path / "case", y)), budget_s=3000).document["effects"]
+    assert step["family"] == "gain_step"
+    assert step["parameters"]["time_s"]["value"] * RATE_HZ == pytest.approx(at, abs=RUN)
+
+
+def test_samples_lost_near_the_end_are_found_beside_a_step_of_gain(world, tmp_path):
+    y = lost(world, (19_700, 5)) * np.where(world.n < 12_345, 1.0, 10 ** (0.8 / 20))
+    document = diagnose(read_case(world.write(tmp_path / "case", world.noisy(y))), budget_s=3000).document
+    assert {e["family"] for e in document["effects"]} == {"gain_step", "sample_loss"} and document["verdict"] == "identified"
