@@ -29,9 +29,11 @@ def uneven(test: str, energy: np.ndarray, count: np.ndarray) -> Unevenness:
     with its mean and variance in cells of any size and the tail of a gamma law."""
     inside = count > LEAST_IN_CELL
     k = count[inside]
+    if k.size < 2:
+        return Unevenness(test=test, p_value=1.0, nats=0.0)
     ratio = np.maximum(energy[inside] / k, 1e-300) / (energy[inside].sum() / k.sum())
     deviance = float(np.sum(2 * k * (ratio - 1 - np.log(ratio))))
-    share = 1 - 1 / max(k.size, 2)  # one level is fitted
+    share = 1 - 1 / k.size  # one level is fitted
     mean = share * float(np.sum(2 * k * (np.log(k) - special.digamma(k))))
     variance = share * float(np.sum(4 * k**2 * (special.polygamma(1, k) - 1 / k)))
     p_value = float(stats.gamma.sf(deviance, mean**2 / variance, scale=variance / mean))
