@@ -189,6 +189,14 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
     return (mirrored if flip else straight)[0] - low, flip
 
 
+def delays_looked_at(case, observation) -> tuple[int, int]:
+    """The first and the last delay, in samples, at which `locate` looks for what is sent."""
+    lengths = [len(case.waveforms[w].samples) for w, _ in observation.on_air.values()]
+    if _looped(_on_air(case, observation)[0]):
+        return 0, max(lengths) - 1
+    return 1 - max(lengths), len(observation.samples) - 1
+
+
 def _told_inverted(case, observation) -> bool:
     return any(FAMILIES[e["family"]].role is Role.ORIENTATION for e in twin_effects(case, observation))
 

@@ -44,6 +44,7 @@ class Finding:
     left: list = field(default_factory=list)
     ambiguous: list = field(default_factory=list)
     worths: dict = field(default_factory=dict)  # effect → Worth
+    absent: bool = False  # the twin's waveform is not in it, and no effect of that was looked for
 
     def part_of_another(self, effect) -> bool:
         """Whether an effect is a part of another one, as the mean of a tap that fades is, and no cause of its own."""

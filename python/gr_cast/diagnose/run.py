@@ -10,7 +10,7 @@ from ..twin.effects import FAMILIES, Role, plays, stage_of
 from ..twin.effects.base import RX_FILTER
 from ..twin.effects.noise_family import profile
 from ..twin.model import in_scene
-from . import align, ambiguity, flatness, floor, gate, joints, offsets, residual, slow
+from . import align, ambiguity, flatness, floor, gate, joints, offsets, presence, residual, slow
 from .exchange import exchanged
 from .finding import Finding, nmse, numbers, worth
 from .fit import COLOUR_ORDERS, Fit, off_the_rails, solve
@@ -43,9 +43,12 @@ def examine(case, observation, *, deadline: float, progress=lambda where: None) 
         if findings and left < 0:
             break
         share = FIRST_PART if k == 0 and len(parts) > 1 else 1 / (len(parts) - k)
-        findings.append(
-            _examine_part(case, observation, part, near, findings[0] if findings else None, time.monotonic() + left * share)
-        )
+        heard = next((f for f in findings if not f.absent), None)
+        findings.append(_examine_part(case, observation, part, near, heard, time.monotonic() + left * share))
+    findings, silent = [f for f in findings if not f.absent], [f for f in findings if f.absent]
+    if not findings:  # one part stands for all
+        return silent[:1]
+    findings[0].left += [presence.of_a_part(f) for f in silent]
     while (gap := joints.gap(findings) or slow.gap(findings)) and time.monotonic() < deadline and len(findings) < MOST_FINDINGS:
         progress(f"{observation.name}, between its parts")
         part = align.around(case, observation, gap, len(findings[0].observation.samples))
@@ -74,6 +77,8 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
         built, model = model, under_the_lattice(data, refit(data, model).model)
         first = refit(data, model)
         model, first = _without_false_rails(data, built, model, first)
+    if known is None and not presence.judge(data, model).there:
+        return _absent(case, part, data, first, twin, stds)
     scene.rms = known.scene.rms if known else _wanted_rms(first) * align.whole_over_part(case, whole, part, scene)
     have = {e.family for e in model.effects}
     for effect in known.fit.model.found if known else ():
@@ -112,6 +117,14 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
     _look_for_rest(finding)
     floor.compare(finding)
     return finding
+
+
+def _absent(case, part, data, fit: Fit, twin: Fit, stds: dict) -> Finding:
+    """What a recording says in which the twin's waveform is not: what was read off its samples, and that."""
+    model = replace(fit.model, effects=tuple(e for e in fit.model.effects if not plays(e, Role.ORIENTATION)))
+    left = [presence.statement(data.scene, align.delays_looked_at(case, part))]
+    fit = _without_fine_lattice(refit(data, model) if model.effects != fit.model.effects else fit)
+    return Finding(observation=part, scene=data.scene, data=data, twin=twin, fit=fit, stds=stds, left=left, absent=True)
 
 
 def _without_false_rails(data, built, model, first: Fit):
@@ -343,8 +356,9 @@ def diagnose(case, *, budget_s: float = BUDGET_S, progress=lambda where: None) -
         findings += examine(case, observation, deadline=time.monotonic() + share, progress=progress)
         for finding in findings:
             _light(finding, begun + budget_s)
-    agree_on_sides(findings)
-    agree_on_wander(findings)
+    heard = [f for f in findings if not f.absent]
+    agree_on_sides(heard)
+    agree_on_wander(heard)
     document = conclude(case, findings, [predict_only(case, o, findings, begun + budget_s) for o in case.observations if o.vault])
     document["seconds"] = round(time.monotonic() - begun, 3)
     return Diagnosis(case=case, document=document, findings=findings, deadline=begun + PICTURES * budget_s)

@@ -44,7 +44,8 @@ def _place(finding: Finding, index: int) -> tuple[float, float]:
 
 def conclude(case, findings: list[Finding], vault: list[tuple]) -> dict:
     """The contract's document, without `seconds`."""
-    effects = [entry for members in _group(findings) if (entry := _entry(findings, members))]
+    heard = [f for f in findings if not f.absent] or findings  # the others say nothing of whose an effect is
+    effects = [entry for members in _group(findings) if (entry := _entry(heard, members))]
     left = [(f, rest) for f in findings for rest in f.left]
     ambiguous = _ambiguities(findings)
     crowded = any(f.crowded for f in findings)

@@ -123,6 +123,9 @@ def in_one_sentence(d: dict) -> str:
     if not d["residual"]["where"]:
         many = f"{len(d['effects'])} effects at once ({names}) imitate almost anything"
         return f"Unexplained: {many}; the list is not to be trusted."
+    absent = [w for w in d["residual"]["where"] if w.get("signal_absent")]
+    if absent:
+        return f"Unexplained: {_listed(sorted({w['recording'] for w in absent}))}: {absent[0]['sentence']}"
     found = f" Found so far: {names}; {change}." if names else ""
     left_db = max(d["residual"]["unexplained_db"], fit["corrected_nmse_db"] - fit["noise_floor_db"])
     return f"Unexplained: {left_db:.2f} dB over the noise are left that no known physics explains.{found}"
@@ -231,8 +234,10 @@ def _rest(diagnosis) -> str:
     left = d["residual"]["where"]
     if not left:
         return "<h2>What is left</h2><p>Nothing that noise would not leave.</p>"
-    rows = "".join(f"<li>{escape(in_words(w['test']))}: {escape(_place(w, alone))}</li>" for w in left)
+    rows = "".join(f"<li>{escape(in_words(w['test']))}: {escape(w.get('sentence') or _place(w, alone))}</li>" for w in left)
     p = d["residual"]["p_value"]
+    if all(w.get("signal_absent") for w in left):
+        return f"<h2>What is left</h2><p>All of it:</p><ul>{rows}</ul>"
     chance = f"noise alone does so once in {1 / p:.0e}" if p > 1e-30 else "noise alone never does so"
     return f"<h2>What is left</h2><p>More than noise ({chance}), seen in the residual over</p><ul>{rows}</ul>"
 

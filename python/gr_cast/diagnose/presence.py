@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whether a recording holds what the twin sends at all: what the waveform explains where it was found, against what the same
+waveform explains at delays at which it is not.
+
+Pieces of recording × waveform* are added with their phases over stretches of several lengths, at every carrier (an FFT), and the
+stretches without phase, so that neither a carrier nor a phase that wanders hides a waveform. Where it is not, the share of the
+energy that it explains has a Beta distribution about its mean over other delays, whatever the spectra of both: a line explains
+as much at every delay. Near delays keep the structure in time of both, far ones are free of echoes: the larger mean counts.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft as sp_fft
+from scipy import special
+
+from ..twin.effects import Role, plays
+from . import offsets
+from .residual import Leftover
+
+PIECE = 4  # samples of the shortest stretch that is added with its phases: carriers to 1/8 of the rate
+GROWTH = 4  # how much longer the next stretch is
+LENGTHS = (1 << 14, 1 << 16)  # samples that are looked at: few first, more where these leave a doubt
+SURE_NATS = 60.0  # that few samples must say so that more are not asked
+PRESENT_NATS = 10.0  # by which chance would not explain as much at the best of all delays, carriers, lengths: p of 5·10⁻⁵
+AROUND = 16  # samples around the delay that was found in which the waveform may be
+NULLS, NULLS_OF_SHORT = 64, 256  # delays near, and as many far, at which it is not; of a short recording
+SHORT = 4096  # samples of one
+FARTHEST_NEAR = 8 * AROUND
+SILENT = 1e-3  # of the mean energy of the waveform in a stretch: less holds none of it
+LEAST_OVERLAP = 0.25  # of the most energy of the waveform in the recording at any delay: those with less are not compared
+ALIKE = 0.7  # coherence of a waveform with itself, from which on another delay makes no other waveform of it
+LEAST_NULLS = 8  # delays that tell a mean and a spread
+STEADY = 4.0  # times the number of gains behind a share, from which it is steady over the delays: a line, or what is never silent
+HALF_OF_NULLS = 0.5  # a median knows a mean as well as the mean of that share of the values
+
+
+@dataclass(frozen=True, kw_only=True)
+class Presence:
+    """`nats` by which chance does not explain what the waveform does; where it explains most: the carrier in cycles per sample,
+    the delay in samples beyond the model's, and its share of the energy."""
+
+    nats: float
+    carrier: float = 0.0
+    delay: int = 0
+    share: float = 0.0
+
+    @property
+    def there(self) -> bool:
+        return self.nats > PRESENT_NATS
+
+
+def judge(data, model) -> Presence:
+    """Whether the recording of `data` holds what a model sends, at the model's delay and in its orientation."""
+    scene = data.scene
+    y, effects = scene.spread(data.y), model.effects
+    if model.inverted:  # oscillators are in front of the inversion
+        y, effects = np.conj(y), tuple(e for e in effects if not plays(e, Role.ORIENTATION))
+    inside = scene.spread(((data.use > 0) | data.vault).astype(float))
+    signals = np.array([scene.spread(s) for s in offsets.sent(scene, model.base, effects)])
+    source = scene.sources[0]
+    period = len(source.samples) if source.repeat else 0
+    return look(y, signals, inside, period, tried=period or scene.whole + scene.span)
+
+
+def look(y, signals, inside, period: int = 0, tried: int = 1) -> Presence:
+    """`judge` of arrays: recording (n,), what each transmitter sends (sources, n), 1 where a sample counts (n,); `period` of
+    what repeats, the number of delays that were `tried`."""
+    best = Presence(nats=-np.inf)
+    for length in LENGTHS:
+        best = max(best, _look(*_fullest(y, signals, inside, length), period, tried), key=lambda p: p.nats)
+        if best.nats > SURE_NATS or length >= len(y):
+            break
+    return best
+
+
+def _look(y, signals, inside, period: int, tried: int) -> Presence:
+    """`look` at a stretch of so many samples."""
+    near, *others = _delays(len(y), period)
+    others = [_unlike(signals, inside, delays) for delays in others]
+    delays = np.concatenate([near, *others])
+    pieces = [_pieces(y, s, inside, delays) for s in signals]
+    energy = np.mean([under for *_, under in pieces], axis=0)
+    overlap = np.mean([sent.sum(1) for _, sent, _ in pieces], axis=0)
+    heard = (overlap > LEAST_OVERLAP * overlap.max()) & (energy > 0)
+    edges = len(near) + np.cumsum([0, *map(len, others)])
+    elsewhere = [at for a, b in zip(edges, edges[1:], strict=False) if len(at := a + np.flatnonzero(heard[a:b])) >= LEAST_NULLS]
+    if not elsewhere:  # there is nothing that it could be compared with
+        return Presence(nats=np.inf)
+    best, count = Presence(nats=-np.inf), pieces[0][0].shape[1]
+    lengths = sorted({min(GROWTH**k, count) for k in range(1, 2 + int(np.ceil(np.log(count) / np.log(GROWTH))))})
+    for together in lengths:
+        explained, gains = 0.0, 0.0
+        for products, sent, _ in pieces:
+            level, number = _added(products, sent, together)
+            explained, gains = explained + level, gains + number
+        share = explained / np.maximum(energy, 1e-300)[:, None]
+        trials = np.log(tried * share.shape[1] * len(lengths) * 2.0)  # both orientations
+        here = np.where(heard[: len(near), None], share[: len(near)], 0.0)
+        nats = _nats(here, [share[at] for at in elsewhere], gains) - trials
+        d, k = np.unravel_index(int(np.argmax(nats)), nats.shape)
+        if nats[d, k] > best.nats:
+            carrier = float(sp_fft.fftfreq(share.shape[1])[k] / PIECE)
+            best = Presence(nats=float(nats[d, k]), carrier=carrier, delay=int(near[d]), share=float(share[d, k]))
+        if best.nats > SURE_NATS:
+            break
+    return best
+
+
+def _fullest(y, signals, inside, length: int):
+    """The stretch of so many samples in which most of what is sent counts."""
+    if len(y) <= length:
+        return y, signals, inside
+    sent = np.concatenate([[0.0], np.cumsum((np.abs(signals) ** 2).sum(0) * inside)])
+    first = int(np.argmax(sent[length:] - sent[:-length]))
+    at = slice(first, first + length)
+    return y[at], signals[:, at], inside[at]
+
+
+def _delays(n: int, period: int):
+    """Whole samples around the delay that was found: where the waveform may be, and near and far where it is not."""
+    size = min(n, period or n)
+    reach = min(AROUND, size // 8)
+    near = np.arange(-reach, reach + 1)
+    room = size - 4 * reach  # from 2·reach to −2·reach around
+    end = min(FARTHEST_NEAR, room // 3)
+    most = NULLS_OF_SHORT if n < SHORT else NULLS
+    steps = np.unique(np.linspace(2 * reach, 2 * reach + max(end, 1), min(most // 2, max(end, 1))).astype(int))
+    close = np.concatenate([steps, -steps])
+    low, high = 2 * reach + end, size - 2 * reach - end
+    far = np.unique(np.linspace(low, high, min(most, max(high - low, 1)) + 2).astype(int)[1:-1])
+    return near, close, far
+
+
+def _unlike(signals, inside, delays) -> np.ndarray:
+    """The delays at which what is sent is not what it is without them."""
+    sent = signals * inside
+    whole = np.sum(np.abs(sent) ** 2)
+    alike = np.array([abs(np.vdot(np.roll(signals, d, axis=1), sent)) for d in delays])
+    return delays[alike < ALIKE * whole]
+
+
+def _pieces(y, sent, inside, delays):
+    """((delays, pieces) sums of recording × waveform*, energy of the waveform in each, (delays,) energy of the recording under
+    the waveform)."""
+    count = len(y) // PIECE
+    loud = np.abs(sent) ** 2 > SILENT * np.mean(np.abs(sent) ** 2)
+    power, y = np.abs(y * inside) ** 2, y * inside
+    products, energy, under = np.empty((len(delays), count), complex), np.empty((len(delays), count)), np.empty(len(delays))
+    for i, d in enumerate(delays):
+        moved = np.roll(sent, d)
+        products[i] = (y * np.conj(moved))[: count * PIECE].reshape(count, PIECE).sum(1)
+        energy[i] = (np.abs(moved) ** 2 * inside)[: count * PIECE].reshape(count, PIECE).sum(1)
+        under[i] = power[np.roll(loud, d)].sum()
+    return products, energy, under
+
+
+def _added(products, energy, together: int):
+    """((delays, carriers) energy that the waveform explains with a gain for every `together` pieces, number of gains)."""
+    delays, count = products.shape
+    groups = -(-count // together)
+    fill = ((0, 0), (0, groups * together - count))
+    size = sp_fft.next_fast_len(2 * together)
+    level = np.pad(energy, fill).reshape(delays, groups, together).sum(2)
+    heard = level > SILENT * level.mean(1, keepdims=True)
+    weight = heard / np.where(heard, level, 1.0)
+    sums = sp_fft.fft(np.pad(products, fill).reshape(delays, groups, together), size, axis=2)
+    return np.einsum("dgk,dg->dk", sums.real**2 + sums.imag**2, weight), max(1.0, float(heard.sum(1).mean()))
+
+
+def _nats(here, elsewhere, gains: float) -> np.ndarray:
+    """(delays, carriers) −ln of the chance of shares as large as `here`, or larger, by the Beta distribution of those
+    `elsewhere`, [(delays, carriers)]: Chernoff's bound, and as much less as mean and spread are known from few."""
+    middle = np.maximum.reduce([np.median(s, axis=0) for s in elsewhere])
+    spread = np.maximum(np.maximum.reduce([np.var(s, axis=0) for s in elsewhere]), 1e-30)
+    middle = np.clip(middle, 1e-12, 0.999)
+    white, seen = gains / middle, np.maximum(middle * (1 - middle) / spread - 1, 1e-3)
+    steady = seen > STEADY * white
+    mean = np.where(steady, middle, np.clip(middle * gains / special.gammaincinv(gains, 0.5), 1e-12, 0.999))
+    count = np.where(steady, seen, np.maximum(np.minimum(white, seen), 1 / mean))
+    share = np.clip(here, mean, 1 - 1e-9)
+    rate = count * (mean * np.log(mean / share) + (1 - mean) * np.log((1 - mean) / (1 - share)))
+    known = HALF_OF_NULLS * min(len(s) for s in elsewhere) * np.where(steady, 1.0, np.maximum(count * mean, 1.0))
+    return known * np.log1p(rate / known)
+
+
+def statement(scene, delays: tuple[int, int]) -> Leftover:
+    """What is said of a recording that holds nothing of the waveform: it was looked for at these delays, in samples."""
+    rate = scene.sample_rate_hz
+    first, last = (d / rate for d in delays)
+    edge = rate / (2 * PIECE)
+    where = {
+        "signal_absent": True,
+        "sentence": "The twin's waveform is not in this recording, or too weak to be told from chance: at no delay, no carrier "
+        "and in neither orientation does it explain more than it would of any other signal.",
+        "searched": {"delay_s": [first, last], "carrier_hz": [-edge, edge], "inverted": [False, True]},
+        "record_next": "longer_recording",
+    }
+    return Leftover(test="presence", p_value=1.0, nats=0.0, where=where)
+
+
+def of_a_part(finding) -> Leftover:
+    """What is said of a part of a recording that holds nothing of the waveform, while another part does."""
+    first = finding.observation.first / finding.scene.sample_rate_hz
+    where = {
+        "time_s": [first, first + finding.scene.duration_s],
+        "sentence": "The twin's waveform is not in this part of the recording.",
+    }
+    return Leftover(test="presence", p_value=0.0, nats=0.0, where=where)

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A waveform that is in a recording explains more of it than chance would, one that is not explains what chance does, whatever
+else is recorded."""
+
+import numpy as np
+import pytest
+from conftest_world import noise, sent_once
+from gr_cast.diagnose import diagnose, presence, read_case
+from gr_cast.signals import codes
+
+COUNT = 4096
+
+
+def _ofdm(rng, symbols=32):
+    bins = np.zeros((symbols, 128), complex)
+    bins[:, np.r_[1:39, 90:128]] = np.exp(0.5j * np.pi * rng.integers(0, 4, (symbols, 76)))
+    x = np.fft.ifft(bins, axis=1) * 128 / np.sqrt(76)
+    return np.hstack([x[:, -4:], x]).ravel()[:COUNT]
+
+
+def _on_off(rng):
+    bits = rng.integers(0, 2, COUNT // 4)
+    return np.repeat(np.stack([bits, 1 - bits], 1).ravel(), 2).astype(complex)
+
+
+def _repeated(**code):
+    return np.resize(codes.from_spec({"samples_per_chip": 1} | code).astype(complex), COUNT)
+
+
+WAVES = {  # (what is sent, another one of its kind, period or 0)
+    "noise": (lambda rng: noise(rng, COUNT), lambda rng: noise(rng, COUNT), 0),
+    "ofdm": (_ofdm, _ofdm, 0),
+    "on-off": (_on_off, _on_off, 0),
+    "code": (
+        lambda rng: _repeated(code="glfsr", degree=8, mask=0, seed=1),
+        lambda rng: _repeated(code="gold", length=511),
+        255,
+    ),
+    "chirp": (
+        lambda rng: _repeated(code="zadoff_chu", length=509, root=7),
+        lambda rng: _repeated(code="zadoff_chu", length=509, root=11),
+        509,
+    ),
+}
+STRANGERS = {
+    "noise": lambda rng, other: noise(rng, COUNT),
+    "tone": lambda rng, other: np.exp(2j * np.pi * rng.uniform(-0.5, 0.5) * np.arange(COUNT)) + noise(rng, COUNT, 0.1),
+    "other": lambda rng, other: other + noise(rng, COUNT, 0.1),
+    "click": lambda rng, other: noise(rng, COUNT) + 100 * (np.arange(COUNT) == rng.integers(COUNT)),
+}
+
+
+def _look(y, sent, period):
+    return presence.look(y, sent[None], np.ones(len(y)), period, tried=period or 2 * COUNT)
+
+
+@pytest.mark.parametrize("stranger", STRANGERS)
+@pytest.mark.parametrize("wave", WAVES)
+def test_what_was_not_sent_is_not_there(wave, stranger):
+    sent, other, period = WAVES[wave]
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        y = STRANGERS[stranger](rng, other(np.random.default_rng(99 + seed)))
+        assert not _look(y, sent(rng), period).there
+
+
+@pytest.mark.parametrize("snr_db", [0, -6, -12])
+@pytest.mark.parametrize("wave", WAVES)
+def test_what_was_sent_is_there_below_the_noise(wave, snr_db):
+    """4096 samples of a signal 12 dB below the noise are 24 dB above that of its matched filter."""
+    sent, _, period = WAVES[wave]
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        x = sent(rng)
+        x /= np.sqrt(np.mean(np.abs(x) ** 2))
+        carrier = rng.uniform(-0.1, 0.1)
+        y = x * np.exp(2j * np.pi * carrier * np.arange(COUNT)) + noise(rng, COUNT, 10 ** (-snr_db / 20))
+        found = _look(y, x, period)
+        assert found.there
+        assert found.carrier == pytest.approx(carrier, abs=1 / 16)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_diagnosis_of_noise_says_that_the_waveform_is_absent_and_claims_nothing(world, tmp_path, seed):
+    world.rng = np.random.default_rng(seed)
+    world.noise_rms = 0.1
+    document = diagnose(read_case(world.write(tmp_path / "case", world.noisy(0.0 * world.n)))).document
+    assert document["verdict"] == "unexplained"
+    (where,) = document["residual"]["where"]
+    assert where["signal_absent"] is True and "not in this recording" in where["sentence"]
+    assert where["record_next"] == "longer_recording"
+    assert document["effects"] == []
+
+
+def test_a_signal_20_db_below_the_noise_is_diagnosed_and_not_called_absent(world, tmp_path):
+    world.noise_rms = 10 * np.sqrt(np.mean(np.abs(world.clean()) ** 2))
+    document = diagnose(read_case(world.write(tmp_path / "case", world.noisy(world.clean())))).document
+    assert document["verdict"] == "no_mismatch"
+
+
+def test_another_frame_of_the_same_kind_is_not_the_twins(tmp_path):
+    rng = np.random.default_rng(5)
+    y = np.concatenate([noise(rng, 300, 0.1), _ofdm(rng), noise(rng, 300, 0.1)])
+    document = diagnose(sent_once(tmp_path, y, _ofdm(rng))).document
+    assert document["verdict"] == "unexplained" and document["effects"] == []
+    assert document["residual"]["where"][0]["signal_absent"] is True
+
+
+def test_a_waveform_that_is_the_same_at_every_delay_is_not_called_absent():
+    tone = np.exp(2j * np.pi * 0.1 * np.arange(COUNT))
+    assert _look(tone + noise(np.random.default_rng(1), COUNT, 0.1), tone, 10).there
