@@ -255,16 +255,13 @@ def _links(args, scenario) -> list[tuple[str, str]]:
     return [link]
 
 
-def _until_done(top, what: str) -> None:
+def _until_done(top, what: str, first_s: float = 0.0) -> None:
     """Run a flowgraph to its end; Ctrl-C or SIGTERM ends it early and keeps what was recorded."""
+    from gr_cast.blocks.running import run_to_end
+
     print(what, flush=True)
     with interrupts.heeded(top.stop) as stopped:
-        top.start()
-        try:
-            top.wait()
-        finally:
-            top.stop()
-            top.wait()
+        run_to_end(top, lambda: top.samples, first_s=first_s, stopped=stopped)
     if stopped.is_set():
         print("stopped early; a recording holds what came until now", file=sys.stderr)
         raise KeyboardInterrupt
@@ -300,7 +297,8 @@ def _tx(args) -> None:
     settings, n_samples = _radio_settings(args), _sample_count(args)
     top = UsrpTransmitter(settings, waveform_source(waveform, spec), amplitude=args.amplitude, n_samples=n_samples)
     try:
-        _until_done(top, f"sending {waveform.name} at {args.frequency / 1e6:g} MHz, {args.rate / 1e6:g} MS/s; Ctrl-C ends")
+        _until_done(top, f"sending {waveform.name} at {args.frequency / 1e6:g} MHz, {args.rate / 1e6:g} MS/s; Ctrl-C ends",
+                    args.start_delay or 0.0)  # fmt: skip
     except KeyboardInterrupt:
         if args.duration is not None:
             raise
@@ -328,7 +326,9 @@ def _rx(args) -> None:
     datatype = recording.RAW_FORMATS[args.format]
     top = UsrpReceiver(settings, stem, n_samples=n_samples, datatype=datatype, fields=fields)
     try:
-        _until_done(top, f"recording at {args.frequency / 1e6:g} MHz, {args.rate / 1e6:g} MS/s; Ctrl-C ends")
+        _until_done(
+            top, f"recording at {args.frequency / 1e6:g} MHz, {args.rate / 1e6:g} MS/s; Ctrl-C ends", args.start_delay or 0.0
+        )
     except KeyboardInterrupt:
         if args.duration is not None:
             raise

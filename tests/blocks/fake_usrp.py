@@ -8,6 +8,7 @@ import importlib
 import json
 import sys
 from pathlib import Path
+from time import sleep
 
 import numpy as np
 import pmt
@@ -21,14 +22,19 @@ START_S = (7, 0.25)  # device time of the first sample
 class Air(gr.sync_block):
     """A code at half scale, DELAY_SAMPLES late; samples get lost, told by rx_time as gr-uhd does."""
 
-    def __init__(self, period, is_sc16, rate_hz):
+    def __init__(self, period, is_sc16, rate_hz, silent_after=None):
         gr.sync_block.__init__(self, "air", in_sig=None, out_sig=[np.dtype((np.int16, 2)) if is_sc16 else np.complex64])
         self.heard = 0.5 * np.roll(period, DELAY_SAMPLES).astype(np.complex64)
-        self.is_sc16, self.rate_hz = is_sc16, rate_hz
+        self.is_sc16, self.rate_hz, self.silent_after = is_sc16, rate_hz, silent_after
 
     def work(self, input_items, output_items):
         out, sent = output_items[0], self.nitems_written(0)
         count = min(len(out), GAP_EVERY - sent % GAP_EVERY)
+        if self.silent_after is not None:
+            count = min(count, self.silent_after - sent)
+            if not count:  # as gr-uhd's receiver when nothing comes
+                sleep(0.1)
+                return 0
         index = sent + sent // GAP_EVERY * LOST
         if sent % GAP_EVERY == 0:
             passed = START_S[1] + index / self.rate_hz
@@ -83,7 +89,9 @@ class UsrpSink(Radio):
 class UsrpSource(Radio):
     def __init__(self, device_args, stream_args):
         Radio.__init__(self, 0, 1, device_args, stream_args)
-        self.air = Air(self.period, stream_args.cpu_format == "sc16", self.answers.get("air_rate", 1e6))
+        self.air = Air(
+            self.period, stream_args.cpu_format == "sc16", self.answers.get("air_rate", 1e6), self.answers.get("silent_after")
+        )
         self.connect(self.air, self)
 
 

@@ -14,6 +14,7 @@ import cast_sounder
 import numpy as np
 import pytest
 from gnuradio import blocks, gr, uhd
+from gr_cast.blocks import running
 from gr_cast.blocks.recorder import SigmfRecorder
 from gr_cast.core.errors import CastError
 from gr_cast.signals import codes, recording
@@ -58,6 +59,22 @@ def test_tx_sets_the_radio_up_as_told_and_sends_the_code_at_its_amplitude(radio)
     assert cast_sounder.main(sending + RADIO) == 0
     assert calls == set_up("fc32", "TX/RX")
     assert np.array_equal(fake_usrp.Radio.sent.data(), np.resize(0.25 * codes.glfsr(7), 2500))
+
+
+@pytest.mark.parametrize("delivered", [0, 30_000])
+def test_a_radio_that_stops_delivering_ends_in_one_line_and_what_came_is_kept(radio, tmp_path, monkeypatch, delivered):
+    monkeypatch.setattr(running, "STILL_S", 0.5)
+    radio(codes.glfsr(8), air_rate=1e6, silent_after=delivered)
+    begin = time.monotonic()
+    with pytest.raises(CastError) as told:
+        cast_sounder.main(f"rx --rate 1e6 --duration 0.1 --output {tmp_path}".split())
+    assert time.monotonic() - begin < 5
+    (line,) = told.value.faults
+    assert f"{delivered} samples passed" in line and "--subdevice" in line
+    if delivered:
+        assert len(recording.read(tmp_path / "recording").samples) == delivered
+    else:
+        assert not list(tmp_path.glob("recording*")), "the name stays free"
 
 
 @pytest.mark.parametrize(("chosen", "cpu_format"), [("cf32", "fc32"), ("ci16", "sc16")])
@@ -152,19 +169,19 @@ def start_fake(tmp_path, *arguments):
     )
 
 
-def wait_for(path, size, running):
+def wait_for(path, size, program):
     deadline = time.monotonic() + 60
     while not (path.exists() and path.stat().st_size > size):
-        assert time.monotonic() < deadline and running.poll() is None, running.communicate()
+        assert time.monotonic() < deadline and program.poll() is None, program.communicate()
         time.sleep(0.01)
 
 
 @pytest.mark.parametrize("megabytes", [1, 3, 7, 20])
 def test_a_receiver_that_is_killed_leaves_a_recording_with_the_gaps_until_then(tmp_path, megabytes):
-    running = start_fake(tmp_path, "rx", "--output", "out", "--format", "ci16")
-    wait_for(tmp_path / "out" / "recording.sigmf-data", megabytes * 1_000_000, running)
-    running.kill()
-    running.communicate(timeout=60)
+    program = start_fake(tmp_path, "rx", "--output", "out", "--format", "ci16")
+    wait_for(tmp_path / "out" / "recording.sigmf-data", megabytes * 1_000_000, program)
+    program.kill()
+    program.communicate(timeout=60)
     read = recording.read(tmp_path / "out" / "recording")
     count = len(read.samples)
     assert count >= megabytes * 250_000
@@ -175,22 +192,22 @@ def test_a_receiver_that_is_killed_leaves_a_recording_with_the_gaps_until_then(t
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_an_open_ended_recording_that_is_stopped_is_sealed_and_sounded(tmp_path, how):
-    running = start_fake(tmp_path, "rx", "--output", "out")
-    wait_for(tmp_path / "out" / "recording.sigmf-data", 1_000_000, running)
-    running.send_signal(how)
-    _, told = running.communicate(timeout=120)
-    assert running.returncode == 0 and "stopped early" in told, told
+    program = start_fake(tmp_path, "rx", "--output", "out")
+    wait_for(tmp_path / "out" / "recording.sigmf-data", 1_000_000, program)
+    program.send_signal(how)
+    _, told = program.communicate(timeout=120)
+    assert program.returncode == 0 and "stopped early" in told, told
     assert "core:sha512" in recording.read(tmp_path / "out" / "recording").metadata
     assert (tmp_path / "out" / "result.json").is_file()
 
 
 def test_a_transmitter_is_stopped_by_ctrl_c(tmp_path):
-    running = start_fake(tmp_path, "tx")
-    assert "sending glfsr:8" in running.stdout.readline()
+    program = start_fake(tmp_path, "tx")
+    assert "sending glfsr:8" in program.stdout.readline()
     time.sleep(0.5)
-    running.send_signal(signal.SIGINT)
-    _, told = running.communicate(timeout=60)
-    assert running.returncode == 0 and "Traceback" not in told, told
+    program.send_signal(signal.SIGINT)
+    _, told = program.communicate(timeout=60)
+    assert program.returncode == 0 and "Traceback" not in told, told
 
 
 def test_a_full_disk_ends_the_recording_at_a_whole_sample(tmp_path):

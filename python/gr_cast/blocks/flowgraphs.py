@@ -62,6 +62,10 @@ class EmulatedSounding(gr.top_block):
                 )  # fmt: skip
             )
 
+    @property
+    def samples(self) -> int:
+        return sum(recorder.samples for recorder in self.recorders)
+
     def finish(self) -> None:
         for recorder in self.recorders:
             recorder.finish()
@@ -76,7 +80,13 @@ class UsrpTransmitter(gr.top_block):
         if n_samples is not None:
             chain.append(blocks.head(gr.sizeof_gr_complex, n_samples))
         self.radio = usrp_sink(settings)
+        self._last = chain[-1]
         self.connect(*chain, self.radio)
+
+    @property
+    def samples(self) -> int:
+        """How many the radio has taken."""
+        return self._last.nitems_written(0)
 
 
 class UsrpReceiver(gr.top_block):
@@ -101,6 +111,10 @@ class UsrpReceiver(gr.top_block):
             self, last, stem, sample_rate_hz=settings.sample_rate_hz, center_frequency_hz=settings.center_frequency_hz,
             datatype=datatype, fields=fields,
         )  # fmt: skip
+
+    @property
+    def samples(self) -> int:
+        return self.recorder.samples
 
     def finish(self) -> None:
         self.recorder.finish()

@@ -92,12 +92,22 @@ class SigmfRecorder:
         self._writer = _Writer(_ITEM[datatype], data_path(stem), self.captures, sample_rate_hz, self._write)
         top.connect((source, port), self._writer)
 
+    @property
+    def samples(self) -> int:
+        """How many came so far."""
+        return self._writer.nitems_read(0)
+
     def _write(self, **more) -> None:
         write_metadata(self.stem, metadata(captures=self.captures, fields=self._fields | more, **self._about))
 
     def finish(self) -> None:
-        """Close the data and write the metadata with its checksum; OSError where the disk refused samples."""
+        """Close the data and write the metadata with its checksum, or remove a recording without a sample; OSError where the
+        disk refused samples."""
         self._writer.file.close()
+        if not self.samples and not self._writer.failure:  # nothing came: the name stays free
+            meta_path(self.stem).unlink(missing_ok=True)
+            data_path(self.stem).unlink(missing_ok=True)
+            return
         self._write(**{"core:sha512": sha512_of(data_path(self.stem))})
         if self._writer.failure:
             self._writer.failure.filename = str(data_path(self.stem))
