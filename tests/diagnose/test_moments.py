@@ -53,3 +53,14 @@ def test_samples_lost_near_the_end_are_found_beside_a_step_of_gain(world, tmp_pa
     y = lost(world, (19_700, 5)) * np.where(world.n < 12_345, 1.0, 10 ** (0.8 / 20))
     document = diagnose(read_case(world.write(tmp_path / "case", world.noisy(y))), budget_s=3000).document
     assert {e["family"] for e in document["effects"]} == {"gain_step", "sample_loss"} and document["verdict"] == "identified"
+
+
+def test_a_tone_goes_on_in_the_air_while_samples_are_lost(world, tmp_path):
+    at, samples, cycles_per_sample = 11_111, 44, 0.20317
+    air = world.n + samples * (world.n >= at)
+    y = lost(world, (at, samples)) + 0.05 * np.exp(2j * np.pi * cycles_per_sample * air)
+    document = diagnose(read_case(world.write(tmp_path / "case", world.noisy(y))), budget_s=3000).document
+    assert document["verdict"] == "identified"
+    assert sorted(e["family"] for e in document["effects"]) == ["sample_loss", "tone_interference"]
+    ((time, number),) = losses(document).items()
+    assert abs(time - at) <= 2 and number == samples

@@ -23,6 +23,7 @@ from ..twin.model import Model, jacobian, predict
 LARGE = 60  # parameters from which a matrix is inverted by Cholesky's method
 DAMPINGS = (0.0, 1e-6, 1e-4, 1e-2, 1.0, 100.0)  # shares of the curvature, tried in turn (Marquardt 1963)
 SMALL = 20_000  # samples up to which a fit of many numbers is carried to its end
+LEAST_HEARD = 100  # samples off the rails, of which a law of the noise is told
 COLOUR_ORDERS = 10  # cepstral coefficients of a receiver's noise colour
 
 
@@ -279,13 +280,22 @@ def shape_of_receiver(fit: Fit, model: Model):
 
 
 def off_the_rails(fit: Fit) -> np.ndarray:
-    """(n,) bool: used samples whose prediction stays three noise deviations inside the rails."""
+    """(n,) bool: used samples whose prediction stays three noise deviations inside the rails, which eat noise in step with the
+    code; none where they leave too few to tell anything of the noise."""
     inside = fit.data.use > 0
     for e in fit.model.effects:
         if plays(e, Role.RAILS):
             level = e.p[0] - 3 * np.sqrt(fit.sigma2 / 2)
             inside = inside & (np.abs(fit.chain.y.real) < level) & (np.abs(fit.chain.y.imag) < level)
-    return inside if inside.sum() > 100 else fit.data.use > 0
+    return inside & (inside.sum() >= LEAST_HEARD)
+
+
+def within(fit: Fit, inside: np.ndarray) -> Fit:
+    """A fit as a test of its noise sees it: the samples `inside` (n,) bool alone, and the level that the noise has there."""
+    if np.array_equal(inside, fit.data.use > 0) or not inside.any():
+        return fit
+    sigma2 = float(np.mean(np.abs(fit.data.whitened(fit.residual)[inside]) ** 2))
+    return replace(fit, data=replace(fit.data, use=np.where(inside, fit.data.use, 0.0)), sigma2=sigma2, notes={})
 
 
 def gain_of_receiver(fit: Fit, model: Model):

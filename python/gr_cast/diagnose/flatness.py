@@ -9,6 +9,7 @@ from scipy import special, stats
 
 from ..twin.effects import is_coarse
 from . import residual
+from .fit import within
 
 TIMES = 48  # cells of time
 LEVELS = 16  # of what is received, as many samples in each
@@ -41,7 +42,8 @@ def uneven(test: str, energy: np.ndarray, count: np.ndarray) -> Unevenness:
 
 
 def over_all(fit, inside: np.ndarray) -> list[Unevenness]:
-    """The residual's unevenness over every axis, on the samples `inside` (n,) bool for the level."""
+    """The residual's unevenness over every axis, on the samples `inside` (n,) bool."""
+    fit = within(fit, inside)
     energy, count, _ = residual.told_cells(fit)
     held = _held(fit.data.use, energy.shape[1])
     return [
@@ -54,7 +56,7 @@ def over_all(fit, inside: np.ndarray) -> list[Unevenness]:
 
 def left(fit, inside: np.ndarray) -> list[residual.Leftover]:
     """What the cells of time and frequency hold together, as what is left; it has no one place."""
-    if any(is_coarse(e) for e in fit.model.effects):
+    if any(is_coarse(e) for e in fit.model.effects) or not inside.any():
         return []  # behind a coarse lattice rare steps stand instead of noise
     both = over_all(fit, inside)[0]
     return [residual.Leftover(test=f"{both.test}, all cells together", p_value=both.p_value, nats=both.nats, where={})]

@@ -127,8 +127,8 @@ def _uneven(heard: Heard) -> bool:
 
 
 def _heard(finding: Finding) -> Heard | None:
-    """None where the floor cannot be told: the twin says none, or a filter, whose own gain is unknown, or a coarse lattice is
-    between it and the recording."""
+    """None where the floor cannot be told: the twin says none, or a filter, whose own gain is unknown, or a coarse lattice or
+    rails are between it and the recording."""
     fit, told = finding.fit, finding.data.noise_power
     if told is None or fit.model.index_of(Role.FILTER) is not None:
         return None
@@ -137,6 +137,8 @@ def _heard(finding: Finding) -> Heard | None:
         return None
     told += rounding
     inside, data = off_the_rails(fit), fit.data
+    if not inside.any():
+        return None
     shape = np.ones(data.scene.count) if data.variance is None else data.variance
     power = np.abs(data.even(fit.residual, (data.use > 0) | data.vault)) ** 2 / shape
     # The rounding of the file itself, which the twin's figure may hold or not.

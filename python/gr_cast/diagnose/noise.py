@@ -6,19 +6,20 @@ import numpy as np
 from ..twin.effects import FAMILIES, Role, is_coarse
 from ..twin.effects.base import around_circle
 from ..twin.effects.noise_family import NoiseView
-from .fit import shape_of_receiver
+from .fit import off_the_rails, shape_of_receiver
 
 PASSBAND = 0.65  # common share of two bands from which they are one: a filter falls off within the signal's own edges
 TESTED = tuple(f.name for f in FAMILIES.values() if f.noise_like and f.role is not Role.FLOOR)  # laws of the noise, not its level
 
 
 def view_of(fit) -> NoiseView:
-    shape, spread = shape_of_receiver(fit, fit.model), fit.data.scene.spread
+    """The residual where it is the noise's: off the rails."""
+    shape, spread, inside = shape_of_receiver(fit, fit.model), fit.data.scene.spread, off_the_rails(fit)
     return NoiseView(
-        use=spread(fit.data.use > 0),
+        use=spread(inside),
         energy=spread(np.abs(fit.residual) ** 2 / (1.0 if shape is None else shape)),
         wanted_power=spread(np.abs(fit.chain.wanted) ** 2),
-        weighted=spread(fit.came(fit.residual) * fit.data.root**2),
+        weighted=spread(fit.came(fit.residual) * fit.data.root**2 * inside),
     )
 
 
@@ -30,10 +31,12 @@ def starts(fit):
     if have & set(TESTED):
         return []
     out, view = [], view_of(fit)
+    if not view.use.any():
+        return []
     for name in TESTED:
         gain, effect = FAMILIES[name].find(view)
         if effect is not None and not _is_passband(fit.data.scene, effect):
-            cost = 0.5 * FAMILIES[name].hidden(effect) * np.log(fit.data.count) + np.log(effect.trials)
+            cost = 0.5 * FAMILIES[name].hidden(effect) * np.log(view.use.sum()) + np.log(effect.trials)
             out.append((gain - cost, effect))
     return out
 

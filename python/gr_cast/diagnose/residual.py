@@ -12,6 +12,7 @@ from scipy import stats
 
 from ..twin.effects import FAMILIES, is_coarse
 from ..twin.effects.base import around_circle, at_half_the_rate
+from .fit import within
 from .view import View
 
 WINDOWS = 64  # of time, in which impulses are counted
@@ -66,9 +67,10 @@ def told_cells(fit):
 
 
 def leftovers(fit, inside) -> list[Leftover]:
-    """The worst cell of every map, worst first."""
-    scene = fit.data.scene
-    out = []
+    """The worst cell of every map of the samples `inside` (n,) bool, worst first."""
+    fit, scene, out = within(fit, inside), fit.data.scene, []
+    if not inside.any():
+        return []
     energy, count, edges = told_cells(fit)
     if coarse := any(is_coarse(e) for e in fit.model.effects):
         # Rare steps instead of noise: as many Gaussian samples as would make energies spread as much.

@@ -242,13 +242,19 @@ def _softened(fit: Fit) -> Fit:
     if at is None:
         return fit
     level, before = fit.model.effects[at].p
-    sigma = min(np.sqrt(np.mean(np.abs(fit.residual[off_the_rails(fit)]) ** 2) / 2), NOISIEST * level)
+    sigma = min(np.sqrt(np.mean(np.abs(fit.residual[_heard(fit)]) ** 2) / 2), NOISIEST * level)
     if any(is_coarse(e) for e in fit.model.effects):
         sigma = 0.0
     if abs(sigma - before) <= SETTLED * sigma:
         return fit
     effect = fit.model.effects[at].moved(np.array([level, sigma]))
     return solve(fit.data, fit.model.replacing(at, effect), iterations=SOFTENED_STEPS)
+
+
+def _heard(fit: Fit) -> np.ndarray:
+    """(n,) bool: used samples off the rails, all where those are too few."""
+    inside = off_the_rails(fit)
+    return inside if inside.any() else fit.data.use > 0
 
 
 def _with_likely_priors(fit: Fit) -> Model:
@@ -276,7 +282,8 @@ def _again(fit: Fit, effect: Effect) -> Effect:
     """A noise effect with its strength fitted to the residual; others as they are."""
     if effect.fixed or effect.family not in noise.TESTED:
         return effect
-    _, found = FAMILIES[effect.family].find(noise.view_of(fit), near=effect)
+    view = noise.view_of(fit)
+    _, found = FAMILIES[effect.family].find(view, near=effect) if view.use.any() else (0.0, None)
     if found is None:
         return effect
     settled = {"_floor": fit.sigma2} if "_floor" in effect.aux else {}

@@ -17,7 +17,8 @@ class ToneInterference(Family):
 
     def apply(self, chain, effect):
         re, im, cycles = effect.p
-        chain.y = chain.y + rms_of(chain.scene, effect) * complex(re, im) * np.exp(2j * np.pi * cycles * (chain.scene.u - 0.5))
+        turning = np.exp(2j * np.pi * cycles * (chain.u - 0.5))  # in the air it goes on while a recorder loses samples
+        chain.y = chain.y + rms_of(chain.scene, effect) * complex(re, im) * turning
 
     def starts(self, view):
         for cycles in view.lines(count=2):
