@@ -70,7 +70,7 @@ def test_a_cause_whose_proof_was_cut_short_is_not_claimed_against_unseen_samples
     (finding,) = diagnose(case).findings
     index = next(i for i, e in enumerate(finding.fit.model.effects) if e.family == "dc_offset")
     finding.worths[id(finding.fit.model.effects[index].p)] = replace(finding.worth_of(index), held_out=-300.0)
-    assert [e["family"] for e in conclude(case, [finding], [])["effects"]] == ["dc_offset"]
+    assert [e["family"] for e in conclude(case, [finding], lambda entries: [])["effects"]] == ["dc_offset"]
     finding.complete = False
-    document = conclude(case, [finding], [])
+    document = conclude(case, [finding], lambda entries: [])
     assert document["verdict"] == "unexplained" and not document["effects"]

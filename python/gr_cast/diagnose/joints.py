@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..twin.effects import FAMILIES, Effect, Role, plays, with_role
+from ..twin.effects import FAMILIES, Role, plays, with_role
 from ..twin.effects.base import start
 from ..twin.entries import lost_before
 from ..twin.model import predict
@@ -41,37 +41,9 @@ def _held(case, part, near, known: Finding):
     scene, data, model = align.build(case, part, near=near)
     for effect in known.fit.model.found:
         if plays(effect, Role.CARRIER, Role.CLOCK):
-            model = model.adding(carried(effect, known, part, scene))
+            model = model.adding(FAMILIES[effect.family].moved_to(effect, known.scene, scene))
     y = predict(scene, offsets.with_gains(data, model)).y
     return 1 - misfit(data, y) / np.sum(np.abs(data.y * data.use) ** 2), data
-
-
-def carried(effect: Effect, known: Finding, part, scene) -> Effect:
-    """An effect of the part that was searched, in another part of the recording."""
-    lengths = (part.first - known.observation.first) / known.scene.span
-    return rescaled(FAMILIES[effect.family].later(known.scene, effect, lengths), scene.span / known.scene.span)
-
-
-def rescaled(effect: Effect, ratio: float) -> Effect:
-    """An effect on a recording `ratio` times as long: what counts cycles or samples over the recording
-    grows with it."""
-    power = {
-        "carrier_frequency_offset": (1, 2),
-        "sample_clock_offset": (1,),
-        "extra_path": (0, 0, 0, 1),
-        "tap_doppler": (1, 0),
-        "gain_drift": (1,),
-        "power_supply_hum": (0, 0, 1),
-        "tone_interference": (0, 0, 1),
-        "second_transmitter": (0, 0, 0, 1),
-    }
-    if effect.family not in power:
-        return effect
-    if effect.aux.get("relaxes"):
-        return effect
-    grow = np.zeros(len(effect.p))
-    grow[: len(power[effect.family])] = power[effect.family]
-    return effect.moved(effect.p * ratio**grow)
 
 
 def _expected(known: Finding, part, lost: int) -> tuple[float, bool]:

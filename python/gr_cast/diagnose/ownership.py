@@ -13,7 +13,6 @@ import numpy as np
 
 from ..twin.effects import FAMILIES, Effect, Role, plays, stage_of
 from ..twin.effects.base import TX_LO
-from ..twin.model import in_scene
 from .fit import Fit, invert
 from .search import MARGIN, candidates, refit
 
@@ -107,7 +106,7 @@ def voices(findings, members, trust: float = 1.0) -> list[Voice]:
     template = strongest.fit.model.effects[at]
     out = []
     for finding in findings:
-        there = in_scene(template, strongest.scene, finding.scene)
+        there = FAMILIES[template.family].moved_to(template, strongest.scene, finding.scene)
         own = next((i for f, i in members if f is finding), None)
         if own is None and any(f.observation.name == finding.observation.name for f, _ in members):
             continue  # another part of the same recording speaks for it
@@ -126,7 +125,7 @@ def voices(findings, members, trust: float = 1.0) -> list[Voice]:
             )
         else:
             aux = {k: v for k, v in there.aux.items() if k != "nats"}
-            effect = replace(template, aux=aux)
+            effect = replace(there, aux=aux)
             forced = refit(finding.data, finding.fit.model.adding(effect))
             index = next(i for i, e in enumerate(forced.model.effects) if e.family == effect.family and e.aux == aux)
             out.append(_voice(finding, forced, index, max(0.0, forced.likelihood - finding.fit.likelihood), False))

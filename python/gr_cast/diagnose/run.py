@@ -9,7 +9,6 @@ import numpy as np
 from ..twin.effects import FAMILIES, Role, plays, stage_of
 from ..twin.effects.base import RX_FILTER
 from ..twin.effects.noise_family import profile
-from ..twin.model import in_scene
 from . import align, ambiguity, flatness, floor, gate, joints, offsets, presence, residual, slow
 from .exchange import exchanged
 from .finding import Finding, nmse, numbers, worth
@@ -83,7 +82,7 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
     have = {e.family for e in model.effects}
     for effect in known.fit.model.found if known else ():
         if FAMILIES[effect.family].lasting and effect.family not in have:
-            model = model.adding(joints.carried(effect, known, part, scene))
+            model = model.adding(FAMILIES[effect.family].moved_to(effect, known.scene, scene))
     if known:
         model = offsets.with_gains(data, model)
     data, begun_with, foreign = _begun(data, model, known)
@@ -303,35 +302,22 @@ def _beyond(finding: Finding, index: int) -> residual.Leftover:
     return residual.Leftover(test=sentence.rstrip("."), p_value=float(np.exp(-max(nats, 0.0))), nats=nats, where=where)
 
 
-def predict_only(case, observation, findings, deadline: float = np.inf) -> tuple[float, float, float]:
-    """(twin, corrected, noise) NMSE of a recording for the vault: what was found elsewhere, with its own
-    delay and gain."""
+def predict_only(case, observation, entries, findings, deadline: float = np.inf) -> tuple[float, float, float]:
+    """(twin, corrected, noise) NMSE of a recording for the vault: by the twin, and by the twin with the entries of what was found
+    in others, as `twin_corrected.yaml` has them."""
+    twin, corrected = (_foretold(c, observation, deadline) for c in (case, replace(case, effects=(*case.effects, *entries))))
+    alike = lambda f: (f.observation.receiver == observation.receiver, set(f.observation.on_air) == set(observation.on_air))  # noqa: E731
+    told = twin.data.noise_power or max(findings, key=alike).fit.sigma2
+    power = float(np.mean(np.abs(twin.data.y) ** 2))
+    return (*(nmse(fit.data, fit.chain.y, fit.data.vault) for fit in (twin, corrected)), told / power)
+
+
+def _foretold(case, observation, deadline: float) -> Fit:
+    """What a twin predicts of a recording for the vault: its own delay and gain alone are fitted."""
     part, near = align.parts_of(case, observation)[0]
-    like = max(
-        findings,
-        key=lambda f: (
-            f.observation.receiver == part.receiver,
-            set(f.observation.on_air) == set(part.on_air),
-        ),
-    )
-    scene, data, model = align.build(case, part, near=near)
-    data = replace(data, use=data.vault.astype(float), deadline=deadline)
-    twin = refit(data, model)
-    ratio = scene.span / like.scene.span
-    steady = (e for e in like.fit.model.found if not (FAMILIES[e.family].noise_like or FAMILIES[e.family].random))
-    there = (in_scene(e, like.scene, scene) for e in steady)  # a random course is another one in every recording
-    found = tuple(joints.rescaled(e, ratio) for e in there if e is not None)
-    for effect in found:
-        if effect.family not in {e.family for e in model.effects}:
-            model = model.adding(replace(effect, free=np.zeros(len(effect.p), bool)))
-    fit = refit(data, model)
-    inside = data.vault
-    told = data.noise_power or like.fit.sigma2
-    return (
-        nmse(data, twin.chain.y, inside),
-        nmse(data, fit.chain.y, inside),
-        told / float(np.mean(np.abs(data.y) ** 2)),
-    )
+    _, data, model = align.build(case, part, near=near)
+    frozen = tuple(replace(e, free=np.zeros(len(e.p), bool)) for e in model.effects)
+    return refit(replace(data, use=data.vault.astype(float), deadline=deadline), replace(model, effects=frozen))
 
 
 @dataclass(kw_only=True)
@@ -359,6 +345,10 @@ def diagnose(case, *, budget_s: float = BUDGET_S, progress=lambda where: None) -
     heard = [f for f in findings if not f.absent]
     agree_on_sides(heard)
     agree_on_wander(heard)
-    document = conclude(case, findings, [predict_only(case, o, findings, begun + budget_s) for o in case.observations if o.vault])
+
+    def vault(entries):
+        return [predict_only(case, o, entries, findings, begun + budget_s) for o in case.observations if o.vault]
+
+    document = conclude(case, findings, vault)
     document["seconds"] = round(time.monotonic() - begun, 3)
     return Diagnosis(case=case, document=document, findings=findings, deadline=begun + PICTURES * budget_s)

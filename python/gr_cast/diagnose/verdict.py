@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """All recordings together: whose effect it is, what cannot be told apart, and the verdict."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -42,8 +43,8 @@ def _place(finding: Finding, index: int) -> tuple[float, float]:
     return (0.0, 0.0) if family.place is None else family.placed(finding.scene, numbers(finding, index)[0])
 
 
-def conclude(case, findings: list[Finding], vault: list[tuple]) -> dict:
-    """The contract's document, without `seconds`."""
+def conclude(case, findings: list[Finding], vault: Callable[[list[dict]], list[tuple]]) -> dict:
+    """The contract's document, without `seconds`; `vault` predicts the recordings for the vault with the entries found."""
     heard = [f for f in findings if not f.absent] or findings  # the others say nothing of whose an effect is
     effects = [entry for members in _group(findings) if (entry := _entry(heard, members))]
     left = [(f, rest) for f in findings for rest in f.left]
@@ -59,7 +60,7 @@ def conclude(case, findings: list[Finding], vault: list[tuple]) -> dict:
         verdict = "no_mismatch"
     share = UNTRUSTED if left or crowded else HURRIED
     _doubted(effects, share if verdict == "unexplained" else 1.0, ambiguous)
-    fit = _fit_numbers(findings, vault)
+    fit = _fit_numbers(findings, vault(effects))
     return {
         "cast_diagnosis": 1,
         "verdict": verdict,

@@ -144,16 +144,6 @@ def _steps(effects) -> list:
     return [*before, "channel", *around, "gain", *after]
 
 
-def in_scene(effect: Effect, known, scene) -> Effect | None:
-    """An effect of a scene `known` in another one, of the same transmitter; None where that is not on the air."""
-    if "source" not in effect.aux:
-        return effect
-    name = known.transmitters[effect.aux["source"]]
-    if name not in scene.transmitters:
-        return None
-    return replace(effect, aux={**effect.aux, "source": scene.transmitters.index(name)})
-
-
 def predict(scene, model: Model, noise=None) -> Chain:
     """The chain at its end: `y` (count,) is the predicted recording, `wanted` its part from the wanted
     transmitters; `noise(chain)` (count,) comes in front of the receiver."""

@@ -266,7 +266,7 @@ def test_pulses_go_on_in_a_later_part():
     whole = scene(ONE)
     part = replace(whole, count=500, span=500, begins=begins, whole=COUNT)
     pulses = start(family, [0.5, 97.3, 20.6, 0.21])
-    there = family.later(part, pulses, begins / part.span)
+    there = family.in_its_part(part, pulses)
     assert (family.gate(part, there) == family.gate(whole, pulses)[begins : begins + 500]).all()
 
 

@@ -105,6 +105,7 @@ class Family:
     place: int | None = None  # the number that is searched for and tells several of a kind apart
     place_step = 1.0  # of that number, by which two differ in a search
     lasting = True  # holds throughout a recording; else of one moment, or judged anew in every part of a long one
+    relative = False  # its numbers are relative to the wanted signal's rms in its scene
     common = False  # its numbers are the same wherever its owner is seen
     two_sided = False  # has a form in front of the channel and one behind it, and says which (aux side)
     noise_like = False  # changes the noise, not the prediction
@@ -237,17 +238,33 @@ class Family:
         """The effect of a spectrum that faces the other way, where no small step of a fit leads there: what turns turns back."""
         return effect
 
-    def later(self, scene, effect: Effect, lengths: float) -> Effect:
-        """The effect of a scene in a stretch of its length that begins so many lengths later."""
+    def in_time(self, scene, effect: Effect, later: float, longer: float) -> Effect:
+        """The same physics told of a stretch of time that begins `later` lengths of the scene's after it and is `longer` times as
+        long: the one rule by which an effect moves."""
         return effect
+
+    def moved_to(self, effect: Effect, here, there) -> Effect | None:
+        """The same physics in another scene: of another part of the recording, or of another recording, each from its own first
+        sample on. What a twin's entry says of it there is the same. None where what it acts on is not there, and of random
+        courses, of which another one runs there."""
+        aux = acts_on(effect, here, there)
+        if aux is None or self.random:
+            return None
+        moved = self._between(here, effect, (there.begins - here.begins) / here.span, there.span / here.span)
+        if self.relative and here.rms != there.rms:
+            aux = {**aux, "rms": rms_of(here, effect)}
+        return replace(moved, aux={**moved.aux, **aux})
 
     def in_its_part(self, scene, effect: Effect) -> Effect:
         """An effect that is told of a recording's first sample in the part of the recording that a scene is."""
-        return self.later(scene, effect, scene.begins / scene.span) if scene.begins else effect
+        return self._between(scene, effect, scene.begins / scene.span, 1.0)
 
     def since_the_beginning(self, scene, effect: Effect) -> Effect:
         """The effect of a part of a recording in one of its length at the recording's first sample."""
-        return self.later(scene, effect, -scene.begins / scene.span) if scene.begins else effect
+        return self._between(scene, effect, -scene.begins / scene.span, 1.0)
+
+    def _between(self, scene, effect: Effect, later: float, longer: float) -> Effect:
+        return self.in_time(scene, effect, later, longer) if later or longer != 1.0 else effect
 
     def variance(self, scene, effect: Effect, wanted: np.ndarray) -> np.ndarray | None:
         """(n,) power of the noise of each sample beside the prediction's `wanted`, relative to the floor; None: even."""
@@ -368,6 +385,29 @@ def turned(p: np.ndarray, cycles: float) -> np.ndarray:
     """Numbers whose first two are Re and Im of a gain, after so many cycles."""
     gain = complex_pair(p) * np.exp(2j * np.pi * cycles)
     return np.concatenate([[gain.real, gain.imag], p[2:]])
+
+
+def amid(later: float, longer: float) -> float:
+    """Lengths of a scene from its middle to that of a stretch that begins `later` lengths after it and is `longer` as long."""
+    return later + (longer - 1.0) / 2
+
+
+def acts_on(effect: Effect, here, there) -> dict | None:
+    """What an effect acts on in another scene (aux `source`, `tap`); None where that is not there."""
+    aux = {}
+    if "source" in effect.aux:
+        name = here.transmitters[effect.aux["source"]]
+        if name not in there.transmitters:
+            return None
+        aux["source"] = there.transmitters.index(name)
+    if "tap" in effect.aux:
+        tap = here.taps[effect.aux["tap"]]
+        name = here.transmitters[tap.source]
+        if name not in there.transmitters or here.receiver != there.receiver:
+            return None
+        rank = sum(t.source == tap.source for t in here.taps[: effect.aux["tap"]])
+        aux["tap"] = [k for k, t in enumerate(there.taps) if there.transmitters[t.source] == name][rank]
+    return aux
 
 
 def of_sender(effect, chain, before, rest) -> np.ndarray:

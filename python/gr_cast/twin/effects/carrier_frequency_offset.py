@@ -8,7 +8,7 @@ a receiver's offset makes of it. Where no path comes much later the two are the 
 
 import numpy as np
 
-from .base import RX_LO, TX_LO, Family, Multiplicity, Role, side_of, start
+from .base import RX_LO, TX_LO, Family, Multiplicity, Role, amid, side_of, start
 
 FASTEST_DRIFT = 1e-3  # share of the carrier per second; what turns faster is no oscillator's drift
 LEAST_DRIFT = 0.1  # cycles of it that a recording must be long enough for
@@ -54,8 +54,9 @@ class CarrierFrequencyOffset(Family):
     def mirrored(self, effect):
         return effect.moved(-effect.p)
 
-    def later(self, scene, effect, lengths):
-        return effect.moved(effect.p + np.array([effect.p[1] * lengths, 0.0]))
+    def in_time(self, scene, effect, later, longer):
+        cycles, drift = effect.p
+        return effect.moved(np.array([(cycles + drift * amid(later, longer)) * longer, drift * longer**2]))
 
     def values(self, scene, effect, p):
         duration = scene.duration_s

@@ -12,6 +12,7 @@ LONGEST_BACK = 3.0  # time constants: further back, where a decay began cannot b
 class DcOffset(Family):
     name = "dc_offset"
     multiplicity = Multiplicity.ONE
+    relative = True
     stage = RX_DC
 
     def apply(self, chain, effect):
@@ -24,11 +25,11 @@ class DcOffset(Family):
         for tau in (0.03, 0.1, 0.3):
             yield start(self, [0.0, 0.0, np.log(tau)], aux={"decays": True}, trials=3)
 
-    def later(self, scene, effect, lengths):
+    def in_time(self, scene, effect, later, longer):
         if not effect.aux.get("decays"):
             return effect
-        left = np.exp(min(-lengths / np.exp(effect.p[2]), LONGEST_BACK))
-        return effect.moved(effect.p * [left, left, 1.0])
+        left = np.exp(min(-later / np.exp(effect.p[2]), LONGEST_BACK))
+        return effect.moved(effect.p * [left, left, 1.0] - [0.0, 0.0, np.log(longer)])
 
     def values(self, scene, effect, p):
         found = {"level_dbc": db(complex_pair(p) * rms_of(scene, effect) / scene.wanted_rms)}

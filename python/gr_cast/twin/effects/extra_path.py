@@ -5,7 +5,7 @@ cycles."""
 import numpy as np
 
 from ..scene import Path
-from .base import LINK, Family, Multiplicity, complex_pair, db, start, turned
+from .base import LINK, Family, Multiplicity, amid, complex_pair, db, start, turned
 
 FASTEST = 1e-5  # Doppler over the carrier: 3 km/s
 
@@ -49,8 +49,9 @@ class ExtraPath(Family):
     def settled(self, scene, effect):
         return np.ones(len(effect.p), bool)
 
-    def later(self, scene, effect, lengths):
-        return effect.moved(turned(effect.p, effect.p[3] * lengths))
+    def in_time(self, scene, effect, later, longer):
+        re, im, delay, doppler = turned(effect.p, effect.p[3] * amid(later, longer))
+        return effect.moved(np.array([re, im, delay + scene.drift_of(doppler) * later, doppler * longer]))
 
     def values(self, scene, effect, p):
         rate = scene.sample_rate_hz

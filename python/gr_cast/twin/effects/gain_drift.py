@@ -2,6 +2,8 @@
 """A slow change of gain: linear in dB, or a relaxation a·(1 − exp(−t/τ)) (warming up). Internal: total
 (nepers), ln(τ/T); aux `before`: what a twin's own has changed before a part of a recording (nepers)."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from .base import Multiplicity, Role, side_of, start
@@ -19,6 +21,7 @@ class GainDrift(GainFamily):
     common = True
 
     def _shape(self, u, effect, p):
+        """How far it has come at `u` (n,), of 1 at the end of the recording."""
         if not effect.aux.get("relaxes"):
             return u
         tau = np.exp(p[1])
@@ -32,23 +35,23 @@ class GainDrift(GainFamily):
         for tau in (0.03, 0.1, 0.3):
             yield start(self, [0.0, np.log(tau)], aux={"relaxes": True}, trials=3)
 
+    def in_time(self, scene, effect, later, longer):
+        change, tau = effect.p
+        begun, ended = self._shape(np.array([later, later + longer]), effect, effect.p)
+        there = change * min(ended - begun, longer / LATEST)
+        aux = {**effect.aux, "before": effect.aux.get("before", 0.0) + change * float(begun)}
+        return replace(effect, p=np.array([there, tau - np.log(longer) if effect.aux.get("relaxes") else tau]), aux=aux)
+
     def values(self, scene, effect, p):
         tau_s = float(np.exp(np.clip(p[1], -12, 8))) * scene.duration_s if effect.aux.get("relaxes") else None
-        begins_s = scene.begins / scene.sample_rate_hz
-        here = _course(begins_s + scene.duration_s, tau_s) - _course(begins_s, tau_s)
-        if tau_s is not None:
-            here = max(here, LATEST * _course(scene.duration_s, tau_s))
-        total_db = 20 / np.log(10) * p[0] * _course(scene.whole_s, tau_s) / here
+        total_db = 20 / np.log(10) * p[0] * _course(scene.whole_s, tau_s) / _course(scene.duration_s, tau_s)
         return {"total_db": total_db} if tau_s is None else {"total_db": total_db, "time_constant_s": tau_s}
 
     def parse(self, scene, parameters, model):
         tau_s = parameters.get("time_constant_s")
-        begins_s = scene.begins / scene.sample_rate_hz
-        scale = parameters["total_db"] * np.log(10) / 20
-        scale /= _course(model.get("duration_s", scene.whole_s), tau_s)
-        before = scale * _course(begins_s, tau_s)
-        change = scale * _course(begins_s + scene.duration_s, tau_s) - before
-        aux = {"relaxes": bool(tau_s), "before": before, **side_of(model)}
+        change = parameters["total_db"] * np.log(10) / 20 / _course(model.get("duration_s", scene.whole_s), tau_s)
+        change *= _course(scene.duration_s, tau_s)
+        aux = {"relaxes": bool(tau_s), **side_of(model)}
         return start(self, [change, np.log(tau_s / scene.duration_s) if tau_s else 0.0], free=[True, bool(tau_s)], aux=aux)
 
     def model(self, scene, effect):

@@ -41,8 +41,8 @@ class GainStep(GainFamily):
     def happening(self, scene, effect, first):
         return effect.moved(np.array([effect.p[0], first / scene.span]))
 
-    def later(self, scene, effect, lengths):
-        return effect.moved(effect.p - [0.0, lengths])
+    def in_time(self, scene, effect, later, longer):
+        return effect.moved((effect.p - [0.0, later]) / [1.0, longer])
 
     def spread(self, scene, effect, sigma2, power):
         """Hinkley (1970): a change of mean is placed to a few noise variances over its square."""

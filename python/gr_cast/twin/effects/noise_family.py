@@ -28,6 +28,7 @@ class NoiseView:
 class NoiseFamily(Family):
     stage = NOISE
     noise_like = True
+    relative = True
     strengths = 0  # numbers that `find` chooses
 
     def hidden(self, effect):

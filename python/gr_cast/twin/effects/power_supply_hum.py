@@ -4,7 +4,7 @@ the recording."""
 
 import numpy as np
 
-from .base import Multiplicity, side_of, start, turned
+from .base import Multiplicity, amid, side_of, start, turned
 from .gain_family import GainFamily
 
 
@@ -22,8 +22,8 @@ class PowerSupplyHum(GainFamily):
         for cycles in view.amplitude_lines(count=2):
             yield start(self, [0.0, 0.0, cycles], trials=view.hum_bins)
 
-    def later(self, scene, effect, lengths):
-        return effect.moved(turned(effect.p, -effect.p[2] * lengths))
+    def in_time(self, scene, effect, later, longer):
+        return effect.moved(turned(effect.p, -effect.p[2] * amid(later, longer)) * [1.0, 1.0, longer])
 
     def values(self, scene, effect, p):
         return {"frequency_hz": abs(p[2]) / scene.duration_s, "depth": float(np.hypot(p[0], p[1]))}

@@ -24,9 +24,9 @@ class PulsedInterference(NoiseFamily):
     def variance(self, scene, effect, wanted):
         return 1 + np.exp(effect.p[0]) * self.gate(scene, effect)
 
-    def later(self, scene, effect, lengths):
+    def in_time(self, scene, effect, later, longer):
         strength, period, first, duty = effect.p
-        return effect.moved(np.array([strength, period, (first - lengths * scene.span) % period, duty]))
+        return effect.moved(np.array([strength, period, (first - later * scene.span) % period, duty]))
 
     def values(self, scene, effect, p):
         floor = effect.aux["_floor"]

@@ -22,6 +22,9 @@ class SampleClockOffset(Family):
         if abs(drift) > 0.2:
             yield start(self, [drift], trials=20)
 
+    def in_time(self, scene, effect, later, longer):
+        return effect.moved(effect.p * longer)
+
     def values(self, scene, effect, p):
         return {"offset_ppm": p[0] / scene.span * 1e6}
 

@@ -51,8 +51,8 @@ class SampleLoss(Family):
         alike = effect.aux.get("later") == other.aux.get("later") and abs(effect.p[0] - other.p[0]) < ONE_JOINT
         return other.moved(np.array([other.p[0], effect.p[1] + other.p[1]])) if alike else None
 
-    def later(self, scene, effect, lengths):
-        return effect.moved(effect.p - [lengths * scene.span, 0.0])
+    def in_time(self, scene, effect, later, longer):
+        return effect.moved(effect.p - [later * scene.span, 0.0])
 
     def values(self, scene, effect, p):
         return {"time_s": p[0] / scene.sample_rate_hz, "samples": float(round(p[1]))}

@@ -7,7 +7,7 @@ import numpy as np
 from ..columns import Dense
 from ..interpolate import TAU, frequencies
 from ..scene import BINS
-from .base import ENVIRONMENT, PROBE, Family, Multiplicity, complex_pair, db, start, turned
+from .base import ENVIRONMENT, PROBE, Family, Multiplicity, amid, complex_pair, db, start, turned
 
 ECHOES = tuple(lag for lag in range(-4, 13) if lag)
 
@@ -80,10 +80,10 @@ class SecondTransmitter(Family):
     def settled(self, scene, effect):
         return effect.free if "lags" in effect.aux else np.ones(len(effect.p), bool)
 
-    def later(self, scene, effect, lengths):
-        cycles = effect.p[3] * lengths
-        pairs = [turned(pair, cycles) for pair in effect.p[4:].reshape(-1, 2)]
-        return effect.moved(np.concatenate([turned(effect.p[:4], cycles), *pairs]))
+    def in_time(self, scene, effect, later, longer):
+        moved = _all_turned(effect.p, effect.p[3] * amid(later, longer))
+        moved[3] *= longer
+        return effect.moved(moved)
 
     def values(self, scene, effect, p):
         gain_db = db(complex_pair(p))
@@ -110,16 +110,17 @@ class SecondTransmitter(Family):
         place = [parameters["delay_s"] * scene.sample_rate_hz, model.get("offset_hz", 0.0) * scene.duration_s]
         return start(
             self,
-            [a.real, a.imag, *place, *echoes],
+            _all_turned(np.array([a.real, a.imag, *place, *echoes]), place[1] / 2),
             free=[True, True, not lags, True, *[True] * len(echoes)],
             aux={"code": parameters["code"], **({"lags": lags} if lags else {})},
         )
 
     def model(self, scene, effect):
-        found = {"phase_rad": float(np.angle(complex_pair(effect.p))), "offset_hz": float(effect.p[3]) / scene.duration_s}
+        p = _all_turned(effect.p, -effect.p[3] / 2)  # at t = 0
+        found = {"phase_rad": float(np.angle(complex_pair(p))), "offset_hz": float(p[3]) / scene.duration_s}
         lags = effect.aux.get("lags", ())
         if lags:
-            found |= {"main": abs(complex_pair(effect.p)), "lags": list(lags), "echoes": [float(v) for v in effect.p[4:]]}
+            found |= {"main": abs(complex_pair(p)), "lags": list(lags), "echoes": [float(v) for v in p[4:]]}
         return found
 
     def describe(self, number):
@@ -127,3 +128,8 @@ class SecondTransmitter(Family):
             f"Another transmitter is on the air with the waveform {number.constants['code']}, "
             f"{number('gain_db')} on the taps' scale."
         )
+
+
+def _all_turned(p, cycles: float):
+    """Its numbers with every gain so many cycles on."""
+    return np.concatenate([turned(p[:4], cycles), *(turned(pair, cycles) for pair in p[4:].reshape(-1, 2))])

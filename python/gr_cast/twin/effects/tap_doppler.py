@@ -40,8 +40,13 @@ class TapDoppler(TapFamily):
     def mirrored(self, effect):
         return effect.moved(-effect.p)
 
-    def later(self, scene, effect, lengths):
-        return _free(self, effect.aux["tap"], effect.p[0], _begins_at(effect) + 2 * np.pi * effect.p[0] * lengths)
+    def in_time(self, scene, effect, later, longer):
+        cycles = effect.p[0] * longer
+        if "held" in effect.aux and not later:
+            return effect.moved(np.array([cycles, 0.0]))
+        begins_at_rad = _begins_at(effect) + 2 * np.pi * effect.p[0] * later
+        free, aux = np.ones(2, bool), {"tap": effect.aux["tap"]}
+        return replace(effect, p=np.array([cycles, begins_at_rad + np.pi * cycles]), free=free, aux=aux)
 
     def values(self, scene, effect, p):
         return {

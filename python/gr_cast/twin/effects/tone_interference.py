@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from .base import AIR, Family, Multiplicity, complex_pair, db, rms_of, said_rms, start, turned
+from .base import AIR, Family, Multiplicity, amid, complex_pair, db, rms_of, said_rms, start, turned
 
 CYCLES_APART = 4.0  # over the recording, by which tones of two recordings may differ and be one
 
@@ -12,6 +12,7 @@ class ToneInterference(Family):
     name = "tone_interference"
     owners = ("environment",)
     multiplicity = Multiplicity.MANY
+    relative = True
     place = 2
     stage = AIR
 
@@ -26,8 +27,8 @@ class ToneInterference(Family):
                 continue
             yield start(self, [0.0, 0.0, cycles], trials=2 * view.scene.span)
 
-    def later(self, scene, effect, lengths):
-        return effect.moved(turned(effect.p, effect.p[2] * lengths))
+    def in_time(self, scene, effect, later, longer):
+        return effect.moved(turned(effect.p, effect.p[2] * amid(later, longer)) * [1.0, 1.0, longer])
 
     def values(self, scene, effect, p):
         power_dbc = db(complex_pair(p) * rms_of(scene, effect) / scene.wanted_rms)
