@@ -344,3 +344,14 @@ def test_a_long_tail_is_told_with_its_decay_and_is_no_row_of_echoes(world, tmp_p
     assert power["value"] == pytest.approx(20 * np.log10(0.15), abs=2 * power["std"])
     assert decay["value"] == pytest.approx(22 / RATE_HZ, abs=2 * decay["std"])
     assert decay["std"] < 0.25 * decay["value"]
+
+
+@pytest.mark.parametrize("cycles", [1.6, 37.3])
+def test_a_hum_with_harmonics_is_one_hum_with_the_frequency_of_its_fundamental(world, tmp_path, cycles):
+    t = 2 * np.pi * cycles * world.n / len(world.n)
+    hum = 1 + 0.02 * np.cos(t + 1) + 0.008 * np.cos(2 * t - 0.5) + 0.005 * np.cos(3 * t + 2)
+    document = run(world, tmp_path, world.noisy(world.clean()) * hum)
+    assert named(document) == ["power_supply_hum"] and document["verdict"] == "identified"
+    frequency, depth = said(document, "power_supply_hum", "frequency_hz"), said(document, "power_supply_hum", "depth")
+    assert frequency["value"] == pytest.approx(cycles * RATE_HZ / len(world.n), abs=4 * frequency["std"])
+    assert depth["value"] == pytest.approx(0.02, abs=4 * depth["std"])

@@ -9,7 +9,7 @@ import numpy as np
 from ..twin.effects import FAMILIES, Role, plays, stage_of
 from ..twin.effects.base import RX_FILTER
 from ..twin.effects.noise_family import profile
-from . import align, ambiguity, flatness, floor, gate, joints, offsets, presence, residual, slow
+from . import align, ambiguity, claims, flatness, floor, gate, joints, offsets, presence, residual, slow
 from .exchange import exchanged
 from .finding import Finding, nmse, numbers, worth
 from .fit import COLOUR_ORDERS, Fit, off_the_rails, solve
@@ -91,7 +91,7 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
     complete = not fit.notes.get("cut", data.late)
     fit = exchanged(_until(fit, proof), known_fits) if known is None else fit
     fit = lattice_again(data, fit)
-    fit = _without_fine_lattice(_settle(_without_crowds(_until(fit, deadline)), finer=known is None))
+    fit = _sure(_without_fine_lattice(_settle(_without_crowds(_until(fit, deadline)), finer=known is None)))
     fit = _of_noise_alone(fit)
     # In the first fit the wanted signal may have been next to nothing.
     scene.level = known.scene.level if known else scene.rms * _wanted_rms(fit) / _wanted_rms(first)
@@ -108,11 +108,7 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
         elsewhere_nats=elsewhere_nats,
         left=foreign,
     )
-    if known is None and not finding.crowded:
-        _compare(finding)
-    for i, effect in enumerate(fit.model.effects):
-        if not effect.fixed:
-            finding.worth_of(i)
+    _weigh(finding)
     _look_for_rest(finding)
     floor.compare(finding)
     return finding
@@ -124,6 +120,28 @@ def _absent(case, part, data, fit: Fit, twin: Fit, stds: dict) -> Finding:
     left = [presence.statement(data.scene, align.delays_looked_at(case, part))]
     fit = _without_fine_lattice(refit(data, model) if model.effects != fit.model.effects else fit)
     return Finding(observation=part, scene=data.scene, data=data, twin=twin, fit=fit, stds=stds, left=left, absent=True)
+
+
+def _weigh(finding: Finding) -> None:
+    """What every effect of a finding is worth; one that samples contradict which were not fitted is taken out."""
+    if not finding.later and not finding.crowded:
+        _compare(finding)
+    for i, effect in enumerate(finding.fit.model.effects):
+        if not effect.fixed:
+            finding.worth_of(i)
+    at = claims.broken(finding)
+    if at is not None and not finding.data.late:
+        less = refit(finding.fit.data, finding.fit.model.without(at))
+        finding.fit, finding.worths, finding.ambiguous = _sure(_settle(less, finer=False)), {}, []
+        _weigh(finding)
+
+
+def _sure(fit: Fit) -> Fit:
+    """The fit without what is claimed without need."""
+    at = claims.unsure(fit)
+    if at is None or fit.data.late:
+        return fit
+    return _sure(_settle(refit(fit.data, fit.model.without(at)), finer=False))
 
 
 def _without_false_rails(data, built, model, first: Fit):

@@ -18,6 +18,9 @@ SEGMENTS = 48  # of time in which a jump is looked for, beside shorter ones at t
 LONGEST_JUMP = 900  # samples of a waveform that is sent once; of one that repeats every jump is one within its period
 MOST_JUMPS = 6  # in one recording: with more the path of its delay is a slope, or noise
 JUMP_NATS = 10.0  # by which two parts must be likelier than one
+POINTS, SLOW_POINTS = 8192, 1024  # of a gain's course that show a hum's harmonics
+HARMONICS = (1, 2, 3, 5, 8)
+SLOW_HUMS = tuple(np.arange(1.0, 6.0, 0.05))  # cycles over the recording, seen once at least, too few for lines apart
 SHORT_HUM = 200.0  # cycles over the recording up to which a hum is looked for, however short it is
 LINE_NATS = 5.0  # by which a line stands out of the largest of as many peaks of noise
 
@@ -89,6 +92,35 @@ class View:
         k = np.arange(len(spectrum)) / 4 * self.scene.span / n
         spectrum[(k < 0.8) | (k > self.hum_bins)] = 0.0
         return [float(k[i]) for i in peaks(spectrum, count, 6)]
+
+    def hums(self, count: int) -> list[tuple[float, int]]:
+        """[(cycles, harmonics)] of the likeliest hums of the gain: the strongest lines alone, and the fundamental that explains
+        most together with its harmonics, where they pay for themselves."""
+        alone = self.amplitude_lines(count)
+        price, best = np.log(self.data.count), (0.0, None)
+        for points, fundamentals in ((SLOW_POINTS, SLOW_HUMS), (POINTS, sorted({c / part for c in alone for part in (1, 2, 3)}))):
+            a, e, u = self._course_of_gain(points)
+            for cycles in (c for c in fundamentals if c >= SLOW_HUMS[0]):
+                most = [h for h in HARMONICS if h * cycles < len(a) / 8]
+                angle = 2 * np.pi * cycles * u
+                waves = [f(k * angle) for k in range(1, max(most, default=0) + 1) for f in (np.cos, np.sin)]
+                waves = np.array([np.ones(len(a)), *waves])
+                gram, b = (waves * e) @ waves.T, waves @ a
+                gram += 1e-9 * np.diag(np.diag(gram)) + 1e-30 * np.eye(len(b))
+                for h in most:
+                    at = slice(0, 2 * h + 1)
+                    net = 0.5 * b[at] @ np.linalg.solve(gram[at, at], b[at]) - h * price
+                    best = max(best, (net, (float(cycles), h)), key=lambda t: t[0])
+        together = [best[1]] if best[1] and best[1][1] > 1 else []
+        return [*((c, 1) for c in alone), *together]
+
+    def _course_of_gain(self, points: int):
+        """(slope, curvature of ln L by the gain in nepers, time as a share of the recording from its middle) in some blocks."""
+        slope, curve = (self.scene.spread(moment) for moment in self.amplitude_moments())
+        block = max(4, len(slope) // points)
+        n = len(slope) // block * block
+        a, e = slope[:n].reshape(-1, block).sum(1), curve[:n].reshape(-1, block).sum(1)
+        return a, e, (np.arange(len(a)) + 0.5) * block / self.scene.span - 0.5
 
     @property
     def hum_bins(self) -> float:

@@ -232,7 +232,7 @@ FOUND = {
     "second_transmitter": ([0.1, 0.2, 3.3, 4.0], {"code": "other"}),
     "front_end_filter": ([0.05, 0.01, 0.02, 0.0], {"low": -1, "high": 1, "side": "rx"}),
     "gain_drift": ([0.1, -1.2], {"relaxes": True}),
-    "power_supply_hum": ([0.04, 0.03, -17.0], {}),
+    "power_supply_hum": ([0.04, 0.03, -17.0, 0.01, -0.02, 0.0, 0.015], {}),
     "dc_offset": ([0.04, 0.03, -1.0], {"decays": True}),
     "tone_interference": ([0.04, 0.03, 517.25], {}),
 }

@@ -102,6 +102,7 @@ class Family:
     owners: tuple[str, ...] = ("rx",)  # of tx, rx, link and environment, the likelier one of one link alone first
     stage = RX_GAIN
     multiplicity = Multiplicity.EACH_PLACE
+    sizes: tuple[int, ...] = ()  # numbers that are all 0 where there is no such effect
     place: int | None = None  # the number that is searched for and tells several of a kind apart
     place_step = 1.0  # of that number, by which two differ in a search
     lasting = True  # holds throughout a recording; else of one moment, or judged anew in every part of a long one

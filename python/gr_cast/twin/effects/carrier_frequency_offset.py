@@ -16,6 +16,7 @@ LEAST_DRIFT = 0.1  # cycles of it that a recording must be long enough for
 
 class CarrierFrequencyOffset(Family):
     name = "carrier_frequency_offset"
+    sizes = (0, 1)
     role = Role.CARRIER
     owners = ("tx", "rx")
     multiplicity = Multiplicity.ONE

@@ -11,6 +11,7 @@ LONGEST_BACK = 3.0  # time constants: further back, where a decay began cannot b
 
 class DcOffset(Family):
     name = "dc_offset"
+    sizes = (0, 1)
     multiplicity = Multiplicity.ONE
     relative = True
     stage = RX_DC

@@ -12,6 +12,7 @@ FASTEST = 1e-5  # Doppler over the carrier: 3 km/s
 
 class ExtraPath(Family):
     name = "extra_path"
+    sizes = (0, 1)
     owners = ("link",)
     multiplicity = Multiplicity.MANY
     place = 2

@@ -14,6 +14,7 @@ LATEST = 0.05  # of a relaxation that a part shows: with less, where it began ca
 
 class GainDrift(GainFamily):
     name = "gain_drift"
+    sizes = (0,)
     role = Role.DRIFT
     owners = ("rx", "tx")
     multiplicity = Multiplicity.ONE

@@ -14,6 +14,7 @@ LEAST_PART = 16  # samples on either side of a step
 
 class GainStep(GainFamily):
     name = "gain_step"
+    sizes = (0,)
     role = Role.STEP
     owners = ("rx", "tx")
     multiplicity = Multiplicity.MANY

@@ -14,6 +14,7 @@ STRONGEST = 10 ** (-10 / 20)  # nothing that calls itself a radio is balanced wo
 
 class IqImbalance(Family):
     name = "iq_imbalance"
+    sizes = (0, 1)
     owners = ("rx", "tx")
     common = True
     two_sided = True

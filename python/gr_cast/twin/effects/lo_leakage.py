@@ -9,6 +9,7 @@ from .base import TX_LEAK, Family, complex_pair, db, start
 
 class LoLeakage(Family):
     name = "lo_leakage"
+    sizes = (0, 1)
     owners = ("tx",)
     stage = TX_LEAK
 

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Hum of the power supply on the gain: y·(1 + m·cos(2πft + φ)). Internal: m·cos φ, −m·sin φ, cycles over
-the recording."""
+"""Hum of the power supply on the gain: y·(1 + m·cos(2πft + φ)), and harmonics of it, as a rectifier makes them. Internal:
+m·cos φ, −m·sin φ, cycles over the recording, then the first two of each harmonic from the second on."""
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -8,35 +10,60 @@ from .base import Multiplicity, amid, side_of, start, turned
 from .gain_family import GainFamily
 
 
+def pairs(p: np.ndarray) -> np.ndarray:
+    """(harmonics, 2) m·cos φ and −m·sin φ of the fundamental and its harmonics."""
+    return np.concatenate([p[:2], p[3:]]).reshape(-1, 2)
+
+
 class PowerSupplyHum(GainFamily):
     name = "power_supply_hum"
+    sizes = (0, 1)
     owners = ("rx", "tx")
     multiplicity = Multiplicity.ONE
 
     def factor(self, effect, u):
-        a, b, cycles = effect.p
-        angle = 2 * np.pi * cycles * (u - 0.5)
-        return 1 + a * np.cos(angle) + b * np.sin(angle)
+        angle, gain = 2 * np.pi * effect.p[2] * (u - 0.5), 1.0
+        for k, (a, b) in enumerate(pairs(effect.p), 1):
+            gain = gain + a * np.cos(k * angle) + b * np.sin(k * angle)
+        return gain
 
     def starts(self, view):
-        for cycles in view.amplitude_lines(count=2):
-            yield start(self, [0.0, 0.0, cycles], trials=view.hum_bins)
+        for cycles, harmonics in view.hums(count=2):
+            yield start(self, [0.0, 0.0, cycles, *[0.0] * (2 * harmonics - 2)], trials=view.hum_bins)
+
+    def less(self, scene, effect, others):
+        plain = effect.p[:3]
+        return (replace(effect, p=plain, free=effect.free[:3]),) if len(effect.p) > len(plain) else ()
 
     def in_time(self, scene, effect, later, longer):
-        return effect.moved(turned(effect.p, -effect.p[2] * amid(later, longer)) * [1.0, 1.0, longer])
+        p = effect.p.copy()
+        for k, pair in enumerate(pairs(p), 1):
+            at = 0 if k == 1 else 2 * k - 1
+            p[at : at + 2] = turned(pair, -k * effect.p[2] * amid(later, longer))
+        p[2] *= longer
+        return effect.moved(p)
 
     def values(self, scene, effect, p):
         return {"frequency_hz": abs(p[2]) / scene.duration_s, "depth": float(np.hypot(p[0], p[1]))}
 
     def parse(self, scene, parameters, model):
         m, cycles = parameters["depth"], parameters["frequency_hz"] * scene.duration_s
-        phase = model.get("phase_rad", 0.0) + np.pi * cycles
-        return start(self, [m * np.cos(phase), -m * np.sin(phase), cycles], aux=side_of(model))
+        p, at, k = [], np.pi * cycles, 1
+        told = {"depth_1": m, "phase_1_rad": model.get("phase_rad", 0.0), **model}
+        while f"depth_{k}" in told:
+            depth, phase = told[f"depth_{k}"], told[f"phase_{k}_rad"]
+            p += [depth * np.cos(phase + k * at), -depth * np.sin(phase + k * at)]
+            p += [cycles] if k == 1 else []
+            k += 1
+        return start(self, p, aux=side_of(model))
 
     def model(self, scene, effect):
-        cycles = abs(effect.p[2])
-        phase = np.arctan2(-np.sign(effect.p[2]) * effect.p[1], effect.p[0]) - np.pi * cycles  # at t = 0
-        return {**super().model(scene, effect), "phase_rad": float((phase + np.pi) % (2 * np.pi) - np.pi)}
+        cycles, told = abs(effect.p[2]), super().model(scene, effect)
+        for k, (a, b) in enumerate(pairs(effect.p), 1):
+            phase = np.arctan2(-np.sign(effect.p[2]) * b, a) - k * np.pi * cycles  # at t = 0
+            phase = float((phase + np.pi) % (2 * np.pi) - np.pi)
+            told |= {"phase_rad": phase} if k == 1 else {f"depth_{k}": float(np.hypot(a, b)), f"phase_{k}_rad": phase}
+        return told
 
     def describe(self, number):
         return f"The gain hums at {number('frequency_hz')} with a depth of {number('depth')}."

@@ -7,6 +7,7 @@ from .base import CLOCK, Family, Multiplicity, Role, start
 
 class SampleClockOffset(Family):
     name = "sample_clock_offset"
+    sizes = (0,)
     role = Role.CLOCK
     owners = ("tx", "rx")
     multiplicity = Multiplicity.ONE

@@ -14,6 +14,7 @@ ECHOES = tuple(lag for lag in range(-4, 13) if lag)
 
 class SecondTransmitter(Family):
     name = "second_transmitter"
+    sizes = (0, 1)
     owners = ("environment",)
     multiplicity = Multiplicity.MANY
     place = 2

@@ -9,6 +9,7 @@ from .tap import TapFamily
 
 class TapDelayError(TapFamily):
     name = "tap_delay_error"
+    sizes = (0,)
 
     def apply(self, chain, effect):
         k = effect.aux["tap"]

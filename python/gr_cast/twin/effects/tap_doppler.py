@@ -13,6 +13,7 @@ from .tap_gain_error import TapGainError
 
 class TapDoppler(TapFamily):
     name = "tap_doppler"
+    sizes = (0, 1)
     same_as = {"carrier_frequency_offset": "with one tap and one link: every path turns alike"}
     follows_carrier = {"doppler_hz": 1}
 

@@ -11,6 +11,7 @@ from .tap import TapFamily
 
 class TapGainError(TapFamily):
     name = "tap_gain_error"
+    sizes = (0, 1)
 
     def apply(self, chain, effect):
         k = effect.aux["tap"]

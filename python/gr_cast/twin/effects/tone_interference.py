@@ -10,6 +10,7 @@ CYCLES_APART = 4.0  # over the recording, by which tones of two recordings may d
 
 class ToneInterference(Family):
     name = "tone_interference"
+    sizes = (0, 1)
     owners = ("environment",)
     multiplicity = Multiplicity.MANY
     relative = True

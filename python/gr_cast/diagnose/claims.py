@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What may be claimed of what was found: an effect has a size beyond its error, is not there to cancel another, and does not
+fail on samples that were not fitted."""
+
+import numpy as np
+
+from ..twin.effects import FAMILIES
+from ..twin.model import predict
+from .finding import Finding
+from .fit import Fit, invert
+
+SIZE_SIGMA = 3.0  # standard deviations by which a size must differ from nothing
+CANCELLED = 0.03  # of the power of the weaker of two effects: less is left of both together where one only cancels the other
+BROKEN_SIGMA = 2.5  # standard deviations by which held-out samples must contradict the fitted ones
+
+
+def unsure(fit: Fit) -> int | None:
+    """The effect of a fit that is claimed without need: of no size within its error, or, of two that cancel each other, the one
+    of the smaller size over its error; None where all may be claimed."""
+    sizes = {i: size for i in range(len(fit.model.effects)) if (size := sigmas(fit, i)) is not None}
+    least = min(sizes, key=sizes.get, default=None)
+    if least is not None and sizes[least] < SIZE_SIGMA:
+        return least
+    added = {i: _added(fit, i) for i in sizes} if len(sizes) > 1 else {}
+    for i in added:
+        for j in (j for j in added if j > i):
+            if _power(added[i] + added[j]) < CANCELLED * min(_power(added[i]), _power(added[j])):
+                return min(i, j, key=sizes.get)
+    return None
+
+
+def sigmas(fit: Fit, index: int) -> float | None:
+    """Size of an effect over its error, all else free (Wald 1943); None where its size is no number of the fit."""
+    effect = fit.model.effects[index]
+    sizes = [k for k in FAMILIES[effect.family].sizes if effect.free[k]]
+    if effect.fixed or not sizes or len(fit.model.vector()) != len(fit.hessian):
+        return None
+    at = fit.model.span(index).start + np.cumsum(effect.free)[sizes] - 1
+    return float(np.sqrt(effect.p[sizes] @ invert(fit.covariance[np.ix_(at, at)]) @ effect.p[sizes]))
+
+
+def broken(finding: Finding) -> int | None:
+    """The effect of a finding that makes held-out samples less likely where the fitted ones promise that it makes them likelier,
+    the worst first; None without one. What is there gains g ± √(2g) nats on samples of which the fitted ones promise g."""
+    data, worst = finding.fit.data, (BROKEN_SIGMA, None)
+    for i, effect in enumerate(finding.fit.model.effects):
+        if effect.fixed or "nats" in effect.aux or "read" in effect.aux:
+            continue
+        worth = finding.worth_of(i)
+        promised = worth.evidence * data.vault.sum() / data.count
+        if worth.held_out < 0 < promised:
+            worst = max(worst, ((promised - worth.held_out) / np.sqrt(2 * promised), i))
+    return worst[1]
+
+
+def _added(fit: Fit, index: int) -> np.ndarray:
+    """(n,) what an effect changes of the prediction."""
+    return (fit.chain.y - predict(fit.data.scene, fit.model.without(index)).y) * fit.data.use
+
+
+def _power(signal: np.ndarray) -> float:
+    return float(np.vdot(signal, signal).real)

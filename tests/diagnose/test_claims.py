@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""No effect is claimed whose size is nothing within its error, that only cancels another, or that held-out samples contradict."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from gr_cast.diagnose import align, claims, read_case
+from gr_cast.diagnose.finding import Worth
+from gr_cast.diagnose.search import refit
+from gr_cast.twin.effects import FAMILIES
+from gr_cast.twin.effects.base import start
+from gr_cast.twin.model import predict
+
+
+@pytest.fixture
+def part(world, tmp_path):
+    case = read_case(world.write(tmp_path / "case", world.noisy(world.clean() + 0.02)))
+    return align.build(case, align.parts_of(case, case.observations[0])[0][0])
+
+
+def dc(level=0.0):
+    return start(FAMILIES["dc_offset"], [level, 0.0, 0.0], free=[True, True, False])
+
+
+def test_the_size_of_what_is_there_is_many_errors_and_of_what_is_not_a_few(part):
+    _, data, model = part
+    fit = refit(data, model.adding(dc()).adding(start(FAMILIES["iq_imbalance"], [0.0, 0.0], aux={"side": "rx"})))
+    by_family = {e.family: claims.sigmas(fit, i) for i, e in enumerate(fit.model.effects)}
+    # 0.02 over noise of 0.01 rms: |c|²/(σ²/2n) is chi-square over its mean of 2
+    assert by_family["dc_offset"] == pytest.approx(np.sqrt(0.02**2 * 2 * data.count / 0.01**2), rel=0.1)
+    assert by_family["iq_imbalance"] < claims.SIZE_SIGMA
+    assert fit.model.effects[claims.unsure(fit)].family == "iq_imbalance"
+
+
+def test_of_two_that_cancel_each_other_one_is_not_claimed(part):
+    scene, data, model = part
+    alone = refit(data, model.adding(dc()))
+    assert claims.unsure(alone) is None
+    # with one carrier for both, a leak of the transmitter is a constant too: a great one, and its opposite after the mixer
+    leaking = alone.model.adding(start(FAMILIES["lo_leakage"], [2.0, 0.0], aux={"source": 0}))
+    added = np.mean(predict(scene, leaking).y - alone.chain.y) / scene.rms
+    at = next(k for k, e in enumerate(leaking.effects) if e.family == "dc_offset")
+    opposite = leaking.effects[at].moved(leaking.effects[at].p - [added.real, added.imag, 0.0])
+    both = refit(data, leaking.replacing(at, opposite), iterations=0)
+    assert both.likelihood == pytest.approx(alone.likelihood, abs=1.0)
+    assert claims.unsure(both) is not None
+
+
+@pytest.mark.parametrize("held_out, is_broken", [(60.0, False), (-20.0, True)])
+def test_held_out_samples_contradict_what_loses_there_what_the_fitted_ones_promise(part, held_out, is_broken):
+    _, data, model = part
+    fit = refit(data, model.adding(dc()))
+    worth = Worth(evidence=400.0, held_out=held_out)
+    assert (claims.broken(SimpleNamespace(fit=fit, worth_of=lambda i: worth)) is not None) == is_broken
