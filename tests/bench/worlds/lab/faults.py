@@ -12,7 +12,16 @@ from ..rig.world import log, pick, sign
 def made(form, slot, law, knob, lo, hi, tolerated, level="rx", place=()):
     name = {"rx": "rx1", "tx": "tx1"}[level]
     cause = Outside(
-        family=f"outside:{form}", slot=slot, level=level, name=name, law=law, knob=knob, lo=lo, hi=hi, form=form, place=list(place)
+        family=f"outside:{form}",
+        slot=slot,
+        level=level,
+        name=name,
+        law=law,
+        knob=knob,
+        lo=lo,
+        hi=hi,
+        form=form,
+        place=list(place),
     )
     return cause, tolerated
 
@@ -113,7 +122,9 @@ def converter_glitch(rng, scene):
         ring = np.exp(-np.arange(12) / fall)
         return x + knob * np.convolve(out, ring)[: len(x)]
 
-    return made("converter_glitch", "tx_iq", law, 0.02, 1e-4, 0.5, ["pa_nonlinearity", "impulsive_noise", "front_end_filter"], "tx")
+    return made(
+        "converter_glitch", "tx_iq", law, 0.02, 1e-4, 0.5, ["pa_nonlinearity", "impulsive_noise", "front_end_filter"], "tx"
+    )
 
 
 def sliding_filter(rng, scene):
@@ -185,6 +196,17 @@ def phase_hits(rng, scene):
 
 
 OUTSIDE = (
-    phase_ramp, frequency_hop, clock_wander, gain_pumping, swapped_buffers, shifted_stretch, converter_glitch, sliding_filter,
-    integral_nonlinearity, settling, interleaving, skew, phase_hits,
-)  # fmt: skip
+    phase_ramp,
+    frequency_hop,
+    clock_wander,
+    gain_pumping,
+    swapped_buffers,
+    shifted_stretch,
+    converter_glitch,
+    sliding_filter,
+    integral_nonlinearity,
+    settling,
+    interleaving,
+    skew,
+    phase_hits,
+)

@@ -43,11 +43,14 @@ def flicker(corner):
 
 def phase_noise(rng, scene):
     """(process, free, form)"""
-    return pick(rng, [
-        (wiener, True, "free-running"),
-        (locked(log(rng, 2e-4, 2e-2) * scene.rate, rng.uniform(0.3, 3)), False, "locked loop"),
-        (flicker(log(rng, 1e-4, 1e-2)), False, "flicker and white floor"),
-    ])  # fmt: skip
+    return pick(
+        rng,
+        [
+            (wiener, True, "free-running"),
+            (locked(log(rng, 2e-4, 2e-2) * scene.rate, rng.uniform(0.3, 3)), False, "locked loop"),
+            (flicker(log(rng, 1e-4, 1e-2)), False, "flicker and white floor"),
+        ],
+    )
 
 
 # ---------------------------------------------------------------- amplifiers: curve(r) → complex gain
@@ -166,11 +169,14 @@ def telemetry(rng, n, rate, bandwidth):
 
 def narrowband(rng, scene):
     """(process, noise-like box, form)"""
-    return pick(rng, [
-        (boxed_noise, True, "band of noise"),
-        (frequency_modulated, False, "FM"),
-        (telemetry, True, "narrow QPSK"),
-    ])  # fmt: skip
+    return pick(
+        rng,
+        [
+            (boxed_noise, True, "band of noise"),
+            (frequency_modulated, False, "FM"),
+            (telemetry, True, "narrow QPSK"),
+        ],
+    )
 
 
 def gated_carrier(rng, n, rate, k):
@@ -191,11 +197,14 @@ def pulse_compression(share):
 
 def pulsed(rng):
     """(burst, coherent, form)"""
-    return pick(rng, [
-        (gated_carrier, True, "gated carrier"),
-        (gated_noise, False, "gated noise"),
-        (pulse_compression(rng.uniform(0.1, 0.6)), True, "coherent chirps"),
-    ])  # fmt: skip
+    return pick(
+        rng,
+        [
+            (gated_carrier, True, "gated carrier"),
+            (gated_noise, False, "gated noise"),
+            (pulse_compression(rng.uniform(0.1, 0.6)), True, "coherent chirps"),
+        ],
+    )
 
 
 def glitch(rng, rate):
@@ -211,8 +220,11 @@ def discharge(rng, rate):
 
 def impulses(rng):
     """(shape, spread in dB, bunch, form)"""
-    return pick(rng, [
-        (glitch, 0.0, 1, "single samples"),
-        (discharge, 2.0, 1, "discharges"),
-        (discharge, 3.0, 4, "relay bounce"),
-    ])  # fmt: skip
+    return pick(
+        rng,
+        [
+            (glitch, 0.0, 1, "single samples"),
+            (discharge, 2.0, 1, "discharges"),
+            (discharge, 3.0, 4, "relay bounce"),
+        ],
+    )

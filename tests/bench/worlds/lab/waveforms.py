@@ -115,12 +115,15 @@ def random_chips(rng, wave):
 
 def code(rng):
     hold = pick(rng, [2, 2, 3, 4, 4])
-    entry = pick(rng, [
-        {"code": "glfsr", "degree": pick(rng, [8, 9, 10]), "mask": 0, "seed": int(rng.integers(1, 200))},
-        {"code": "gold", "length": pick(rng, [127, 511])},
-        {"code": "ls"},
-        {"code": "ga128"},
-    ])  # fmt: skip
+    entry = pick(
+        rng,
+        [
+            {"code": "glfsr", "degree": pick(rng, [8, 9, 10]), "mask": 0, "seed": int(rng.integers(1, 200))},
+            {"code": "gold", "length": pick(rng, [127, 511])},
+            {"code": "ls"},
+            {"code": "ga128"},
+        ],
+    )
     w = waves.builtin({**entry, "samples_per_chip": hold})
     return again(w, lambda r: random_chips(r, w))
 
@@ -128,7 +131,12 @@ def code(rng):
 def zadoff_chu(rng):
     length = pick(rng, [353, 419, 571, 839])
     if rng.random() < 0.5:
-        entry = {"code": "zadoff_chu", "length": length, "root": int(rng.integers(1, 200)), "samples_per_chip": pick(rng, [2, 3, 4])}
+        entry = {
+            "code": "zadoff_chu",
+            "length": length,
+            "root": int(rng.integers(1, 200)),
+            "samples_per_chip": pick(rng, [2, 3, 4]),
+        }
         w = waves.builtin(entry)
         return again(w, lambda r: waves.builtin({**entry, "root": (entry["root"] + int(r.integers(1, 100))) % length}))
     period = pick(rng, PERIODS)

@@ -50,9 +50,7 @@ class Lab(Equipped):
         forms = (n.noise_alone, n.other_frame, n.other_frame, n.too_weak, n.blocker_alone)
         self.absent = [lambda rng, scene, f=f: f(self, rng, scene) for f in forms]
 
-    def scene(
-        self, rng, *, offset=None, still=False, constant=False, real=False, taps=None, tell_noise=None, float_file=False
-    ):
+    def scene(self, rng, *, offset=None, still=False, constant=False, real=False, taps=None, tell_noise=None, float_file=False):
         """still: no Doppler, no physics in the twin besides an offset."""
         pool = waveforms.CONSTANT if constant else waveforms.REAL if real else waveforms.EVERY
         wave = pick(rng, pool)(rng)
@@ -63,9 +61,17 @@ class Lab(Equipped):
         paths = cable(rng, wave, rate, taps or pick(rng, [1, 1, 2, 2, 3, 3, 4, 5]))
         snr = rng.uniform(8, 21) if datatype in ("ci8", "cu8") else rng.uniform(8, 45)
         scene = w.single_link(
-            rng, wave=wave, rate=rate, carrier=carrier, count=count, taps=paths, snr_db=snr, datatype=datatype,
-            amplitude=pick(rng, [1.0, 1.0, 0.8, 0.5]), tell_noise=tell_noise,
-        )  # fmt: skip
+            rng,
+            wave=wave,
+            rate=rate,
+            carrier=carrier,
+            count=count,
+            taps=paths,
+            snr_db=snr,
+            datatype=datatype,
+            amplitude=pick(rng, [1.0, 1.0, 0.8, 0.5]),
+            tell_noise=tell_noise,
+        )
         if offset is not False and (offset or rng.random() < 0.35):
             hz = w.sign(rng) * log(rng, 12 / scene.duration, 2e-3 * rate)
             w.know_offset(rng, scene, hz, refined=not still and rng.random() < 0.3, level=pick(rng, ["rx", "tx"]))
@@ -96,10 +102,18 @@ class Lab(Equipped):
         chosen = [first] + [wave(k) for k in range(1, shape[0])]
         count = max(int(log(rng, 20_000, 45_000)), 4 * max(len(x.samples) for x in chosen))
         return w.grid_network(
-            rng, make_wave=lambda k: chosen[k], make_taps=lambda k: cable(rng, chosen[k], rate, pick(rng, [1, 2, 3])), rate=rate,
-            carrier=pick(rng, CARRIERS), count=count, snr_db=rng.uniform(10, 32), transmitters=shape[0], receivers=shape[1],
+            rng,
+            make_wave=lambda k: chosen[k],
+            make_taps=lambda k: cable(rng, chosen[k], rate, pick(rng, [1, 2, 3])),
+            rate=rate,
+            carrier=pick(rng, CARRIERS),
+            count=count,
+            snr_db=rng.uniform(10, 32),
+            transmitters=shape[0],
+            receivers=shape[1],
             offset_hz=30 * rate / count if rng.random() < 0.5 else 0.0,
-        )  # fmt: skip
+            together=bool(rng.random() < 0.25),
+        )
 
     def hums(self, rng, scene):
         """Mains, aircraft supplies, and a switching regulator's ripple."""

@@ -62,7 +62,7 @@ class CarrierOffset(Cause):
         return self.sign * self.knob
 
     def act(self, y, context):
-        t = context.time
+        t = context.time / context.stretch
         drift = self.signed * self.drift_ratio / context.duration
         return y * np.exp(2j * np.pi * (self.signed * t + drift * t**2 / 2))
 
@@ -104,6 +104,11 @@ class PhaseNoise(Cause):
         line = np.polynomial.polynomial.polyfit(t, inside, 1)
         rms = np.std(inside - line[0] - line[1] * t)
         return (phase - line[0]) * self.knob / rms, self.knob / rms
+
+    def slope_hz(self, context):
+        """The offset that the realised phase holds in the recording."""
+        t = context.time[context.window]
+        return float(np.polyfit(t, self.course(context)[0][context.window], 1)[0] / (2 * np.pi))
 
     def act(self, y, context):
         return y * np.exp(1j * self.course(context)[0])
@@ -236,7 +241,8 @@ class Amplifier(Cause):
     def truth(self, contexts):
         c = contexts[0]
         total = 1 + sum(share for _, share in self.echoes)
-        loss = [-2 * db(abs(1 + (self.curve(np.array([r]))[0] - 1) * total)) for r in (self.knob, self.knob * self.peak(c, 4) / self.peak(c))]
+        between = self.knob * self.peak(c, 4) / self.peak(c)  # the largest value between the samples
+        loss = [-2 * db(abs(1 + (self.curve(np.array([r]))[0] - 1) * total)) for r in (self.knob, between)]
         plain = -2 * db(abs(self.curve(np.array([self.knob]))[0]))
         p = {"compression_db": par(loss[0], z=False, also=[loss[1], plain], unsigned=True)}
         return p, {"memory": bool(self.echoes)}, {}
@@ -264,7 +270,7 @@ class Gain(Cause):
             else:
                 course = inside / total
             return 10 ** (self.sign * self.knob / 20 * course)
-        w = 2 * np.pi * self.frequency_hz * t
+        w = 2 * np.pi * self.frequency_hz / context.stretch * t
         phase = self.phase + 2.4 * context.recording.index
         hum = np.cos(w + phase)
         for order, share, turn in self.harmonics:
@@ -339,7 +345,8 @@ class ExtraPath(Path):
         return taps + [Tap(delay_s=self.delay_s, gain=gain, doppler_hz=self.doppler_hz)]
 
     def truth(self, contexts):
-        p = {"delay_s": par(self.delay_s), "gain_db": par(2 * db(self.knob)), "phase_rad": par(self.phase, z=self.doppler_hz == 0)}
+        level = 2 * db(self.knob)
+        p = {"delay_s": par(self.delay_s), "gain_db": par(level), "phase_rad": par(self.phase, z=self.doppler_hz == 0)}
         if self.doppler_hz:
             p["doppler_hz"] = par(self.doppler_hz)
         return p, {}, {"delay_s": [self.delay_s, self.delay_s]}
@@ -489,7 +496,7 @@ class Tone(Air):
 
     def act(self, y, context):
         turn = 2 * np.pi * self.rng(context).uniform()
-        w = 2j * np.pi * (self.frequency_hz - context.shift_hz)
+        w = 2j * np.pi * context.arriving(self.frequency_hz)
         return y + np.sqrt(self.power(context)) * np.exp(w * context.time + 1j * turn)
 
     def truth(self, contexts):
@@ -513,7 +520,7 @@ class Narrowband(Air):
     def act(self, y, context):
         s = self.process(self.rng(context), len(y), context.rate, self.bandwidth_hz)
         s = s / np.sqrt(np.mean(np.abs(s[context.window]) ** 2))
-        w = 2j * np.pi * (self.frequency_hz - context.shift_hz)
+        w = 2j * np.pi * context.arriving(self.frequency_hz)
         return y + np.sqrt(self.power(context)) * s * np.exp(w * context.time)
 
     def nats(self, context):
@@ -554,7 +561,7 @@ class Pulsed(Air):
             lo, hi = max(at, 0), min(at + length, len(y))
             if lo < hi:
                 out[lo:hi] = s[lo - at : hi - at]
-        w = 2j * np.pi * (self.frequency_hz - context.shift_hz)
+        w = 2j * np.pi * context.arriving(self.frequency_hz)
         return y + np.sqrt(self.power(context)) * out * np.exp(w * context.time)
 
     def nats(self, context):

@@ -21,6 +21,7 @@ GROUPS = (
     {"adc_clipping", "quantization"},
     {"carrier_frequency_offset", "spectral_inversion"},
     {"iq_imbalance", "spectral_inversion"},
+    {"sample_loss", "gain_step"},
 )
 PEAK = 0.98
 
@@ -94,7 +95,9 @@ def twin_of(scene):
         "effects": scene.twin_effects,
     }
     if scene.tell_noise:
-        twin["noise"] = {rx: {"power_db": round(10 * np.log10(scene.noise[rx] * stored(scene, rx)), 4)} for rx in scene.receivers}
+        twin["noise"] = {
+            rx: {"power_db": round(10 * np.log10(scene.noise[rx] * stored(scene, rx)), 4)} for rx in scene.receivers
+        }
     return twin
 
 
@@ -130,9 +133,13 @@ def owners(cause, scene):
     return [link] if cause.level == "link" else [tx, rx, link]
 
 
-def effect(scene, cause, lam):
+def effect(scene, cause, lam, beside=()):
     hit = [r for r in scene.recordings if concerned(cause, r)]
-    parameters, values, where = cause.truth([Context(scene, r) for r in hit])
+    contexts = [Context(scene, r) for r in hit]
+    parameters, values, where = cause.truth(contexts)
+    if cause.family == "carrier_frequency_offset":
+        wander = [c.slope_hz(contexts[0]) for c in beside if c.family == "phase_noise"]
+        parameters["offset_hz"]["also"] += [parameters["offset_hz"]["value"] + f for f in wander]
     if lam < 20:
         parameters = {k: {**p, "z": False} for k, p in parameters.items()}
     same = list(cause.same_as)
@@ -210,29 +217,42 @@ def conditions(scene):
 
 def truth_of(scene, kind, effects, fit, *, verdicts, tolerated=(), ambiguous=None, **more):
     first = next(iter(scene.links.values()))
-    return files.plain({
-        "kind": kind,
-        "verdicts_ok": list(verdicts),
-        "ambiguous": ambiguous,
-        "tolerated": list(tolerated),
-        "harmless": [],
-        "never_claim": [],
-        "case": "",
-        "effects": effects,
-        "fit": fit,
-        "tap_delays_s": [t["delay_s"] for t in first],
-        "network": scene.network,
-        "conditions": conditions(scene),
-        **more,
-    })
+    return files.plain(
+        {
+            "kind": kind,
+            "verdicts_ok": list(verdicts),
+            "ambiguous": ambiguous,
+            "tolerated": list(tolerated),
+            "harmless": [],
+            "never_claim": [],
+            "case": "",
+            "effects": effects,
+            "fit": fit,
+            "tap_delays_s": [t["delay_s"] for t in first],
+            "network": scene.network,
+            "conditions": conditions(scene),
+            **more,
+        }
+    )
 
 
 # ---------------------------------------------------------------- drawing
 def settle(scene, causes):
     """What the twin cannot say once a receiver's filter or gain also shapes the noise."""
     for c in causes:
+        told = any(k.family == "noise_floor" for k in causes)
         if c.slot == "rx_filter" or (c.slot == "rx_gain" and c.knob > (0.02 if c.family == "power_supply_hum" else 0.2)):
+            if told:
+                raise Refused("the floor must be told")
             scene.tell_noise = False
+
+
+def joined(causes):
+    """Two joints act in the order of time, and apart from one another."""
+    joints = sorted((c for c in causes if c.family == "sample_loss"), key=lambda c: c.place)
+    if any(b.place - a.place < 2500 for a, b in zip(joints, joints[1:], strict=False)):
+        raise Refused("joints too near")
+    return [c for c in causes if c.family != "sample_loss"] + joints
 
 
 def first_scene(world, rng, family, network=False):
@@ -270,6 +290,7 @@ def draw_causes(world, rng, kind):
 
 def explained(world, rng, kind):
     scene, causes = draw_causes(world, rng, kind)
+    causes = joined(causes)
     lams = []
     for c in causes:
         lam = tune(scene, c, spread(rng))
@@ -280,7 +301,7 @@ def explained(world, rng, kind):
     if len(causes) == 1:
         world.after(rng, scene, causes[0])
     samples, fit = recorded(scene, causes)
-    effects = [effect(scene, c, lam) for c, lam in zip(causes, lams, strict=True)]
+    effects = [effect(scene, c, lam, causes) for c, lam in zip(causes, lams, strict=True)]
     return scene, samples, truth_of(scene, kind, effects, fit, verdicts=["identified"])
 
 
@@ -328,7 +349,7 @@ def network(world, rng):
         lams.append(lam)
     settle(scene, causes)
     samples, fit = recorded(scene, causes)
-    effects = [effect(scene, c, lam) for c, lam in zip(causes, lams, strict=True)]
+    effects = [effect(scene, c, lam, causes) for c, lam in zip(causes, lams, strict=True)]
     return scene, samples, truth_of(scene, "network", effects, fit, verdicts=["identified"])
 
 
@@ -348,7 +369,11 @@ def outside(world, rng):
     if cause.slot in ("rx_gain", "rx_filter"):
         scene.tell_noise = False
     samples, fit = recorded(scene, [cause])
-    return scene, samples, truth_of(scene, "outside", [effect(scene, cause, lam)], fit, verdicts=["unexplained"], tolerated=tolerated)
+    return (
+        scene,
+        samples,
+        truth_of(scene, "outside", [effect(scene, cause, lam)], fit, verdicts=["unexplained"], tolerated=tolerated),
+    )
 
 
 def ambiguous(world, rng):
@@ -366,8 +391,10 @@ def ambiguous(world, rng):
     samples, fit = recorded(scene, [cause])
     told = {"family_sets": sets, "record_next": record_next}
     effects = [effect(scene, cause, lam)]
-    return scene, samples, truth_of(
-        scene, "ambiguous", effects, fit, verdicts=["ambiguous"], ambiguous=told, tolerated=[cause.family]
+    return (
+        scene,
+        samples,
+        truth_of(scene, "ambiguous", effects, fit, verdicts=["ambiguous"], ambiguous=told, tolerated=[cause.family]),
     )
 
 
@@ -383,7 +410,6 @@ def absent(world, rng):
     name, causes, tolerated = made
     if scene.present == 1.0:
         scene.present = 0.0
-    scene.tell_noise = bool(scene.tell_noise and not tolerated)
     samples, fit = recorded(scene, causes, present=False)
     entry = {
         "family": f"outside:absent_{name}",
@@ -397,9 +423,7 @@ def absent(world, rng):
         "lambda": 1e6,
         "same_as": [],
     }
-    return scene, samples, truth_of(
-        scene, "outside", [entry], fit, verdicts=["unexplained"], tolerated=tolerated, absent=True
-    )
+    return scene, samples, truth_of(scene, "outside", [entry], fit, verdicts=["unexplained"], tolerated=tolerated, absent=True)
 
 
 KINDS = {"null": null, "network": network, "outside": outside, "ambiguous": ambiguous, "absent": absent}

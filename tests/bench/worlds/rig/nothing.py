@@ -49,4 +49,4 @@ def blocker_alone(world, rng, scene):
     if cause is None:
         return None
     cause.knob = 10 ** (rng.uniform(-10, 5) / 20)
-    return "blocker", [cause], [family, "noise_floor"]
+    return "blocker", [cause], [family]

@@ -28,7 +28,9 @@ class Equipped(World):
     def filter(self, rng, scene):
         level, name = ends(rng, scene)
         response, knob, (lo, hi), form = self.physics.front_end(rng, scene)
-        return c.Filter(slot=slot(level, "filter"), level=level, name=name, knob=knob, lo=lo, hi=hi, response=response, form=form)
+        return c.Filter(
+            slot=slot(level, "filter"), level=level, name=name, knob=knob, lo=lo, hi=hi, response=response, form=form
+        )
 
     def fadings(self, rng, scene):
         return self.physics.fading(rng, scene)
@@ -49,9 +51,17 @@ class Equipped(World):
             return None
         f = sign(rng) * rng.uniform(0.0, 0.3) * scene.rate
         return c.Pulsed(
-            knob=0.2, lo=1e-3, hi=3.0, period_s=period, duty=duty, burst=burst, noise_like=not coherent,
-            start_s=rng.uniform(0, period), frequency_hz=f if coherent else 0.0, form=form,
-        )  # fmt: skip
+            knob=0.2,
+            lo=1e-3,
+            hi=3.0,
+            period_s=period,
+            duty=duty,
+            burst=burst,
+            noise_like=not coherent,
+            start_s=rng.uniform(0, period),
+            frequency_hz=f if coherent else 0.0,
+            form=form,
+        )
 
     def impulses(self, rng, scene):
         shape, spread, bunch, form = self.physics.impulses(rng)

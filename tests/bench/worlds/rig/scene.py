@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A radio scene and what its receivers record: the parts act in the order in which a radio has them.
 
-code → DAC clock → transmitter's I/Q, leakage, filter, amplifier, gain, oscillator → paths → others on the air → noise of the first stage
-→ receiver's oscillator, filter, gain → ADC clock → I/Q → offset → later noise → ADC. All runs on a grid with a margin at both ends.
+code → DAC clock → transmitter's I/Q, leakage, filter, amplifier, gain, oscillator → paths → others on the air → noise of the
+first stage → receiver's oscillator, filter, gain → ADC clock → I/Q → offset → ADC. All runs on a grid with a margin at both ends.
 """
 
 from dataclasses import dataclass, field
@@ -89,6 +89,22 @@ class Context:
         self.sigma2 = scene.noise[recording.receiver]
         self.clean = None  # what arrives, before noise
         self.shift_hz = 0.0  # of the receiver's oscillator, concealed or known
+        self.stretch = 1.0  # what the receiver's clock makes of a frequency
+        self.mirror = 1.0  # −1 where the receiver turns the spectrum about
+
+    def meet(self, causes):
+        """Frequencies are told as recorded; what the receiver does to them on the way is undone here."""
+        for c in causes:
+            if c.slot == "rx_lo" and c.family == "carrier_frequency_offset":
+                self.shift_hz += c.signed
+            if c.slot == "rx_clock" and c.family == "sample_clock_offset":
+                self.stretch *= 1 + 1e-6 * c.sign * c.knob
+            if c.family == "spectral_inversion":
+                self.mirror = -self.mirror
+
+    def arriving(self, recorded_hz):
+        """The frequency at the antenna of what lies there in the recording."""
+        return (self.mirror * recorded_hz - self.shift_hz) / self.stretch
 
     @property
     def wanted(self):
@@ -158,6 +174,7 @@ def simulate(scene, recording, causes=(), noise=True):
     for tx in recording.transmitters:
         context = Context(scene, recording, tx)
         mine = [c for c in every if concerned(c, recording, tx)]
+        context.meet([c for c in every if c.level == "rx" and concerned(c, recording)])
         _, amplitude = scene.transmitters[tx]
         amplitude = recording.amplitude.get(tx, amplitude)
         x = amplitude * placed(scene.wave(tx), recording.delay, context.length)
@@ -174,7 +191,7 @@ def simulate(scene, recording, causes=(), noise=True):
     context = Context(scene, recording)
     mine = [c for c in every if concerned(c, recording)]
     y = total
-    context.shift_hz = sum(c.signed for c in mine if c.slot == "rx_lo" and c.family == "carrier_frequency_offset")
+    context.meet(mine)
     for c in mine:
         if c.slot == "air":
             y = c.act(y, context)
@@ -267,4 +284,3 @@ def several_left(scene, recording, y, window, mask):
     a = np.column_stack([a, whole])
     target = y[window][mask]
     return target - a @ np.linalg.lstsq(a, target, rcond=None)[0]
-

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pairs that one recording cannot tell apart. Each form: (world, rng) → (scene, cause, family sets, what to record next) or None."""
+"""Pairs that one recording cannot tell apart.
+
+Each form: (world, rng) → (scene, cause, family sets, what to record next) or None.
+"""
 
 from dataclasses import dataclass
 
@@ -48,6 +51,7 @@ def flat_noise(world, rng):
     if scene.wave("tx1").variation > 1e-3 or not scene.wave("tx1").repeat:
         return None
     scene.recordings[0].delay = float(np.floor(scene.recordings[0].delay))
+    scene.cache.clear()
     if rng.random() < 0.5:
         cause = c.NoiseFloor(name="rx1", knob=0.5, lo=1e-2, hi=10.0, form="louder")
     else:
@@ -98,9 +102,16 @@ def short_tail(world, rng):
     chip = 1 / (hi - lo)
     decay = rng.uniform(0.4, 1.2) * chip / scene.rate
     cause = c.Tail(
-        name="tx1>rx1", knob=0.1, lo=1e-3, hi=0.6, start_s=0.5 / scene.rate, decay_s=decay, spacing_s=min(1.0, chip / 2) / scene.rate,
-        rice=bool(rng.random() < 0.5), form="few samples",
-    )  # fmt: skip
+        name="tx1>rx1",
+        knob=0.1,
+        lo=1e-3,
+        hi=0.6,
+        start_s=0.5 / scene.rate,
+        decay_s=decay,
+        spacing_s=min(1.0, chip / 2) / scene.rate,
+        rice=bool(rng.random() < 0.5),
+        form="few samples",
+    )
     return scene, _seeded(rng, cause), [["front_end_filter", "diffuse_tail"]], SHAPE
 
 
@@ -116,5 +127,7 @@ def same_code(world, rng):
         cause = c.SecondTransmitter(wave="w9", knob=0.05, lo=1e-4, hi=0.7, delay=delay, form="same code")
     else:
         d = round(rng.uniform(0.1, 0.9) * len(wave.samples) / scene.rate, 12)
-        cause = c.ExtraPath(name="tx1>rx1", knob=0.05, lo=1e-4, hi=0.7, delay_s=d, phase=rng.uniform(-np.pi, np.pi), form="same code")
+        cause = c.ExtraPath(
+            name="tx1>rx1", knob=0.05, lo=1e-4, hi=0.7, delay_s=d, phase=rng.uniform(-np.pi, np.pi), form="same code"
+        )
     return scene, _seeded(rng, cause), [["second_transmitter", "extra_path"]], SAME

@@ -12,7 +12,7 @@ PAIRS = {63: ((6, 1, 0), (6, 5, 2, 1, 0)), 127: ((7, 3, 0), (7, 3, 2, 1, 0)), 51
 
 @dataclass(kw_only=True)
 class Wave:
-    """samples: what is transmitted, one period or all of it; known: where the reference file tells it; entry: a built-in code."""
+    """samples: what is transmitted, one period or all of it; known: where the file tells it; entry: a built-in code."""
 
     name: str
     samples: np.ndarray

@@ -4,7 +4,7 @@
 import numpy as np
 
 from . import causes as c
-from . import files, numeric
+from . import files
 from .scene import Recording, Scene
 from .waves import Wave
 
@@ -102,7 +102,7 @@ class World:
             "gain_drift": [self.gain_drift],
             "power_supply_hum": [self.hum],
             "front_end_filter": [self.filter],
-            "extra_path": [self.extra_path, self.extra_path_moving],
+            "extra_path": [self.extra_path, self.extra_path, self.extra_path_moving, self.extra_path_close],
             "missing_path": [self.missing_path],
             "tap_gain_error": [self.tap_gain],
             "tap_delay_error": [self.tap_delay],
@@ -180,9 +180,16 @@ class World:
         level, name = ends(rng, scene)
         turn, both = rng.uniform(0, 2 * np.pi), bool(rng.random() < 0.5)
         return c.Imbalance(
-            slot=slot(level, "iq"), level=level, name=name, knob=0.003, lo=2e-4, hi=0.12, turn=turn, both=both,
+            slot=slot(level, "iq"),
+            level=level,
+            name=name,
+            knob=0.003,
+            lo=2e-4,
+            hi=0.12,
+            turn=turn,
+            both=both,
             form="both arms" if both else "one arm",
-        )  # fmt: skip
+        )
 
     def apart(self, scene):
         """The receiver's zero and the transmitter's carrier are apart in the recording."""
@@ -192,7 +199,9 @@ class World:
         if not self.apart(scene):
             return None
         _, name = ends(rng, scene, ("rx",))
-        return c.DirectCurrent(level="rx", name=name, knob=0.02, lo=1e-5, hi=0.7, angle=rng.uniform(0, 2 * np.pi), form="steady")
+        return c.DirectCurrent(
+            level="rx", name=name, knob=0.02, lo=1e-5, hi=0.7, angle=rng.uniform(0, 2 * np.pi), form="steady"
+        )
 
     def direct_current_decaying(self, rng, scene):
         made = self.direct_current(rng, scene) if self.apart(scene) else None
@@ -210,7 +219,7 @@ class World:
         return c.Leakage(level="tx", name=name, knob=0.02, lo=1e-5, hi=0.5, angle=rng.uniform(0, 2 * np.pi), form="carrier")
 
     def inversion(self, rng, scene):
-        if any(scene.wave(tx).real for tx in scene.transmitters):
+        if any(scene.wave(tx).real for tx in scene.transmitters) or scene.known:
             return None
         _, name = ends(rng, scene, ("rx",))
         return c.Inversion(level="rx", name=name, knob=1.0, form="high-side mixing")
@@ -232,18 +241,34 @@ class World:
         a, b = self.span(scene)
         n = round((a + (b - a) * (rng.uniform(0.004, 0.996) if not scene.network else rng.uniform(0.1, 0.9))) * scene.rate)
         return c.Gain(
-            family="gain_step", slot=self.gain_slot(rng, level), level=level, name=name, knob=0.1, lo=1e-4, hi=10.0,
-            sign=sign(rng), where_s=n / scene.rate, form="step",
-        )  # fmt: skip
+            family="gain_step",
+            slot=self.gain_slot(rng, level),
+            level=level,
+            name=name,
+            knob=0.1,
+            lo=1e-4,
+            hi=10.0,
+            sign=sign(rng),
+            where_s=n / scene.rate,
+            form="step",
+        )
 
     def gain_drift(self, rng, scene):
         level, name = ends(rng, scene)
         relaxing = rng.random() < 0.5
         tau = scene.duration * log(rng, 0.08, 0.6) if relaxing else 0.0
         return c.Gain(
-            family="gain_drift", slot=self.gain_slot(rng, level), level=level, name=name, knob=0.1, lo=1e-4, hi=4.0,
-            sign=sign(rng), time_constant_s=tau, form="relaxation" if relaxing else "linear",
-        )  # fmt: skip
+            family="gain_drift",
+            slot=self.gain_slot(rng, level),
+            level=level,
+            name=name,
+            knob=0.1,
+            lo=1e-4,
+            hi=4.0,
+            sign=sign(rng),
+            time_constant_s=tau,
+            form="relaxation" if relaxing else "linear",
+        )
 
     def hum(self, rng, scene):
         level, name = ends(rng, scene)
@@ -253,10 +278,18 @@ class World:
         rich = rng.random() < 0.4
         harmonics = [(2, rng.uniform(0.1, 0.4), rng.uniform(0, 6.28)), (3, rng.uniform(0.03, 0.2), rng.uniform(0, 6.28))]
         return c.Gain(
-            family="power_supply_hum", slot=self.gain_slot(rng, level), level=level, name=name, knob=0.01, lo=1e-5, hi=0.4,
-            frequency_hz=pick(rng, options), phase=rng.uniform(0, 6.28), harmonics=harmonics if rich else [],
+            family="power_supply_hum",
+            slot=self.gain_slot(rng, level),
+            level=level,
+            name=name,
+            knob=0.01,
+            lo=1e-5,
+            hi=0.4,
+            frequency_hz=pick(rng, options),
+            phase=rng.uniform(0, 6.28),
+            harmonics=harmonics if rich else [],
             form="with harmonics" if rich else "sine",
-        )  # fmt: skip
+        )
 
     # ------------------------------------------------------------ paths
     def room(self, scene, link):
@@ -274,17 +307,37 @@ class World:
             d = taps[0] + log(rng, least, longest)
             if all(abs(d - t) > least for t in taps):
                 return c.ExtraPath(
-                    name=">".join(link), knob=0.05, lo=1e-4, hi=0.9, delay_s=round(d, 12), phase=rng.uniform(-np.pi, np.pi),
+                    name=">".join(link),
+                    knob=0.05,
+                    lo=1e-4,
+                    hi=0.9,
+                    delay_s=round(d, 12),
+                    phase=rng.uniform(-np.pi, np.pi),
                     form="still",
-                )  # fmt: skip
+                )
         return None
 
     def extra_path_moving(self, rng, scene):
         made = self.extra_path(rng, scene)
         if made is not None:
-            made.doppler_hz = sign(rng) * min(log(rng, 0.7, 30) / scene.duration, 3e-6 * scene.carrier)
+            made.doppler_hz = sign(rng) * min(log(rng, 0.7, 30) / scene.duration, 1e-6 * scene.carrier)
             made.form = "moving"
         return made
+
+    def extra_path_close(self, rng, scene):
+        """Within a sample of the direct path: a filter to the recording."""
+        link = link_of(rng, scene)
+        d = round(scene.links[link][0]["delay_s"] + rng.uniform(0.4, 0.95) / scene.rate, 12)
+        return c.ExtraPath(
+            name=">".join(link),
+            knob=0.05,
+            lo=1e-4,
+            hi=0.6,
+            delay_s=d,
+            phase=rng.uniform(-np.pi, np.pi),
+            form="close",
+            same_as=["front_end_filter"],
+        )
 
     def missing_path(self, rng, scene):
         found = some_tap(rng, scene, 3)
@@ -293,26 +346,44 @@ class World:
     def tap_gain(self, rng, scene):
         found = some_tap(rng, scene, 3)
         return found and c.TapError(
-            family="tap_gain_error", name=">".join(found[0]), tap=found[1], knob=0.05, lo=1e-4, hi=0.7,
-            turn=rng.uniform(0, 2 * np.pi), form="gain and phase",
-        )  # fmt: skip
+            family="tap_gain_error",
+            name=">".join(found[0]),
+            tap=found[1],
+            knob=0.05,
+            lo=1e-4,
+            hi=0.7,
+            turn=rng.uniform(0, 2 * np.pi),
+            form="gain and phase",
+        )
 
     def tap_delay(self, rng, scene):
         found = some_tap(rng, scene, 3)
         return found and c.TapError(
-            family="tap_delay_error", name=">".join(found[0]), tap=found[1], knob=0.02 / scene.rate, lo=1e-5 / scene.rate,
-            hi=0.6 / scene.rate, sign=sign(rng), form="shifted",
-        )  # fmt: skip
+            family="tap_delay_error",
+            name=">".join(found[0]),
+            tap=found[1],
+            knob=0.02 / scene.rate,
+            lo=1e-5 / scene.rate,
+            hi=1.5 / scene.rate,
+            sign=sign(rng),
+            form="shifted",
+        )
 
     def tap_doppler(self, rng, scene):
         found = some_tap(rng, scene, 2)
         if not found:
             return None
-        hi = min(40 / scene.duration, 3e-6 * scene.carrier)
+        hi = min(40 / scene.duration, 1e-6 * scene.carrier)
         return c.TapError(
-            family="tap_doppler", name=">".join(found[0]), tap=found[1], knob=min(hi, 0.1 / scene.duration), lo=1e-3 / scene.duration,
-            hi=hi, sign=sign(rng), form="moving",
-        )  # fmt: skip
+            family="tap_doppler",
+            name=">".join(found[0]),
+            tap=found[1],
+            knob=min(hi, 0.1 / scene.duration),
+            lo=1e-3 / scene.duration,
+            hi=hi,
+            sign=sign(rng),
+            form="moving",
+        )
 
     def tap_fading(self, rng, scene):
         if scene.network:
@@ -333,9 +404,16 @@ class World:
         start = scene.links[link][-1]["delay_s"] if rng.random() < 0.3 else scene.links[link][0]["delay_s"]
         rice = bool(rng.random() < 0.5)
         return c.Tail(
-            name=">".join(link), knob=0.05, lo=1e-3, hi=0.7, start_s=start + 1 / scene.rate, decay_s=samples / scene.rate,
-            spacing_s=1 / scene.rate, rice=rice, form=("rice" if rice else "complex Gaussian") + (", long" if 5 * samples > 64 else ""),
-        )  # fmt: skip
+            name=">".join(link),
+            knob=0.05,
+            lo=1e-3,
+            hi=0.7,
+            start_s=start + 1 / scene.rate,
+            decay_s=samples / scene.rate,
+            spacing_s=1 / scene.rate,
+            rice=rice,
+            form=("rice" if rice else "complex Gaussian") + (", long" if 5 * samples > 64 else ""),
+        )
 
     # ------------------------------------------------------------ environment
     def second(self, rng, scene):
@@ -361,7 +439,9 @@ class World:
             return None
         _, name = ends(rng, scene, ("rx",))
         s = 1.0 if rng.random() < 0.8 else -1.0
-        return c.NoiseFloor(name=name, knob=0.3, lo=1e-3, hi=12.0 if s > 0 else 3.0, sign=s, form="louder" if s > 0 else "quieter")
+        return c.NoiseFloor(
+            name=name, knob=0.3, lo=1e-3, hi=12.0 if s > 0 else 3.0, sign=s, form="louder" if s > 0 else "quieter"
+        )
 
     def signal_noise(self, rng, scene):
         tx = next(iter(scene.transmitters))
@@ -388,9 +468,15 @@ class World:
         dither = pick(rng, [0, 0, 1, 2])
         rms = np.sqrt(scene.noise[name]) + max(np.sqrt(c._wanted(scene, r)) for r in scene.recordings)
         return c.Quantizer(
-            name=name, knob=sigma, lo=max(0.8 * sigma, 2 * grid), hi=1.2 * rms, rise=rise, dither=dither, grid=grid,
+            name=name,
+            knob=sigma,
+            lo=max(0.05 * sigma, 2 * grid),
+            hi=1.2 * rms,
+            rise=rise,
+            dither=dither,
+            grid=grid,
             form=("mid-rise" if rise else "mid-tread") + (", dithered" if dither else ""),
-        )  # fmt: skip
+        )
 
     def sample_loss(self, rng, scene):
         _, name = ends(rng, scene, ("rx",))
@@ -404,9 +490,13 @@ class World:
         lost = rng.random() < 0.65
         fill = pick(rng, ["zeros", "repeat"])
         return c.SampleLoss(
-            name=name, knob=1.0, place=place, samples=k if lost else -k, fill=fill,
+            name=name,
+            knob=1.0,
+            place=place,
+            samples=k if lost else -k,
+            fill=fill,
             form="lost" if lost else f"inserted, {fill}",
-        )  # fmt: skip
+        )
 
 
 # ---------------------------------------------------------------- scenes
@@ -444,11 +534,19 @@ def single_link(rng, *, wave, rate, carrier, count, taps, snr_db, datatype, ampl
         spare = count - len(wave.samples) - max(t["delay_s"] for t in taps) * rate - 200
         delay = float(rng.uniform(60, max(spare, 61)))
     scene = Scene(
-        rate=rate, carrier=carrier, count=count, waves={"w1": wave}, transmitters={"tx1": ("w1", amplitude)}, receivers=["rx1"],
-        links={("tx1", "rx1"): taps}, noise={"rx1": 1e-9}, datatype=datatype, seed=int(rng.integers(2**31)),
+        rate=rate,
+        carrier=carrier,
+        count=count,
+        waves={"w1": wave},
+        transmitters={"tx1": ("w1", amplitude)},
+        receivers=["rx1"],
+        links={("tx1", "rx1"): taps},
+        noise={"rx1": 1e-9},
+        datatype=datatype,
+        seed=int(rng.integers(2**31)),
         recordings=[Recording(name="recording", receiver="rx1", transmitters=["tx1"], gain=1.0, delay=delay, index=0)],
         tell_noise=bool(rng.random() < 0.6) if tell_noise is None else tell_noise,
-    )  # fmt: skip
+    )
     level(rng, scene, snr_db)
     return scene
 
@@ -460,7 +558,7 @@ def level(rng, scene, snr_db):
         scene.noise[r.receiver] = 1e-9
         scene.cache.clear()
         power = c._wanted(scene, r)
-        y = numeric.np.abs(c.scene.baseline(scene, r)).max()
+        y = np.abs(c.scene.baseline(scene, r)).max()
         crest = y / np.sqrt(power)
         rms = rng.uniform(0.5, 0.75) / crest if small else min(log(rng, 0.01, 0.2), 0.6 / crest)
         r.gain = rms / np.sqrt(power) * np.exp(1j * rng.uniform(-np.pi, np.pi))
@@ -497,7 +595,9 @@ def know_clock(rng, scene, ppm, *, refined=False):
 
 def know_step(rng, scene, step_db):
     place = round(rng.uniform(0.1, 0.9) * scene.count) / scene.rate
-    made = c.Gain(family="gain_step", slot="tx_gain", level="tx", name="tx1", knob=abs(step_db), sign=np.sign(step_db), where_s=place)
+    made = c.Gain(
+        family="gain_step", slot="tx_gain", level="tx", name="tx1", knob=abs(step_db), sign=np.sign(step_db), where_s=place
+    )
     scene.known.append(made)
     p = {"time_s": {"value": place, "std": 0.0}, "step_db": {"value": float(step_db), "std": 0.0}}
     scene.twin_effects.append(_entry("gain_step", "tx", "tx1", p))
@@ -513,20 +613,37 @@ def know_path(rng, scene, delay_s, gain_db, phase):
     scene.cache.clear()
 
 
-def grid_network(rng, *, make_wave, make_taps, rate, carrier, count, snr_db, transmitters, receivers, offset_hz=0.0):
-    """Every transmitter to every receiver, one recording each, one after the other."""
+def grid_network(
+    rng, *, make_wave, make_taps, rate, carrier, count, snr_db, transmitters, receivers, offset_hz=0.0, together=False
+):
+    """Every transmitter to every receiver, one recording each, one after the other; or all on the air together, one recording
+    per receiver, every link with a gain and phase that the twin does not claim."""
     txs = [f"tx{k + 1}" for k in range(transmitters)]
     rxs = [f"rx{k + 1}" for k in range(receivers)]
     waves = {}
     for k in range(transmitters):
         waves[f"w{k + 1}"] = make_wave(k)
     scene = Scene(
-        rate=rate, carrier=carrier, count=count, waves=waves, receivers=rxs, datatype=pick(rng, ["cf32_le", "ci16_le"]),
+        rate=rate,
+        carrier=carrier,
+        count=count,
+        waves=waves,
+        receivers=rxs,
+        datatype=pick(rng, ["cf32_le", "ci16_le"]),
         transmitters={tx: (f"w{k + 1}", float(pick(rng, [1.0, 0.8]))) for k, tx in enumerate(txs)},
-        links={(tx, rx): make_taps(k) for k, tx in enumerate(txs) for rx in rxs}, recordings=[],
-        noise={rx: 1e-9 for rx in rxs}, seed=int(rng.integers(2**31)), tell_noise=True,
-    )  # fmt: skip
-    for n, (tx, rx) in enumerate(scene.links):
+        links={(tx, rx): make_taps(k) for k, tx in enumerate(txs) for rx in rxs},
+        recordings=[],
+        noise={rx: 1e-9 for rx in rxs},
+        seed=int(rng.integers(2**31)),
+        tell_noise=True,
+    )
+    if together:
+        scene.link_unknown = {k: ["gain", "phase"] for k in scene.links}
+        scene.link_turn = {k: 10 ** (rng.uniform(-5, 0) / 20) * np.exp(1j * rng.uniform(-np.pi, np.pi)) for k in scene.links}
+        for n, rx in enumerate(rxs):
+            delay = float(rng.uniform(0, len(waves["w1"].samples)))
+            scene.recordings.append(Recording(name=f"rec_{rx}", receiver=rx, transmitters=txs, gain=1.0, delay=delay, index=n))
+    for n, (tx, rx) in enumerate(scene.links if not together else []):
         delay = float(rng.uniform(0, len(scene.wave(tx).samples)))
         scene.recordings.append(
             Recording(name=f"rec_{tx}_{rx}", receiver=rx, transmitters=[tx], gain=1.0, delay=delay, index=n)
