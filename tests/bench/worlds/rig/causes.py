@@ -125,7 +125,7 @@ class PhaseNoise(Cause):
 # ---------------------------------------------------------------- mixers
 @dataclass(kw_only=True)
 class Imbalance(Cause):
-    """knob: size of the image's amplitude; turn: how it is split between gain and phase; both arms or the Q arm alone carry it."""
+    """knob: the image's amplitude; turn: how it is split between gain and phase; both arms or the Q arm alone carry it."""
 
     turn: float = 0.0
     both: bool = False

@@ -2,7 +2,8 @@
 """A radio scene and what its receivers record: the parts act in the order in which a radio has them.
 
 code → DAC clock → transmitter's I/Q, leakage, filter, amplifier, gain, oscillator → paths → others on the air → noise of the
-first stage → receiver's oscillator, filter, gain → ADC clock → I/Q → offset → ADC. All runs on a grid with a margin at both ends.
+first stage → receiver's oscillator, filter, gain → ADC clock → I/Q → offset → ADC.
+All runs on a grid with a margin at both ends.
 """
 
 from dataclasses import dataclass, field
