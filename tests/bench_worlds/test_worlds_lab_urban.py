@@ -24,7 +24,7 @@ from worlds.rig import world as world_module  # noqa: E402
 
 pytestmark = pytest.mark.timeout(120)
 WORLDS = ("lab", "urban")
-LOOKED_AT = 700  # samples of a recording that a law is checked on
+LOOKED_AT = 400  # samples of a recording that a law is checked on
 
 
 def the_world(name):
@@ -124,12 +124,12 @@ def short(monkeypatch):
     def length(rng, wave):
         if not wave.repeat:
             return int(len(wave.samples) * 1.2) + 900
-        return max(20_000, 4 * len(wave.samples))
+        return max(12_000, 4 * len(wave.samples))
 
     monkeypatch.setattr(world_module, "length", length)
 
 
-def drawn(name, family, folder, monkeypatch, lam=3e4, accept=lambda case: True, kind="single"):
+def drawn(name, family, folder, monkeypatch, lam=1.5e4, accept=lambda case: True, kind="single"):
     """A case of this one family, about as strong as `lam`, without other known physics than an offset."""
     monkeypatch.setattr(drawing, "spread", lambda *a: lam)
     for seed in range(60):
@@ -319,26 +319,31 @@ def test_the_floor_differs_from_the_twins_by_what_is_told(name, tmp_path, monkey
 
 @pytest.mark.parametrize("name", WORLDS)
 def test_a_tail_is_echoes_within_its_place(name, tmp_path, monkeypatch):
-    case, e = drawn(
-        name, "diffuse_tail", tmp_path, monkeypatch, accept=lambda c: value(c.truth["effects"][0], "decay_s") * c.rate < 5
-    )
-    n = case.looked_at(np.random.default_rng(1), 400)
-    start, stop = e["where"]["delay_s"]
-    later = np.arange(start * case.rate, stop * case.rate + 10, 1.0)
-    columns = [case.predicted(n)] + [case.predicted(n, [{**case.taps[0], "delay_s": d / case.rate}]) for d in later]
-    power, c = left(case.y[n.astype(int)], columns)
-    assert power < 1.5 * case.noise + 0.02 * (10 ** (case.fit["twin_nmse_db"] / 10) * case.recorded_power)
+    brief = lambda c: value(c.truth["effects"][0], "decay_s") * c.rate < 25  # noqa: E731
+    case, e = drawn(name, "diffuse_tail", tmp_path, monkeypatch, accept=brief)
+    start, stop = (int(round(d * case.rate)) for d in e["where"]["delay_s"])
+    reach = 3 * (stop - start) + 8
+    n = np.arange(2000.0, 2000 + 8 * reach)
+    early = np.arange(n[0] - start - reach, n[-1] + 8)  # one run of samples holds all the echoes
+    x = case.amplitude * case.sent(early - case.fit["delay_samples"])
+    turn = np.exp(2j * np.pi * case.offset * n / case.rate)
+    echoes = [x[start + reach - d :][: len(n)] * turn for d in range(start - 4, start + reach)]
+    y, base = case.y[n.astype(int)], case.predicted(n)
+    power, _ = left(y, [base, *echoes])
+    assert power < 1.25 * case.noise + 0.03 * left(y, [base])[0]
 
 
 @pytest.mark.parametrize("name", WORLDS)
 def test_phase_noise_has_the_rms_that_is_told(name, tmp_path, monkeypatch):
-    steady = lambda c: len(c.taps) == 1 and np.abs(c.wave).min() > 0.5 * np.abs(c.wave).max()  # noqa: E731
+    def steady(c):
+        even = np.abs(c.wave).min() > 0.5 * np.abs(c.wave).max()
+        return len(c.taps) == 1 and even and c.fit["snr_db"] > 12 and value(c.truth["effects"][0], "rms_rad") < 0.4
+
     case, e = drawn(name, "phase_noise", tmp_path, monkeypatch, accept=steady)
-    n = np.arange(40, len(case.y) - 40, 7).astype(float)[:1500]
-    n = np.linspace(40, len(case.y) - 41, 1500).astype(int).astype(float)
+    n = np.linspace(40, len(case.y) - 41, 800).astype(int).astype(float)
     base = case.predicted(n)
     g = np.vdot(base, case.y[n.astype(int)]) / np.vdot(base, base)
-    phase = np.unwrap(np.angle(case.y[n.astype(int)] / (g * base)))
+    phase = np.angle(case.y[n.astype(int)] / (g * base))
     noise = case.noise / 2 * np.mean(1 / np.abs(g * base) ** 2)
     line = np.polyval(np.polyfit(n, phase, 1), n)
     got = np.mean((phase - line) ** 2) - noise
@@ -365,9 +370,9 @@ def test_what_a_right_twin_leaves_is_the_floor(tmp_path):
                 told = 10 ** (case.twin["noise"]["rx1"]["power_db"] / 10)
                 assert about(case.noise, told, len(case.y), 1e-3)
             seen += 1
-            if seen == 3:
+            if seen == 2:
                 break
-        assert seen == 3
+        assert seen == 2
 
 
 def test_an_absent_waveform_is_not_there(tmp_path):
