@@ -380,7 +380,7 @@ class TapError(Path):
         elif self.family == "tap_delay_error":
             tap = replace(tap, delay_s=tap.delay_s + self.sign * self.knob)
         else:
-            tap = replace(tap, doppler_hz=tap.doppler_hz + self.sign * self.knob)
+            tap = replace(tap, doppler_hz=tap.doppler_hz + self.sign * self.knob, moving=True)
         return taps[: self.tap] + [tap] + taps[self.tap + 1 :]
 
     def truth(self, contexts):

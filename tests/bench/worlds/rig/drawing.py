@@ -264,10 +264,9 @@ def first_scene(world, rng, family, network=False):
     raise Refused(f"no scene for {family}")
 
 
-def draw_causes(world, rng, kind):
+def draw_causes(world, rng, kind, family):
     count = {"single": 1, "double": 2, "triple": 3}[kind]
     families = list(world.menu)
-    family = families[rng.integers(len(families))]
     scene, cause = first_scene(world, rng, family)
     if kind == "triple" and world.bundle is not None and rng.random() < 0.12:
         for _ in range(40):
@@ -288,8 +287,8 @@ def draw_causes(world, rng, kind):
     raise Refused("no company")
 
 
-def explained(world, rng, kind):
-    scene, causes = draw_causes(world, rng, kind)
+def explained(world, rng, kind, family):
+    scene, causes = draw_causes(world, rng, kind, family)
     causes = joined(causes)
     lams = []
     for c in causes:
@@ -431,10 +430,14 @@ KINDS = {"null": null, "network": network, "outside": outside, "ambiguous": ambi
 
 def draw(world, rng, kind, folder):
     """One case of this kind in `folder`; returns its truth."""
-    for _ in range(80):
+    families = list(world.menu)
+    family = ""
+    for attempt in range(80):
+        if attempt % 20 == 0:  # one that is hard to draw is not given up at once
+            family = families[rng.integers(len(families))]
         try:
             if kind in ("single", "double", "triple"):
-                scene, samples, truth = explained(world, rng, kind)
+                scene, samples, truth = explained(world, rng, kind, family)
             else:
                 scene, samples, truth = KINDS[kind](world, rng)
         except Refused:

@@ -19,7 +19,8 @@ RECEIVE = ("rx_lo", "rx_filter", "rx_gain", "rx_clock", "rx_iq", "rx_dc", "late"
 
 @dataclass(kw_only=True)
 class Tap:
-    """One path; `course` is a complex gain over the grid that replaces `gain` where a path changes."""
+    """One path; `course` is a complex gain over the grid that replaces `gain` where a path changes; moving: its Doppler shift
+    moves its delay too. The twin's own paths turn their phase alone, as the contract predicts them."""
 
     delay_s: float
     gain: complex
@@ -30,7 +31,7 @@ class Tap:
     @staticmethod
     def of(entry):
         gain = 10 ** (entry["gain_db"] / 20) * np.exp(1j * entry["phase_rad"])
-        return Tap(delay_s=entry["delay_s"], gain=gain, doppler_hz=entry["doppler_hz"])
+        return Tap(delay_s=entry["delay_s"], gain=gain, doppler_hz=entry["doppler_hz"], moving=False)
 
 
 @dataclass(kw_only=True)

@@ -417,14 +417,11 @@ class World:
 
     # ------------------------------------------------------------ environment
     def second(self, rng, scene):
-        wave = self.neighbour(rng, scene)
+        wave = scene.waves.get("w9") or self.neighbour(rng, scene)
         if wave is None:
             return None
-        if "w9" not in scene.waves:
-            scene.waves["w9"] = wave
+        scene.waves["w9"] = wave
         delay = rng.uniform(0, len(wave.samples))
-        if not wave.repeat:
-            return None
         return c.SecondTransmitter(wave="w9", knob=0.05, lo=1e-4, hi=0.9, delay=delay, form=wave.name)
 
     def tone(self, rng, scene):
@@ -568,7 +565,9 @@ def level(rng, scene, snr_db):
 
 
 def know_offset(rng, scene, hz, *, refined=False, level="rx"):
-    """The twin lists a carrier offset: fixed, or to be refined within its std."""
+    """The twin lists a carrier offset: fixed, or to be refined within its std. Over several paths it is the receiver's, which
+    turns them all alike."""
+    level = "rx" if len(scene.links[("tx1", "rx1")]) > 1 else level
     name = scene.receivers[0] if level == "rx" else next(iter(scene.transmitters))
     std = float(log(rng, 0.5, 3.0) / scene.duration) if refined else 0.0
     told = round(float(hz + std * rng.standard_normal()), 3)
@@ -658,11 +657,11 @@ def grid_network(
             r.gain = rms * 10 ** (rng.uniform(-4, 0) / 20) / np.sqrt(power) * np.exp(1j * rng.uniform(-np.pi, np.pi))
         scene.noise[rx] = sigma2
     scene.cache.clear()
-    for tx in txs if offset_hz else []:
+    for rx in rxs if offset_hz else []:
         hz = round(offset_hz * sign(rng) * rng.uniform(0.7, 1.3), 3)
-        scene.known.append(c.CarrierOffset(slot="tx_lo", level="tx", name=tx, knob=abs(hz), sign=np.sign(hz)))
+        scene.known.append(c.CarrierOffset(slot="rx_lo", level="rx", name=rx, knob=abs(hz), sign=np.sign(hz)))
         p = {"offset_hz": {"value": hz, "std": 0.0}, "drift_hz_per_s": {"value": 0.0, "std": 0.0}}
-        scene.twin_effects.append(_entry("carrier_frequency_offset", "tx", tx, p))
+        scene.twin_effects.append(_entry("carrier_frequency_offset", "rx", rx, p))
     scene.cache.clear()
     return scene
 

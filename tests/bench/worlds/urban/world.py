@@ -95,6 +95,9 @@ class Urban(Equipped):
                 lo, longest = self.room(scene, ("tx1", "rx1"))
                 delay = paths[-1]["delay_s"] + log(rng, lo, longest)
                 w.know_path(rng, scene, delay, float(rng.uniform(-25, -8)), float(rng.uniform(-3, 3)))
+        if not still and rng.random() < 0.25:
+            decoy = self.neighbour(rng, scene)
+            scene.waves |= {"w9": decoy} if decoy is not None else {}
         return scene
 
     def network(self, rng):
