@@ -350,6 +350,74 @@ def test_phase_noise_has_the_rms_that_is_told(name, tmp_path, monkeypatch):
     assert abs(got - value(e, "rms_rad") ** 2) < 0.2 * value(e, "rms_rad") ** 2 + 0.2 * noise
 
 
+@pytest.mark.parametrize("name", WORLDS)
+def test_an_amplifier_loses_gain_at_the_largest_amplitude(name, tmp_path, monkeypatch):
+    def direct(c):
+        return len(c.taps) == 1 and c.fit["snr_db"] > 20 and not c.truth["effects"][0]["values"]["memory"]
+
+    case, e = drawn(name, "pa_nonlinearity", tmp_path, monkeypatch, 4e4, accept=direct)
+    n = case.looked_at(np.random.default_rng(1), 1200)
+    x = case.predicted(n)
+    r = np.abs(x) / np.abs(case.amplitude * case.wave).max()
+    power, c = left(case.y[n.astype(int)], [x * r ** (2 * k) for k in range(4)])
+    assert power < 1.3 * case.noise
+    got = -20 * np.log10(abs(np.sum(c) / c[0]))
+    allowed = [value(e, "compression_db"), *e["parameters"]["compression_db"]["also"]]
+    assert min(abs(abs(got) - abs(v)) for v in allowed) < 0.35
+
+
+@pytest.mark.parametrize("name", WORLDS)
+def test_a_filter_has_the_ripple_that_is_told(name, tmp_path, monkeypatch):
+    case, e = drawn(
+        name, "front_end_filter", tmp_path, monkeypatch, 4e4, accept=lambda c: len(c.taps) == 1 and c.fit["snr_db"] > 18
+    )
+    period, t = len(case.wave), np.arange(len(case.y)) / case.rate
+    y = case.y * np.exp(-2j * np.pi * case.offset * t)
+    k = len(y) // period
+    mean = y[: k * period].reshape(k, period).mean(0)
+    s, r = np.fft.fft(case.wave), np.fft.fft(mean)
+    bins = np.argsort(np.fft.fftfreq(period))
+    width = max(8, period // 60)
+    box = np.ones(width) / width
+    density = np.convolve(np.abs(s[bins]) ** 2, box, "same")
+    gain = 10 * np.log10(np.convolve(np.abs(r[bins]) ** 2, box, "same") / density)
+    held = density > 0.02 * density.max()
+    got = gain[held].max() - gain[held].min()
+    allowed = [value(e, "ripple_db"), *e["parameters"]["ripple_db"]["also"]]
+    assert 0.6 * min(allowed) - 0.3 < got < 1.5 * max(allowed) + 0.6
+
+
+@pytest.mark.parametrize("name", WORLDS)
+@pytest.mark.parametrize(
+    "family", ["narrowband_interference", "pulsed_interference", "impulsive_noise", "signal_dependent_noise"]
+)
+def test_what_is_added_has_the_power_that_is_told(name, family, tmp_path, monkeypatch):
+    case, e = drawn(name, family, tmp_path, monkeypatch, accept=lambda c: len(c.taps) == 1)
+    if family == "impulsive_noise":
+        assert np.abs(case.y).max() > 0.3 * 10 ** (value(e, "power_db") / 20)
+        return
+    n = np.arange(2000.0, 6000.0)
+    base = case.predicted(n)
+    y = case.y[n.astype(int)]
+    g = np.vdot(base, y) / np.vdot(base, base)
+    rest, wanted = y - g * base, np.mean(np.abs(g * base) ** 2)
+    if family == "narrowband_interference":
+        s = np.abs(np.fft.fft(rest * np.hanning(len(n)))) ** 2
+        f = np.fft.fftfreq(len(n), 1 / case.rate)
+        inside = np.abs(f - value(e, "frequency_hz")) < 0.75 * value(e, "bandwidth_hz") + 3 * case.rate / len(n)
+        over = s[inside].sum() - np.median(s[~inside]) / np.log(2) * inside.sum()
+        got = 10 * np.log10(over / np.sum(np.hanning(len(n)) ** 2) / len(n) / wanted)
+        assert abs(got - value(e, "power_dbc")) < 3.5
+    elif family == "pulsed_interference":
+        window = max(4, int(0.3 * value(e, "duty_cycle") * value(e, "period_s") * case.rate))
+        loud = np.convolve(np.abs(case.y - 0) ** 2, np.ones(window) / window, "valid")
+        assert loud.max() > 0.4 * (10 ** (value(e, "power_dbc") / 10) + 0.5) * wanted
+    else:
+        told = 10 ** (value(e, "slope_db") / 10)
+        assert about(np.mean(np.abs(rest) ** 2), case.noise, len(n) / 4, 0.1)
+        assert about(case.noise, wanted / 10 ** (case.fit["snr_db"] / 10) * (1 + told), len(n) / 4, 0.1)
+
+
 # ---------------------------------------------------------------- laws of whole worlds
 def test_what_a_right_twin_leaves_is_the_floor(tmp_path):
     for name in WORLDS:

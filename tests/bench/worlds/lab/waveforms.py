@@ -124,6 +124,8 @@ def code(rng):
             {"code": "ga128"},
         ],
     )
+    if hold == 3 and entry["code"] in ("ls", "ga128", "gb128"):
+        hold = 4  # an even period with power at the Nyquist frequency could not be delayed by a fraction
     w = waves.builtin({**entry, "samples_per_chip": hold})
     return again(w, lambda r: random_chips(r, w))
 

@@ -160,6 +160,8 @@ def sounder(rng):
             {"code": "ls"},
         ],
     )
+    if hold == 3 and entry["code"] in ("ls", "ga128", "gb128"):
+        hold = 4  # an even period with power at the Nyquist frequency could not be delayed by a fraction
     w = waves.builtin({**entry, "samples_per_chip": hold})
 
     def other(r):
