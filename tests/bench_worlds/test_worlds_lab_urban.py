@@ -57,10 +57,17 @@ class Case:
         self.taps = [dict(t) for t in self.twin["links"][0]["taps"]]
         self.fit = truth["fit"][0]
         self.noise = 10 ** (self.fit["noise_floor_db"] / 10) * self.recorded_power
-        self.offset, self.ppm = 0.0, 0.0
+        self.offset, self.ppm, self.step = 0.0, 0.0, None
         for e in self.twin["effects"]:
+            p = {k: v["value"] for k, v in e["parameters"].items()}
             if e["family"] == "carrier_frequency_offset":
-                self.offset += e["parameters"]["offset_hz"]["value"]
+                self.offset += p["offset_hz"]
+            elif e["family"] == "sample_clock_offset":
+                self.ppm += p["offset_ppm"]
+            elif e["family"] == "extra_path":
+                self.taps.append(p)
+            else:
+                self.step = (p["time_s"], p["step_db"])
 
     @property
     def recorded_power(self):
@@ -99,7 +106,9 @@ class Case:
         for tap in self.taps if taps is None else taps:
             gain = 10 ** (tap["gain_db"] / 20) * np.exp(1j * tap["phase_rad"] + 2j * np.pi * tap["doppler_hz"] * t)
             delay = tap["delay_s"] * self.rate + self.fit["delay_samples"]
-            out = out + gain * self.amplitude * self.sent(n * (1 + 1e-6 * ppm) - delay)
+            out = out + gain * self.amplitude * self.sent(n * (1 + 1e-6 * (ppm + self.ppm)) - delay)
+        if self.step:
+            out = out * 10 ** (self.step[1] / 20 * (t >= self.step[0] - 1e-12))
         return out * np.exp(2j * np.pi * (self.offset if offset is None else offset) * t)
 
     def looked_at(self, rng, count=LOOKED_AT):
@@ -422,14 +431,13 @@ def test_what_is_added_has_the_power_that_is_told(name, family, tmp_path, monkey
 def test_what_a_right_twin_leaves_is_the_floor(tmp_path):
     for name in WORLDS:
         draw, seen = importlib.import_module(f"worlds.{name}").draw, 0
-        for seed in range(30):
+        for seed in range(40):
             place = tmp_path / f"{name}{seed}"
             truth = draw(np.random.default_rng([seed, 3]), "null", place)
             case = Case(place, truth)
             assert abs(case.fit["twin_nmse_db"] - case.fit["noise_floor_db"]) < 0.02
-            known = {e["family"] for e in case.twin["effects"]} - {"carrier_frequency_offset"}
             stds = [p["std"] for e in case.twin["effects"] for p in e["parameters"].values()]
-            if known or any(stds) or np.isnan(case.wave).any() or not case.repeat:
+            if any(stds) or np.isnan(case.wave).any() or not case.repeat:
                 continue
             n = case.looked_at(np.random.default_rng(seed))
             power, _ = left(case.y[n.astype(int)], [case.predicted(n)])
@@ -441,6 +449,33 @@ def test_what_a_right_twin_leaves_is_the_floor(tmp_path):
             if seen == 2:
                 break
         assert seen == 2
+
+
+@pytest.mark.parametrize("known", ["clock", "step", "path"])
+def test_physics_that_the_twin_lists_is_in_the_recording(known, tmp_path):
+    name = "urban" if known == "path" else "lab"
+    world = the_world(name)
+    draw_scene = world.scene
+
+    def scene(rng, **more):
+        while True:
+            made = draw_scene(rng, still=True, offset=False)
+            if made.wave("tx1").repeat and made.wave("tx1").known is None:
+                break
+        if known == "clock":
+            world_module.know_clock(rng, made, 11.0)
+        elif known == "step":
+            world_module.know_step(rng, made, -1.5)
+        else:
+            world_module.know_path(rng, made, made.links[("tx1", "rx1")][-1]["delay_s"] + 9.3 / made.rate, -8.0, 1.0)
+        return made
+
+    world.scene = scene
+    truth = drawing.draw(world, np.random.default_rng(12), "null", tmp_path / "case")
+    case = Case(tmp_path / "case", truth)
+    n = case.looked_at(np.random.default_rng(1))
+    assert len(case.twin["effects"]) == 1
+    check(case, n, [case.predicted(n)])
 
 
 def test_an_absent_waveform_is_not_there(tmp_path):

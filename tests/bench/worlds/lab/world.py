@@ -75,7 +75,7 @@ class Lab(Equipped):
         if offset is not False and (offset or rng.random() < 0.35):
             hz = w.sign(rng) * log(rng, 12 / scene.duration, 2e-3 * rate)
             w.know_offset(rng, scene, hz, refined=not still and rng.random() < 0.3, level=pick(rng, ["rx", "tx"]))
-        if not still and rng.random() < 0.12 and wave.repeat and wave.known is None:
+        if not still and rng.random() < 0.18 and wave.repeat and wave.known is None:
             kind = int(rng.integers(3))
             if kind == 0:
                 w.know_clock(rng, scene, w.sign(rng) * rng.uniform(0.5, 20), refined=bool(rng.random() < 0.4))

@@ -88,7 +88,7 @@ class Urban(Equipped):
         if offset is not False and (offset or rng.random() < 0.45):
             hz = sign(rng) * min(log(rng, 15 / scene.duration, 5e-3 * rate), 10e-6 * carrier)
             w.know_offset(rng, scene, hz, refined=not still and rng.random() < 0.3, level=pick(rng, ["rx", "rx", "tx"]))
-        if not still and rng.random() < 0.1 and wave.repeat and wave.known is None:
+        if not still and rng.random() < 0.16 and wave.repeat and wave.known is None:
             if rng.random() < 0.5:
                 w.know_clock(rng, scene, sign(rng) * rng.uniform(0.1, 5), refined=bool(rng.random() < 0.4))
             else:
