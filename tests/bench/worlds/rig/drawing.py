@@ -95,9 +95,7 @@ def twin_of(scene):
         "effects": scene.twin_effects,
     }
     if scene.tell_noise:
-        twin["noise"] = {
-            rx: {"power_db": round(10 * np.log10(scene.noise[rx] * stored(scene, rx)), 4)} for rx in scene.receivers
-        }
+        twin["noise"] = {rx: {"power_db": round(10 * np.log10(scene.noise[rx] * stored(scene, rx)), 4)} for rx in scene.receivers}
     return twin
 
 

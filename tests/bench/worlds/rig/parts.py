@@ -28,9 +28,7 @@ class Equipped(World):
     def filter(self, rng, scene):
         level, name = ends(rng, scene)
         response, knob, (lo, hi), form = self.physics.front_end(rng, scene)
-        return c.Filter(
-            slot=slot(level, "filter"), level=level, name=name, knob=knob, lo=lo, hi=hi, response=response, form=form
-        )
+        return c.Filter(slot=slot(level, "filter"), level=level, name=name, knob=knob, lo=lo, hi=hi, response=response, form=form)
 
     def fadings(self, rng, scene):
         return self.physics.fading(rng, scene)

@@ -199,9 +199,7 @@ class World:
         if not self.apart(scene):
             return None
         _, name = ends(rng, scene, ("rx",))
-        return c.DirectCurrent(
-            level="rx", name=name, knob=0.02, lo=1e-5, hi=0.7, angle=rng.uniform(0, 2 * np.pi), form="steady"
-        )
+        return c.DirectCurrent(level="rx", name=name, knob=0.02, lo=1e-5, hi=0.7, angle=rng.uniform(0, 2 * np.pi), form="steady")
 
     def direct_current_decaying(self, rng, scene):
         made = self.direct_current(rng, scene) if self.apart(scene) else None
@@ -644,9 +642,7 @@ def grid_network(
             scene.recordings.append(Recording(name=f"rec_{rx}", receiver=rx, transmitters=txs, gain=1.0, delay=delay, index=n))
     for n, (tx, rx) in enumerate(scene.links if not together else []):
         delay = float(rng.uniform(0, len(scene.wave(tx).samples)))
-        scene.recordings.append(
-            Recording(name=f"rec_{tx}_{rx}", receiver=rx, transmitters=[tx], gain=1.0, delay=delay, index=n)
-        )
+        scene.recordings.append(Recording(name=f"rec_{tx}_{rx}", receiver=rx, transmitters=[tx], gain=1.0, delay=delay, index=n))
     for rx in rxs:
         mine = [r for r in scene.recordings if r.receiver == rx]
         rms = log(rng, 0.03, 0.15)
