@@ -79,7 +79,7 @@ class CarrierOffset(Cause):
         else:
             self.high = 0.02 * scene.rate_hz / self.unit
         late = max(t["delay_s"] for t in scene.taps)
-        if self.level == "tx" and late > 0:             # a transmitter's offset turns late paths too: kept below what can be seen
+        if self.level == "tx" and late > 0:             # a transmitter's offset turns late paths too: kept unseen
             limit = 0.003 / (2 * np.pi * late) / self.unit
             if self.name is None and (limit < self.high or self.form == "far"):
                 self.level = "rx"
@@ -125,7 +125,7 @@ class SampleClock(Cause):
 class PhaseNoise(Cause):
     """forms: wiener, flicker (1/f³), pll (flat inside the loop), hump (white inside, a peak at the loop's edge)."""
     family, stage, levels, random = "phase_noise", "oscillator", ("tx", "rx"), True
-    low, high, start = 1e-4, 1.2, 0.02
+    low, high, start = 1e-4, 0.8, 0.02
 
     def draw(self, rng, scene):
         self.loop = 10 ** rng.uniform(1.0, np.log10(scene.n / 60)) / scene.n       # cycles per sample
@@ -275,7 +275,9 @@ class Amplifier(Cause):
         return out
 
     def truth(self, scene, wanted):
-        lost = lambda r: 20 * np.log10(abs(self.gain(np.array([1e-6]))[0]) / abs(self.gain(np.array([r]))[0]))
+        def lost(r):
+            return 20 * np.log10(abs(self.gain(np.array([1e-6]))[0]) / abs(self.gain(np.array([r]))[0]))
+
         peak = float(np.max(np.abs(scene.sheet().fine))) / self.top
         return ({"compression_db": about(lost(1.0), False, [lost(peak), -lost(1.0)], unsigned=True)},
                 {"memory": self.form == "memory"}, {})
@@ -333,7 +335,8 @@ class GainStep(Cause):
     low, high, start = 1e-3, 12.0, 0.3
 
     def draw(self, rng, scene):
-        where = rng.uniform(0.03, 0.97) if self.form == "inside" else rng.choice([rng.uniform(.002, .01), rng.uniform(.99, .998)])
+        ends = [rng.uniform(0.002, 0.01), rng.uniform(0.99, 0.998)]
+        where = rng.uniform(0.03, 0.97) if self.form == "inside" else rng.choice(ends)
         self.time_s = np.rint(where * scene.n) / scene.rate_hz
         self.sign = rng.choice([-1, 1])
 
@@ -380,7 +383,8 @@ class Hum(Cause):
     switchers = (2e3, 4e3, 8e3, 16e3, 20e3, 33e3, 65e3, 100e3)
 
     def draw(self, rng, scene):
-        fits = [f for f in self.lines + self.switchers if 4 / scene.duration_s < f < min(0.02 * scene.rate_hz, 500 / scene.duration_s)]
+        low, high = 4 / scene.duration_s, min(0.02 * scene.rate_hz, 500 / scene.duration_s)
+        fits = [f for f in self.lines + self.switchers if low < f < high]
         self.frequency = float(rng.choice(fits[:6])) if fits else 20 / scene.duration_s
         if self.frequency >= 2e3:
             self.frequency *= rng.uniform(0.9, 1.1)
@@ -530,8 +534,8 @@ class TapGain(OfTap):
 
     def truth(self, scene, wanted):
         e = self.error()
-        return ({"delay_s": about(self.delay_s, False), "error_db": about(20 * np.log10(abs(e))), "error_rad": about(np.angle(e))}, {},
-                self.place())
+        return ({"delay_s": about(self.delay_s, False), "error_db": about(20 * np.log10(abs(e))),
+                 "error_rad": about(np.angle(e))}, {}, self.place())
 
 
 class TapDelay(OfTap):
@@ -573,7 +577,7 @@ class TapDoppler(OfTap):
 
 
 class TapFading(OfTap):
-    """forms: ring (Jakes), gaussian (Watterson), even (flat spectrum), few (three rays). size: scattered over steady amplitude."""
+    """forms: ring (Jakes), gaussian (Watterson), even (flat spectrum), few (three rays). size: scattered over steady."""
     family, random = "tap_fading", True
     low, high, start = 1e-3, 3.0, 0.1
     needs = {"taps": 1}
@@ -590,7 +594,7 @@ class TapFading(OfTap):
             if self.form == "ring":
                 f = self.spread * np.cos(2 * np.pi * (np.arange(rays) + rng.uniform()) / rays)
             elif self.form == "gaussian":
-                f = self.spread / 2 * np.clip(rng.standard_normal(rays), -2, 2)      # twice the standard deviation is the largest
+                f = self.spread / 2 * np.clip(rng.standard_normal(rays), -2, 2)      # the largest: two standard deviations
             else:
                 f = self.spread * rng.uniform(-1, 1, rays)
                 f[0] = self.spread * rng.choice([-1, 1])
@@ -616,8 +620,8 @@ class TapFading(OfTap):
         k = -20 * np.log10(self.size)
         many = self.spread * scene.duration_s > 8 and self.form != "few" and k > -3
         return ({"delay_s": about(self.delay_s, False), "k_factor_db": about(k, many, [seen]),
-                 "doppler_spread_hz": about(self.spread, False, [self.spread / 2, self.spread / np.sqrt(2), 2 * self.spread])}, {},
-                self.place())
+                 "doppler_spread_hz": about(self.spread, False, [self.spread / 2, self.spread / np.sqrt(2), 2 * self.spread])},
+                {}, self.place())
 
 
 class Tail(Cause):
@@ -708,7 +712,8 @@ class Tone(Cause):
         return self.size * scene.air_rms() * np.exp(1j * (2 * np.pi * self.frequency * t + self.phase))
 
     def truth(self, scene, wanted):
-        return ({"frequency_hz": about(self.frequency), "power_dbc": about(db((self.size * scene.air_rms()) ** 2 / wanted))}, {},
+        power = db((self.size * scene.air_rms()) ** 2 / wanted)
+        return ({"frequency_hz": about(self.frequency), "power_dbc": about(power)}, {},
                 {"frequency_hz": [self.frequency, self.frequency]})
 
 
@@ -751,8 +756,8 @@ class Narrowband(Cause):
         return scene.n * (np.log1p(ratio) - self.width * np.log1p(ratio / self.width))
 
     def truth(self, scene, wanted):
-        half = self.width * scene.rate_hz / 2
-        return ({"frequency_hz": about(self.frequency, False), "power_dbc": about(db((self.size * scene.air_rms()) ** 2 / wanted), False),
+        half, power = self.width * scene.rate_hz / 2, db((self.size * scene.air_rms()) ** 2 / wanted)
+        return ({"frequency_hz": about(self.frequency, False), "power_dbc": about(power, False),
                  "bandwidth_hz": about(2 * half, False)}, {}, {"frequency_hz": [self.frequency - half, self.frequency + half]})
 
 
@@ -853,7 +858,8 @@ class Impulses(Cause):
         power = db(self.size ** 2 * scene.noise)
         energy = db(np.sum(np.abs(x) ** 2) / count)
         rate = count / len(x) * scene.rate_hz
-        return ({"rate_hz": about(rate, False), "power_db": about(power, False, [power + energy, power - db(scene.noise)])}, {}, {})
+        also = [power + energy, power - db(scene.noise)]
+        return {"rate_hz": about(rate, False), "power_db": about(power, False, also)}, {}, {}
 
 
 # ---------------------------------------------------------------- the floor
@@ -931,11 +937,12 @@ class Inversion(Cause):
     low = high = start = 1.0
 
 
-ORDER = ["tx_iq", "tx_leak", "tx_filter", "pa", "clock", "oscillator", "gain", "path", "tail", "second", "air", "floor", "inversion",
-         "rx_iq", "dc", "clip", "steps", "loss", "foreign_channel", "foreign_gain"]
-FAMILIES = {c.family: c for c in (CarrierOffset, SampleClock, PhaseNoise, Imbalance, Constant, Leak, Amplifier, Clipping, Steps, GainStep,
-                                  GainDrift, Hum, FrontEnd, ExtraPath, MissingPath, TapGain, TapDelay, TapDoppler, TapFading, Tail,
-                                  SecondTransmitter, Tone, Narrowband, Pulses, Impulses, Floor, SignalNoise, Loss, Inversion)}
+ORDER = ["tx_iq", "tx_leak", "tx_filter", "pa", "clock", "oscillator", "gain", "path", "tail", "second", "air", "floor",
+         "inversion", "rx_iq", "dc", "clip", "steps", "loss", "foreign_channel", "foreign_gain"]
+FAMILIES = {c.family: c for c in (
+    CarrierOffset, SampleClock, PhaseNoise, Imbalance, Constant, Leak, Amplifier, Clipping, Steps, GainStep, GainDrift, Hum,
+    FrontEnd, ExtraPath, MissingPath, TapGain, TapDelay, TapDoppler, TapFading, Tail, SecondTransmitter, Tone, Narrowband,
+    Pulses, Impulses, Floor, SignalNoise, Loss, Inversion)}
 
 
 def in_order(causes):

@@ -217,10 +217,16 @@ class Prediction:
         scene.delay = kept
         return out
 
+    def around(self, later):
+        return self.evaluated(later), (self.evaluated(later + 0.05) - self.evaluated(later - 0.05)) / 0.1
+
     def left(self, y):
-        """Residual after the fit, by the tangent; followed once more where the delay moved far."""
-        p, d, moved = self.at, self.slope, 0.0
-        for _ in range(4):
+        """Residual after the fit: the nearest whole sample, then by the tangent, followed where the delay still moves."""
+        shifts = range(-12, 13)
+        near = [abs(np.vdot(np.roll(self.at, k)[16:-16], y[16:-16])) for k in shifts]
+        moved = float(shifts[int(np.argmax(near))]) if max(near) > 1.001 * near[12] else 0.0
+        p, d = (self.at, self.slope) if moved == 0 else self.around(moved)
+        for _ in range(10):
             c = np.vdot(p, y) / np.vdot(p, p).real
             if abs(c) == 0:
                 return y
@@ -230,7 +236,6 @@ class Prediction:
             if abs(solution[2]) < 0.02:
                 return y - basis @ solution
             moved += float(np.clip(solution[2], -0.5, 0.5))
-            p = self.evaluated(moved)
-            d = (self.evaluated(moved + 0.05) - self.evaluated(moved - 0.05)) / 0.1
+            p, d = self.around(moved)
         c = np.vdot(p, y) / np.vdot(p, p).real
         return y - c * p

@@ -14,10 +14,13 @@ from .causes import FAMILIES, in_order
 from .chain import Prediction, received
 from .foreign import KINDS
 
+PAIRS = ("direct_current", "floor", "mirror", "image", "short_tail", "slow_hum", "same_code")
+
 # Of each group a case has at most one: together they would explain one another.
 APART = [
     {"dc_offset", "lo_leakage", "spectral_inversion"},
-    {"noise_floor", "signal_dependent_noise", "impulsive_noise", "pulsed_interference", "narrowband_interference", "quantization"},
+    {"noise_floor", "signal_dependent_noise", "impulsive_noise", "pulsed_interference", "narrowband_interference",
+     "quantization"},
     {"front_end_filter", "diffuse_tail", "tap_delay_error"},
     {"extra_path", "diffuse_tail", "second_transmitter"},
     {"missing_path", "tap_gain_error", "tap_delay_error", "tap_doppler", "tap_fading"},
@@ -33,6 +36,12 @@ APART = [
     {"adc_clipping", "pa_nonlinearity", "quantization"},
     {"adc_clipping", "tap_fading"},
 ]
+
+
+# What one recording of each link cannot tell apart, and what a network shows as well as a link does.
+NEVER = {"second_transmitter", "lo_leakage", "dc_offset", "tap_fading", "spectral_inversion", "impulsive_noise"}
+SELDOM = {"sample_loss", "diffuse_tail", "missing_path", "tap_gain_error", "tap_delay_error", "tap_doppler", "gain_step",
+          "gain_drift", "phase_noise", "adc_clipping", "quantization", "pulsed_interference"}
 
 
 class Unfit(Exception):
@@ -61,8 +70,7 @@ def nats(cause, scene, prediction):
 
 
 def total_nats(cause, scenes, predictions):
-    place = lambda s: {"tx": s.tx, "rx": s.rx, "link": f"{s.tx}>{s.rx}"}.get(cause.level)
-    return sum(nats(cause, s, p) for s, p in zip(scenes, predictions, strict=True) if cause.name in (None, place(s)) or place(s) is None)
+    return sum(nats(cause, s, p) for s, p in zip(scenes, predictions, strict=True) if shows(cause, s))
 
 
 def sized(cause, scenes, predictions, target):
@@ -133,9 +141,9 @@ def truth_of(kind, folder, scenes, effects, fits, **more):
     return {"kind": kind, "verdicts_ok": [verdict], "ambiguous": None, "tolerated": [], "harmless": [], "never_claim": [],
             "case": Path(folder).name, "effects": effects, "fit": fits, "tap_delays_s": [t["delay_s"] for t in scene.taps],
             "network": kind == "network",
-            "conditions": {"sample_rate_hz": scene.rate_hz, "samples": scene.n, "taps": len(scene.taps), "waveform": scene.wave.name,
-                           "samples_per_chip": scene.wave.samples_per_chip, "duration_s": scene.duration_s,
-                           "period_samples": scene.wave.period}, **more}
+            "conditions": {"sample_rate_hz": scene.rate_hz, "samples": scene.n, "taps": len(scene.taps),
+                           "waveform": scene.wave.name, "samples_per_chip": scene.wave.samples_per_chip,
+                           "duration_s": scene.duration_s, "period_samples": scene.wave.period}, **more}
 
 
 # ---------------------------------------------------------------- recording and files
@@ -159,6 +167,8 @@ def fits_file(scene, causes):
     """The converter must not clip by itself: a file type that would is replaced."""
     if scene.datatype == "cf32_le":
         return
+    if any(c.stage in ("clip", "steps") for c in causes) and files.STEP[scene.datatype] > 1e-3:
+        scene.datatype = "ci16_le"                         # rails and steps that the file's own would blur
     peak = np.max(np.abs(received(scene, in_order([*scene.known, *causes])))) + 4.5 * np.sqrt(scene.noise)
     if peak > 0.99 or scene.noise < 1.3 * files.STEP[scene.datatype] ** 2:
         scene.datatype = "cf32_le" if peak > 0.99 else "ci16_le"
@@ -257,11 +267,11 @@ def check(causes, shown, least=5.0):
         raise Unfit("hidden")
 
 
-def several(world, rng, folder, kind):
+def several(world, rng, folder, kind, plan, families=None):
     count = {"single": 1, "double": 2, "triple": 3}[kind]
-    special = rng.uniform() < 0.12 * (count > 1)
-    form = str(rng.choice(["joints", "oscillator", "one_tap"])) if special else None
-    families = families_of(world, rng, count)
+    special = plan.uniform() < 0.12 * (count > 1)
+    form = str(plan.choice(["joints", "oscillator", "one_tap"])) if special and not families else None
+    families = families or families_of(world, plan, count)
     if form == "joints":
         families = ["sample_loss"] * count
     elif form == "oscillator":
@@ -295,16 +305,18 @@ def several(world, rng, folder, kind):
     return finish(folder, rng, kind, [scene], causes, shown, [predicted])
 
 
-def null(world, rng, folder, kind):
-    how = str(rng.choice(["plain", "plain", "faint", "faint", "faint", "listed", "refined"]))
+def null(world, rng, folder, kind, plan, families=None):
+    how = str(plan.choice(["plain", "plain", "faint", "faint", "faint", "listed", "refined"]))
     scene = world.scene(rng, {})
     predicted = Prediction(scene)
     causes, shown, listed = [], [], None
     if how == "faint":                                   # imperfections far below what can be seen
         count = int(rng.integers(1, 4))
+        sharp = ("second_transmitter", "quantization", "adc_clipping")            # a lattice shows whatever its energy
         names = [f for f in families_of(world, rng, count)
-                 if FAMILIES[f].low < FAMILIES[f].high and not (FAMILIES[f].needs.get("offset") and not scene.offset_hz)
-                 and FAMILIES[f].needs.get("taps", 1) <= len(scene.taps) and f != "second_transmitter"]
+                 if f not in sharp and FAMILIES[f].low < FAMILIES[f].high
+                 and (scene.offset_hz or not FAMILIES[f].needs.get("offset"))
+                 and FAMILIES[f].needs.get("taps", 1) <= len(scene.taps)]
         for f in names:
             c = make(world, rng, f, scene, form=None if f != "carrier_frequency_offset" else "still")
             c.low = 1e-9
@@ -330,22 +342,21 @@ def null(world, rng, folder, kind):
     return finish(folder, rng, kind, [scene], causes, shown, [predicted], listed)
 
 
-def network(world, rng, folder, kind):
+def network(world, rng, folder, kind, plan, families=None):
+    count = int(plan.integers(1, 3))
+    names = families or families_of(world, plan, count)
+    together = plan.uniform() < 0.2 and not families
+    rare = [plan.uniform() < 0.8 for _ in names]
+    if not families and not together and any(f in NEVER or f in SELDOM and x for f, x in zip(names, rare, strict=True)):
+        raise Unfit("not in a network")
     scenes = world.network(rng)
     predictions = [Prediction(s) for s in scenes]
-    count = int(rng.integers(1, 3))
-    names = [f for f in families_of(world, rng, count)]
-    banned = {"dc_offset", "lo_leakage", "second_transmitter", "sample_loss", "spectral_inversion", "tap_fading", "diffuse_tail",
-              "missing_path", "tap_gain_error", "tap_delay_error", "tap_doppler", "gain_step", "gain_drift", "phase_noise",
-              "adc_clipping", "quantization", "impulsive_noise", "pulsed_interference"}
     tx = sorted({s.tx for s in scenes})
     rx = sorted({s.rx for s in scenes})
-    if rng.uniform() < 0.25:
+    if together:                                            # one oscillator: its node's carrier and clock
         names = ["carrier_frequency_offset", "sample_clock_offset"][:max(count, 1)]
     causes, shown = [], []
     for f in names:
-        if f in banned and rng.uniform() < 0.8 or f in ("second_transmitter", "lo_leakage", "dc_offset", "tap_fading", "spectral_inversion"):
-            raise Unfit("not in a network")
         cls = FAMILIES[f]
         level = str(rng.choice(cls.levels))
         shared = names[0] == "carrier_frequency_offset" and f == "sample_clock_offset" and causes
@@ -367,14 +378,13 @@ def network(world, rng, folder, kind):
         if cls.needs.get("complex") and wave.real or cls.needs.get("envelope") and wave.flat:
             raise Unfit("waveform")
         s = max(options, key=lambda s: max(t["delay_s"] for t in s.taps))
-        c = make(world, rng, f, s, level, name, form="both" if shared or f == "carrier_frequency_offset" and count > 1 else None)
+        form = "both" if shared or f == "carrier_frequency_offset" and count > 1 else None
+        c = make(world, rng, f, s, level, name, form)
         if getattr(c, "form", "") == "far":
             raise Unfit("far")
         if shared:
             c.sign, c.low = np.sign(causes[0].offset_hz), abs(causes[0].offset_hz) / s.carrier_hz * 1e6
             c.high = c.low
-        if c.family == "impulsive_noise" or level == "environment" and cls.family == "second_transmitter":
-            raise Unfit("one receiver")
         c, x = sized(c, scenes, predictions, max(100.0, target(rng)))
         causes.append(c)
         shown.append(x)
@@ -382,8 +392,8 @@ def network(world, rng, folder, kind):
     return finish(folder, rng, kind, scenes, causes, shown, predictions)
 
 
-def outside(world, rng, folder, kind):
-    cls = KINDS[str(rng.choice(world.strangers))]
+def outside(world, rng, folder, kind, plan, families=None):
+    cls = KINDS[families[0] if families else str(plan.choice(world.strangers))]
     scene = world.scene(rng, wants(cls))
     if cls.family == "outside:clock_wander" and scene.known:
         raise Unfit("clock")
@@ -394,8 +404,8 @@ def outside(world, rng, folder, kind):
     return finish(folder, rng, kind, [scene], [cause], [shown], [predicted], tolerated=list(cls.tolerated))
 
 
-def ambiguous(world, rng, folder, kind):
-    pair = str(rng.choice(["direct_current", "floor", "mirror", "image", "short_tail", "slow_hum", "same_code"]))
+def ambiguous(world, rng, folder, kind, plan, families=None):
+    pair = families[0] if families else str(plan.choice(PAIRS))
     level = 10 ** rng.uniform(2.3, 4.5)
     flat = {"offset": False, "known": False}
     if pair == "direct_current":
@@ -436,7 +446,8 @@ def ambiguous(world, rng, folder, kind):
         cause.first = 0.5
     elif pair == "slow_hum":                               # under a twelfth of a cycle, near the zero crossing: a line
         cause.frequency = rng.uniform(0.02, 0.06) / scene.duration_s
-        cause.phase = np.array([rng.choice([-1, 1]) * np.pi / 2 + rng.uniform(-0.05, 0.05) - np.pi * cause.frequency * scene.duration_s, 0, 0])
+        middle = rng.choice([-1, 1]) * np.pi / 2 + rng.uniform(-0.05, 0.05)
+        cause.phase = np.array([middle - np.pi * cause.frequency * scene.duration_s, 0, 0])
         cause.high = 0.8
     elif pair == "image" or pair == "mirror":
         turn = scene.taps[1]["phase_rad"] - scene.taps[0]["phase_rad"]
@@ -452,13 +463,13 @@ def ambiguous(world, rng, folder, kind):
     return out
 
 
-def absent(world, rng, folder, kind):
+def absent(world, rng, folder, kind, plan, families=None):
     """The waveform is not in the recording: noise, another waveform, a blocker, or a signal far below detection."""
-    how = str(rng.choice(["noise", "other", "other", "faint", "blocker", "blocker"]))
+    how = families[0] if families else str(plan.choice(["noise", "other", "other", "faint", "blocker", "blocker"]))
     scene = world.scene(rng, {"unique": True, "known": False})
     tolerated, there = [], []
     if how == "blocker":
-        family = str(rng.choice([f for f in ("tone_interference", "narrowband_interference", "pulsed_interference") if f in world.menu]))
+        family = str(rng.choice(["tone_interference", "narrowband_interference", "pulsed_interference"]))
         cause = make(world, rng, family, scene)
         c = cause.sized(10 ** rng.uniform(-0.3, 0.5))
         there, tolerated = [c], [family]
@@ -482,8 +493,9 @@ def absent(world, rng, folder, kind):
     if peak > 30 and how != "blocker":
         raise Unfit("something of the waveform is there")
     write(folder, [scene], [y], [], [])
-    fit = {"recording": scene.stem, "twin_nmse_db": float(10 * np.log10(np.mean(np.abs(predicted.left(y)) ** 2) / np.mean(np.abs(y) ** 2))),
-           "noise_floor_db": 0.0, "snr_db": -99.0, "delay_samples": 0.0, "gain": 0.0, "phase_rad": 0.0}
+    share = np.mean(np.abs(predicted.left(y)) ** 2) / np.mean(np.abs(y) ** 2)
+    fit = {"recording": scene.stem, "twin_nmse_db": float(10 * np.log10(share)), "noise_floor_db": 0.0, "snr_db": -99.0,
+           "delay_samples": 0.0, "gain": 0.0, "phase_rad": 0.0}
     effects = [{"family": f"outside:absent_{how}", "owner": {"level": "environment", "name": "environment"},
                 "owners_ok": ["environment", f"{scene.tx}>{scene.rx}"], "parameters": {}, "values": {}, "where": {},
                 "recordings": [scene.stem], "lambda": float(np.mean(np.abs(y) ** 2) / scene.noise * scene.n), "same_as": []}]
@@ -507,14 +519,15 @@ KIND = {"null": null, "single": several, "double": several, "triple": several, "
         "ambiguous": ambiguous, "absent": absent}
 
 
-def case(world, rng, kind, folder):
-    """Writes a case into the folder; its truth."""
+def case(world, rng, kind, folder, families=None):
+    """Writes a case into the folder; its truth. families: those that it is to hold (or the pair, stranger or absence)."""
     if kind not in KIND:
         raise ValueError(f"kind: got {kind!r}, expected one of {sorted(KIND)}")
-    for _ in range(400):
-        try:
-            return KIND[kind](world, rng, folder, kind)
-        except Unfit:
-            continue
-    raise RuntimeError(f"{world.name}: no {kind} case found in 400 tries")
-
+    for _ in range(25):
+        seed = int(rng.integers(2 ** 62))                     # what the case is about; kept until a scene shows it
+        for _ in range(30):
+            try:
+                return KIND[kind](world, rng, folder, kind, np.random.default_rng(seed), families)
+            except Unfit:
+                continue
+    raise RuntimeError(f"{world.name}: no {kind} case found in 750 tries")

@@ -99,7 +99,8 @@ class Blades(Foreign):
 
 class Blanking(Foreign):
     """A receiver muted while a transmitter beside it is on the air, at irregular moments."""
-    family, stage, tolerated = "outside:blanking", "foreign_gain", ("gain_step", "sample_loss", "tap_fading", "pulsed_interference")
+    family, stage = "outside:blanking", "foreign_gain"
+    tolerated = ("gain_step", "sample_loss", "tap_fading", "pulsed_interference")
     low, high, start = 0.02, 1.0, 0.3
 
     def more(self, rng, scene):
@@ -301,5 +302,6 @@ class SecondOrder(Foreign):
         return x + self.size * np.exp(1j * self.turn) * np.abs(x) ** 2 / self.level_rms
 
 
-KINDS = {c.__name__: c for c in (Glitch, Hop, WarmUp, Pumping, Blades, Blanking, CoChannel, Keyed, Sweeper, Hopper, NoiseBurst, Symbols,
-                                 ShiftedStretch, RepeatedStretch, VaryingFilter, ClockWander, ColouredImage, SecondOrder)}
+KINDS = {c.__name__: c for c in (
+    Glitch, Hop, WarmUp, Pumping, Blades, Blanking, CoChannel, Keyed, Sweeper, Hopper, NoiseBurst, Symbols, ShiftedStretch,
+    RepeatedStretch, VaryingFilter, ClockWander, ColouredImage, SecondOrder)}

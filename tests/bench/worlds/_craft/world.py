@@ -40,7 +40,8 @@ class World:
         fit = [m for m in self.makers
                if not (needs.get("complex") and m.real) and not (needs.get("envelope") and m.flat)
                and not (needs.get("real") and not m.real) and not (needs.get("flat") and not m.flat)
-               and not ((needs.get("repeat") or needs.get("same_code")) and not m.repeat) and not (needs.get("unique") and not m.unique)]
+               and not ((needs.get("repeat") or needs.get("same_code")) and not m.repeat)
+               and not (needs.get("unique") and not m.unique)]
         return fit[int(rng.integers(len(fit)))]
 
     def length(self, rng, wave):
@@ -82,8 +83,8 @@ class World:
         elif needs.get("offset") is None and count > 1 and rng.uniform() < 0.3:
             taps = [t if k == 0 else {**t, "doppler_hz": float(f"{rng.uniform(-8, 8) * unit:.4g}")} for k, t in enumerate(taps)]
         delay = rng.uniform(0, wave.period) if wave.repeat else rng.uniform(100, max(101, n - wave.period - 400))
-        scene = Scene(rate_hz=rate, carrier_hz=carrier, wave=wave, amplitude=round(float(rng.uniform(0.4, 1.0)), 3), taps=taps, n=n,
-                      delay=float(delay), gain=1.0 + 0j, noise=1e-12, datatype="cf32_le",
+        scene = Scene(rate_hz=rate, carrier_hz=carrier, wave=wave, amplitude=round(float(rng.uniform(0.4, 1.0)), 3),
+                      taps=taps, n=n, delay=float(delay), gain=1.0 + 0j, noise=1e-12, datatype="cf32_le",
                       states_noise=bool(needs.get("states_noise", rng.uniform() < 0.75)))
         if offset and known:
             scene.known = [known_offset(rng, scene, hz)]
@@ -100,7 +101,8 @@ class World:
     def levels(self, rng, scene, datatype=None):
         """Gain and noise: the file's type takes the peaks, and its steps are finer than the noise."""
         kinds = list(self.types)
-        scene.datatype = datatype or str(rng.choice(kinds, p=np.array([self.types[k] for k in kinds]) / sum(self.types.values())))
+        shares = np.array([self.types[k] for k in kinds]) / sum(self.types.values())
+        scene.datatype = datatype or str(rng.choice(kinds, p=shares))
         y = received(scene, scene.known)
         power, peak = np.mean(np.abs(y) ** 2), np.max(np.abs(y))
         snr = 10 ** (rng.uniform(*self.snr_db) / 10)
@@ -136,7 +138,8 @@ class World:
                 count = int(rng.integers(1, 4))
                 scene = Scene(rate_hz=rate, carrier_hz=carrier, wave=waves[i], amplitude=float(amplitudes[i]),
                               taps=self.paths(rng, waves[i], count, rate), n=n, delay=float(rng.uniform(0, waves[i].period)),
-                              gain=1.0 + 0j, noise=1e-12, datatype=kind, tx=f"tx{i + 1}", rx=f"rx{j + 1}", stem=f"rec_tx{i + 1}_rx{j + 1}")
+                              gain=1.0 + 0j, noise=1e-12, datatype=kind, tx=f"tx{i + 1}", rx=f"rx{j + 1}",
+                              stem=f"rec_tx{i + 1}_rx{j + 1}")
                 self.levels(rng, scene, kind)
                 scenes.append(scene)
         for j in range(receivers):                                           # a receiver has one noise, and one air
@@ -163,7 +166,7 @@ def recipe(build, **traits):
 
         def again(other):
             samples, more = build(other, length)
-            return Wave(samples=samples, extra={"again": again}, **{**more, "repeat": more.get("repeat", traits.get("repeat", True)),
-                        "real": traits.get("real", False), "flat": traits.get("flat", False), "unique": traits.get("unique", True)})
+            own = {"repeat": True, "real": False, "flat": False, "unique": True, **traits, **more}
+            return Wave(samples=samples, extra={"again": again}, **own)
         return again(rng)
     return make

@@ -39,7 +39,8 @@ def ofdm(rng, length):
     """Preambles of an OFDM network, repeated without a gap."""
     period, count = length
     x = _ofdm_symbols(rng, count)
-    return normal(_between(x, period)), dict(name="ofdm", band=min(0.92, 0.83 * len(x) / period), samples_per_chip=max(1, round(period / len(x))))
+    x = normal(_between(x, period))
+    return x, dict(name="ofdm", band=min(0.92, 0.83 * len(x) / period), samples_per_chip=max(1, round(period / len(x))))
 
 
 ofdm.lengths = lambda rng: (lambda p: (p, int(p / 80 / rng.uniform(1.2, 2.5))))(odd(rng))
@@ -74,7 +75,8 @@ def gfsk(rng, length):
     """Gaussian FSK of BT 0.5, index near a third."""
     period, count = length
     bits = rng.choice([-1.0, 1.0], count)
-    return normal(shift_keyed(bits, period, 0.32, 0.5), 0.9), dict(name="gfsk", band=min(0.9, 1.2 * count / period), samples_per_chip=round(period / count))
+    x = normal(shift_keyed(bits, period, 0.32, 0.5), 0.9)
+    return x, dict(name="gfsk", band=min(0.9, 1.2 * count / period), samples_per_chip=round(period / count))
 
 
 gfsk.lengths = lambda rng: (lambda p: (p, int(p / rng.uniform(2.2, 4.0))))(odd(rng))
@@ -110,7 +112,7 @@ def pulses(rng, period):
     raster[rng.uniform(size=len(raster)) < 0.6] = 1
     raster *= rng.choice([-1.0, 1.0], len(raster))
     x = shaped(raster, period, lambda f: np.exp(-(f / 2.2) ** 2) * (1 - np.exp(-(f / 0.3) ** 2)))
-    return normal(x.real), dict(name="pulses", band=0.75, samples_per_chip=6)
+    return normal(x.real), dict(name="pulses", band=0.95, samples_per_chip=6)
 
 
 pulses.lengths = odd
@@ -142,7 +144,8 @@ def sounding(rng, length):
     taps = {511: ((5, 9), (4, 9), (3, 4, 6, 9), (4, 5, 8, 9), (1, 4, 8, 9), (2, 3, 5, 9)),
             1023: ((3, 10), (7, 10), (2, 3, 8, 10), (1, 3, 4, 10), (1, 5, 8, 10), (2, 4, 9, 10))}[count]
     chips = 1.0 - 2.0 * register(taps[int(rng.integers(len(taps)))], count, int(rng.integers(1, count)))
-    return normal(shaped(chips, period, rectangle).real), dict(name="sounding", band=0.9, samples_per_chip=max(1, round(period / count)))
+    x = normal(shaped(chips, period, rectangle).real)
+    return x, dict(name="sounding", band=0.97, samples_per_chip=max(1, round(period / count)))
 
 
 sounding.lengths = lambda rng: (odd(rng), int(rng.choice([511, 1023])))
@@ -167,7 +170,8 @@ def packets(rng, length):
     for _ in range(count):
         parts += [_ofdm_symbols(rng, int(rng.integers(8, 20))) * rng.uniform(0.7, 1.0), np.zeros(int(rng.integers(60, 400)))]
     x = np.concatenate(parts)
-    return normal(_between(x, int(len(x) * over))), dict(name="packets", band=min(0.92, 0.83 / over), samples_per_chip=max(1, round(over)))
+    x = normal(_between(x, int(len(x) * over)))
+    return x, dict(name="packets", band=min(0.92, 0.83 / over), samples_per_chip=max(1, round(over)))
 
 
 packets.lengths = lambda rng: (float(rng.choice([1.25, 1.6, 2.0])), int(rng.integers(12, 22)))

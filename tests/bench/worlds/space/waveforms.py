@@ -17,7 +17,7 @@ def gnss(rng, period):
     g1 = register((3, 10), 1023, 1023)
     g2 = register((2, 3, 6, 8, 9, 10), 1023, 1023)
     chips = 1.0 - 2.0 * (g1 ^ np.roll(g2, int(rng.integers(1, 1023))))
-    return normal(shaped(chips, period, rectangle).real), dict(name="gnss", band=0.9, samples_per_chip=2)
+    return normal(shaped(chips, period, rectangle).real), dict(name="gnss", band=0.97, samples_per_chip=2)
 
 
 gnss.lengths = odd
@@ -29,7 +29,7 @@ def boc(rng, period):
     b = register((3, 4, 6, 9), 511, 511)
     chips = 1.0 - 2.0 * (a ^ np.roll(b, int(rng.integers(1, 511))))
     halves = np.stack([chips, -chips], 1).ravel()
-    return normal(shaped(halves, period, rectangle).real), dict(name="boc", band=0.9, samples_per_chip=4)
+    return normal(shaped(halves, period, rectangle).real), dict(name="boc", band=0.97, samples_per_chip=4)
 
 
 boc.lengths = odd
@@ -44,7 +44,7 @@ def qpsk(rng, length):
     period, count = length
     symbols = (1 - 2.0 * _bits(rng, count) + 1j * (1 - 2.0 * _bits(rng, count))) / np.sqrt(2)
     x = shaped(symbols, period, lambda f: root_raised_cosine(f, 0.35))
-    return normal(x), dict(name="ccsds_qpsk", band=1.3 * count / period, samples_per_chip=int(round(period / count)))
+    return normal(x), dict(name="ccsds_qpsk", band=1.3 * count / period, samples_per_chip=round(period / count))
 
 
 def _qpsk_length(rng):
@@ -59,7 +59,7 @@ def offset_qpsk(rng, length):
     period, count = length
     symbols = (1 - 2.0 * _bits(rng, count) + 1j * (1 - 2.0 * _bits(rng, count))) / np.sqrt(2)
     x = shaped(symbols, period, lambda f: root_raised_cosine(f, 0.5), 0.5)
-    return normal(x), dict(name="offset_qpsk", band=1.4 * count / period, samples_per_chip=int(round(period / count)))
+    return normal(x), dict(name="offset_qpsk", band=1.4 * count / period, samples_per_chip=round(period / count))
 
 
 offset_qpsk.lengths = _qpsk_length
@@ -68,7 +68,7 @@ offset_qpsk.lengths = _qpsk_length
 def bpsk(rng, length):
     period, count = length
     x = shaped(1 - 2.0 * _bits(rng, count), period, lambda f: root_raised_cosine(f, 0.5)).real
-    return normal(x), dict(name="ccsds_bpsk", band=1.4 * count / period, samples_per_chip=int(round(period / count)))
+    return normal(x), dict(name="ccsds_bpsk", band=1.4 * count / period, samples_per_chip=round(period / count))
 
 
 bpsk.lengths = _qpsk_length
@@ -80,7 +80,7 @@ def d8psk(rng, length):
     steps = rng.integers(0, 8, count)
     steps[-1] = (-np.sum(steps[:-1])) % 8
     x = shaped(np.exp(2j * np.pi * np.cumsum(steps) / 8), period, lambda f: root_raised_cosine(f, 0.6))
-    return normal(x), dict(name="d8psk", band=1.5 * count / period, samples_per_chip=int(round(period / count)))
+    return normal(x), dict(name="d8psk", band=1.5 * count / period, samples_per_chip=round(period / count))
 
 
 d8psk.lengths = lambda rng: (lambda p: (p, int(p / rng.uniform(2.5, 5.0))))(odd(rng))
@@ -90,7 +90,8 @@ def gmsk(rng, length):
     """As ships': BT 0.4, index a half."""
     period, count = length
     levels = 1 - 2.0 * _bits(rng, count)
-    return normal(shift_keyed(levels, period, 0.5, 0.4), 0.9), dict(name="gmsk", band=min(0.9, 1.2 * count / period), samples_per_chip=int(round(period / count)))
+    x = normal(shift_keyed(levels, period, 0.5, 0.4), 0.9)
+    return x, dict(name="gmsk", band=min(0.9, 1.2 * count / period), samples_per_chip=round(period / count))
 
 
 gmsk.lengths = lambda rng: (lambda p: (p, int(p / rng.uniform(2.5, 5.0))))(odd(rng))
@@ -100,7 +101,8 @@ def eight_fsk(rng, length):
     """Eight tones one symbol rate apart, Gaussian transitions."""
     period, count = length
     tones = rng.integers(0, 8, count) * 2.0 - 7.0
-    return normal(shift_keyed(tones, period, 1.0, 2.0), 0.9), dict(name="eight_fsk", band=min(0.9, 9.0 * count / period), samples_per_chip=int(round(period / count)))
+    x = normal(shift_keyed(tones, period, 1.0, 2.0), 0.9)
+    return x, dict(name="eight_fsk", band=min(0.9, 9.0 * count / period), samples_per_chip=round(period / count))
 
 
 eight_fsk.lengths = lambda rng: (lambda p: (p, int(p / rng.uniform(14, 24))))(odd(rng))
@@ -161,7 +163,7 @@ def frame_qpsk(rng, length):
     edge = int(60 * count / total) + 8
     symbols[:edge] = symbols[-edge:] = 0
     x = shaped(symbols, total, lambda f: root_raised_cosine(f, 0.35))
-    return normal(x), dict(name="frame_qpsk", band=1.3 * count / total, samples_per_chip=int(round(total / count)))
+    return normal(x), dict(name="frame_qpsk", band=1.3 * count / total, samples_per_chip=round(total / count))
 
 
 frame_qpsk.lengths = lambda rng: (lambda n: (int(n / rng.uniform(2.0, 4.0)), n))(int(rng.uniform(20e3, 45e3)))

@@ -9,7 +9,8 @@ def _maker(build, rates, carriers, **traits):
     return Maker(make=recipe(build, **traits), rates=rates, carriers=carriers, **traits)
 
 
-L_BAND, X_BAND, HF, MARINE, AERO = (1.57542e9, 1.2276e9), (2.2e9, 8.4e9), (5.3e6, 7.1e6, 14.2e6, 21.1e6), (161.975e6, 156.5e6), (1.09e9,)
+L_BAND, X_BAND, AERO = (1.57542e9, 1.2276e9), (2.2e9, 8.4e9), (1.09e9,)
+HF, MARINE = (5.3e6, 7.1e6, 14.2e6, 21.1e6), (161.975e6, 156.5e6)
 
 WORLD = World(
     name="space",
