@@ -60,7 +60,7 @@ def at(x, repeat, instants):
 class Model:
     """A case with one recording, read back; `columns` is the contract's formula with these effects in it."""
 
-    def __init__(self, folder, truth, count=500):
+    def __init__(self, folder, truth, count=350):
         self.folder, self.truth = folder, truth
         self.twin = yaml.safe_load((folder / "twin.yaml").read_text())
         self.y = sigmf(folder, "recording")
@@ -74,7 +74,7 @@ class Model:
         self.x, self.repeat = sigmf(folder, wave["file"]), wave["repeat"]
         if not self.repeat:
             first, last = int(self.fit["delay_samples"]), min(self.n, int(self.fit["delay_samples"]) + len(self.x))
-            count = min(count, 250)
+            count = min(count, 120)
         self.index = np.sort(rng.choice(np.arange(first, last), count, replace=False))
 
     def columns(self, effects):
@@ -157,7 +157,7 @@ class Model:
         return wanted, more
 
     def fitted(self, effects):
-        """-> (residual power over the floor, factor of the wanted signal, factors of the columns, standard deviation of those)."""
+        """-> (residual power over the floor, factor of the wanted signal, factors of the columns, std of those)."""
         wanted, more = self.columns(effects)
         basis = np.stack([wanted, *more], 1)
         factor, *_ = np.linalg.lstsq(basis, self.y[self.index], rcond=None)
@@ -238,7 +238,7 @@ def predicted(model, later=0.0):
 def left_by(model):
     """Residual after gain, phase and delay."""
     later = 0.0
-    for _ in range(8):
+    for _ in range(20):
         p = predicted(model, later)
         d = (predicted(model, later + 0.02) - predicted(model, later - 0.02)) / 0.04
         c = np.vdot(p, model.y) / np.vdot(p, p)
@@ -246,7 +246,7 @@ def left_by(model):
         d = c * d
         d -= p * np.vdot(p, d) / np.vdot(p, p)
         step = np.vdot(d, r).real / np.vdot(d, d).real
-        later += float(np.clip(step, -0.3, 0.3))
+        later += float(np.clip(step, -0.7, 0.7))
         if abs(step) < 1e-3:
             break
     return r - step * d

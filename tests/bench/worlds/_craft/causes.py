@@ -107,12 +107,14 @@ class CarrierOffset(Cause):
 
 
 class SampleClock(Cause):
-    """forms: fine, coarse."""
+    """forms: fine, coarse (a cheap crystal: 5 to 200 ppm)."""
     family, stage, levels = "sample_clock_offset", "clock", ("tx", "rx")
     low, high, start = 1e-3, 200.0, 1.0
 
     def draw(self, rng, scene):
         self.sign = rng.choice([-1, 1])
+        if self.form == "coarse":
+            self.size = self.low = self.high = 10 ** rng.uniform(np.log10(5), np.log10(200))
 
     @property
     def ppm(self):

@@ -221,12 +221,9 @@ class Prediction:
         return self.evaluated(later), (self.evaluated(later + 0.05) - self.evaluated(later - 0.05)) / 0.1
 
     def left(self, y):
-        """Residual after the fit: the nearest whole sample, then by the tangent, followed where the delay still moves."""
-        shifts = range(-12, 13)
-        near = [abs(np.vdot(np.roll(self.at, k)[16:-16], y[16:-16])) for k in shifts]
-        moved = float(shifts[int(np.argmax(near))]) if max(near) > 1.001 * near[12] else 0.0
-        p, d = (self.at, self.slope) if moved == 0 else self.around(moved)
-        for _ in range(10):
+        """Residual after the fit by the tangent; where the delay moves far, from the nearest whole sample, step by step."""
+        p, d, moved = self.at, self.slope, 0.0
+        for turn in range(12):
             c = np.vdot(p, y) / np.vdot(p, p).real
             if abs(c) == 0:
                 return y
@@ -235,7 +232,11 @@ class Prediction:
             solution, *_ = np.linalg.lstsq(rows.T @ rows, rows.T @ np.concatenate([y.real, y.imag]), rcond=1e-13)
             if abs(solution[2]) < 0.02:
                 return y - basis @ solution
-            moved += float(np.clip(solution[2], -0.5, 0.5))
+            if turn == 0 and abs(solution[2]) > 0.3:
+                near = [abs(np.vdot(np.roll(self.at, k)[16:-16], y[16:-16])) for k in range(-12, 13)]
+                moved = float(np.argmax(near) - 12)
+            else:
+                moved += float(np.clip(solution[2], -0.5, 0.5))
             p, d = self.around(moved)
         c = np.vdot(p, y) / np.vdot(p, p).real
         return y - c * p

@@ -288,12 +288,8 @@ def several(world, rng, folder, kind, plan, families=None):
         c = make(world, rng, f, scene, form="both" if form == "oscillator" and f.startswith("carrier") else None)
         if form == "one_tap" and causes:
             c.tap, c.delay_s = causes[0].tap, causes[0].delay_s
-        if form == "oscillator" and f == "sample_clock_offset":          # one crystal: carrier and clock are off by one share
-            c.level = causes[0].level
-            c.sign, c.low = np.sign(causes[0].offset_hz), abs(causes[0].offset_hz) / scene.carrier_hz * 1e6
-            c.high = c.low
-            if c.low > 250:
-                raise Unfit("no crystal")
+        if form == "oscillator" and f == "sample_clock_offset":
+            same_crystal(c, causes[0], scene)
         c, x = sized(c, [scene], [predicted], target(rng))
         causes.append(c)
         shown.append(x)
@@ -349,47 +345,54 @@ def network(world, rng, folder, kind, plan, families=None):
     rare = [plan.uniform() < 0.8 for _ in names]
     if not families and not together and any(f in NEVER or f in SELDOM and x for f, x in zip(names, rare, strict=True)):
         raise Unfit("not in a network")
-    scenes = world.network(rng)
-    predictions = [Prediction(s) for s in scenes]
-    tx = sorted({s.tx for s in scenes})
-    rx = sorted({s.rx for s in scenes})
     if together:                                            # one oscillator: its node's carrier and clock
-        names = ["carrier_frequency_offset", "sample_clock_offset"][:max(count, 1)]
-    causes, shown = [], []
+        names = ["carrier_frequency_offset", "sample_clock_offset"][:count]
+    scenes = world.network(rng)
+    drawn = []
     for f in names:
-        cls = FAMILIES[f]
-        level = str(rng.choice(cls.levels))
-        shared = names[0] == "carrier_frequency_offset" and f == "sample_clock_offset" and causes
-        level = causes[0].level if shared else level
-        name = causes[0].name if shared else None
-        options = scenes
-        if name is None:
-            if level in ("tx", "rx"):
-                name = str(rng.choice(tx if level == "tx" else rx))
-            elif level == "link":
-                options = [s for s in scenes if len(s.taps) >= cls.needs.get("taps", 1)]
-                if not options:
-                    raise Unfit("taps")
-                s = options[int(rng.integers(len(options)))]
-                name = f"{s.tx}>{s.rx}"
-        key = {"tx": lambda s: s.tx, "rx": lambda s: s.rx, "link": lambda s: f"{s.tx}>{s.rx}"}.get(level)
-        options = [s for s in scenes if key is None or key(s) == name]
-        wave = options[0].wave
-        if cls.needs.get("complex") and wave.real or cls.needs.get("envelope") and wave.flat:
-            raise Unfit("waveform")
-        s = max(options, key=lambda s: max(t["delay_s"] for t in s.taps))
-        form = "both" if shared or f == "carrier_frequency_offset" and count > 1 else None
-        c = make(world, rng, f, s, level, name, form)
-        if getattr(c, "form", "") == "far":
-            raise Unfit("far")
-        if shared:
-            c.sign, c.low = np.sign(causes[0].offset_hz), abs(causes[0].offset_hz) / s.carrier_hz * 1e6
-            c.high = c.low
+        drawn.append(owned(world, rng, f, scenes, "both" if together else None, drawn[0] if together and drawn else None))
+    predictions = [Prediction(s) for s in scenes]
+    causes, shown = [], []
+    for c in drawn:
+        if together and causes:
+            same_crystal(c, causes[0], scenes[0])
         c, x = sized(c, scenes, predictions, max(100.0, target(rng)))
+        if x < 20:
+            raise Unfit("hidden")
         causes.append(c)
         shown.append(x)
-    check(causes, shown, 20.0)
     return finish(folder, rng, kind, scenes, causes, shown, predictions)
+
+
+def same_crystal(clock, carrier, scene):
+    """Carrier and clock are off by one share."""
+    ppm = carrier.offset_hz / scene.carrier_hz * 1e6
+    if abs(ppm) > 250:
+        raise Unfit("no crystal")
+    clock.level, clock.name, clock.sign, clock.low, clock.high = carrier.level, carrier.name, np.sign(ppm), abs(ppm), abs(ppm)
+
+
+def owned(world, rng, family, scenes, form, beside):
+    """A cause of one node, link or the air of a network; beside: a cause whose node it shares."""
+    cls = FAMILIES[family]
+    level = beside.level if beside else str(rng.choice(cls.levels))
+    name, options = beside.name if beside else None, scenes
+    if name is None and level in ("tx", "rx"):
+        name = str(rng.choice(sorted({getattr(s, level) for s in scenes})))
+    elif level == "link":
+        options = [s for s in scenes if len(s.taps) >= cls.needs.get("taps", 1)]
+        if not options:
+            raise Unfit("taps")
+        s = options[int(rng.integers(len(options)))]
+        name = f"{s.tx}>{s.rx}"
+    key = {"tx": lambda s: s.tx, "rx": lambda s: s.rx, "link": lambda s: f"{s.tx}>{s.rx}"}.get(level)
+    options = [s for s in scenes if key is None or key(s) == name]
+    wave = options[0].wave
+    if cls.needs.get("complex") and wave.real or cls.needs.get("envelope") and wave.flat:
+        raise Unfit("waveform")
+    form = form if family == "carrier_frequency_offset" and form else str(
+        rng.choice([x for x in world.menu[family] if x not in ("far", "coarse")]))
+    return make(world, rng, family, max(options, key=lambda s: max(t["delay_s"] for t in s.taps)), level, name, form)
 
 
 def outside(world, rng, folder, kind, plan, families=None):
@@ -449,6 +452,8 @@ def ambiguous(world, rng, folder, kind, plan, families=None):
         middle = rng.choice([-1, 1]) * np.pi / 2 + rng.uniform(-0.05, 0.05)
         cause.phase = np.array([middle - np.pi * cause.frequency * scene.duration_s, 0, 0])
         cause.high = 0.8
+        snr = scene.rms() ** 2 / scene.noise
+        level = min(level, np.sqrt(scene.n * snr))          # a line in amplitude and one in dB do not differ visibly
     elif pair == "image" or pair == "mirror":
         turn = scene.taps[1]["phase_rad"] - scene.taps[0]["phase_rad"]
         if abs(np.sin(turn)) < 0.3:

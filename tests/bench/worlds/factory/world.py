@@ -28,7 +28,7 @@ WORLD = World(
     ),
     menu={
         "carrier_frequency_offset": ("still", "far", "far", "both"),
-        "sample_clock_offset": ("coarse",),
+        "sample_clock_offset": ("fine", "coarse"),
         "phase_noise": ("wiener", "pll", "hump"),
         "iq_imbalance": ("gain", "phase", "mixed"),
         "dc_offset": ("steady", "decaying"),
