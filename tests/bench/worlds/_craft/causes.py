@@ -301,6 +301,12 @@ class Clipping(Cause):
     def converted(self, x):
         return np.clip(x.real, -self.rail, self.rail) + 1j * np.clip(x.imag, -self.rail, self.rail)
 
+    def clipped_away(self, scene):
+        """What the rails take from signal and noise together, added to the signal alone."""
+        y, own = received(scene, scene.known), self.generator(scene)
+        noisy = y + np.sqrt(scene.noise / 2) * (own.standard_normal(scene.n) + 1j * own.standard_normal(scene.n))
+        return y + self.converted(noisy) - noisy
+
     def truth(self, scene, wanted):
         return {"level": about(self.rail)}, {}, {}
 

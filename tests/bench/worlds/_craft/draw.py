@@ -65,7 +65,8 @@ def nats(cause, scene, prediction):
     own = cause.nats(scene)
     if own is not None:
         return float(own)
-    left = prediction.left(received(scene, in_order([*scene.known, cause])))
+    alone = cause.clipped_away(scene) if cause.stage == "clip" else received(scene, in_order([*scene.known, cause]))
+    left = prediction.left(alone)
     return float(np.sum(np.abs(left) ** 2) / scene.noise)
 
 
