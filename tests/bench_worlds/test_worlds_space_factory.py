@@ -25,9 +25,24 @@ MODULES = {"space": space, "factory": factory}
 SCALES = {"ci16_le": ("<i2", 32768.0, 0.0), "ci8": ("i1", 128.0, 0.0), "cu8": ("u1", 128.0, 127.5)}
 KINDS = ("null", "single", "double", "triple", "network", "outside", "ambiguous", "absent")
 FORMULAS = (
-    "carrier_frequency_offset", "sample_clock_offset", "dc_offset", "lo_leakage", "gain_step", "gain_drift", "power_supply_hum",
-    "extra_path", "missing_path", "tap_gain_error", "tap_delay_error", "tap_doppler", "second_transmitter", "tone_interference",
-    "sample_loss", "spectral_inversion", "iq_imbalance")
+    "carrier_frequency_offset",
+    "sample_clock_offset",
+    "dc_offset",
+    "lo_leakage",
+    "gain_step",
+    "gain_drift",
+    "power_supply_hum",
+    "extra_path",
+    "missing_path",
+    "tap_gain_error",
+    "tap_delay_error",
+    "tap_doppler",
+    "second_transmitter",
+    "tone_interference",
+    "sample_loss",
+    "spectral_inversion",
+    "iq_imbalance",
+)
 ENERGIES = ("pa_nonlinearity", "front_end_filter", "diffuse_tail", "tap_fading", "phase_noise", "adc_clipping")
 
 
@@ -50,8 +65,8 @@ def at(x, repeat, instants):
     keep = np.abs(line) > 1e-7 * np.abs(line).max()
     line, k, out = line[keep], k[keep], np.empty(len(instants), complex)
     for a in range(0, len(instants), 200):
-        u = instants[a:a + 200]
-        out[a:a + 200] = np.exp(2j * np.pi / len(x) * (u % len(x))[:, None] * k[None, :]) @ line
+        u = instants[a : a + 200]
+        out[a : a + 200] = np.exp(2j * np.pi / len(x) * (u % len(x))[:, None] * k[None, :]) @ line
     if not repeat:
         out[(instants < -40) | (instants > len(x) - 40)] = 0
     return out
@@ -79,6 +94,7 @@ class Model:
 
     def columns(self, effects):
         """-> the wanted signal by the formula, and the columns whose complex factors a truth does not state."""
+
         def p(e, k):
             return e["parameters"][k]["value"] if k in e["parameters"] else 0.0
 
@@ -110,8 +126,16 @@ class Model:
                     tap["move"] += p(e, "doppler_hz")
                 elif e["family"] == "tap_delay_error":
                     tap["later"] = p(e, "error_s")
-        taps += [{"delay_s": p(e, "delay_s"), "gain_db": p(e, "gain_db"), "phase_rad": p(e, "phase_rad"), "doppler_hz": 0.0,
-                  "move": p(e, "doppler_hz")} for e in of("extra_path")]
+        taps += [
+            {
+                "delay_s": p(e, "delay_s"),
+                "gain_db": p(e, "gain_db"),
+                "phase_rad": p(e, "phase_rad"),
+                "doppler_hz": 0.0,
+                "move": p(e, "doppler_hz"),
+            }
+            for e in of("extra_path")
+        ]
         amplitude, delay = self.twin["nodes"]["tx1"]["amplitude"], self.fit["delay_samples"]
         gain = self.fit["gain"] * np.exp(1j * self.fit["phase_rad"])
         wanted, flat, image = np.zeros(len(s), complex), np.zeros(len(s), complex), np.zeros(len(s), complex)
@@ -133,7 +157,7 @@ class Model:
                 if "time_constant_s" in e["parameters"]:
                     c = self.n / self.rate / p(e, "time_constant_s")
                     wanted = wanted * 10 ** (total / 20 * (1 - np.exp(-c * x)) / (1 - np.exp(-c)))
-                else:                                                   # linear in dB, or in amplitude
+                else:  # linear in dB, or in amplitude
                     wanted = wanted * (1 + (10 ** (total / 20) - 1) * x if self.straight else 10 ** (total * x / 20))
             elif e["family"] == "spectral_inversion":
                 wanted = wanted.conj()
@@ -263,7 +287,7 @@ def test_lambda_is_the_energy_left_over_the_noise(world, family, tmp_path):
     left = left_by(model)
     shown = (np.sum(np.abs(left) ** 2) - model.n * model.floor) / model.floor
     lam = truth["effects"][0]["lambda"]
-    share = 0.6 if family == "adc_clipping" else 0.1          # rails take part of the noise too
+    share = 0.6 if family == "adc_clipping" else 0.1  # rails take part of the noise too
     assert abs(shown - lam) < share * lam + 8 * np.sqrt(lam) + 40
     assert 10 * np.log10(np.mean(np.abs(left) ** 2) / model.power) == pytest.approx(truth["fit"][0]["twin_nmse_db"], abs=0.1)
 
@@ -303,7 +327,7 @@ def test_noise_laws_hold_in_the_residual(world, tmp_path):
 
     folder, truth = made(world, tmp_path, "narrowband_interference", 2)
     model = Model(folder, truth, 20)
-    s = np.abs(np.fft.fft(left_by(model))) ** 2 / model.n ** 2
+    s = np.abs(np.fft.fft(left_by(model))) ** 2 / model.n**2
     f, p = np.fft.fftfreq(model.n, 1 / model.rate), truth["effects"][0]["parameters"]
     inside = np.abs(f - p["frequency_hz"]["value"]) < p["bandwidth_hz"]["value"]
     outside = np.mean(s[~inside])
@@ -337,7 +361,7 @@ def test_an_absent_waveform_is_nowhere(world, how, tmp_path):
     folder, truth = made(world, tmp_path, how, 1, "absent")
     twin = yaml.safe_load((folder / "twin.yaml").read_text())
     y, x = sigmf(folder, "recording"), sigmf(folder, twin["waveforms"]["w1"]["file"])
-    if how == "blocker":                                     # its lines would hide what is sought
+    if how == "blocker":  # its lines would hide what is sought
         s = np.fft.fft(y)
         y = np.fft.ifft(s / np.maximum(np.abs(s), 1e-12))
     length = len(x) if twin["waveforms"]["w1"]["repeat"] else len(x) + len(y)
@@ -357,8 +381,18 @@ def test_every_kind_is_written_read_back_and_drawn_alike(world, kind, tmp_path):
     assert files == sorted(f.name for f in (tmp_path / "b/case_x").iterdir())
     assert all((tmp_path / "a/case_x" / f).read_bytes() == (tmp_path / "b/case_x" / f).read_bytes() for f in files)
     twin, t = yaml.safe_load((tmp_path / "a/case_x/twin.yaml").read_text()), truths[0]
-    keys = {"cast_twin", "sample_rate_hz", "center_frequency_hz", "waveforms", "nodes", "links", "recordings", "noise",
-            "unknown", "effects"}
+    keys = {
+        "cast_twin",
+        "sample_rate_hz",
+        "center_frequency_hz",
+        "waveforms",
+        "nodes",
+        "links",
+        "recordings",
+        "noise",
+        "unknown",
+        "effects",
+    }
     assert set(twin) <= keys and twin["cast_twin"] == 1
     for r in twin["recordings"]:
         y = sigmf(tmp_path / "a/case_x", r["file"])

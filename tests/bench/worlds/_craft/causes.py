@@ -23,17 +23,17 @@ class Cause:
     family = stage = None
     levels = ("rx",)
     additive = noisy = random = False
-    low, high, start = 1e-5, 10.0, 0.01             # of `size`
-    floor = 1.0                                     # factor on the noise's power
+    low, high, start = 1e-5, 10.0, 0.01  # of `size`
+    floor = 1.0  # factor on the noise's power
     known_turn = 0.0
     same_as = ()
-    needs = {}                                      # of the scene: taps (least number), offset, complex, envelope, flat, wide …
+    needs = {}  # of the scene: taps (least number), offset, complex, envelope, flat, wide …
 
     def __init__(self, rng, scene, form, level=None, name=None):
         self.form, self.size = form, self.start
         self.level = level or str(rng.choice(self.levels))
         self.name = name
-        self.seed = int(rng.integers(2 ** 62))
+        self.seed = int(rng.integers(2**62))
         self.draw(rng, scene)
 
     def draw(self, rng, scene):
@@ -64,6 +64,7 @@ class Cause:
 # ---------------------------------------------------------------- oscillators and clocks
 class CarrierOffset(Cause):
     """forms: still, drift, both, far (to a tenth of the sample rate)."""
+
     family, stage, levels = "carrier_frequency_offset", "oscillator", ("tx", "rx")
     low, high, start = 1e-3, 1e9, 1.0
 
@@ -79,7 +80,7 @@ class CarrierOffset(Cause):
         else:
             self.high = 0.02 * scene.rate_hz / self.unit
         late = max(t["delay_s"] for t in scene.taps)
-        if self.level == "tx" and late > 0:             # a transmitter's offset turns late paths too: kept unseen
+        if self.level == "tx" and late > 0:  # a transmitter's offset turns late paths too: kept unseen
             limit = 0.003 / (2 * np.pi * late) / self.unit
             if self.name is None and (limit < self.high or self.form == "far"):
                 self.level = "rx"
@@ -108,6 +109,7 @@ class CarrierOffset(Cause):
 
 class SampleClock(Cause):
     """forms: fine, coarse (a cheap crystal: 5 to 200 ppm)."""
+
     family, stage, levels = "sample_clock_offset", "clock", ("tx", "rx")
     low, high, start = 1e-3, 200.0, 1.0
 
@@ -126,11 +128,12 @@ class SampleClock(Cause):
 
 class PhaseNoise(Cause):
     """forms: wiener, flicker (1/f³), pll (flat inside the loop), hump (white inside, a peak at the loop's edge)."""
+
     family, stage, levels, random = "phase_noise", "oscillator", ("tx", "rx"), True
     low, high, start = 1e-4, 0.8, 0.02
 
     def draw(self, rng, scene):
-        self.loop = 10 ** rng.uniform(1.0, np.log10(scene.n / 60)) / scene.n       # cycles per sample
+        self.loop = 10 ** rng.uniform(1.0, np.log10(scene.n / 60)) / scene.n  # cycles per sample
         self.cache = {}
 
     def shape(self, scene):
@@ -142,16 +145,19 @@ class PhaseNoise(Cause):
                 f = np.abs(np.fft.rfftfreq(2 * n))
                 f[0] = f[1]
                 low = np.maximum(f, 0.3 / scene.n)
-                power = {"flicker": low ** -3.0, "pll": 1 / (1 + (f / self.loop) ** 4),
-                         "hump": (1 + 4 * np.exp(-((f / self.loop - 1) / 0.3) ** 2)) / (1 + (f / self.loop) ** 6)}[self.form]
+                power = {
+                    "flicker": low**-3.0,
+                    "pll": 1 / (1 + (f / self.loop) ** 4),
+                    "hump": (1 + 4 * np.exp(-(((f / self.loop - 1) / 0.3) ** 2))) / (1 + (f / self.loop) ** 6),
+                }[self.form]
                 spectrum = np.sqrt(power) * (rng.standard_normal(len(f)) + 1j * rng.standard_normal(len(f)))
                 phase = np.fft.irfft(spectrum)[:n]
-            inside = phase[BEFORE:BEFORE + scene.n]
+            inside = phase[BEFORE : BEFORE + scene.n]
             line = np.polyfit(np.arange(scene.n), inside, 1)
             rest = inside - np.polyval(line, np.arange(scene.n))
-            scale = 1 / np.sqrt(np.mean(rest ** 2))
+            scale = 1 / np.sqrt(np.mean(rest**2))
             phase = phase - inside[0]
-            if self.form != "wiener":                                   # a loop has no offset of its own
+            if self.form != "wiener":  # a loop has no offset of its own
                 phase = phase - np.polyval(line - [0, inside[0]], np.arange(-BEFORE, scene.n + AFTER))
             self.cache[scene.stem] = phase * scale, scale
         return self.cache[scene.stem]
@@ -164,7 +170,7 @@ class PhaseNoise(Cause):
         out = {"rms_rad": about(self.size, scene.stem == "recording")}
         if self.form == "wiener":
             _, scale = self.shape(scene)
-            width = (self.size * scale) ** 2 * scene.rate_hz / (2 * np.pi)        # increments' variance 2π·linewidth/rate
+            width = (self.size * scale) ** 2 * scene.rate_hz / (2 * np.pi)  # increments' variance 2π·linewidth/rate
             out["linewidth_hz"] = about(width, False, [width / 2, width * 2])
         return out, {}, {}
 
@@ -172,6 +178,7 @@ class PhaseNoise(Cause):
 # ---------------------------------------------------------------- modulators and converters
 class Imbalance(Cause):
     """forms: gain, phase, mixed."""
+
     family, levels = "iq_imbalance", ("tx", "rx")
     needs = {"complex": True}
     low, high, start = 10 ** (-70 / 20), 0.18, 0.01
@@ -195,13 +202,20 @@ class Imbalance(Cause):
 
     def truth(self, scene, wanted):
         a, b, g, phi = self.mix()
-        return {"image_rejection_db": about(-20 * np.log10(abs(b / a)), unsigned=True),
+        return (
+            {
+                "image_rejection_db": about(-20 * np.log10(abs(b / a)), unsigned=True),
                 "gain_imbalance_db": about(g, False, unsigned=True),
-                "phase_imbalance_rad": about(phi, False, unsigned=True)}, {}, {}
+                "phase_imbalance_rad": about(phi, False, unsigned=True),
+            },
+            {},
+            {},
+        )
 
 
 class Constant(Cause):
     """forms: steady, decaying (a high-pass that settles)."""
+
     family, stage, additive = "dc_offset", "dc", True
     needs = {"offset": True}
     low, high, start = 1e-4, 1.5, 0.01
@@ -225,6 +239,7 @@ class Constant(Cause):
 
 class Leak(Cause):
     """forms: steady."""
+
     family, stage, levels = "lo_leakage", "tx_leak", ("tx",)
     needs = {"offset": True}
     low, high, start = 1e-4, 1.0, 0.01
@@ -244,6 +259,7 @@ class Leak(Cause):
 
 class Amplifier(Cause):
     """forms: rapp, saleh, cubic (complex third order), fifth, memory (a delayed cubic)."""
+
     family, stage, levels = "pa_nonlinearity", "pa", ("tx",)
     needs = {"envelope": True}
     low, high, start = 1e-3, 1.2, 0.1
@@ -251,7 +267,7 @@ class Amplifier(Cause):
     def draw(self, rng, scene):
         self.sharp = rng.uniform(1.0, 3.0)
         self.bend = rng.uniform(0.0, 0.6) * rng.choice([-1, 1])
-        self.lag = int(rng.choice([2, 4, 6, 8]))                      # fine samples
+        self.lag = int(rng.choice([2, 4, 6, 8]))  # fine samples
         self.top = float(np.max(np.abs(scene.wave.samples)))
         if self.form == "memory":
             self.share = rng.uniform(0.3, 0.7) * np.exp(1j * rng.uniform(-np.pi, np.pi))
@@ -263,16 +279,16 @@ class Amplifier(Cause):
         if self.form == "saleh":
             b = (self.size * r) ** 2
             return 1 / (1 + b) * np.exp(1j * self.bend * 2 * b / (1 + b))
-        weak = np.minimum(self.size ** 2, 0.33)
+        weak = np.minimum(self.size**2, 0.33)
         if self.form == "fifth":
-            return 1 - weak * (0.4 * r ** 2 + 0.5 * np.exp(1j * self.bend) * r ** 4) * (r < 1.6) - 0.5 * weak * (r >= 1.6)
+            return 1 - weak * (0.4 * r**2 + 0.5 * np.exp(1j * self.bend) * r**4) * (r < 1.6) - 0.5 * weak * (r >= 1.6)
         return 1 - weak * np.exp(1j * self.bend) * np.minimum(r, 1.3) ** 2
 
     def amplified(self, x):
         r = np.abs(x) / self.top
         out = x * self.gain(r)
         if self.form == "memory":
-            weak = np.minimum(self.size ** 2, 0.33)
+            weak = np.minimum(self.size**2, 0.33)
             out = out - np.roll(x * np.minimum(r, 1.3) ** 2, self.lag) * weak * self.share
         return out
 
@@ -281,12 +297,16 @@ class Amplifier(Cause):
             return 20 * np.log10(abs(self.gain(np.array([1e-6]))[0]) / abs(self.gain(np.array([r]))[0]))
 
         peak = float(np.max(np.abs(scene.sheet().fine))) / self.top
-        return ({"compression_db": about(lost(1.0), False, [lost(peak), -lost(1.0)], unsigned=True)},
-                {"memory": self.form == "memory"}, {})
+        return (
+            {"compression_db": about(lost(1.0), False, [lost(peak), -lost(1.0)], unsigned=True)},
+            {"memory": self.form == "memory"},
+            {},
+        )
 
 
 class Clipping(Cause):
     """forms: rails. size: the largest of I and Q over the rail, less 1."""
+
     family, stage = "adc_clipping", "clip"
     low, high, start = 1e-3, 1.6, 0.1
 
@@ -313,6 +333,7 @@ class Clipping(Cause):
 
 class Steps(Cause):
     """forms: tread (a level at 0), rise (none at 0)."""
+
     family, stage = "quantization", "steps"
     low, high, start = 1e-3, 0.5, 0.02
 
@@ -330,7 +351,7 @@ class Steps(Cause):
         return np.rint(x.real / q) * q + 1j * np.rint(x.imag / q) * q
 
     def nats(self, scene):
-        return scene.n * self.step ** 2 / 6 / scene.noise
+        return scene.n * self.step**2 / 6 / scene.noise
 
     def truth(self, scene, wanted):
         return {"step": about(self.step)}, {}, {}
@@ -339,6 +360,7 @@ class Steps(Cause):
 # ---------------------------------------------------------------- gain over time
 class GainStep(Cause):
     """forms: inside, end (in the first or last hundredth)."""
+
     family, stage, levels = "gain_step", "gain", ("tx", "rx")
     low, high, start = 1e-3, 12.0, 0.3
 
@@ -352,12 +374,16 @@ class GainStep(Cause):
         return np.where(t >= self.time_s - 1e-12, 10 ** (self.sign * self.size / 20), 1.0)
 
     def truth(self, scene, wanted):
-        return ({"time_s": about(self.time_s, False), "step_db": about(self.sign * self.size)}, {},
-                {"time_s": [self.time_s, self.time_s]})
+        return (
+            {"time_s": about(self.time_s, False), "step_db": about(self.sign * self.size)},
+            {},
+            {"time_s": [self.time_s, self.time_s]},
+        )
 
 
 class GainDrift(Cause):
     """forms: decibels (linear in dB), linear (in amplitude), warming (a relaxation)."""
+
     family, stage, levels = "gain_drift", "gain", ("tx", "rx")
     low, high, start = 1e-3, 10.0, 0.3
 
@@ -385,6 +411,7 @@ class GainDrift(Cause):
 
 class Hum(Cause):
     """forms: pure, harmonics (second and third, as a rectifier leaves them)."""
+
     family, stage, levels = "power_supply_hum", "gain", ("tx", "rx")
     low, high, start = 1e-4, 0.35, 0.01
     lines = (50.0, 60.0, 100.0, 120.0, 150.0, 300.0, 400.0, 1200.0)
@@ -413,6 +440,7 @@ class Hum(Cause):
 # ---------------------------------------------------------------- filters
 class FrontEnd(Cause):
     """forms: butterworth, chebyshev, bessel (roll-offs at the band's edge), saw (triple transit), tilt, delay (all-pass)."""
+
     family, stage, levels = "front_end_filter", "tx_filter", ("tx", "rx")
     same_as = ("extra_path_within_sample",)
     low, high, start = 1e-3, 1.5, 0.1
@@ -422,18 +450,18 @@ class FrontEnd(Cause):
         self.edge = edge * rng.uniform(0.85, 1.3)
         self.order = int(rng.integers(2, 6))
         self.turn = rng.uniform(-np.pi, np.pi)
-        self.echo = rng.uniform(2.0, 9.0)                               # samples between the transits
+        self.echo = rng.uniform(2.0, 9.0)  # samples between the transits
         self.slope = rng.choice([-1, 1])
 
     def log_response(self, f):
-        if self.form == "saw":                                          # 1 + a·e^{−jωT} with a of 0.1 at size 1
+        if self.form == "saw":  # 1 + a·e^{−jωT} with a of 0.1 at size 1
             return np.log(1 + 0.12 * np.exp(-2j * np.pi * f * self.echo + 1j * self.turn))
         if self.form == "tilt":
             x = np.clip(f / self.edge, -1.5, 1.5)
-            return self.slope * 0.12 * x - 0.06 * x * x + 0.15j * np.sin(self.turn) * x ** 3
+            return self.slope * 0.12 * x - 0.06 * x * x + 0.15j * np.sin(self.turn) * x**3
         if self.form == "delay":
             x = np.clip(f / self.edge, -1.5, 1.5)
-            return 1j * (0.5 * np.sin(self.turn) * x ** 2 + 0.3 * np.cos(self.turn) * np.sin(2.2 * x))
+            return 1j * (0.5 * np.sin(self.turn) * x**2 + 0.3 * np.cos(self.turn) * np.sin(2.2 * x))
         if self.form == "butterworth":
             _, poles, _ = signal.buttap(self.order)
         elif self.form == "chebyshev":
@@ -461,6 +489,7 @@ class FrontEnd(Cause):
 # ---------------------------------------------------------------- the channel
 class ExtraPath(Cause):
     """forms: still, moving (a Doppler that moves its delay too), late (far behind)."""
+
     family, stage, levels = "extra_path", "path", ("link",)
     low, high, start = 1e-4, 0.9, 0.05
 
@@ -474,16 +503,23 @@ class ExtraPath(Cause):
         self.delay_s = d / scene.rate_hz
         self.phase = rng.uniform(-np.pi, np.pi)
         self.moving = rng.choice([-1, 1]) * 10 ** rng.uniform(0.3, 1.8) / scene.duration_s if self.form == "moving" else 0.0
-        limit = 0.3 / scene.n * scene.carrier_hz            # a path that slides by less than a third of a sample
+        limit = 0.3 / scene.n * scene.carrier_hz  # a path that slides by less than a third of a sample
         self.moving = float(np.clip(self.moving, -limit, limit))
 
     def paths(self, paths, scene):
         return [*paths, Path(self.delay_s, self.size * np.exp(1j * self.phase), 0.0, self.moving)]
 
     def truth(self, scene, wanted):
-        return ({"delay_s": about(self.delay_s), "gain_db": about(20 * np.log10(self.size)),
-                 "phase_rad": about(self.phase, self.moving == 0), "doppler_hz": about(self.moving, self.moving != 0)}, {},
-                {"delay_s": [self.delay_s, self.delay_s]})
+        return (
+            {
+                "delay_s": about(self.delay_s),
+                "gain_db": about(20 * np.log10(self.size)),
+                "phase_rad": about(self.phase, self.moving == 0),
+                "doppler_hz": about(self.moving, self.moving != 0),
+            },
+            {},
+            {"delay_s": [self.delay_s, self.delay_s]},
+        )
 
 
 class OfTap(Cause):
@@ -510,6 +546,7 @@ class OfTap(Cause):
 
 class MissingPath(OfTap):
     """forms: gone."""
+
     family = "missing_path"
     low = high = start = 1.0
 
@@ -526,6 +563,7 @@ class MissingPath(OfTap):
 
 class TapGain(OfTap):
     """forms: gain, phase, both."""
+
     family = "tap_gain_error"
     low, high, start = 1e-4, 0.7, 0.05
 
@@ -542,12 +580,16 @@ class TapGain(OfTap):
 
     def truth(self, scene, wanted):
         e = self.error()
-        return ({"delay_s": about(self.delay_s, False), "error_db": about(20 * np.log10(abs(e))),
-                 "error_rad": about(np.angle(e))}, {}, self.place())
+        return (
+            {"delay_s": about(self.delay_s, False), "error_db": about(20 * np.log10(abs(e))), "error_rad": about(np.angle(e))},
+            {},
+            self.place(),
+        )
 
 
 class TapDelay(OfTap):
     """forms: early, late. size in samples."""
+
     family = "tap_delay_error"
     low, high, start = 1e-4, 1.2, 0.05
 
@@ -564,6 +606,7 @@ class TapDelay(OfTap):
 
 class TapDoppler(OfTap):
     """forms: moves (the delay too)."""
+
     family, same_as = "tap_doppler", ("extra_path_at_tap",)
     low, high, start = 1e-3, 80.0, 0.1
     needs = {"taps": 2}
@@ -586,6 +629,7 @@ class TapDoppler(OfTap):
 
 class TapFading(OfTap):
     """forms: ring (Jakes), gaussian (Watterson), even (flat spectrum), few (three rays). size: scattered over steady."""
+
     family, random = "tap_fading", True
     low, high, start = 1e-3, 3.0, 0.1
     needs = {"taps": 1}
@@ -602,7 +646,7 @@ class TapFading(OfTap):
             if self.form == "ring":
                 f = self.spread * np.cos(2 * np.pi * (np.arange(rays) + rng.uniform()) / rays)
             elif self.form == "gaussian":
-                f = self.spread / 2 * np.clip(rng.standard_normal(rays), -2, 2)      # the largest: two standard deviations
+                f = self.spread / 2 * np.clip(rng.standard_normal(rays), -2, 2)  # the largest: two standard deviations
             else:
                 f = self.spread * rng.uniform(-1, 1, rays)
                 f[0] = self.spread * rng.choice([-1, 1])
@@ -616,27 +660,34 @@ class TapFading(OfTap):
         return self.cache[scene.stem]
 
     def changed(self, p, scene):
-        steady = 1 / np.sqrt(1 + self.size ** 2)
+        steady = 1 / np.sqrt(1 + self.size**2)
         factor = steady * (1 + self.size * self.scattered(scene))
         p.fading = factor if p.fading is None else p.fading * factor
         return [p]
 
     def truth(self, scene, wanted):
-        g = 1 + self.size * self.scattered(scene)[BEFORE:BEFORE + scene.n]
+        g = 1 + self.size * self.scattered(scene)[BEFORE : BEFORE + scene.n]
         mean = np.mean(g)
         seen = db(abs(mean) ** 2 / np.mean(np.abs(g - mean) ** 2))
         k = -20 * np.log10(self.size)
         many = self.spread * scene.duration_s > 8 and self.form != "few" and k > -3
-        return ({"delay_s": about(self.delay_s, False), "k_factor_db": about(k, many, [seen]),
-                 "doppler_spread_hz": about(self.spread, False, [self.spread / 2, self.spread / np.sqrt(2), 2 * self.spread])},
-                {}, self.place())
+        return (
+            {
+                "delay_s": about(self.delay_s, False),
+                "k_factor_db": about(k, many, [seen]),
+                "doppler_spread_hz": about(self.spread, False, [self.spread / 2, self.spread / np.sqrt(2), 2 * self.spread]),
+            },
+            {},
+            self.place(),
+        )
 
 
 class Tail(Cause):
     """forms: gaussian (a tap on every half sample), clusters (Poisson), two (a second cluster that starts later)."""
+
     family, stage, levels, random = "diffuse_tail", "tail", ("link",), True
     low, high, start = 1e-4, 0.9, 0.05
-    decays = (5.0, 40.0)                          # samples
+    decays = (5.0, 40.0)  # samples
 
     def draw(self, rng, scene):
         longest = min(self.decays[1], scene.wave.period / 8)
@@ -672,12 +723,16 @@ class Tail(Cause):
 
     def truth(self, scene, wanted):
         decay_s, first = self.decay / scene.rate_hz, self.first / scene.rate_hz
-        return ({"decay_s": about(decay_s, False, [2 * decay_s]), "power_db": about(20 * np.log10(self.size), False)}, {},
-                {"delay_s": [first, first + 3 * decay_s]})
+        return (
+            {"decay_s": about(decay_s, False, [2 * decay_s]), "power_db": about(20 * np.log10(self.size), False)},
+            {},
+            {"delay_s": [first, first + 3 * decay_s]},
+        )
 
 
 class SecondTransmitter(Cause):
     """forms: listed (a waveform of the twin that it believes silent)."""
+
     family, stage, levels = "second_transmitter", "second", ("environment",)
     needs = {"second": True}
     low, high, start = 1e-4, 1.2, 0.05
@@ -692,8 +747,14 @@ class SecondTransmitter(Cause):
 
     def truth(self, scene, wanted):
         gain = 20 * np.log10(self.size)
-        return ({"gain_db": about(gain, True, [gain - 20 * np.log10(scene.amplitude)]),
-                 "delay_s": about(self.delay / scene.rate_hz, False)}, {"code": "w9"}, {})
+        return (
+            {
+                "gain_db": about(gain, True, [gain - 20 * np.log10(scene.amplitude)]),
+                "delay_s": about(self.delay / scene.rate_hz, False),
+            },
+            {"code": "w9"},
+            {},
+        )
 
 
 # ---------------------------------------------------------------- the air
@@ -708,6 +769,7 @@ def _clear(rng, scene, width=0.0):
 
 class Tone(Cause):
     """forms: carrier."""
+
     family, stage, levels, additive = "tone_interference", "air", ("environment",), True
     low, high, start = 1e-4, 3.0, 0.03
 
@@ -721,12 +783,16 @@ class Tone(Cause):
 
     def truth(self, scene, wanted):
         power = db((self.size * scene.air_rms()) ** 2 / wanted)
-        return ({"frequency_hz": about(self.frequency), "power_dbc": about(power)}, {},
-                {"frequency_hz": [self.frequency, self.frequency]})
+        return (
+            {"frequency_hz": about(self.frequency), "power_dbc": about(power)},
+            {},
+            {"frequency_hz": [self.frequency, self.frequency]},
+        )
 
 
 class Narrowband(Cause):
     """forms: noise, fm (a carrier swung by a voice-like noise), keyed (slow BPSK)."""
+
     family, stage, levels = "narrowband_interference", "air", ("environment",)
     additive = noisy = random = True
     low, high, start = 1e-4, 5.0, 0.05
@@ -765,12 +831,20 @@ class Narrowband(Cause):
 
     def truth(self, scene, wanted):
         half, power = self.width * scene.rate_hz / 2, db((self.size * scene.air_rms()) ** 2 / wanted)
-        return ({"frequency_hz": about(self.frequency, False), "power_dbc": about(power, False),
-                 "bandwidth_hz": about(2 * half, False)}, {}, {"frequency_hz": [self.frequency - half, self.frequency + half]})
+        return (
+            {
+                "frequency_hz": about(self.frequency, False),
+                "power_dbc": about(power, False),
+                "bandwidth_hz": about(2 * half, False),
+            },
+            {},
+            {"frequency_hz": [self.frequency - half, self.frequency + half]},
+        )
 
 
 class Pulses(Cause):
     """forms: noise (bursts of it), carrier (a pulsed coherent tone), sweep (chirped pulses)."""
+
     family, stage, levels = "pulsed_interference", "air", ("environment",)
     additive = noisy = random = True
     low, high, start = 1e-3, 10.0, 0.3
@@ -793,7 +867,7 @@ class Pulses(Cause):
             inside = ((n - self.offset) / self.period) % 1.0 * self.period
             sweep = self.reach / (2 * self.duty * self.period) if self.form == "sweep" else 0.0
             start = self.frequency - (self.reach / 2 if self.form == "sweep" else 0.0)
-            x = np.exp(2j * np.pi * (start * inside + sweep * inside ** 2))
+            x = np.exp(2j * np.pi * (start * inside + sweep * inside**2))
         return self.size * scene.air_rms() * x * self.on(scene)
 
     def nats(self, scene):
@@ -802,18 +876,26 @@ class Pulses(Cause):
 
     def truth(self, scene, wanted):
         power = db((self.size * scene.air_rms()) ** 2 / wanted)
-        return ({"period_s": about(self.period / scene.rate_hz, False), "duty_cycle": about(self.duty, False),
-                 "power_dbc": about(power, False, [power + db(self.duty)])}, {}, {})
+        return (
+            {
+                "period_s": about(self.period / scene.rate_hz, False),
+                "duty_cycle": about(self.duty, False),
+                "power_dbc": about(power, False, [power + db(self.duty)]),
+            },
+            {},
+            {},
+        )
 
 
 class Impulses(Cause):
     """forms: single (one sample each), motor (band-limited by the receiver), lightning (decaying, in strokes), gaussian."""
+
     family, stage, levels = "impulsive_noise", "air", ("environment",)
     additive = noisy = random = True
-    low, high, start = 1e-2, 300.0, 3.0            # an impulse's amplitude over the noise's
+    low, high, start = 1e-2, 300.0, 3.0  # an impulse's amplitude over the noise's
 
     def draw(self, rng, scene):
-        self.rate = 10 ** rng.uniform(np.log10(20), np.log10(0.004 * scene.n)) / scene.n         # per sample
+        self.rate = 10 ** rng.uniform(np.log10(20), np.log10(0.004 * scene.n)) / scene.n  # per sample
         self.length = rng.uniform(2.0, 8.0)
         self.cache = {}
 
@@ -823,7 +905,7 @@ class Impulses(Cause):
             rng, n = self.generator(scene), len(scene.grid)
             count = max(8, rng.poisson(self.rate * n))
             place = rng.uniform(0, n, count)
-            if self.form == "lightning":                                 # a flash is a few strokes
+            if self.form == "lightning":  # a flash is a few strokes
                 first = rng.uniform(0, n, max(4, count // 3))
                 place = np.concatenate([first + k * rng.uniform(30, 0.003 * n + 60, len(first)) for k in range(3)]) % n
             gain = np.exp(2j * np.pi * rng.uniform(size=len(place)))
@@ -838,7 +920,7 @@ class Impulses(Cause):
                     k = int(p)
                     u = reach - (p - k)
                     if self.form == "motor":
-                        h = np.sinc(0.8 * u) * np.exp(-(u / 9) ** 2)
+                        h = np.sinc(0.8 * u) * np.exp(-((u / 9) ** 2))
                     else:
                         h = np.where(u >= 0, np.exp(-u / self.length) * np.cos(0.9 * u), 0)
                     inside = (k + reach >= 0) & (k + reach < n)
@@ -850,7 +932,7 @@ class Impulses(Cause):
         return self.size * np.sqrt(scene.noise) * self.shape(scene)[0]
 
     def nats(self, scene):
-        x = self.size * self.shape(scene)[0][BEFORE:BEFORE + scene.n]
+        x = self.size * self.shape(scene)[0][BEFORE : BEFORE + scene.n]
         busy = np.abs(x) ** 2 > 0.3
         share = np.mean(busy)
         if share == 0:
@@ -863,7 +945,7 @@ class Impulses(Cause):
 
     def truth(self, scene, wanted):
         x, count = self.shape(scene)
-        power = db(self.size ** 2 * scene.noise)
+        power = db(self.size**2 * scene.noise)
         energy = db(np.sum(np.abs(x) ** 2) / count)
         rate = count / len(x) * scene.rate_hz
         also = [power + energy, power - db(scene.noise)]
@@ -873,6 +955,7 @@ class Impulses(Cause):
 # ---------------------------------------------------------------- the floor
 class Floor(Cause):
     """forms: up, down. size: the natural logarithm of the ratio, or less it."""
+
     family, stage, noisy = "noise_floor", "floor", True
     needs = {"states_noise": True}
     low, high, start = 2e-3, 4.0, 0.1
@@ -890,12 +973,13 @@ class Floor(Cause):
 
 class SignalNoise(Cause):
     """forms: sparkle (a multiplicative noise that follows the received envelope)."""
+
     family, stage, noisy, random = "signal_dependent_noise", "air", True, True
     needs = {"envelope": True}
     low, high, start = 1e-2, 10.0, 0.3
 
     def ratio(self):
-        return self.size ** 2
+        return self.size**2
 
     def air(self, total, scene, rng):
         if rng is None:
@@ -916,12 +1000,13 @@ class SignalNoise(Cause):
 # ---------------------------------------------------------------- discrete events
 class Loss(Cause):
     """forms: lost, repeated (samples written twice), end (in the first or last hundredth)."""
+
     family, stage = "sample_loss", "loss"
     low = high = start = 1.0
 
     def draw(self, rng, scene):
         inside = self.form != "end"
-        where = rng.uniform(0.03, 0.97) if inside else rng.choice([rng.uniform(.002, .0095), rng.uniform(.9905, .998)])
+        where = rng.uniform(0.03, 0.97) if inside else rng.choice([rng.uniform(0.002, 0.0095), rng.uniform(0.9905, 0.998)])
         self.joint = int(where * scene.n)
         self.count = int(np.rint(10 ** rng.uniform(0, 2.6)))
         if self.form == "repeated":
@@ -940,17 +1025,68 @@ class Loss(Cause):
 
 class Inversion(Cause):
     """forms: mirrored."""
+
     family, stage = "spectral_inversion", "inversion"
     needs = {"complex": True, "offset": False}
     low = high = start = 1.0
 
 
-ORDER = ["tx_iq", "tx_leak", "tx_filter", "pa", "clock", "oscillator", "gain", "path", "tail", "second", "air", "floor",
-         "inversion", "rx_iq", "dc", "clip", "steps", "loss", "foreign_channel", "foreign_gain"]
-FAMILIES = {c.family: c for c in (
-    CarrierOffset, SampleClock, PhaseNoise, Imbalance, Constant, Leak, Amplifier, Clipping, Steps, GainStep, GainDrift, Hum,
-    FrontEnd, ExtraPath, MissingPath, TapGain, TapDelay, TapDoppler, TapFading, Tail, SecondTransmitter, Tone, Narrowband,
-    Pulses, Impulses, Floor, SignalNoise, Loss, Inversion)}
+ORDER = [
+    "tx_iq",
+    "tx_leak",
+    "tx_filter",
+    "pa",
+    "clock",
+    "oscillator",
+    "gain",
+    "path",
+    "tail",
+    "second",
+    "air",
+    "floor",
+    "inversion",
+    "rx_iq",
+    "dc",
+    "clip",
+    "steps",
+    "loss",
+    "foreign_channel",
+    "foreign_gain",
+]
+FAMILIES = {
+    c.family: c
+    for c in (
+        CarrierOffset,
+        SampleClock,
+        PhaseNoise,
+        Imbalance,
+        Constant,
+        Leak,
+        Amplifier,
+        Clipping,
+        Steps,
+        GainStep,
+        GainDrift,
+        Hum,
+        FrontEnd,
+        ExtraPath,
+        MissingPath,
+        TapGain,
+        TapDelay,
+        TapDoppler,
+        TapFading,
+        Tail,
+        SecondTransmitter,
+        Tone,
+        Narrowband,
+        Pulses,
+        Impulses,
+        Floor,
+        SignalNoise,
+        Loss,
+        Inversion,
+    )
+}
 
 
 def in_order(causes):

@@ -15,7 +15,7 @@ import numpy as np
 from . import files
 from .waves import Sheet, Wave
 
-BEFORE, AFTER = 1024, 1400              # samples worked out before and after those recorded: filters ring, samples get lost
+BEFORE, AFTER = 1024, 1400  # samples worked out before and after those recorded: filters ring, samples get lost
 
 
 @dataclass(kw_only=True)
@@ -24,17 +24,17 @@ class Scene:
     carrier_hz: float
     wave: Wave
     amplitude: float
-    taps: list                          # as in twin.yaml
+    taps: list  # as in twin.yaml
     n: int
-    delay: float                        # samples
+    delay: float  # samples
     gain: complex
-    noise: float                        # power per sample in the recording, as an ideal twin states it
+    noise: float  # power per sample in the recording, as an ideal twin states it
     datatype: str
     tx: str = "tx1"
     rx: str = "rx1"
     stem: str = "recording"
-    known: list = field(default_factory=list)          # causes that the twin lists
-    second: Wave | None = None                         # a waveform of the twin that is not on the air
+    known: list = field(default_factory=list)  # causes that the twin lists
+    second: Wave | None = None  # a waveform of the twin that is not on the air
     states_noise: bool = True
     sheets: dict = field(default_factory=dict)
 
@@ -79,10 +79,10 @@ class Scene:
 class Path:
     delay_s: float
     gain: complex
-    doppler_hz: float = 0.0             # turns the phase, as the twin predicts it
-    moving_hz: float = 0.0              # a real path's: turns the phase and moves the delay
-    fading: object = None               # factor over the scene's grid
-    tap: int | None = None              # index of the twin's tap
+    doppler_hz: float = 0.0  # turns the phase, as the twin predicts it
+    moving_hz: float = 0.0  # a real path's: turns the phase and moves the delay
+    fading: object = None  # factor over the scene's grid
+    tap: int | None = None  # index of the twin's tap
 
 
 def _mine(causes, scene):
@@ -96,8 +96,10 @@ def _mine(causes, scene):
 
 
 def _paths(scene, causes):
-    out = [Path(t["delay_s"], 10 ** (t["gain_db"] / 20) * np.exp(1j * t["phase_rad"]), t["doppler_hz"], tap=k)
-           for k, t in enumerate(scene.taps)]
+    out = [
+        Path(t["delay_s"], 10 ** (t["gain_db"] / 20) * np.exp(1j * t["phase_rad"]), t["doppler_hz"], tap=k)
+        for k, t in enumerate(scene.taps)
+    ]
     for c in causes:
         out = c.paths(out, scene)
     return out
@@ -133,21 +135,21 @@ def received(scene, causes, rng=None):
     t = n / fs * clock_rx
     sheet, leak = scene.sheet(), 0.0
     f = sheet.frequencies()
-    for c in causes:                                                   # causes come in the chain's order
+    for c in causes:  # causes come in the chain's order
         if c.stage == "tx_iq":
             sheet = sheet.changed(c.imbalanced(sheet.fine))
         elif c.stage == "tx_leak":
             if scene.wave.repeat:
                 sheet = sheet.changed(sheet.fine + c.leak(scene))
             else:
-                leak = c.leak(scene)                                   # before and after the burst too
+                leak = c.leak(scene)  # before and after the burst too
         elif c.stage == "tx_filter" and c.level == "tx":
             sheet = sheet.filtered(c.response(f, scene))
         elif c.stage == "pa":
             sheet = sheet.changed(c.amplified(sheet.fine))
     offset = sum(c.offset_hz for c in causes if c.family == "carrier_frequency_offset") / fs
     offset = offset if abs(offset) > 0.01 else 0.0
-    if offset or any(c.stage == "pa" for c in causes):                 # the receiver's own band
+    if offset or any(c.stage == "pa" for c in causes):  # the receiver's own band
         sheet = sheet.filtered(np.abs(f + offset) < 0.5)
     sheet = sheet.changed(sheet.fine * scene.amplitude)
     turning = [c for c in causes if c.stage in ("oscillator", "gain", "foreign_gain") and c.level == "tx"]

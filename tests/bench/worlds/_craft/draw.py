@@ -19,8 +19,14 @@ PAIRS = ("direct_current", "floor", "mirror", "image", "short_tail", "slow_hum",
 # Of each group a case has at most one: together they would explain one another.
 APART = [
     {"dc_offset", "lo_leakage", "spectral_inversion"},
-    {"noise_floor", "signal_dependent_noise", "impulsive_noise", "pulsed_interference", "narrowband_interference",
-     "quantization"},
+    {
+        "noise_floor",
+        "signal_dependent_noise",
+        "impulsive_noise",
+        "pulsed_interference",
+        "narrowband_interference",
+        "quantization",
+    },
     {"front_end_filter", "diffuse_tail", "tap_delay_error"},
     {"extra_path", "diffuse_tail", "second_transmitter"},
     {"missing_path", "tap_gain_error", "tap_delay_error", "tap_doppler", "tap_fading"},
@@ -40,8 +46,20 @@ APART = [
 
 # What one recording of each link cannot tell apart, and what a network shows as well as a link does.
 NEVER = {"second_transmitter", "lo_leakage", "dc_offset", "tap_fading", "spectral_inversion", "impulsive_noise"}
-SELDOM = {"sample_loss", "diffuse_tail", "missing_path", "tap_gain_error", "tap_delay_error", "tap_doppler", "gain_step",
-          "gain_drift", "phase_noise", "adc_clipping", "quantization", "pulsed_interference"}
+SELDOM = {
+    "sample_loss",
+    "diffuse_tail",
+    "missing_path",
+    "tap_gain_error",
+    "tap_delay_error",
+    "tap_doppler",
+    "gain_step",
+    "gain_drift",
+    "phase_noise",
+    "adc_clipping",
+    "quantization",
+    "pulsed_interference",
+}
 
 
 class Unfit(Exception):
@@ -109,8 +127,10 @@ def owner_of(cause, scene):
 
 
 def shows(cause, scene):
-    return cause.level == "environment" or owner_of(cause, scene)["name"] == {
-        "tx": scene.tx, "rx": scene.rx, "link": f"{scene.tx}>{scene.rx}"}[cause.level]
+    return (
+        cause.level == "environment"
+        or owner_of(cause, scene)["name"] == {"tx": scene.tx, "rx": scene.rx, "link": f"{scene.tx}>{scene.rx}"}[cause.level]
+    )
 
 
 def wanted_power(scene, causes):
@@ -131,20 +151,45 @@ def effect(cause, scenes, causes, shown, network):
     same = list(cause.same_as)
     if cause.family == "carrier_frequency_offset" and not network and len(scene.taps) == 1:
         same.append("tap_doppler")
-    return {"family": cause.family, "owner": owner_of(cause, scene), "owners_ok": owners_ok(cause, scene, network),
-            "parameters": parameters, "values": values, "where": {k: [float(x) for x in v] for k, v in where.items()},
-            "recordings": [s.stem for s in mine], "lambda": float(shown), "same_as": same}
+    return {
+        "family": cause.family,
+        "owner": owner_of(cause, scene),
+        "owners_ok": owners_ok(cause, scene, network),
+        "parameters": parameters,
+        "values": values,
+        "where": {k: [float(x) for x in v] for k, v in where.items()},
+        "recordings": [s.stem for s in mine],
+        "lambda": float(shown),
+        "same_as": same,
+    }
 
 
 def truth_of(kind, folder, scenes, effects, fits, **more):
     scene = scenes[0]
     verdict = {"null": "no_mismatch", "ambiguous": "ambiguous", "outside": "unexplained"}.get(kind, "identified")
-    return {"kind": kind, "verdicts_ok": [verdict], "ambiguous": None, "tolerated": [], "harmless": [], "never_claim": [],
-            "case": Path(folder).name, "effects": effects, "fit": fits, "tap_delays_s": [t["delay_s"] for t in scene.taps],
-            "network": kind == "network",
-            "conditions": {"sample_rate_hz": scene.rate_hz, "samples": scene.n, "taps": len(scene.taps),
-                           "waveform": scene.wave.name, "samples_per_chip": scene.wave.samples_per_chip,
-                           "duration_s": scene.duration_s, "period_samples": scene.wave.period}, **more}
+    return {
+        "kind": kind,
+        "verdicts_ok": [verdict],
+        "ambiguous": None,
+        "tolerated": [],
+        "harmless": [],
+        "never_claim": [],
+        "case": Path(folder).name,
+        "effects": effects,
+        "fit": fits,
+        "tap_delays_s": [t["delay_s"] for t in scene.taps],
+        "network": kind == "network",
+        "conditions": {
+            "sample_rate_hz": scene.rate_hz,
+            "samples": scene.n,
+            "taps": len(scene.taps),
+            "waveform": scene.wave.name,
+            "samples_per_chip": scene.wave.samples_per_chip,
+            "duration_s": scene.duration_s,
+            "period_samples": scene.wave.period,
+        },
+        **more,
+    }
 
 
 # ---------------------------------------------------------------- recording and files
@@ -157,11 +202,14 @@ def record(scene, causes, rng, predicted):
     power = np.mean(np.abs(held) ** 2)
     left = predicted.left(held)
     return held, {
-        "recording": scene.stem, "twin_nmse_db": float(10 * np.log10(np.mean(np.abs(left) ** 2) / power)),
+        "recording": scene.stem,
+        "twin_nmse_db": float(10 * np.log10(np.mean(np.abs(left) ** 2) / power)),
         "noise_floor_db": float(10 * np.log10(np.mean(np.abs(held - clean) ** 2) / power)),
         "snr_db": float(10 * np.log10(np.mean(np.abs(clean) ** 2) / scene.noise)),
         "delay_samples": float(scene.delay % scene.wave.period if scene.wave.repeat else scene.delay),
-        "gain": float(abs(scene.gain)), "phase_rad": float(np.angle(scene.gain))}
+        "gain": float(abs(scene.gain)),
+        "phase_rad": float(np.angle(scene.gain)),
+    }
 
 
 def fits_file(scene, causes):
@@ -169,7 +217,7 @@ def fits_file(scene, causes):
     if scene.datatype == "cf32_le":
         return
     if any(c.stage in ("clip", "steps") for c in causes) and files.STEP[scene.datatype] > 1e-3:
-        scene.datatype = "ci16_le"                         # rails and steps that the file's own would blur
+        scene.datatype = "ci16_le"  # rails and steps that the file's own would blur
     peak = np.max(np.abs(received(scene, in_order([*scene.known, *causes])))) + 4.5 * np.sqrt(scene.noise)
     if peak > 0.99 or scene.noise < 1.3 * files.STEP[scene.datatype] ** 2:
         scene.datatype = "cf32_le" if peak > 0.99 else "ci16_le"
@@ -223,8 +271,17 @@ def write(folder, scenes, held, causes, listed):
     for s, y in zip(scenes, held, strict=True):
         files.write_sigmf(folder, s.stem, y, s.datatype, s.rate_hz, s.carrier_hz)
         recordings.append({"file": s.stem, "receiver": s.rx, "transmitters": [s.tx]})
-    twin = {"cast_twin": 1, "sample_rate_hz": first.rate_hz, "center_frequency_hz": first.carrier_hz, "waveforms": waveforms,
-            "nodes": nodes, "links": links, "recordings": recordings, "unknown": ["delay", "phase", "gain"], "effects": listed}
+    twin = {
+        "cast_twin": 1,
+        "sample_rate_hz": first.rate_hz,
+        "center_frequency_hz": first.carrier_hz,
+        "waveforms": waveforms,
+        "nodes": nodes,
+        "links": links,
+        "recordings": recordings,
+        "unknown": ["delay", "phase", "gain"],
+        "effects": listed,
+    }
     if first.states_noise:
         twin["noise"] = noise
     (folder / "twin.yaml").write_text(files.twin_text(twin))
@@ -307,13 +364,17 @@ def null(world, rng, folder, kind, plan, families=None):
     scene = world.scene(rng, {})
     predicted = Prediction(scene)
     causes, shown, listed = [], [], None
-    if how == "faint":                                   # imperfections far below what can be seen
+    if how == "faint":  # imperfections far below what can be seen
         count = int(rng.integers(1, 4))
-        sharp = ("second_transmitter", "quantization", "adc_clipping")            # a lattice shows whatever its energy
-        names = [f for f in families_of(world, rng, count)
-                 if f not in sharp and FAMILIES[f].low < FAMILIES[f].high
-                 and (scene.offset_hz or not FAMILIES[f].needs.get("offset"))
-                 and FAMILIES[f].needs.get("taps", 1) <= len(scene.taps)]
+        sharp = ("second_transmitter", "quantization", "adc_clipping")  # a lattice shows whatever its energy
+        names = [
+            f
+            for f in families_of(world, rng, count)
+            if f not in sharp
+            and FAMILIES[f].low < FAMILIES[f].high
+            and (scene.offset_hz or not FAMILIES[f].needs.get("offset"))
+            and FAMILIES[f].needs.get("taps", 1) <= len(scene.taps)
+        ]
         for f in names:
             c = make(world, rng, f, scene, form=None if f != "carrier_frequency_offset" else "still")
             c.low = 1e-9
@@ -346,7 +407,7 @@ def network(world, rng, folder, kind, plan, families=None):
     rare = [plan.uniform() < 0.8 for _ in names]
     if not families and not together and any(f in NEVER or f in SELDOM and x for f, x in zip(names, rare, strict=True)):
         raise Unfit("not in a network")
-    if together:                                            # one oscillator: its node's carrier and clock
+    if together:  # one oscillator: its node's carrier and clock
         names = ["carrier_frequency_offset", "sample_clock_offset"][:count]
     scenes = world.network(rng)
     drawn = []
@@ -391,8 +452,11 @@ def owned(world, rng, family, scenes, form, beside):
     wave = options[0].wave
     if cls.needs.get("complex") and wave.real or cls.needs.get("envelope") and wave.flat:
         raise Unfit("waveform")
-    form = form if family == "carrier_frequency_offset" and form else str(
-        rng.choice([x for x in world.menu[family] if x not in ("far", "coarse")]))
+    form = (
+        form
+        if family == "carrier_frequency_offset" and form
+        else str(rng.choice([x for x in world.menu[family] if x not in ("far", "coarse")]))
+    )
     return make(world, rng, family, max(options, key=lambda s: max(t["delay_s"] for t in s.taps)), level, name, form)
 
 
@@ -448,18 +512,18 @@ def ambiguous(world, rng, folder, kind, plan, families=None):
         cause.draw(rng, scene)
         cause.decay = rng.uniform(0.6, 1.2)
         cause.first = 0.5
-    elif pair == "slow_hum":                               # under a twelfth of a cycle, near the zero crossing: a line
+    elif pair == "slow_hum":  # under a twelfth of a cycle, near the zero crossing: a line
         cause.frequency = rng.uniform(0.02, 0.06) / scene.duration_s
         middle = rng.choice([-1, 1]) * np.pi / 2 + rng.uniform(-0.05, 0.05)
         cause.phase = np.array([middle - np.pi * cause.frequency * scene.duration_s, 0, 0])
         cause.high = 0.8
         snr = scene.rms() ** 2 / scene.noise
-        level = min(level, np.sqrt(scene.n * snr))          # a line in amplitude and one in dB do not differ visibly
+        level = min(level, np.sqrt(scene.n * snr))  # a line in amplitude and one in dB do not differ visibly
     elif pair == "image" or pair == "mirror":
         turn = scene.taps[1]["phase_rad"] - scene.taps[0]["phase_rad"]
         if abs(np.sin(turn)) < 0.3:
             raise Unfit("one phase")
-    elif pair == "same_code":                              # an echo of its own, far enough from the twin's paths
+    elif pair == "same_code":  # an echo of its own, far enough from the twin's paths
         last = max(t["delay_s"] for t in scene.taps) * scene.rate_hz
         cause.delay = float((last + rng.uniform(8, 60) - scene.second.extra["roll"]) % scene.wave.period)
     cause, shown = sized(cause, [scene], [predicted], level)
@@ -481,13 +545,13 @@ def absent(world, rng, folder, kind, plan, families=None):
         there, tolerated = [c], [family]
     level = scene.rms()
     heard = scene.gain
-    scene.sheets["rms"] = level                            # blockers stay at their level though the signal goes
+    scene.sheets["rms"] = level  # blockers stay at their level though the signal goes
     predicted = Prediction(scene)
     kept = None
     if how == "other":
         kept, scene.wave = scene.wave, world.unlike(rng, scene.wave)
     elif how == "faint":
-        scene.gain = heard * np.sqrt(0.2 * scene.noise / (level ** 2 * scene.n))
+        scene.gain = heard * np.sqrt(0.2 * scene.noise / (level**2 * scene.n))
     else:
         scene.gain = 0.0
     fits_file(scene, there)
@@ -500,11 +564,28 @@ def absent(world, rng, folder, kind, plan, families=None):
         raise Unfit("something of the waveform is there")
     write(folder, [scene], [y], [], [])
     share = np.mean(np.abs(predicted.left(y)) ** 2) / np.mean(np.abs(y) ** 2)
-    fit = {"recording": scene.stem, "twin_nmse_db": float(10 * np.log10(share)), "noise_floor_db": 0.0, "snr_db": -99.0,
-           "delay_samples": 0.0, "gain": 0.0, "phase_rad": 0.0}
-    effects = [{"family": f"outside:absent_{how}", "owner": {"level": "environment", "name": "environment"},
-                "owners_ok": ["environment", f"{scene.tx}>{scene.rx}"], "parameters": {}, "values": {}, "where": {},
-                "recordings": [scene.stem], "lambda": float(np.mean(np.abs(y) ** 2) / scene.noise * scene.n), "same_as": []}]
+    fit = {
+        "recording": scene.stem,
+        "twin_nmse_db": float(10 * np.log10(share)),
+        "noise_floor_db": 0.0,
+        "snr_db": -99.0,
+        "delay_samples": 0.0,
+        "gain": 0.0,
+        "phase_rad": 0.0,
+    }
+    effects = [
+        {
+            "family": f"outside:absent_{how}",
+            "owner": {"level": "environment", "name": "environment"},
+            "owners_ok": ["environment", f"{scene.tx}>{scene.rx}"],
+            "parameters": {},
+            "values": {},
+            "where": {},
+            "recordings": [scene.stem],
+            "lambda": float(np.mean(np.abs(y) ** 2) / scene.noise * scene.n),
+            "same_as": [],
+        }
+    ]
     return truth_of("outside", folder, [scene], effects, [fit], tolerated=tolerated, absent=True)
 
 
@@ -521,8 +602,16 @@ def highest(scene, y):
     return float(np.max(c) / np.mean(c))
 
 
-KIND = {"null": null, "single": several, "double": several, "triple": several, "network": network, "outside": outside,
-        "ambiguous": ambiguous, "absent": absent}
+KIND = {
+    "null": null,
+    "single": several,
+    "double": several,
+    "triple": several,
+    "network": network,
+    "outside": outside,
+    "ambiguous": ambiguous,
+    "absent": absent,
+}
 
 
 def case(world, rng, kind, folder, families=None):
@@ -530,7 +619,7 @@ def case(world, rng, kind, folder, families=None):
     if kind not in KIND:
         raise ValueError(f"kind: got {kind!r}, expected one of {sorted(KIND)}")
     for _ in range(25):
-        seed = int(rng.integers(2 ** 62))                     # what the case is about; kept until a scene shows it
+        seed = int(rng.integers(2**62))  # what the case is about; kept until a scene shows it
         for _ in range(30):
             try:
                 return KIND[kind](world, rng, folder, kind, np.random.default_rng(seed), families)

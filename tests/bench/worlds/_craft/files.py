@@ -6,9 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-FULL = {"ci16_le": ("<i2", 32768.0, 0.0, -32768, 32767), "ci8": ("i1", 128.0, 0.0, -128, 127),
-        "cu8": ("u1", 128.0, 127.5, 0, 255)}
-STEP = {"cf32_le": 0.0, "ci16_le": 1 / 32768, "ci8": 1 / 128, "cu8": 1 / 128}      # of the file's own numbers
+FULL = {
+    "ci16_le": ("<i2", 32768.0, 0.0, -32768, 32767),
+    "ci8": ("i1", 128.0, 0.0, -128, 127),
+    "cu8": ("u1", 128.0, 127.5, 0, 255),
+}
+STEP = {"cf32_le": 0.0, "ci16_le": 1 / 32768, "ci8": 1 / 128, "cu8": 1 / 128}  # of the file's own numbers
 
 
 def to_file(samples, datatype):
@@ -38,8 +41,11 @@ def through(samples, datatype):
 def write_sigmf(folder, stem, samples, datatype, rate_hz, carrier_hz):
     folder = Path(folder)
     (folder / f"{stem}.sigmf-data").write_bytes(to_file(samples, datatype))
-    meta = {"global": {"core:datatype": datatype, "core:sample_rate": float(rate_hz), "core:version": "1.0.0"},
-            "captures": [{"core:sample_start": 0, "core:frequency": float(carrier_hz)}], "annotations": []}
+    meta = {
+        "global": {"core:datatype": datatype, "core:sample_rate": float(rate_hz), "core:version": "1.0.0"},
+        "captures": [{"core:sample_start": 0, "core:frequency": float(carrier_hz)}],
+        "annotations": [],
+    }
     (folder / f"{stem}.sigmf-meta").write_text(json.dumps(meta, indent=1) + "\n")
 
 
@@ -58,7 +64,7 @@ def scalar(value):
         return str(int(value))
     if isinstance(value, (float, np.floating)):
         text = repr(float(value))
-        if "e" in text and "." not in text.split("e")[0]:         # YAML 1.1 reads 1e-06 as a string
+        if "e" in text and "." not in text.split("e")[0]:  # YAML 1.1 reads 1e-06 as a string
             text = text.replace("e", ".0e")
         return text.replace("e+", "e") if "e+" not in text else text
     return str(value)

@@ -9,7 +9,7 @@ from .chain import BEFORE
 
 class Foreign(Cause):
     tolerated = ()
-    timed = False                           # it has a place in time
+    timed = False  # it has a place in time
 
     def draw(self, rng, scene):
         width = rng.uniform(0.05, 0.25) * scene.n
@@ -32,6 +32,7 @@ class Foreign(Cause):
 
 class Glitch(Foreign):
     """The oscillator runs off for a stretch and comes back to another phase."""
+
     family, stage, tolerated, timed = "outside:lo_glitch", "foreign_gain", ("phase_noise",), True
     low, high, start = 0.02, 60.0, 2.0
 
@@ -41,6 +42,7 @@ class Glitch(Foreign):
 
 class Hop(Foreign):
     """The synthesizer settles on another frequency from one instant on."""
+
     family, stage, tolerated = "outside:lo_hop", "foreign_gain", ("phase_noise", "carrier_frequency_offset")
     low, high, start = 0.02, 300.0, 2.0
 
@@ -50,6 +52,7 @@ class Hop(Foreign):
 
 class WarmUp(Foreign):
     """A crystal that warms up: its frequency relaxes, neither still nor linear."""
+
     family, stage, tolerated = "outside:warm_up", "foreign_gain", ("phase_noise", "carrier_frequency_offset")
     low, high, start = 0.2, 600.0, 5.0
 
@@ -63,6 +66,7 @@ class WarmUp(Foreign):
 
 class Pumping(Foreign):
     """A gain control that ducks fast and recovers slowly, at irregular moments."""
+
     family, stage = "outside:agc_pumping", "foreign_gain"
     tolerated = ("gain_step", "gain_drift", "power_supply_hum", "tap_fading")
     low, high, start = 0.02, 14.0, 1.0
@@ -82,6 +86,7 @@ class Pumping(Foreign):
 
 class Blades(Foreign):
     """A rotor between the antennas: a short flash of amplitude and phase at each blade."""
+
     family, stage, tolerated = "outside:rotor", "foreign_gain", ("tap_fading", "phase_noise", "power_supply_hum")
     low, high, start = 0.01, 0.9, 0.2
 
@@ -93,12 +98,13 @@ class Blades(Foreign):
     def factor(self, t, scene):
         u = scene.grid / self.period
         k = np.floor(u).astype(int)
-        flash = np.exp(-(((u - k) - 0.5) / 0.06) ** 2) * self.blade[k % 3]
+        flash = np.exp(-((((u - k) - 0.5) / 0.06) ** 2)) * self.blade[k % 3]
         return 1 - self.size * np.exp(1j * self.turn) * flash
 
 
 class Blanking(Foreign):
     """A receiver muted while a transmitter beside it is on the air, at irregular moments."""
+
     family, stage = "outside:blanking", "foreign_gain"
     tolerated = ("gain_step", "sample_loss", "tap_fading", "pulsed_interference")
     low, high, start = 0.02, 1.0, 0.3
@@ -124,6 +130,7 @@ class InAir(Foreign):
 
 class CoChannel(InAir):
     """Another service on the same channel: its data are random, its band as wide."""
+
     family, tolerated = "outside:co_channel", ("noise_floor", "narrowband_interference")
 
     def more(self, rng, scene):
@@ -139,6 +146,7 @@ class CoChannel(InAir):
 
 class Keyed(InAir):
     """A telegraphy carrier: dots and dashes."""
+
     family, tolerated = "outside:keyed_carrier", ("tone_interference", "narrowband_interference", "pulsed_interference")
 
     def more(self, rng, scene):
@@ -154,6 +162,7 @@ class Keyed(InAir):
 
 class Sweeper(InAir):
     """A sounder's chirp that crosses the band once."""
+
     family, tolerated = "outside:sweeper", ("tone_interference", "narrowband_interference", "pulsed_interference")
 
     def more(self, rng, scene):
@@ -161,11 +170,12 @@ class Sweeper(InAir):
 
     def wave(self, scene):
         u = scene.grid - scene.n / 2
-        return np.exp(1j * np.pi * self.slope * u ** 2)
+        return np.exp(1j * np.pi * self.slope * u**2)
 
 
 class Hopper(InAir):
     """Frequency hopping with random channels."""
+
     family, tolerated = "outside:hopper", ("tone_interference", "narrowband_interference", "pulsed_interference")
 
     def more(self, rng, scene):
@@ -183,6 +193,7 @@ class Hopper(InAir):
 
 class NoiseBurst(InAir):
     """One stretch in which the noise is higher."""
+
     family, tolerated, timed = "outside:noise_burst", ("pulsed_interference", "impulsive_noise", "noise_floor"), True
     noisy = True
     low, high, start = 1e-2, 10.0, 0.5
@@ -199,6 +210,7 @@ class NoiseBurst(InAir):
 
 class Symbols(Foreign):
     """A stretch of the waveform was sent with other symbols."""
+
     family, stage, levels, tolerated = "outside:symbols", "tx_iq", ("tx",), ()
     low, high, start = 0.05, 1.0, 1.0
 
@@ -216,6 +228,7 @@ class Symbols(Foreign):
 
 class ShiftedStretch(Foreign):
     """A stretch written with samples from elsewhere, after which the stream goes on as if nothing were."""
+
     family, stage, tolerated, timed = "outside:shifted_stretch", "loss", ("sample_loss",), True
     low = high = start = 1.0
 
@@ -230,6 +243,7 @@ class ShiftedStretch(Foreign):
 
 class RepeatedStretch(ShiftedStretch):
     """A buffer written again in place of the one that should follow."""
+
     family = "outside:repeated_stretch"
 
     def moved(self, index):
@@ -241,6 +255,7 @@ class RepeatedStretch(ShiftedStretch):
 
 class VaryingFilter(Foreign):
     """A front end whose passband moves as it warms."""
+
     family, stage = "outside:varying_filter", "foreign_channel"
     tolerated = ("tap_fading", "front_end_filter", "extra_path", "tap_doppler", "diffuse_tail")
     low, high, start = 1e-3, 0.6, 0.05
@@ -258,6 +273,7 @@ class VaryingFilter(Foreign):
 
 class ClockWander(Foreign):
     """A sampling clock that swings to and fro (a bus clock that is steered)."""
+
     family, stage, tolerated = "outside:clock_wander", "foreign_channel", ("sample_clock_offset", "tap_delay_error")
     low, high, start = 1e-3, 1.5, 0.1
 
@@ -276,6 +292,7 @@ class ClockWander(Foreign):
 
 class ColouredImage(Foreign):
     """An image whose strength depends on frequency: the branches' filters differ."""
+
     family, stage, tolerated = "outside:coloured_image", "rx_iq", ("iq_imbalance",)
     needs = {"complex": True}
     low, high, start = 1e-3, 0.5, 0.05
@@ -291,6 +308,7 @@ class ColouredImage(Foreign):
 
 class SecondOrder(Foreign):
     """A mixer's second-order product: the envelope's square, at baseband."""
+
     family, stage, tolerated = "outside:second_order", "rx_iq", ("pa_nonlinearity", "dc_offset")
     needs = {"envelope": True}
     low, high, start = 1e-3, 2.0, 0.1
@@ -302,6 +320,26 @@ class SecondOrder(Foreign):
         return x + self.size * np.exp(1j * self.turn) * np.abs(x) ** 2 / self.level_rms
 
 
-KINDS = {c.__name__: c for c in (
-    Glitch, Hop, WarmUp, Pumping, Blades, Blanking, CoChannel, Keyed, Sweeper, Hopper, NoiseBurst, Symbols, ShiftedStretch,
-    RepeatedStretch, VaryingFilter, ClockWander, ColouredImage, SecondOrder)}
+KINDS = {
+    c.__name__: c
+    for c in (
+        Glitch,
+        Hop,
+        WarmUp,
+        Pumping,
+        Blades,
+        Blanking,
+        CoChannel,
+        Keyed,
+        Sweeper,
+        Hopper,
+        NoiseBurst,
+        Symbols,
+        ShiftedStretch,
+        RepeatedStretch,
+        VaryingFilter,
+        ClockWander,
+        ColouredImage,
+        SecondOrder,
+    )
+}

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-FINE = 4                    # samples of the transmitted signal per sample of the recording, where it is distorted
-PAD = 2048                  # silence on either side of a burst, so that filters and tails can ring
-REACH = 10                  # half the taps of the interpolating kernel, on the fine grid
-ROWS = 2048                 # its tabulated fractions
+FINE = 4  # samples of the transmitted signal per sample of the recording, where it is distorted
+PAD = 2048  # silence on either side of a burst, so that filters and tails can ring
+REACH = 10  # half the taps of the interpolating kernel, on the fine grid
+ROWS = 2048  # its tabulated fractions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,10 +17,10 @@ class Wave:
     samples: np.ndarray
     repeat: bool
     samples_per_chip: int = 1
-    band: float = 0.8                          # share of the sample rate that it occupies
-    real: bool = False                         # BPSK: its image is itself
-    flat: bool = False                         # constant envelope: shows one point of an amplifier
-    unique: bool = True                        # another seed gives a waveform that has nothing in common with it
+    band: float = 0.8  # share of the sample rate that it occupies
+    real: bool = False  # BPSK: its image is itself
+    flat: bool = False  # constant envelope: shows one point of an amplifier
+    unique: bool = True  # another seed gives a waveform that has nothing in common with it
     extra: dict = field(default_factory=dict)
 
     @property
@@ -35,7 +35,7 @@ def upsampled(x, factor=FINE):
     wide = np.zeros(n * factor, complex)
     half = n // 2
     wide[: half + 1] = spectrum[: half + 1]
-    wide[len(wide) - (n - half - 1):] = spectrum[half + 1:]
+    wide[len(wide) - (n - half - 1) :] = spectrum[half + 1 :]
     if n % 2 == 0:
         wide[half] = spectrum[half] / 2
         wide[len(wide) - half] = spectrum[half] / 2
@@ -77,7 +77,7 @@ class Sheet:
         out = np.empty(len(u), complex)
         length = len(self.fine)
         for a in range(0, len(u), 40000):
-            v = u[a:a + 40000] * FINE + (0 if self.wave.repeat else PAD * FINE)
+            v = u[a : a + 40000] * FINE + (0 if self.wave.repeat else PAD * FINE)
             whole = np.floor(v).astype(np.int64)
             row = (v - whole) * ROWS
             low = np.minimum(row.astype(np.int64), ROWS - 1)
@@ -87,7 +87,7 @@ class Sheet:
                 values = self.fine[index % length]
             else:
                 values = np.where((index >= 0) & (index < length), self.fine[np.clip(index, 0, length - 1)], 0)
-            out[a:a + 40000] = np.einsum("ij,ij->i", values, weight)
+            out[a : a + 40000] = np.einsum("ij,ij->i", values, weight)
         return out
 
     def on_lattice(self, n, delay):
@@ -153,7 +153,7 @@ def shift_keyed(levels, period, index, product=None, fine=8):
     symbol = (np.arange(period * fine) * len(levels)) // (period * fine)
     steps[:] = np.asarray(levels, float)[symbol]
     if product is not None:
-        f = np.fft.fftfreq(len(steps)) * len(steps) / len(levels)               # symbol rates
+        f = np.fft.fftfreq(len(steps)) * len(steps) / len(levels)  # symbol rates
         steps = np.fft.ifft(np.fft.fft(steps) * np.exp(-(np.log(2) / 2) * (f / product) ** 2)).real
     phase = np.cumsum(steps) * np.pi * index * len(levels) / len(steps)
     phase -= np.arange(len(phase)) / len(phase) * (phase[-1] - 2 * np.pi * np.rint(phase[-1] / (2 * np.pi)))

@@ -14,9 +14,10 @@ from .waves import Wave
 @dataclass(frozen=True, kw_only=True)
 class Maker:
     """A waveform's recipe. make(rng) gives a Wave; its traits are known beforehand, so that a cause can ask for them."""
+
     make: object
-    rates: tuple                       # samples per second
-    carriers: tuple                    # Hz
+    rates: tuple  # samples per second
+    carriers: tuple  # Hz
     real: bool = False
     flat: bool = False
     repeat: bool = True
@@ -27,21 +28,26 @@ class Maker:
 class World:
     name: str
     makers: tuple
-    menu: dict                         # family: forms
-    strangers: tuple                   # names of foreign physics
-    types: dict                        # file type: share
-    spread: tuple                      # of path delays, samples: least and most of the last path's
-    decays: tuple = (5.0, 40.0)        # of diffuse tails, samples
+    menu: dict  # family: forms
+    strangers: tuple  # names of foreign physics
+    types: dict  # file type: share
+    spread: tuple  # of path delays, samples: least and most of the last path's
+    decays: tuple = (5.0, 40.0)  # of diffuse tails, samples
     most_taps: int = 4
     snr_db: tuple = (5.0, 35.0)
     lengths: tuple = (20e3, 150e3)
 
     def maker(self, rng, needs):
-        fit = [m for m in self.makers
-               if not (needs.get("complex") and m.real) and not (needs.get("envelope") and m.flat)
-               and not (needs.get("real") and not m.real) and not (needs.get("flat") and not m.flat)
-               and not ((needs.get("repeat") or needs.get("same_code")) and not m.repeat)
-               and not (needs.get("unique") and not m.unique)]
+        fit = [
+            m
+            for m in self.makers
+            if not (needs.get("complex") and m.real)
+            and not (needs.get("envelope") and m.flat)
+            and not (needs.get("real") and not m.real)
+            and not (needs.get("flat") and not m.flat)
+            and not ((needs.get("repeat") or needs.get("same_code")) and not m.repeat)
+            and not (needs.get("unique") and not m.unique)
+        ]
         return fit[int(rng.integers(len(fit)))]
 
     def length(self, rng, wave):
@@ -60,8 +66,14 @@ class World:
         taps = []
         for k, d in enumerate(delays):
             gain = 0.0 if k == 0 else -rng.uniform(1, 6) - 12 * rng.uniform() * k / count
-            taps.append({"delay_s": float(f"{d / rate:.9g}"), "gain_db": round(float(gain), 3),
-                         "phase_rad": 0.0 if k == 0 else round(float(rng.uniform(-np.pi, np.pi)), 4), "doppler_hz": 0.0})
+            taps.append(
+                {
+                    "delay_s": float(f"{d / rate:.9g}"),
+                    "gain_db": round(float(gain), 3),
+                    "phase_rad": 0.0 if k == 0 else round(float(rng.uniform(-np.pi, np.pi)), 4),
+                    "doppler_hz": 0.0,
+                }
+            )
         return taps
 
     def scene(self, rng, needs):
@@ -83,9 +95,19 @@ class World:
         elif needs.get("offset") is None and count > 1 and rng.uniform() < 0.3:
             taps = [t if k == 0 else {**t, "doppler_hz": float(f"{rng.uniform(-8, 8) * unit:.4g}")} for k, t in enumerate(taps)]
         delay = rng.uniform(0, wave.period) if wave.repeat else rng.uniform(100, max(101, n - wave.period - 400))
-        scene = Scene(rate_hz=rate, carrier_hz=carrier, wave=wave, amplitude=round(float(rng.uniform(0.4, 1.0)), 3),
-                      taps=taps, n=n, delay=float(delay), gain=1.0 + 0j, noise=1e-12, datatype="cf32_le",
-                      states_noise=bool(needs.get("states_noise", rng.uniform() < 0.75)))
+        scene = Scene(
+            rate_hz=rate,
+            carrier_hz=carrier,
+            wave=wave,
+            amplitude=round(float(rng.uniform(0.4, 1.0)), 3),
+            taps=taps,
+            n=n,
+            delay=float(delay),
+            gain=1.0 + 0j,
+            noise=1e-12,
+            datatype="cf32_le",
+            states_noise=bool(needs.get("states_noise", rng.uniform() < 0.75)),
+        )
         if offset and known:
             scene.known = [known_offset(rng, scene, hz)]
         if needs.get("second"):
@@ -109,7 +131,7 @@ class World:
         step = files.STEP[scene.datatype]
         most = 0.75 / (peak + 4.5 * np.sqrt(power / snr))
         gain = most if step > 1e-3 else most * 10 ** rng.uniform(-0.9, 0)
-        noise = max(gain ** 2 * power / snr, 1.45 * step ** 2)
+        noise = max(gain**2 * power / snr, 1.45 * step**2)
         scene.gain = complex(gain * np.exp(1j * rng.uniform(-np.pi, np.pi)))
         scene.noise = float(noise)
         scene.sheets.pop("rms", None)
@@ -136,13 +158,24 @@ class World:
         for i in range(senders):
             for j in range(receivers):
                 count = int(rng.integers(1, 4))
-                scene = Scene(rate_hz=rate, carrier_hz=carrier, wave=waves[i], amplitude=float(amplitudes[i]),
-                              taps=self.paths(rng, waves[i], count, rate), n=n, delay=float(rng.uniform(0, waves[i].period)),
-                              gain=1.0 + 0j, noise=1e-12, datatype=kind, tx=f"tx{i + 1}", rx=f"rx{j + 1}",
-                              stem=f"rec_tx{i + 1}_rx{j + 1}")
+                scene = Scene(
+                    rate_hz=rate,
+                    carrier_hz=carrier,
+                    wave=waves[i],
+                    amplitude=float(amplitudes[i]),
+                    taps=self.paths(rng, waves[i], count, rate),
+                    n=n,
+                    delay=float(rng.uniform(0, waves[i].period)),
+                    gain=1.0 + 0j,
+                    noise=1e-12,
+                    datatype=kind,
+                    tx=f"tx{i + 1}",
+                    rx=f"rx{j + 1}",
+                    stem=f"rec_tx{i + 1}_rx{j + 1}",
+                )
                 self.levels(rng, scene, kind)
                 scenes.append(scene)
-        for j in range(receivers):                                           # a receiver has one noise, and one air
+        for j in range(receivers):  # a receiver has one noise, and one air
             mine = [s for s in scenes if s.rx == f"rx{j + 1}"]
             noise = float(np.exp(np.mean([np.log(s.noise) for s in mine])))
             level = float(np.sqrt(np.mean([s.rms() ** 2 for s in mine])))
@@ -161,6 +194,7 @@ def known_offset(rng, scene, hz):
 
 def recipe(build, **traits):
     """make(rng) that remembers how to make another waveform of the same kind and length."""
+
     def make(rng):
         length = build.lengths(rng) if hasattr(build, "lengths") else None
 
@@ -168,5 +202,7 @@ def recipe(build, **traits):
             samples, more = build(other, length)
             own = {"repeat": True, "real": False, "flat": False, "unique": True, **traits, **more}
             return Wave(samples=samples, extra={"again": again}, **own)
+
         return again(rng)
+
     return make

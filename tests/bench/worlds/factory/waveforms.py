@@ -84,7 +84,7 @@ gfsk.lengths = lambda rng: (lambda p: (p, int(p / rng.uniform(2.2, 4.0))))(odd(r
 
 def _chirps(rng, symbols, factor, over, fine=4):
     """Up-chirps of 2^factor chips, each begun at a drawn chip."""
-    chips = 2 ** factor
+    chips = 2**factor
     u = (np.arange(chips * over * fine) + 0.5) / (over * fine)
     out = []
     for k in range(symbols):
@@ -111,7 +111,7 @@ def pulses(rng, period):
     raster = np.zeros(period // 6)
     raster[rng.uniform(size=len(raster)) < 0.6] = 1
     raster *= rng.choice([-1.0, 1.0], len(raster))
-    x = shaped(raster, period, lambda f: np.exp(-(f / 2.2) ** 2) * (1 - np.exp(-(f / 0.3) ** 2)))
+    x = shaped(raster, period, lambda f: np.exp(-((f / 2.2) ** 2)) * (1 - np.exp(-((f / 0.3) ** 2))))
     return normal(x.real), dict(name="pulses", band=0.95, samples_per_chip=6)
 
 
@@ -129,7 +129,7 @@ def half_sine(rng, length):
     def pulse(f):
         f = np.abs(f)
         near = np.abs(f - 0.25) < 1e-6
-        return np.where(near, np.pi / 4, np.cos(2 * np.pi * f) / np.where(near, 1, 1 - 16 * f ** 2))
+        return np.where(near, np.pi / 4, np.cos(2 * np.pi * f) / np.where(near, 1, 1 - 16 * f**2))
 
     x = shaped(symbols, period, pulse, 0.5)
     return normal(x), dict(name="half_sine", band=min(0.9, 1.6 * count / period), samples_per_chip=round(period / count))
@@ -141,8 +141,10 @@ half_sine.lengths = lambda rng: (lambda p: (p, int(p / rng.uniform(2.5, 4.0))))(
 def sounding(rng, length):
     """An m-sequence of 1023 bits, or 511, begun anywhere, on rectangular chips behind the band's filter; a drawn polynomial."""
     period, count = length
-    taps = {511: ((5, 9), (4, 9), (3, 4, 6, 9), (4, 5, 8, 9), (1, 4, 8, 9), (2, 3, 5, 9)),
-            1023: ((3, 10), (7, 10), (2, 3, 8, 10), (1, 3, 4, 10), (1, 5, 8, 10), (2, 4, 9, 10))}[count]
+    taps = {
+        511: ((5, 9), (4, 9), (3, 4, 6, 9), (4, 5, 8, 9), (1, 4, 8, 9), (2, 3, 5, 9)),
+        1023: ((3, 10), (7, 10), (2, 3, 8, 10), (1, 3, 4, 10), (1, 5, 8, 10), (2, 4, 9, 10)),
+    }[count]
     chips = 1.0 - 2.0 * register(taps[int(rng.integers(len(taps)))], count, int(rng.integers(1, count)))
     x = normal(shaped(chips, period, rectangle).real)
     return x, dict(name="sounding", band=0.97, samples_per_chip=max(1, round(period / count)))

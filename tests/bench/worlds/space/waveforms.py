@@ -115,7 +115,7 @@ def ionosonde(rng, period):
     sweep = np.rint(width)
     start = np.rint(-width / 2)
     code = rng.integers(0, 8, 13)[(u * 13).astype(int)]
-    x = np.exp(2j * np.pi * (start * u + sweep / 2 * (u ** 2 - u / 1.0) + sweep / 2 * u + code / 8))
+    x = np.exp(2j * np.pi * (start * u + sweep / 2 * (u**2 - u / 1.0) + sweep / 2 * u + code / 8))
     return normal(decimated(x, period), 0.9), dict(name="ionosonde", band=min(0.95, width / period + 0.1), samples_per_chip=1)
 
 
@@ -134,7 +134,7 @@ def squitter(rng, length):
         parts += [np.repeat(slots, slot) * rng.uniform(0.6, 1.0), np.zeros(int(rng.integers(150, 900)))]
     x = np.concatenate(parts)
     f = np.fft.fftfreq(len(x))
-    x = np.fft.ifft(np.fft.fft(x) * np.exp(-(f * slot / 0.75) ** 2) * (np.abs(f) < 0.47)).real
+    x = np.fft.ifft(np.fft.fft(x) * np.exp(-((f * slot / 0.75) ** 2)) * (np.abs(f) < 0.47)).real
     return normal(x), dict(name="squitter", band=min(0.9, 1.6 / slot), samples_per_chip=slot)
 
 
