@@ -69,7 +69,7 @@ def test_a_cause_whose_proof_was_cut_short_is_not_claimed_against_unseen_samples
     case = read_case(world.write(tmp_path / "case", world.noisy(world.clean() + 0.02)))
     (finding,) = diagnose(case).findings
     index = next(i for i, e in enumerate(finding.fit.model.effects) if e.family == "dc_offset")
-    finding.worths[id(finding.fit.model.effects[index].p)] = replace(finding.worth_of(index), held_out=-300.0)
+    finding.worths[finding.fit.model.effects[index].key] = replace(finding.worth_of(index), held_out=-300.0)
     assert [e["family"] for e in conclude(case, [finding], lambda entries: [])["effects"]] == ["dc_offset"]
     finding.complete = False
     document = conclude(case, [finding], lambda entries: [])

@@ -43,7 +43,7 @@ class Finding:
     stds: dict = field(default_factory=dict)
     left: list = field(default_factory=list)
     ambiguous: list = field(default_factory=list)
-    worths: dict = field(default_factory=dict)  # effect → Worth
+    worths: dict[int, Worth] = field(default_factory=dict)  # by the effect's key
     absent: bool = False  # the twin's waveform is not in it, and no effect of that was looked for
 
     def part_of_another(self, effect) -> bool:
@@ -63,13 +63,20 @@ class Finding:
         """Evidence that is lost without an effect."""
         return self.worth_of(index).evidence
 
+    def refitted(self, fit: Fit) -> None:
+        """Take another fit: of effects that moved it is open again what they are worth."""
+        before = {e.key: e.p for e in self.fit.model.effects}
+        still = {e.key for e in fit.model.effects if e.key in before and np.array_equal(before[e.key], e.p)}
+        self.worths = {key: worth for key, worth in self.worths.items() if key in still}
+        self.fit = fit
+
     def worth_of(self, index: int) -> Worth:
         """What `_compare` found, made now where it was not asked before."""
         effect = self.fit.model.effects[index]
-        key = id(effect.p)
+        key = effect.key
         if key not in self.worths:
             model = replace(self.fit.model, effects=tuple(e for e in self.fit.model.effects if "nats" not in e.aux))
-            at = next(i for i, e in enumerate(model.effects) if e.p is effect.p)
+            at = next(i for i, e in enumerate(model.effects) if e.key == key)
             if self.later or self.data.late:
                 most = self.data.count * np.log(max(self.twin.sigma2 / self.fit.sigma2, 1.0)) + LEAST_TOLD
                 self.worths[key] = Worth(evidence=min(told_by_curvature(self.fit, index), most), held_out=0.0)

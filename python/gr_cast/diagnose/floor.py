@@ -67,7 +67,7 @@ def compare(finding: Finding) -> None:
         )
     effect = replace(told.effect, aux={"nats": told.worth.evidence, "_floor": fit.sigma2})
     finding.fit = replace(fit, model=fit.model.adding(effect))
-    finding.worths[id(effect.p)] = told.worth
+    finding.worths[effect.key] = told.worth
     finding.stds[effect.family] = told.stds
 
 

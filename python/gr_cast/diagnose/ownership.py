@@ -45,7 +45,7 @@ def agree_on_sides(findings) -> None:
         best = max(moved.values(), key=lambda fits: sum(fit.likelihood for fit in fits))
         if sum(fit.likelihood for fit in best) > found - SIDES_ALIKE_NATS * len(holders):
             for (finding, _), fit in zip(holders, best, strict=True):
-                finding.fit = fit
+                finding.refitted(fit)
 
 
 def agree_on_wander(findings) -> None:
@@ -62,7 +62,7 @@ def agree_on_wander(findings) -> None:
         course = next((s.effect for s in candidates(bare) if plays(s.effect, Role.WANDER)), None)
         other = refit(fit.data, bare.model.adding(course)) if course else fit
         if other.evidence > fit.evidence - MARGIN:
-            finding.fit = other
+            finding.refitted(other)
 
 
 def _meet(a, b) -> bool:
@@ -127,7 +127,7 @@ def voices(findings, members, trust: float = 1.0) -> list[Voice]:
             aux = {k: v for k, v in there.aux.items() if k != "nats"}
             effect = replace(there, aux=aux)
             forced = refit(finding.data, finding.fit.model.adding(effect))
-            index = next(i for i, e in enumerate(forced.model.effects) if e.family == effect.family and e.aux == aux)
+            index = next(i for i, e in enumerate(forced.model.effects) if e.key == effect.key)
             out.append(_voice(finding, forced, index, max(0.0, forced.likelihood - finding.fit.likelihood), False))
     return out
 

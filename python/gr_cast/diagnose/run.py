@@ -230,7 +230,7 @@ def _compare(finding: Finding) -> None:
         if not finding.is_cause(effect):
             continue
         bare, rivals = ambiguity.rivals(fit, i, finding.known)
-        finding.worths[id(effect.p)] = worth(fit, bare, rivals)
+        finding.worths[effect.key] = worth(fit, bare, rivals)
         if entry := ambiguity.open_beside(fit, effect, rivals):
             finding.ambiguous.append(entry)
 

@@ -287,7 +287,7 @@ def _again(fit: Fit, effect: Effect) -> Effect:
     if found is None:
         return effect
     settled = {"_floor": fit.sigma2} if "_floor" in effect.aux else {}
-    return replace(found, trials=effect.trials, aux={**found.aux, **settled})
+    return replace(found, trials=effect.trials, aux={**found.aux, **settled}, key=effect.key)
 
 
 def candidates(fit: Fit) -> list[Score]:

@@ -55,7 +55,7 @@ def between(findings: list[Finding]) -> None:
         first.left.append(_wander(level, whole_s))
         for finding in findings:  # what some of them show is no drift of the whole
             if (bare := _without(finding, Role.DRIFT)) is not finding.fit.model:
-                _take(finding, refit(finding.fit.data, bare), bare)
+                finding.fit = refit(finding.fit.data, bare)
     if level:
         said = level.value if best is None else best.said
         _without_floors(in_time, said - said[0] + [nepers for nepers, _ in steps])
@@ -213,9 +213,9 @@ def _put(findings: list[Finding], holder: Finding, role: Role, told: dict, std: 
         effect = replace(effect, free=free, aux=aux, fixed=finding is not holder)
         model = bare.adding(effect)
         changed = own or effect.aux.get("before")
-        _take(finding, refit(finding.fit.data, model) if changed else replace(finding.fit, model=model), model)
+        finding.fit = refit(finding.fit.data, model) if changed else replace(finding.fit, model=model)
         if finding is holder:
-            finding.worths[id(effect.p)] = worth
+            finding.worths[effect.key] = worth
 
 
 def _without(finding: Finding, role: Role) -> Model:
@@ -245,16 +245,9 @@ def _put_step(in_time: list[Finding], level: Series, course: Course) -> bool:
     if fit.likelihood < holder.fit.likelihood - WORSE_NATS:
         return False
     held_out = _held_out(in_time, level, course, 1.0)
-    _take(holder, fit, model)
-    holder.worths[id(effect.p)] = Worth(evidence=course.nats, held_out=held_out)
+    holder.fit = fit
+    holder.worths[effect.key] = Worth(evidence=course.nats, held_out=held_out)
     return True
-
-
-def _take(finding: Finding, fit, model) -> None:
-    """Give a finding another fit of a model, and what is known of the model's effects."""
-    pairs = zip(model.effects, fit.model.effects, strict=True)
-    finding.worths = {id(now.p): finding.worths[id(old.p)] for old, now in pairs if id(old.p) in finding.worths}
-    finding.fit = fit
 
 
 def _wander(level: Series, whole_s: float) -> Leftover:
@@ -270,7 +263,7 @@ def _without_floors(in_time: list[Finding], changed: np.ndarray) -> None:
             doubt_db = FLOOR_DB + SURE * finding.stds[e.family]["change_db"]
             if abs(e.p[0] - change_db) < min(doubt_db, abs(change_db)):
                 rest = finding.fit.model.without(i)
-                _take(finding, replace(finding.fit, model=rest), rest)
+                finding.fit = replace(finding.fit, model=rest)
 
 
 def _held_out(in_time: list[Finding], series: Series, course: Course, way: complex) -> float:

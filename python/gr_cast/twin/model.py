@@ -23,6 +23,9 @@ class Model:
     effects: tuple[Effect, ...] = ()
 
     def adding(self, effect: Effect) -> "Model":
+        """The model with one more effect; of one that it has, with another like it."""
+        if any(e.key == effect.key for e in self.effects):
+            effect = effect.another()
         model = self._facing_round() if stage_of(effect) == INVERSION else self
         return replace(model, effects=tuple(sorted((*model.effects, effect), key=stage_of)))
 

@@ -6,6 +6,7 @@ amplitudes);
 `values` turns them into the contract's names and units, and `parse` back.
 """
 
+import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -69,6 +70,9 @@ SEARCHED = 0.05  # of a number, that a search leaves open
 NYQUIST = 0.01  # of the sample rate on either side of its half: what interpolation between samples cannot know
 
 
+_KEYS = itertools.count()
+
+
 @dataclass(frozen=True, kw_only=True)
 class Effect:
     """A family with its parameters `p` (internal scaling), `free` ones fitted, and what is not a number in
@@ -81,9 +85,14 @@ class Effect:
     prior: np.ndarray | None = None  # variance of each parameter; None: nothing known before
     trials: float = 1.0  # places that were looked at to find it
     fixed: bool = False  # physics that the twin already has
+    key: int = field(default_factory=_KEYS.__next__, compare=False)  # which one it is, whatever moves or refits it
 
     def moved(self, p: np.ndarray) -> "Effect":
         return replace(self, p=p)
+
+    def another(self) -> "Effect":
+        """A second one that is like it."""
+        return replace(self, key=next(_KEYS))
 
 
 def start(family: "Family", p, *, free=None, aux=None, prior=None, trials=1.0) -> Effect:
