@@ -267,7 +267,8 @@ def test_pulses_go_on_in_a_later_part():
     part = replace(whole, count=500, span=500, begins=begins, whole=COUNT)
     pulses = start(family, [0.5, 97.3, 20.6, 0.21])
     there = family.in_its_part(part, pulses)
-    assert (family.gate(part, there) == family.gate(whole, pulses)[begins : begins + 500]).all()
+    law = family.variance(whole, pulses, np.ones(COUNT))
+    assert np.ptp(law) > 1 and (family.variance(part, there, np.ones(500)) == law[begins : begins + 500]).all()
 
 
 def test_the_end_of_a_relaxation_is_still():

@@ -13,6 +13,8 @@ from enum import Enum
 
 import numpy as np
 
+from ..columns import Courses, Dense, Lags
+
 # The true order of the signal; the channel is run between LINK and ENVIRONMENT.
 (
     TX_IQ,
@@ -119,7 +121,7 @@ class Family:
     common = False  # its numbers are the same wherever its owner is seen
     two_sided = False  # has a form in front of the channel and one behind it, and says which (aux side)
     noise_like = False  # changes the noise, not the prediction
-    reach = 0.5
+    reach = 0.5  # largest step of a number in one iteration of a fit
     scattered = False  # noise of single samples, each of which has it or has not: `shares` and `likelihood` tell
     flexible = False  # fits much: tried after the simple ones
     entangled = False  # what its numbers do resembles one another, however many they are
@@ -155,7 +157,7 @@ class Family:
         """Put the effect on the chain (replace its attributes)."""
         raise NotImplementedError
 
-    def columns(self, scene, effect: Effect, chain, before, rest):
+    def columns(self, scene, effect: Effect, chain, before, rest) -> Dense | Lags | Courses | None:
         """Derivatives of the prediction `chain` by the free numbers where they are cheaper than differences, else None; `before`
         is the chain in front of the effect, `rest(chain, effect, extra=None)` runs it on from there, `extra` (source, wave) is
         then sent too."""
@@ -209,7 +211,7 @@ class Family:
         """The effect of a twin's entry, parameters as {name: value}."""
         raise NotImplementedError
 
-    def nest(self, scene, effect: Effect):
+    def nest(self, scene, effect: Effect) -> tuple[object, Effect, np.ndarray] | None:
         """(key, largest effect of this kind, indices of this effect's parameters in it), where starts are
         parts of one."""
         return None
@@ -371,6 +373,7 @@ class Family:
         return SEARCHED * abs(value)
 
     def where(self, scene, effect: Effect, values: dict) -> dict:
+        """The smallest interval that holds it, by axis of the contract, where it is not everywhere."""
         return {}
 
     def describe(self, number) -> str:

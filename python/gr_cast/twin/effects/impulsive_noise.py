@@ -15,7 +15,7 @@ class ImpulsiveNoise(NoiseFamily):
     owners = ("environment",)
     lasting = False
     scattered = True
-    strengths = 2
+    _strengths = 2
 
     def values(self, scene, effect, p):
         floor = effect.aux["_floor"]
@@ -24,7 +24,7 @@ class ImpulsiveNoise(NoiseFamily):
             "power_db": 10 * np.log10(np.exp(p[0]) * floor),
         }
 
-    def levels(self, scene, parameters, model, floor, rms):
+    def _levels(self, scene, parameters, model, floor, rms):
         share = parameters["rate_hz"] / scene.sample_rate_hz
         return [np.log(10 ** (parameters["power_db"] / 10) / floor), np.log(share)]
 

@@ -20,10 +20,10 @@ class MissingPath(TapFamily):
                 yield start(self, [], aux={"tap": k}, trials=len(view.scene.taps))
 
     def values(self, scene, effect, p):
-        return {"delay_s": self.delay_of(scene, effect)}
+        return {"delay_s": self._delay_of(scene, effect)}
 
     def parse(self, scene, parameters, model):
-        return start(self, [], aux={"tap": self.find(scene, parameters, model)})
+        return start(self, [], aux={"tap": self._tap_of(scene, parameters, model)})
 
     def describe(self, number):
         return f"The twin's path at {number('delay_s')} is not there."

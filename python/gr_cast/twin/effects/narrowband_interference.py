@@ -14,7 +14,7 @@ FINE = 12  # steps per cell in which the edges of a band are looked for
 class NarrowbandInterference(NoiseFamily):
     name = "narrowband_interference"
     owners = ("environment",)
-    strengths = 3
+    _strengths = 3
 
     def band(self, effect):
         return effect.p[1], effect.p[2]
@@ -30,7 +30,7 @@ class NarrowbandInterference(NoiseFamily):
             "power_dbc": 10 * np.log10(np.exp(p[0]) * floor * p[2] / scene.wanted_rms**2),
         }
 
-    def levels(self, scene, parameters, model, floor, rms):
+    def _levels(self, scene, parameters, model, floor, rms):
         width = parameters["bandwidth_hz"] / scene.sample_rate_hz
         strength = np.log(10 ** (parameters["power_dbc"] / 10) * rms**2 / floor / width)
         return [strength, parameters["frequency_hz"] / scene.sample_rate_hz, width]

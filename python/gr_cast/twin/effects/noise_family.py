@@ -29,10 +29,10 @@ class NoiseFamily(Family):
     stage = NOISE
     noise_like = True
     relative = True
-    strengths = 0  # numbers that `find` chooses
+    _strengths = 0  # numbers that `find` chooses
 
     def hidden(self, effect):
-        return self.strengths
+        return self._strengths
 
     def apply(self, chain, effect):
         pass
@@ -44,13 +44,13 @@ class NoiseFamily(Family):
             noise = sp_fft.ifft(sp_fft.fft(noise) * np.sqrt(spectrum - 1))
         return noise if shape is None else noise * np.sqrt(shape - 1)
 
-    def levels(self, scene, parameters, model, floor: float, rms: float) -> list[float]:
+    def _levels(self, scene, parameters, model, floor: float, rms: float) -> list[float]:
         """Internal numbers of the contract's parameters, over a noise power `floor` and a wanted signal of `rms`."""
         raise NotImplementedError
 
     def parse(self, scene, parameters, model):
         aux = {"_floor": model.get("floor", scene.floor), **said_rms(model)}
-        p = self.levels(scene, parameters, model, aux["_floor"], aux.get("rms", scene.rms))
+        p = self._levels(scene, parameters, model, aux["_floor"], aux.get("rms", scene.rms))
         return start(self, p, free=[False] * len(p), aux=aux)
 
     def model(self, scene, effect):

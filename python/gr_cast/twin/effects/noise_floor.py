@@ -16,7 +16,7 @@ class NoiseFloor(NoiseFamily):
     def values(self, scene, effect, p):
         return {"change_db": p[0]}
 
-    def levels(self, scene, parameters, model, floor, rms):
+    def _levels(self, scene, parameters, model, floor, rms):
         return [parameters["change_db"]]
 
     def added(self, scene, effect, wanted, draw):

@@ -127,21 +127,21 @@ class PaNonlinearity(Family):
         return (start(FrontEndFilter(), np.zeros(2 * (high - low)), aux={"low": low, "high": high, "side": "tx", "source": i}),)
 
     @staticmethod
-    def driven(scene, effect):
+    def _driven(scene, effect):
         """The wave at the amplifier's input: the one that the latest prediction sent through it."""
         held = scene.notes.get(("bent", effect.aux["source"]))
         return scene.sources[effect.aux["source"]].samples if held is None else held[0]
 
     @staticmethod
-    def curve(p):
+    def _curve(p):
         """Gain at the largest amplitude over the small-signal gain (complex), where nothing stands in front."""
         return 1.0 + (p[::2] + 1j * p[1::2]).sum()
 
-    def met(self, scene, effect, p):
+    def _met(self, scene, effect, p):
         """Gain of the strongest thousandth of the samples sent over that of the weaker half, with memory, or at small
         signal, without (complex): what an amplifier remembers at a peak is the signal around that peak."""
         i, orders, lags = effect.aux["source"], effect.aux["orders"], effect.aux.get("lags", ())
-        x = self.driven(scene, effect)
+        x = self._driven(scene, effect)
         key = ("met", i, orders, lags)
         if key not in scene.notes or scene.notes[key][0] is not x:
             terms = kept(scene, i, x, effect.aux["peak"], orders)
@@ -158,8 +158,8 @@ class PaNonlinearity(Family):
         return large / small if lags else large
 
     def values(self, scene, effect, p):
-        plain = not effect.aux.get("lags") and self.driven(scene, effect) is scene.sources[effect.aux["source"]].samples
-        return {"compression_db": -db(self.curve(p) if plain else self.met(scene, effect, p))}
+        plain = not effect.aux.get("lags") and self._driven(scene, effect) is scene.sources[effect.aux["source"]].samples
+        return {"compression_db": -db(self._curve(p) if plain else self._met(scene, effect, p))}
 
     def extrapolated(self, scene, effect):
         sent, measured = scene.sources[effect.aux["source"]].peak, effect.aux["peak"]

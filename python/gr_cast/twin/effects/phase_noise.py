@@ -28,6 +28,14 @@ def shape_of(law: dict, size: int) -> np.ndarray:
     return 1.0 / k**2 if law["law"] == "free" else np.ones(size)
 
 
+def detrended(scene, p):
+    """The course without its mean and slope, on a grid finer than its fastest cosine."""
+    grid, length = grid_of(p), course_length(scene.span)
+    u = np.arange(len(grid)) / (len(grid) - 1) * length / scene.span
+    u, phase = u[u <= 1], grid[u <= 1]
+    return phase - np.polyval(np.polyfit(u, phase, 1), u)
+
+
 class PhaseNoise(Family):
     name = "phase_noise"
     role = Role.WANDER
@@ -103,15 +111,7 @@ class PhaseNoise(Family):
             unseen += effect.aux["_jitter"]
         elif effect.aux.get("law") == "held" and effect.prior is not None:
             unseen += self.unfollowed(effect)
-        return {"rms_rad": float(np.sqrt(np.mean(self.detrended(scene, p) ** 2) + unseen))}
-
-    @staticmethod
-    def detrended(scene, p):
-        """The course without its mean and slope, on a grid finer than its fastest cosine."""
-        grid, length = grid_of(p), course_length(scene.span)
-        u = np.arange(len(grid)) / (len(grid) - 1) * length / scene.span
-        u, phase = u[u <= 1], grid[u <= 1]
-        return phase - np.polyval(np.polyfit(u, phase, 1), u)
+        return {"rms_rad": float(np.sqrt(np.mean(detrended(scene, p) ** 2) + unseen))}
 
     def parse(self, scene, parameters, model):
         highest = model.get("highest_hz", course_orders(scene)[-1] / 2 / scene.duration_s)

@@ -14,15 +14,15 @@ class PulsedInterference(NoiseFamily):
     name = "pulsed_interference"
     owners = ("environment",)
     lasting = False
-    strengths = 4
+    _strengths = 4
 
     @staticmethod
-    def gate(scene, effect):
+    def _gate(scene, effect):
         _, period, first, duty = effect.p
         return ((scene.index - first) / period) % 1.0 < duty
 
     def variance(self, scene, effect, wanted):
-        return 1 + np.exp(effect.p[0]) * self.gate(scene, effect)
+        return 1 + np.exp(effect.p[0]) * self._gate(scene, effect)
 
     def in_time(self, scene, effect, later, longer):
         strength, period, first, duty = effect.p
@@ -36,7 +36,7 @@ class PulsedInterference(NoiseFamily):
             "power_dbc": 10 * np.log10(np.exp(p[0]) * floor / scene.wanted_rms**2),
         }
 
-    def levels(self, scene, parameters, model, floor, rms):
+    def _levels(self, scene, parameters, model, floor, rms):
         rate = scene.sample_rate_hz
         strength = np.log(10 ** (parameters["power_dbc"] / 10) * rms**2 / floor)
         return [strength, parameters["period_s"] * rate, model.get("first_s", 0.0) * rate, parameters["duty_cycle"]]

@@ -11,7 +11,7 @@ from .noise_family import NoiseFamily, profile
 class SignalDependentNoise(NoiseFamily):
     name = "signal_dependent_noise"
     role = Role.FOLLOWING
-    strengths = 1
+    _strengths = 1
 
     def variance(self, scene, effect, wanted):
         power = np.abs(wanted) ** 2
@@ -20,7 +20,7 @@ class SignalDependentNoise(NoiseFamily):
     def values(self, scene, effect, p):
         return {"slope_db": 10 / np.log(10) * p[0]}
 
-    def levels(self, scene, parameters, model, floor, rms):
+    def _levels(self, scene, parameters, model, floor, rms):
         return [np.log(10) / 10 * parameters["slope_db"]]
 
     def describe(self, number):

@@ -9,7 +9,7 @@ class TapFamily(Family):
     owners = ("link",)
     stage = LINK
 
-    def find(self, scene, parameters, model) -> int:
+    def _tap_of(self, scene, parameters, model) -> int:
         """Index of the twin's tap nearest to delay_s on the link of source model['source']."""
         delay = parameters.get("delay_s", 0.0) * scene.sample_rate_hz
         source = model.get("source", 0)
@@ -18,11 +18,11 @@ class TapFamily(Family):
             key=lambda k: abs(scene.taps[k].delay - delay),
         )
 
-    def delay_of(self, scene, effect) -> float:
+    def _delay_of(self, scene, effect) -> float:
         return scene.taps[effect.aux["tap"]].delay / scene.sample_rate_hz
 
     def resolution(self, scene, name, value):
         return 0.0 if name == "delay_s" else super().resolution(scene, name, value)  # the tap's own
 
     def where(self, scene, effect, values):
-        return around(scene, self.delay_of(scene, effect))
+        return around(scene, self._delay_of(scene, effect))

@@ -28,13 +28,13 @@ class TapDelayError(TapFamily):
         return abs(effect.p[0]) < 30
 
     def values(self, scene, effect, p):
-        return {"delay_s": self.delay_of(scene, effect), "error_s": p[0] / scene.sample_rate_hz}
+        return {"delay_s": self._delay_of(scene, effect), "error_s": p[0] / scene.sample_rate_hz}
 
     def parse(self, scene, parameters, model):
         return start(
             self,
             [parameters.get("error_s", 0.0) * scene.sample_rate_hz],
-            aux={"tap": self.find(scene, parameters, model)},
+            aux={"tap": self._tap_of(scene, parameters, model)},
         )
 
     def describe(self, number):

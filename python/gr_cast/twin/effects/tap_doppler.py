@@ -51,7 +51,7 @@ class TapDoppler(TapFamily):
 
     def values(self, scene, effect, p):
         return {
-            "delay_s": self.delay_of(scene, effect),
+            "delay_s": self._delay_of(scene, effect),
             "doppler_hz": (scene.taps[effect.aux["tap"]].doppler + p[0]) / scene.duration_s,
         }
 
@@ -59,7 +59,7 @@ class TapDoppler(TapFamily):
         return {} if "held" in effect.aux else {"phase_rad": float(_begins_at(effect))}
 
     def parse(self, scene, parameters, model):
-        k = self.find(scene, parameters, model)
+        k = self._tap_of(scene, parameters, model)
         extra = parameters.get("doppler_hz", 0.0) * scene.duration_s - scene.taps[k].doppler
         return _free(self, k, extra, model.get("phase_rad", 0.0))
 

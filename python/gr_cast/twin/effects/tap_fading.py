@@ -65,7 +65,7 @@ class TapFading(TapFamily):
         k = np.arange(1, 1 + len(c))
         spread = np.sqrt(2 * np.sum(k**2 * np.abs(c) ** 2) / scattered) / 2 / scene.duration_s
         return {
-            "delay_s": self.delay_of(scene, effect),
+            "delay_s": self._delay_of(scene, effect),
             "k_factor_db": -10 * np.log10(scattered),
             "doppler_spread_hz": float(spread),
         }
@@ -76,7 +76,7 @@ class TapFading(TapFamily):
         # Scattering all around: a Doppler density of 1/√(1 − (f/f_max)²) (Clarke 1968), here between its cosines.
         share = np.diff(np.arcsin(np.minimum(np.arange(len(k) + 1) / most, 1.0)))
         prior = 10 ** (-parameters["k_factor_db"] / 10) * share / share.sum() / 2
-        return start(self, np.zeros(2 * len(k)), prior=np.repeat(prior, 2), aux={"tap": self.find(scene, parameters, model)})
+        return start(self, np.zeros(2 * len(k)), prior=np.repeat(prior, 2), aux={"tap": self._tap_of(scene, parameters, model)})
 
     def holds(self, scene, effect, other):
         """Its mean, and its strong moments."""

@@ -23,14 +23,14 @@ class TapGainError(TapFamily):
 
     def values(self, scene, effect, p):
         return {
-            "delay_s": self.delay_of(scene, effect),
+            "delay_s": self._delay_of(scene, effect),
             "error_db": 20 / np.log(10) * p[0],
             "error_rad": float((p[1] + np.pi) % (2 * np.pi) - np.pi),
         }
 
     def parse(self, scene, parameters, model):
         p = [parameters.get("error_db", 0.0) * np.log(10) / 20, parameters.get("error_rad", 0.0)]
-        return start(self, p, aux={"tap": self.find(scene, parameters, model)})
+        return start(self, p, aux={"tap": self._tap_of(scene, parameters, model)})
 
     def describe(self, number):
         return f"The twin's path at {number('delay_s')} is off by {number('error_db')} and {number('error_rad')}."
