@@ -36,7 +36,7 @@ FOUND = {  # one effect of every family that predicts, as a search may find it
     "front_end_filter": ([0.05, 0.01, 0.02, 0.0], {"low": -1, "high": 1, "side": "rx"}),
     "gain_step": ([0.3, 0.7], {}),
     "gain_drift": ([0.1, -1.2], {"relaxes": True}),
-    "power_supply_hum": ([0.04, 0.03, -17.0], {}),
+    "power_supply_hum": ([0.04, 0.03, -17.0, 0.01, 0.02], {}),
     "dc_offset": ([0.04, 0.03, -1.0], {"decays": True}),
     "tone_interference": ([0.04, 0.03, 517.25], {}),
     "spectral_inversion": ([], {}),
