@@ -31,8 +31,8 @@ class Faults:
         else:
             self._more += 1
 
-    def __bool__(self) -> bool:
-        return bool(self._lines)
+    def __len__(self) -> int:
+        return len(self._lines) + self._more
 
     def raise_if_any(self) -> None:
         if self._lines:

@@ -63,7 +63,7 @@ def effect_of(scene, entry):
     values = {k: v for k, v in values.items() if v is not None}
     effect = family.parse(scene, values, {**(entry.get("model") or {}), **_owned(scene, entry["owner"])})
     effect = family.in_its_part(scene, effect)
-    stds = [v.get("std", 0.0) for v in entry["parameters"].values() if isinstance(v, dict) and "value" in v]
+    stds = [v.get("std") or 0.0 for v in entry["parameters"].values() if isinstance(v, dict) and "value" in v]
     free = effect.free & (family.random or any(s > 0 for s in stds))
     return replace(effect, fixed=True, free=free)
 

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from .base import RAILS, Family, Role, start
+from .values import NEEDED_POSITIVE
 
 FAR = 5.0  # σ from a rail, beyond which the noise does not reach it
 
@@ -27,6 +28,7 @@ def _mean_above(z):
 
 class AdcClipping(Family):
     name = "adc_clipping"
+    parameters = {"level": NEEDED_POSITIVE}
     role = Role.RAILS
     lasting = False
     stage = RAILS

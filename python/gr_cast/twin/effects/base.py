@@ -14,6 +14,7 @@ from enum import Enum
 import numpy as np
 
 from ..columns import Courses, Dense, Lags
+from .values import Value
 
 # The true order of the signal; the channel is run between LINK and ENVIRONMENT.
 (
@@ -109,6 +110,8 @@ class Family:
     of a family is declared here; a family has no other public name (tests/test_effect_interface.py)."""
 
     name = ""
+    parameters: dict[str, Value] = {}  # the contract's, by name, that an entry may tell
+    remembered: dict[str, Value] = {}  # of the model, which `model` writes and `parse` reads back
     role: Role | None = None
     owners: tuple[str, ...] = ("rx",)  # of tx, rx, link and environment, the likelier one of one link alone first
     stage = RX_GAIN
@@ -206,6 +209,10 @@ class Family:
     def constants(self, scene, effect: Effect) -> dict:
         """Parameters that are not fitted numbers (names, true or false)."""
         return {}
+
+    def contradiction(self, parameters: dict, model: dict) -> str | None:
+        """What is wrong with values of an entry each of which may be; None where nothing is."""
+        return None
 
     def parse(self, scene, parameters: dict, model: dict) -> Effect:
         """The effect of a twin's entry, parameters as {name: value}."""

@@ -9,6 +9,7 @@ a receiver's offset makes of it. Where no path comes much later the two are the 
 import numpy as np
 
 from .base import RX_LO, TX_LO, Family, Multiplicity, Role, amid, side_of, start
+from .values import NUMBER, SIDE
 
 FASTEST_DRIFT = 1e-3  # share of the carrier per second; what turns faster is no oscillator's drift
 LEAST_DRIFT = 0.1  # cycles of it that a recording must be long enough for
@@ -17,6 +18,8 @@ LEAST_DRIFT = 0.1  # cycles of it that a recording must be long enough for
 class CarrierFrequencyOffset(Family):
     name = "carrier_frequency_offset"
     sizes = (0, 1)
+    parameters = {"offset_hz": NUMBER, "drift_hz_per_s": NUMBER}
+    remembered = {"at": SIDE}
     role = Role.CARRIER
     owners = ("tx", "rx")
     multiplicity = Multiplicity.ONE
@@ -62,6 +65,9 @@ class CarrierFrequencyOffset(Family):
     def values(self, scene, effect, p):
         duration = scene.duration_s
         return {"offset_hz": (p[0] - 0.5 * p[1]) / duration, "drift_hz_per_s": p[1] / duration**2}
+
+    def contradiction(self, parameters, model):
+        return None if parameters else "needs offset_hz or drift_hz_per_s"
 
     def parse(self, scene, parameters, model):
         drift = parameters.get("drift_hz_per_s", 0.0) * scene.duration_s**2

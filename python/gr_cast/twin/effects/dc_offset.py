@@ -5,6 +5,7 @@ wanted rms, ln(τ/T)."""
 import numpy as np
 
 from .base import RX_DC, Family, Multiplicity, complex_pair, db, rms_of, said_rms, start
+from .values import NEEDED, NUMBER, POSITIVE
 
 LONGEST_BACK = 3.0  # time constants: further back, where a decay began cannot be told
 
@@ -12,6 +13,8 @@ LONGEST_BACK = 3.0  # time constants: further back, where a decay began cannot b
 class DcOffset(Family):
     name = "dc_offset"
     sizes = (0, 1)
+    parameters = {"level_dbc": NEEDED, "decay_s": POSITIVE}
+    remembered = {"phase_rad": NUMBER, "wanted_rms": POSITIVE}
     multiplicity = Multiplicity.ONE
     relative = True
     stage = RX_DC

@@ -15,6 +15,7 @@ from scipy import linalg, optimize
 from ..columns import Lags
 from ..scene import Path
 from .base import LINK, PROBE, Family, Multiplicity, start
+from .values import NEEDED_POSITIVE, NUMBER, NUMBERS
 
 SIZES = (8, 16, 32, 64, 128, 256)
 LONG = 64  # taps from which a tail is looked for only where the residual holds its waveform that late
@@ -112,6 +113,8 @@ def spread(told: Told, at: np.ndarray) -> np.ndarray:
 
 class DiffuseTail(Family):
     name = "diffuse_tail"
+    parameters = {"decay_s": NEEDED_POSITIVE, "power_db": NUMBER}
+    remembered = {"first": NUMBER, "taps": replace(NUMBERS, needed=True)}
     owners = ("link",)
     multiplicity = Multiplicity.ONE
     stage = LINK
@@ -197,6 +200,9 @@ class DiffuseTail(Family):
         power = law.get("power", np.sum(p**2))
         decay = law.get("decay", len(p) / 2 / FALLS)
         return {"decay_s": decay / scene.sample_rate_hz, "power_db": 10 * np.log10(power + 1e-30)}
+
+    def contradiction(self, parameters, model):
+        return None if len(model["taps"]) % 2 == 0 else "model.taps: needs pairs, Re and Im"
 
     def parse(self, scene, parameters, model):
         law = {"decay": parameters["decay_s"] * scene.sample_rate_hz}

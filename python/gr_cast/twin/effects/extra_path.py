@@ -6,6 +6,7 @@ import numpy as np
 
 from ..scene import Path
 from .base import LINK, Family, Multiplicity, amid, complex_pair, db, start, turned
+from .values import NEEDED, NUMBER
 
 FASTEST = 1e-5  # Doppler over the carrier: 3 km/s
 
@@ -13,6 +14,7 @@ FASTEST = 1e-5  # Doppler over the carrier: 3 km/s
 class ExtraPath(Family):
     name = "extra_path"
     sizes = (0, 1)
+    parameters = {"delay_s": NEEDED, "gain_db": NEEDED, "phase_rad": NUMBER, "doppler_hz": NUMBER}
     owners = ("link",)
     multiplicity = Multiplicity.MANY
     place = 2

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..columns import Lags
 from .base import RX_FILTER, TX_FILTER, Effect, Family, Multiplicity, Role, of_sender, start
+from .values import NUMBER, NUMBERS, SIDE, Value
 
 SIZES = (
     (0, 1),
@@ -33,6 +34,8 @@ FEW = 30_000  # samples, of all transmitters together, in which every length is 
 
 class FrontEndFilter(Family):
     name = "front_end_filter"
+    parameters = {"ripple_db": NUMBER}
+    remembered = {"side": SIDE, "low": Value(whole=True, low=-4096, high=4096), "taps": replace(NUMBERS, needed=True)}
     role = Role.FILTER
     owners = ("rx", "tx")
     multiplicity = Multiplicity.ONE
@@ -125,6 +128,12 @@ class FrontEndFilter(Family):
         response = np.abs(np.fft.fft(self.impulse_response(effect, p), 512))
         inside = response[scene.occupied]
         return {"ripple_db": 20 * np.log10(inside.max() / max(inside.min(), 1e-6))}
+
+    def contradiction(self, parameters, model):
+        low, taps = model.get("low", 0), model["taps"]
+        if len(taps) % 2 or not low <= 0 <= low + len(taps) // 2:
+            return "model.taps: needs Re and Im of each sample from low on but the one at 0"
+        return None
 
     def parse(self, scene, parameters, model):
         taps = model.get("taps", [])

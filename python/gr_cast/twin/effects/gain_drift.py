@@ -8,6 +8,7 @@ import numpy as np
 
 from .base import Multiplicity, Role, side_of, start
 from .gain_family import GainFamily
+from .values import NEEDED, POSITIVE, SIDE
 
 LATEST = 0.05  # of a relaxation that a part shows: with less, where it began cannot be told
 
@@ -15,6 +16,8 @@ LATEST = 0.05  # of a relaxation that a part shows: with less, where it began ca
 class GainDrift(GainFamily):
     name = "gain_drift"
     sizes = (0,)
+    parameters = {"total_db": NEEDED, "time_constant_s": POSITIVE}
+    remembered = {"at": SIDE, "duration_s": POSITIVE}
     role = Role.DRIFT
     owners = ("rx", "tx")
     multiplicity = Multiplicity.ONE

@@ -6,6 +6,7 @@ import numpy as np
 
 from .base import Multiplicity, Role, side_of, start
 from .gain_family import GainFamily
+from .values import NEEDED, SIDE
 
 SHARE_APART = 0.01  # of the recording, by which two steps are told apart
 HEAVY = 2.5  # of the standard deviation of its time: its errors fall off like exp(−|t|), one in 200 is eight of them
@@ -15,6 +16,8 @@ LEAST_PART = 16  # samples on either side of a step
 class GainStep(GainFamily):
     name = "gain_step"
     sizes = (0,)
+    parameters = {"time_s": NEEDED, "step_db": NEEDED}
+    remembered = {"at": SIDE}
     role = Role.STEP
     owners = ("rx", "tx")
     multiplicity = Multiplicity.MANY

@@ -7,11 +7,14 @@ import numpy as np
 from scipy.special import ive
 
 from .base import start
-from .noise_family import NoiseFamily
+from .noise_family import REMEMBERED, NoiseFamily
+from .values import NEEDED, NEEDED_POSITIVE, one_of
 
 
 class ImpulsiveNoise(NoiseFamily):
     name = "impulsive_noise"
+    parameters = {"rate_hz": NEEDED_POSITIVE, "power_db": NEEDED}
+    remembered = REMEMBERED | {"law": one_of("random", "steady")}
     owners = ("environment",)
     lasting = False
     scattered = True

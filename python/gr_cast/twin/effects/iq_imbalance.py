@@ -7,6 +7,7 @@ With unequal gain 1 + g and phase error φ the image factor is β = (1 − G·e^
 import numpy as np
 
 from .base import RX_IQ, TX_IQ, Family, complex_pair, db, start
+from .values import NUMBER
 
 WEAKEST = 10 ** (-55 / 20)  # no radio is balanced better, and no model of its other parts is as good
 STRONGEST = 10 ** (-10 / 20)  # nothing that calls itself a radio is balanced worse
@@ -15,6 +16,7 @@ STRONGEST = 10 ** (-10 / 20)  # nothing that calls itself a radio is balanced wo
 class IqImbalance(Family):
     name = "iq_imbalance"
     sizes = (0, 1)
+    parameters = {"image_rejection_db": NUMBER, "gain_imbalance_db": NUMBER, "phase_imbalance_rad": NUMBER}
     owners = ("rx", "tx")
     common = True
     two_sided = True
@@ -50,6 +52,10 @@ class IqImbalance(Family):
             "gain_imbalance_db": db(ratio),
             "phase_imbalance_rad": float(np.angle(ratio)),
         }
+
+    def contradiction(self, parameters, model):
+        told = {"gain_imbalance_db", "phase_imbalance_rad"} & {*parameters}
+        return None if told else "needs gain_imbalance_db or phase_imbalance_rad: an image's level alone tells neither"
 
     def parse(self, scene, parameters, model):
         ratio = 10 ** (parameters.get("gain_imbalance_db", 0.0) / 20) * np.exp(1j * parameters.get("phase_imbalance_rad", 0.0))

@@ -5,11 +5,14 @@ over the rms of x."""
 import numpy as np
 
 from .base import TX_LEAK, Family, complex_pair, db, start
+from .values import NEEDED, NUMBER, POSITIVE
 
 
 class LoLeakage(Family):
     name = "lo_leakage"
     sizes = (0, 1)
+    parameters = {"level_dbc": NEEDED}
+    remembered = {"phase_rad": NUMBER, "sent_power": POSITIVE}
     owners = ("tx",)
     stage = TX_LEAK
 

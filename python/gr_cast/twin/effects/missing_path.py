@@ -5,10 +5,12 @@ from dataclasses import replace
 
 from .base import start
 from .tap import TapFamily
+from .values import NEEDED
 
 
 class MissingPath(TapFamily):
     name = "missing_path"
+    parameters = {"delay_s": NEEDED}
 
     def apply(self, chain, effect):
         k = effect.aux["tap"]

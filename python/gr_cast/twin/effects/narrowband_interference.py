@@ -5,7 +5,8 @@ import numpy as np
 from scipy import fft as sp_fft
 
 from .base import around_circle, at_half_the_rate, start
-from .noise_family import NoiseFamily, two_levels
+from .noise_family import REMEMBERED, NoiseFamily, two_levels
+from .values import NEEDED, NEEDED_POSITIVE
 
 WIDEST = 3  # a band wider than this part of the rate is what a filter leaves of the noise
 FINE = 12  # steps per cell in which the edges of a band are looked for
@@ -13,6 +14,8 @@ FINE = 12  # steps per cell in which the edges of a band are looked for
 
 class NarrowbandInterference(NoiseFamily):
     name = "narrowband_interference"
+    parameters = {"frequency_hz": NEEDED, "bandwidth_hz": NEEDED_POSITIVE, "power_dbc": NEEDED}
+    remembered = REMEMBERED
     owners = ("environment",)
     _strengths = 3
 

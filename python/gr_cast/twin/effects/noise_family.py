@@ -12,6 +12,7 @@ import numpy as np
 from scipy import fft as sp_fft
 
 from .base import NOISE, Family, said_rms, start
+from .values import POSITIVE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,8 +26,12 @@ class NoiseView:
     weighted: np.ndarray
 
 
+REMEMBERED = {"floor": POSITIVE, "wanted_rms": POSITIVE}  # in the model of every family of the noise
+
+
 class NoiseFamily(Family):
     stage = NOISE
+    remembered = REMEMBERED
     noise_like = True
     relative = True
     _strengths = 0  # numbers that `find` chooses

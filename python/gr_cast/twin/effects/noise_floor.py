@@ -5,11 +5,14 @@ twin's own figure)."""
 import numpy as np
 
 from .base import Role
-from .noise_family import NoiseFamily
+from .noise_family import REMEMBERED, NoiseFamily
+from .values import NEEDED
 
 
 class NoiseFloor(NoiseFamily):
     name = "noise_floor"
+    parameters = {"change_db": NEEDED}
+    remembered = REMEMBERED
     role = Role.FLOOR
     lasting = False
 

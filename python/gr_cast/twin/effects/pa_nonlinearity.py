@@ -13,7 +13,9 @@ from ..columns import Lags
 from ..interpolate import oversampled
 from .base import PROBE, TX_PA, Effect, Family, Multiplicity, Role, db, start
 from .front_end_filter import FrontEndFilter
+from .values import NUMBER, NUMBERS, POSITIVE, TRUTH, WHOLES
 
+HIGHEST = 16  # order of |x|² in a gain that a twin may tell
 ORDERS = ((1,), (1, 2), (1, 2, 3), (1, 2, 3, 4))
 
 
@@ -43,6 +45,8 @@ def kept(scene, i: int, x: np.ndarray, peak: float, orders) -> dict[int, np.ndar
 
 class PaNonlinearity(Family):
     name = "pa_nonlinearity"
+    parameters = {"compression_db": NUMBER, "memory": TRUTH}
+    remembered = {"orders": WHOLES, "lags": WHOLES, "peak": POSITIVE, "coefficients": NUMBERS}
     role = Role.AMPLIFIER
     owners = ("tx",)
     multiplicity = Multiplicity.ONE
@@ -170,6 +174,18 @@ class PaNonlinearity(Family):
 
     def constants(self, scene, effect):
         return {"memory": bool(effect.aux.get("lags"))}
+
+    def contradiction(self, parameters, model):
+        orders, lags = model.get("orders", (1,)), model.get("lags", ())
+        if "coefficients" not in model:
+            bends = "compression_db" in parameters and "orders" not in model and not lags
+            return None if bends else "needs compression_db alone, or model.coefficients"
+        needs, got = self._shape(orders, lags), len(model["coefficients"])
+        if not 1 <= min(orders, default=0) <= max(orders, default=0) <= HIGHEST or got != needs:
+            return (
+                f"model.coefficients: got {got}, needs {needs} for its {len(orders)} orders, 1 to {HIGHEST}, and {len(lags)} lags"
+            )
+        return None
 
     def parse(self, scene, parameters, model):
         aux = {

@@ -15,6 +15,7 @@ import numpy as np
 from ..basis import course_length, course_orders, grid_of
 from ..columns import Courses
 from .base import RX_LO, TX_LO, Family, Multiplicity, Role, of_sender, side_of, start
+from .values import POSITIVE, SIDE, Value, one_of
 
 MOST = 480  # cosines: the fastest wander that a search follows
 FINEST = 3 * MOST  # cosines: the fastest that is followed
@@ -38,6 +39,14 @@ def detrended(scene, p):
 
 class PhaseNoise(Family):
     name = "phase_noise"
+    parameters = {"rms_rad": Value(low=0.0), "linewidth_hz": Value(low=0.0)}
+    remembered = {
+        "law": one_of("free", "held", "flat"),
+        "highest_hz": Value(low=0.0),
+        "corner_hz": POSITIVE,
+        "linewidth_hz": Value(low=0.0),
+        "at": SIDE,
+    }
     role = Role.WANDER
     owners = ("rx", "tx")
     multiplicity = Multiplicity.ONE
@@ -112,6 +121,14 @@ class PhaseNoise(Family):
         elif effect.aux.get("law") == "held" and effect.prior is not None:
             unseen += self.unfollowed(effect)
         return {"rms_rad": float(np.sqrt(np.mean(detrended(scene, p) ** 2) + unseen))}
+
+    def contradiction(self, parameters, model):
+        law = model.get("law", "free")
+        if law == "held" and "corner_hz" not in model:
+            return "the law held needs model.corner_hz"
+        if "rms_rad" not in parameters and (law != "free" or "linewidth_hz" not in {**model, **parameters}):
+            return "needs rms_rad, or linewidth_hz where it wanders freely"
+        return None
 
     def parse(self, scene, parameters, model):
         highest = model.get("highest_hz", course_orders(scene)[-1] / 2 / scene.duration_s)

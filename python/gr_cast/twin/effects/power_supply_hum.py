@@ -8,6 +8,7 @@ import numpy as np
 
 from .base import Multiplicity, amid, side_of, start, turned
 from .gain_family import GainFamily
+from .values import NEEDED, NUMBER, SIDE
 
 
 def pairs(p: np.ndarray) -> np.ndarray:
@@ -18,6 +19,8 @@ def pairs(p: np.ndarray) -> np.ndarray:
 class PowerSupplyHum(GainFamily):
     name = "power_supply_hum"
     sizes = (0, 1)
+    parameters = {"frequency_hz": NEEDED, "depth": NEEDED}
+    remembered = {"phase_rad": NUMBER, "at": SIDE}
     owners = ("rx", "tx")
     multiplicity = Multiplicity.ONE
 

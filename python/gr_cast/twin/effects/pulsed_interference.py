@@ -7,11 +7,14 @@ from scipy import fft as sp_fft
 from scipy.stats import gamma
 
 from .base import peaks, start
-from .noise_family import NoiseFamily, two_levels
+from .noise_family import REMEMBERED, NoiseFamily, two_levels
+from .values import NEEDED, NEEDED_POSITIVE, NUMBER, Value
 
 
 class PulsedInterference(NoiseFamily):
     name = "pulsed_interference"
+    parameters = {"period_s": NEEDED_POSITIVE, "duty_cycle": Value(low=0.0, high=1.0, needed=True), "power_dbc": NEEDED}
+    remembered = REMEMBERED | {"first_s": NUMBER}
     owners = ("environment",)
     lasting = False
     _strengths = 4

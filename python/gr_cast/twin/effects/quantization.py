@@ -12,6 +12,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from .base import LATTICE, Family, Role, start
+from .values import NEEDED_POSITIVE, NUMBER, Value
 
 TABLE = 8192  # entries over one step
 COARSE = 0.7  # steps of noise below which a quantiser's error is no noise of its own, but bound to the signal
@@ -50,6 +51,8 @@ def variance_of_quantizer(value, step, origin, sigma):
 
 class Quantization(Family):
     name = "quantization"
+    parameters = {"step": NEEDED_POSITIVE}
+    remembered = {"origin": NUMBER, "sigma": Value(low=0.0)}
     role = Role.QUANTISER
     lasting = False
     stage = LATTICE

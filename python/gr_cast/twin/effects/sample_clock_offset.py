@@ -3,11 +3,13 @@
 gained."""
 
 from .base import CLOCK, Family, Multiplicity, Role, start
+from .values import NEEDED
 
 
 class SampleClockOffset(Family):
     name = "sample_clock_offset"
     sizes = (0,)
+    parameters = {"offset_ppm": NEEDED}
     role = Role.CLOCK
     owners = ("tx", "rx")
     multiplicity = Multiplicity.ONE

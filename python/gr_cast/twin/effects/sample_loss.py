@@ -6,13 +6,16 @@ first sample after the joint, samples lost."""
 import numpy as np
 
 from .base import LINK, Family, Multiplicity, Role, start
+from .values import NEEDED, Value
 
+MOST_LOST = 1 << 24  # samples at one joint; of a repeated waveform they count modulo its period
 SAMPLES_APART = 50.0  # by which joints of two recordings may differ and be one
 ONE_JOINT = 40  # samples: too few between two joints to tell that there are two
 
 
 class SampleLoss(Family):
     name = "sample_loss"
+    parameters = {"time_s": NEEDED, "samples": Value(low=-MOST_LOST, high=MOST_LOST, needed=True)}
     role = Role.SLIP
     multiplicity = Multiplicity.MANY
     place = 0

@@ -8,6 +8,7 @@ from ..columns import Dense
 from ..interpolate import TAU, frequencies
 from ..scene import BINS
 from .base import ENVIRONMENT, PROBE, Family, Multiplicity, amid, complex_pair, db, start, turned
+from .values import NEEDED, NUMBER, NUMBERS, WHOLES, Value
 
 ECHOES = tuple(lag for lag in range(-4, 13) if lag)
 
@@ -15,6 +16,8 @@ ECHOES = tuple(lag for lag in range(-4, 13) if lag)
 class SecondTransmitter(Family):
     name = "second_transmitter"
     sizes = (0, 1)
+    parameters = {"code": Value(kind=str, needed=True), "gain_db": NEEDED, "delay_s": NEEDED}
+    remembered = {"phase_rad": NUMBER, "offset_hz": NUMBER, "main": Value(low=0.0), "lags": WHOLES, "echoes": NUMBERS}
     owners = ("environment",)
     multiplicity = Multiplicity.MANY
     place = 2
@@ -103,6 +106,12 @@ class SecondTransmitter(Family):
 
     def constants(self, scene, effect):
         return {"code": effect.aux["code"]}
+
+    def contradiction(self, parameters, model):
+        lags, echoes = model.get("lags", ()), model.get("echoes", ())
+        if lags and not min(lags) < 0 < max(lags):
+            return "model.lags: needs samples before and after 0"
+        return None if len(echoes) == 2 * len(lags) else "model.echoes: needs Re and Im for each of model.lags"
 
     def parse(self, scene, parameters, model):
         echoes, lags = model.get("echoes", []), tuple(model.get("lags", ()))

@@ -5,11 +5,14 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from .base import Role, start
-from .noise_family import NoiseFamily, profile
+from .noise_family import REMEMBERED, NoiseFamily, profile
+from .values import NEEDED
 
 
 class SignalDependentNoise(NoiseFamily):
     name = "signal_dependent_noise"
+    parameters = {"slope_db": NEEDED}
+    remembered = REMEMBERED
     role = Role.FOLLOWING
     _strengths = 1
 

@@ -5,11 +5,13 @@ from dataclasses import replace
 
 from .base import start
 from .tap import TapFamily
+from .values import NEEDED
 
 
 class TapDelayError(TapFamily):
     name = "tap_delay_error"
     sizes = (0,)
+    parameters = {"delay_s": NEEDED, "error_s": NEEDED}
 
     def apply(self, chain, effect):
         k = effect.aux["tap"]

@@ -9,11 +9,14 @@ import numpy as np
 from .base import start
 from .tap import TapFamily
 from .tap_gain_error import TapGainError
+from .values import NEEDED, NUMBER
 
 
 class TapDoppler(TapFamily):
     name = "tap_doppler"
     sizes = (0, 1)
+    parameters = {"delay_s": NEEDED, "doppler_hz": NEEDED}
+    remembered = {"phase_rad": NUMBER}
     same_as = {"carrier_frequency_offset": "with one tap and one link: every path turns alike"}
     follows_carrier = {"doppler_hz": 1}
 

@@ -12,10 +12,12 @@ from .base import PROBE, start
 from .extra_path import ExtraPath
 from .tap import TapFamily
 from .tap_gain_error import TapGainError
+from .values import NEEDED, Value
 
 
 class TapFading(TapFamily):
     name = "tap_fading"
+    parameters = {"delay_s": NEEDED, "k_factor_db": NEEDED, "doppler_spread_hz": Value(low=0.0, needed=True)}
     lasting = False
     flexible = True
     linear = True

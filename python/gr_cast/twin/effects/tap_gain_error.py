@@ -7,11 +7,13 @@ import numpy as np
 
 from .base import start
 from .tap import TapFamily
+from .values import NEEDED, NUMBER
 
 
 class TapGainError(TapFamily):
     name = "tap_gain_error"
     sizes = (0, 1)
+    parameters = {"delay_s": NEEDED, "error_db": NUMBER, "error_rad": NUMBER}
 
     def apply(self, chain, effect):
         k = effect.aux["tap"]
@@ -27,6 +29,9 @@ class TapGainError(TapFamily):
             "error_db": 20 / np.log(10) * p[0],
             "error_rad": float((p[1] + np.pi) % (2 * np.pi) - np.pi),
         }
+
+    def contradiction(self, parameters, model):
+        return None if {"error_db", "error_rad"} & {*parameters} else "needs error_db or error_rad"
 
     def parse(self, scene, parameters, model):
         p = [parameters.get("error_db", 0.0) * np.log(10) / 20, parameters.get("error_rad", 0.0)]

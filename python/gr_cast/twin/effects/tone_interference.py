@@ -4,6 +4,7 @@
 import numpy as np
 
 from .base import AIR, Family, Multiplicity, amid, complex_pair, db, rms_of, said_rms, start, turned
+from .values import NEEDED, NUMBER, POSITIVE
 
 CYCLES_APART = 4.0  # over the recording, by which tones of two recordings may differ and be one
 
@@ -11,6 +12,8 @@ CYCLES_APART = 4.0  # over the recording, by which tones of two recordings may d
 class ToneInterference(Family):
     name = "tone_interference"
     sizes = (0, 1)
+    parameters = {"frequency_hz": NEEDED, "power_dbc": NEEDED}
+    remembered = {"phase_rad": NUMBER, "wanted_rms": POSITIVE}
     owners = ("environment",)
     multiplicity = Multiplicity.MANY
     relative = True
