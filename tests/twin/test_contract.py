@@ -122,7 +122,7 @@ def test_all_faults_of_all_entries_come_at_once_with_their_place(tmp_path):
         ("pa_nonlinearity", {"model": {"orders": [1, 2], "coefficients": [0.1]}}, "needs 4 for its 2 orders"),
         ("diffuse_tail", {"model": {}}, "effects[0].model.taps: is missing"),
         ("front_end_filter", {"model": {"taps": [0.1]}}, "needs Re and Im"),
-        ("second_transmitter", {"parameters": {"code": "w9", "delay_s": 0.0, "gain_db": 0.0}}, "code: got 'w9', needs one of w1, w2"),
+        ("second_transmitter", {"parameters": {"code": "w9", "delay_s": 0.0, "gain_db": 0.0}}, "got 'w9', needs one of w1, w2"),
         ("extra_path", {"parameters": {"delay_s": 5.0, "gain_db": 0.0}}, "in -4.1943 to 4.1943"),
         ("tap_fading", {"parameters": {"delay_s": 0.0, "k_factor_db": 9.0, "doppler_spread_hz": 1e9}}, "in 0 to 2e+06"),
     ],

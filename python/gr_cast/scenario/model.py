@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..core.errors import CastError, Faults
+from ..core.files import NAME_RULE, is_name
 from ..core.units import amplitude_from_db, db_from_amplitude, db_from_power
 
 GRID_STEP_S = 10e-9
@@ -87,6 +88,9 @@ class Scenario:
             faults.add("nodes", f"got {len(self.nodes)}, needs 1 to {MAX_NODES}")
         if len(set(self.nodes)) != len(self.nodes):
             faults.add("nodes", "the same node is named twice")
+        for node in self.nodes[:MAX_NODES]:
+            if not is_name(node):
+                faults.add("nodes", f"got {node[:60]!r}, needs a name: {NAME_RULE}")
         if self.interpolation not in INTERPOLATIONS:
             faults.add("interpolation", f"got {self.interpolation!r}, needs one of {', '.join(INTERPOLATIONS)}")
         frequency = self.center_frequency_hz
