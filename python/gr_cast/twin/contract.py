@@ -5,8 +5,7 @@ import math
 from dataclasses import dataclass
 
 from ..core.documents import Reader, short
-from .effects import FAMILIES, NAMED
-from .effects.values import Value
+from .effects import FAMILIES, NAMED, Value
 
 KEYS = {"family", "owner", "where", "parameters", "evidence", "confidence", "sentence", "model"}
 MEASURED = ("gain_db", "noise_power_db")  # of the model of every family: what a diagnosis measured, by recording

@@ -32,6 +32,7 @@ from .tap_doppler import TapDoppler
 from .tap_fading import TapFading
 from .tap_gain_error import TapGainError
 from .tone_interference import ToneInterference
+from .values import Value
 
 FAMILIES: dict[str, Family] = {
     family.name: family
@@ -101,6 +102,7 @@ __all__ = [
     "Family",
     "Multiplicity",
     "Role",
+    "Value",
     "is_coarse",
     "plays",
     "stage_of",
