@@ -50,6 +50,7 @@ def as_document(sounding: Sounding, about: dict) -> dict:
         "carrier_offset_std_hz": sounding.offset.std_cycles_per_sample * rate if found else None,
         "residual_db": sounding.residual_db,
         "gaps": [{"time_s": time_s, "lost_samples": lost} for time_s, lost in sounding.gaps],
+        "code_jumps": [{"time_s": time_s, "later_samples": shift} for time_s, shift in sounding.jumps],
         "warnings": list(sounding.warnings),
     }
 

@@ -13,7 +13,8 @@ from ..signals.waveform import Waveform
 from .carrier import NO_OFFSET, CarrierOffset, find_offset, find_offset_once
 from .cir import DB_PER_NEPER, FLOAT32_ROUNDING, Taps, estimate_taps
 from .correlate import Template
-from .receive import clipped_fraction, contiguous_runs, remove_offset, whole_periods
+from .jumps import code_jumps, longest_run
+from .receive import Periods, clipped_fraction, contiguous_runs, remove_offset, whole_periods
 
 MAX_SPREAD_S = 5.12e-6  # excess delay that a Colosseum scenario may have (512 taps of 10 ns)
 CARRIER_TOLERANCE_PPM = 10.0  # of two free-running radios together
@@ -86,6 +87,7 @@ class Sounding:
     smallest_path_gain_db: float  # a weaker single tap would be missed
     residual_db: float  # power that the taps leave unexplained, over the power received; noise counts
     gaps: tuple[tuple[float, int], ...]  # (time of the file in s, samples lost there)
+    jumps: tuple[tuple[float, int], ...]  # (time in s, samples by which the code comes later from there on)
     warnings: tuple[str, ...]
 
     @property
@@ -171,8 +173,14 @@ def _sound_periodic(recording: Recording, waveform: Waveform, options: SoundingO
         raise CastError("recording: every sample of its whole periods is zero")
     template = Template(waveform.samples)
     _refuse_a_tone(template, waveform)
-    offset = find_offset(periods, template, max_offset=_max_offset(recording, options)) if options.correct_offset else NO_OFFSET
-    samples = remove_offset(periods.samples, offset.cycles_per_sample, periods.start_sample)
+    samples, offset = _without_offset(periods, template, recording, options)
+    jumps = code_jumps(samples, template)
+    if jumps:
+        run = longest_run(jumps, count)
+        jumps = [(periods.start_sample[k] / recording.sample_rate_hz, shift) for k, shift in jumps]
+        periods = Periods(samples=periods.samples[run], start_sample=periods.start_sample[run])
+        count, average = len(periods.samples), min(average, len(periods.samples))
+        samples, offset = _without_offset(periods, template, recording, options)
 
     noise = _noise_of_differences(samples)
     track = _strongest_track(samples, template)
@@ -190,7 +198,7 @@ def _sound_periodic(recording: Recording, waveform: Waveform, options: SoundingO
 
     frames = count // average
     frame_samples = _block_means(samples[: frames * average], frames)
-    warnings = _carrier_warnings(offset, recording, options)
+    warnings = _jump_warnings(jumps, count * length / recording.sample_rate_hz) + _carrier_warnings(offset, recording, options)
     if length / recording.sample_rate_hz < options.max_spread_s * (1 - 1e-9):
         warnings.append(
             f"code shorter than the channel's spread: one period lasts {length / recording.sample_rate_hz * 1e6:.4g} µs, "
@@ -215,7 +223,24 @@ def _sound_periodic(recording: Recording, waveform: Waveform, options: SoundingO
         frame_samples=frame_samples,
         observed=observed,
         warnings=warnings,
+        jumps=jumps,
     )
+
+
+def _without_offset(periods: Periods, template: Template, recording: Recording, options: SoundingOptions):
+    """(samples of the periods, their carrier offset, which is taken out of them)."""
+    offset = find_offset(periods, template, max_offset=_max_offset(recording, options)) if options.correct_offset else NO_OFFSET
+    return remove_offset(periods.samples, offset.cycles_per_sample, periods.start_sample), offset
+
+
+def _jump_warnings(jumps: list[tuple[float, int]], kept_s: float) -> list[str]:
+    if not jumps:
+        return []
+    (time_s, shift), more = jumps[0], f", and {len(jumps) - 1} times more" if len(jumps) > 1 else ""
+    return [
+        f"the code jumps by {shift:+d} samples at {time_s:.6g} s{more}: did the transmitter run out of samples? "
+        f"Sounded the longest stretch without a jump, {kept_s:.4g} s"
+    ]
 
 
 def _strongest_track(samples: np.ndarray, template: Template) -> np.ndarray:
@@ -281,7 +306,7 @@ def _sound_once(recording: Recording, waveform: Waveform, options: SoundingOptio
 
 def _result(
     recording, options, *, template, taps, offset, noise_power, periods_per_frame, frame_time_s, frame_samples, observed,
-    warnings, searched=None, response_start=0,
+    warnings, searched=None, response_start=0, jumps=(),
 ) -> Sounding:  # fmt: skip
     """What periodic and sent-once sounding share: frames at the found delays, path gain and loss, warnings."""
     columns = template.columns(taps.delay_samples)
@@ -323,6 +348,7 @@ def _result(
         smallest_path_gain_db=float(db_from_power(taps.threshold * taps.noise_variance / template.energy)),
         residual_db=float(db_from_power(max(residual, 1e-30))),
         gaps=tuple((start / recording.sample_rate_hz, lost) for start, lost in recording.gaps),
+        jumps=tuple(jumps),
         warnings=tuple(_recording_warnings(recording) + warnings + _tap_warnings(taps, options, detected)),
     )
 
