@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from gr_cast.twin.effects import FAMILIES, Family, Role, with_role
+from gr_cast.twin.effects.base import AUX
 
 PACKAGE = Path(__file__).resolve().parents[1] / "python" / "gr_cast"
 NAMELESS = ("diagnose", "report", "twin")  # rooms, without those below them, in which no family may be named
@@ -61,6 +62,15 @@ def test_everything_that_is_declared_says_what_it_is():
     attributes = [line for line in source if re.match(r"    (?!def )[a-z_]+(: .*)? = ", line)]
     plain = ("name", "role", "stage", "multiplicity")
     assert [line for line in attributes if "#" not in line and not line.strip().startswith(plain)] == []
+
+
+def test_the_engine_asks_nothing_of_an_effect_beside_its_numbers_that_is_not_declared():
+    asked = set()
+    for path in [*PACKAGE.glob("diagnose/*.py"), *PACKAGE.glob("report/*.py"), *PACKAGE.glob("twin/*.py")]:
+        text = path.read_text(encoding="utf-8")
+        asked |= {m.group(1) for m in re.finditer(r'aux(?:\.get\(|\[)"(\w+)"', text)}
+        asked |= {m.group(1) for m in re.finditer(r'"(\w+)" (?:not )?in [\w.\[\]]*\.aux', text)}
+    assert asked and asked <= set(AUX)
 
 
 def test_the_engine_loads_no_family_by_its_module():

@@ -232,9 +232,7 @@ def with_noise(fit: Fit, model: Model) -> Data:
             v = 1 + family.unfollowed(effect) * np.abs(fit.chain.wanted) ** 2 / told
             variance = v if variance is None else variance * v
         if family.scattered and not effect.fixed:
-            energy = np.abs(fit.residual) ** 2 / (1.0 if variance is None else variance) / effect.aux["_level"]
-            strong = family.shares(effect, energy)
-            weight = 1 - strong + strong / (1 + np.exp(effect.p[0]))
+            weight = family.weight(effect, np.abs(fit.residual) ** 2 / (1.0 if variance is None else variance))
             impulses = effect, weight
             variance = 1 / weight if variance is None else variance / weight
     return replace(fit.data, variance=variance, spectrum=spectrum, impulses=impulses)

@@ -247,7 +247,7 @@ def crowded_impulses(fit) -> float:
     if effect is None or windows < 4:
         return 1.0
     energy = np.abs(normal(replace(fit, data=replace(fit.data, variance=None)))[used]) ** 2
-    at = np.flatnonzero(FAMILIES[effect.family].shares(effect, energy * fit.sigma2 / effect.aux["_level"]) > 0.5)
+    at = np.flatnonzero(FAMILIES[effect.family].shares(effect, energy * fit.sigma2) > 0.5)
     if not len(at):
         return 1.0
     long = 1.0  # samples that one lasts: more where a receiver's band colours the noise

@@ -75,11 +75,32 @@ NYQUIST = 0.01  # of the sample rate on either side of its half: what interpolat
 
 _KEYS = itertools.count()
 
+# What an effect is beside its numbers, as far as the engine may ask; all other entries of `aux` are its family's own.
+AUX = {
+    "source": "number of the transmitter whose signal it is in",
+    "tap": "number of the twin's tap that it changes",
+    "side": "of what either side may have: tx, rx, or not said",
+    "code": "waveform of a transmitter that is not on the air in the twin",
+    "held": "a number that the twin tells stands still: another claim than with it free",
+    "read": "read off the samples themselves before anything was searched",
+    "lone": "rails at one end alone",
+    "later": "of a slip: the twin's delay is the one behind its joint",
+    "gap": "samples between which it happened, where none of them was fitted",
+    "before": "nepers that a twin's gain has changed by before a part of a recording",
+    "whole": "told by all parts of a recording together",
+    "nats": "evidence that was measured otherwise than by fits with and without it",
+    "entry": "number of the twin's entry that it plays",
+    "_std": "standard deviations of the numbers, found by a search",
+    "_stds": "standard deviations of the contract's parameters, found otherwise than by a fit",
+    "_variance": "variances of the numbers of a course around its estimate",
+    "_jitter": "rad² of a phase that is too fast to be followed",
+    "_floor": "noise power that the numbers are relative to",
+}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
-    """A family with its parameters `p` (internal scaling), `free` ones fitted, and what is not a number in
-    `aux`."""
+    """A family with its parameters `p` (internal scaling), `free` ones fitted, and what is not a number in `aux` (AUX)."""
 
     family: str
     p: np.ndarray
@@ -302,8 +323,12 @@ class Family:
         """(n,) complex noise that the effect puts over the floor; draw() is circular white noise of power 1, (n,)."""
         raise NotImplementedError
 
-    def shares(self, effect: Effect, energy: np.ndarray) -> np.ndarray:
-        """(n,) probability that a sample of this energy over the floor has what is `scattered`."""
+    def shares(self, effect: Effect, power: np.ndarray) -> np.ndarray:
+        """(n,) probability that a sample of which so much power is left has what is `scattered`."""
+        raise NotImplementedError
+
+    def weight(self, effect: Effect, power: np.ndarray) -> np.ndarray:
+        """(n,) what a sample of which so much power is left then tells, of 1 for one that has nothing of it."""
         raise NotImplementedError
 
     def likelihood(self, effect: Effect, energy: np.ndarray) -> np.ndarray:

@@ -77,10 +77,12 @@ class ImpulsiveNoise(NoiseFamily):
         curvature = np.array([[at(1, 0) - 2 * middle + at(-1, 0), cross], [cross, at(0, 1) - 2 * middle + at(0, -1)]]) / step**2
         return np.sqrt(np.clip(np.diag(np.linalg.pinv(-curvature)), 1e-6, 4.0)).tolist()
 
-    @staticmethod
-    def shares(effect, energy):
-        """(n,) probability that a sample of this energy, relative to the floor, holds an impulse."""
-        share = np.exp(effect.p[1])
+    def weight(self, effect, power):
+        strong = self.shares(effect, power)
+        return 1 - strong + strong / (1 + np.exp(effect.p[0]))
+
+    def shares(self, effect, power):
+        energy, share = power / effect.aux["_level"], np.exp(effect.p[1])
         with_impulse = np.log(share) + DENSITIES[effect.aux["law"]](energy, np.exp(effect.p[0]))
         return np.exp(with_impulse - np.logaddexp(np.log1p(-share) - energy, with_impulse))
 
