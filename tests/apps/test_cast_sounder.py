@@ -202,3 +202,14 @@ def test_a_run_that_is_killed_midway_leaves_a_readable_recording(tmp_path, how):
         assert running.returncode == 130 and "stopped early" in told
     read = recording.read(tmp_path / "recordings" / "tx1_rx2", count=255 * 1000)
     assert len(read.samples) == 255_000 and read.metadata["cast:scenario"] == "four_tap"
+
+
+def test_noise_of_different_links_is_independent(tmp_path):
+    """Of white noises of n samples no two correlate by more than a few 1/√n, whoever shares a transmitter or a receiver."""
+    links = "all_links: {taps: [{delay_s: 0, gain_db: -100}]}"
+    (tmp_path / "quiet.yaml").write_text(f"cast_scenario: 1\nname: quiet\nnodes: 3\nbase_loss_db: 100\n{links}\n")
+    done("run", "--scenario", tmp_path / "quiet.yaml", "--all-links", "--frames", 20, "--rate", "1e6", "--output", tmp_path / "o")
+    heard = [recording.read(path).samples for path in sorted((tmp_path / "o" / "recordings").glob("*.sigmf-meta"))]
+    noise = np.array([(x - x.mean()) / np.linalg.norm(x - x.mean()) for x in heard])
+    alike = np.abs(noise.conj() @ noise.T)
+    assert len(heard) == 6 and alike[~np.eye(6, dtype=bool)].max() < 6 / np.sqrt(noise.shape[1])

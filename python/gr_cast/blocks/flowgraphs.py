@@ -36,11 +36,13 @@ class EmulatedSounding(gr.top_block):
         receivers = list(stems)
         emulator = emulated_network(scenario, [transmitter], receivers, sample_rate_hz)
         self.connect(source, emulator)
-        seeds = np.random.SeedSequence(seed).generate_state(len(receivers))
+        place = {node: index for index, node in enumerate(scenario.nodes)}
         self.recorders = []
         for port, receiver in enumerate(receivers):
             # Variance ampl² per complex sample in GNU Radio's Gaussian source.
-            noise = analog.noise_source_c(analog.GR_GAUSSIAN, float(amplitude_from_db(noise_power_db)), int(seeds[port]) >> 1)
+            # A link's own, whoever else sends and listens: links that shared one noise would agree too well.
+            own = np.random.SeedSequence([seed, place[transmitter], place[receiver]]).generate_state(1)[0]
+            noise = analog.noise_source_c(analog.GR_GAUSSIAN, float(amplitude_from_db(noise_power_db)), int(own) >> 1)
             heard = blocks.add_cc()
             self.connect((emulator, port), (heard, 0))
             self.connect(noise, (heard, 1))
