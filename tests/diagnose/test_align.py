@@ -5,8 +5,9 @@ from functools import partial
 
 import numpy as np
 import pytest
+import yaml
 from conftest_world import RATE_HZ, noise, sent_once
-from gr_cast.diagnose import align
+from gr_cast.diagnose import align, read_case
 from gr_cast.signals import recording
 from gr_cast.twin import document
 
@@ -110,3 +111,29 @@ def test_a_carrier_offset_does_not_hide_a_waveform_that_is_sent_once(burst, offs
     assert align.locate(found, found.observations[0]) == (12, False)
     short = burst(0.1 * turned[:9000] + noise(rng, 9000, 0.03), x[:6000])
     assert align.locate(short, short.observations[0]) == (12, False)
+
+
+@pytest.mark.parametrize("inverted", [False, True])
+@pytest.mark.parametrize("carrier", [0.0, 0.002, -0.05])
+def test_a_repeated_code_20_db_below_the_noise_is_found_under_any_carrier_and_either_way_round(
+    world, tmp_path, carrier, inverted
+):
+    rng = np.random.default_rng(4)
+    world.x = noise(rng, 510)
+    y = world.path(0) * np.exp(2j * np.pi * carrier * world.n)
+    folder = world.write(tmp_path / "case", (np.conj(y) if inverted else y) + noise(rng, len(y), 10.0))
+    recording.write(folder / "sent", world.x, sample_rate_hz=RATE_HZ)
+    link = world.twin()["links"][0] | {"taps": [{"delay_s": 0.0}]}
+    twin = world.twin() | {"waveforms": {"w1": {"file": "sent", "repeat": True}}, "links": [link]}
+    (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
+    case = read_case(folder)
+    assert align.locate(case, case.observations[0]) == (37, inverted)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_weak_waveform_of_which_stretches_are_known_is_not_taken_for_its_mirror_image(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    sent = np.where(np.arange(24_000) // 100 % 6 == 0, noise(rng, 24_000), np.nan)
+    y = np.where(np.isnan(sent), noise(rng, 24_000), sent)
+    case = sent_once(tmp_path, y + noise(rng, 24_000, 10**0.65), sent)
+    assert align.locate(case, case.observations[0]) == (0, False)

@@ -12,7 +12,7 @@ from ..twin.effects.base import start
 from ..twin.entries import effect_of, lost_before, plain, source_of, told_noise_db, twin_effects
 from ..twin.model import Model, predict
 from ..twin.scene import PAD, Path, Scene, Source, reach
-from . import delays, pieces
+from . import delays, pieces, presence
 from .fit import Data
 
 LOWEST_LAG, HIGHEST_LAG = (
@@ -178,15 +178,27 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
     if not sources[0].repeat and len(sources[0].samples) >= n and n > 4000:
         near = [delays.near(signal, sources, low - observation.first, reach=2048) for signal in signals]
     if any(clear for *_, clear in near):
-        found = [answer[:2] for answer in near]
+        found = [delay for delay, *_ in near]
     else:
         find = delays.of_repeated if sources[0].repeat else delays.of_sent_once
         found = [find(signal, sources, taps, rate) for signal in signals]
-    if told:
-        return found[0][0] - low, False
-    straight, mirrored = found
-    flip = mirrored[1] > 1.2 * straight[1] + 0.01
-    return (mirrored if flip else straight)[0] - low, flip
+    period = len(sources[0].samples) if sources[0].repeat else 0
+    options = [(s, *_sent_at(sources, taps, rate, d, n)) for s, d in zip(signals, found, strict=True)]
+    best = presence.likelier(options, period, period or n + len(sources[0].samples))
+    return found[best] - low, best == 1
+
+
+def _sent_at(sources, taps, rate: float, delay: int, n: int):
+    """((sources, n) what every link makes of what is sent at a delay, (n,) 1 where all of it is known)."""
+    signals, known, index = [], np.ones(n, bool), np.arange(n) - delay
+    for source, link in zip(sources, taps, strict=True):
+        length = len(source.samples)
+        heard = sp_fft.ifft(sp_fft.fft(source.samples) * delays.response(link, length, rate))
+        inside = slice(None) if source.repeat else (index >= 0) & (index < length)
+        signal, at = np.zeros(n, complex), index[inside] % length
+        signal[inside], known[inside] = heard[at], known[inside] & source.known[at]
+        signals.append(signal)
+    return np.array(signals), known.astype(float)
 
 
 def delays_looked_at(case, observation) -> tuple[int, int]:

@@ -2,12 +2,19 @@
 """At which whole-sample delay a recording holds what was sent, whatever the carrier offset: segments are correlated and added
 without phase, of several lengths that which explains most."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy import fft as sp_fft
 
 from ..twin.scene import Source
 
 SHORT, SHORT_FACTOR = 128, 2.0  # samples; segments below that must explain so much more: a chirp's delay looks like an offset
+SHORTEST = 8  # samples of the shortest stretch: carriers up to 1/16 of the rate
+TABLE = 1 << 20  # correlations, of every stretch at every delay, that are worked on at once
+LONGER = 8  # times as long are the next ones where the table holds no more
+SURE_NATS = 15.0  # by which chance does not explain as much at the best delay and carrier
+ALIKE = 0.8  # of the most nats, from which on carriers are equals
 CLEAR = 12.0  # standard deviations of the other lags by which a delay stands out
 SEGMENTS = (256, 48)  # samples that are added with their phases: carrier offsets of 1/400 and 1/80 of the rate do no harm
 PIECES, LEAST_PIECE = 1024, 8  # of a waveform that is sent once, and samples in each at least
@@ -17,53 +24,79 @@ GROWTH = 4  # how much longer the pieces of the next length are
 BEHIND = 64  # samples behind the last path that a link's response is followed
 
 
-def _response(taps, length: int, rate: float) -> np.ndarray:
+def response(taps, length: int, rate: float) -> np.ndarray:
     """(length,) complex response of a link's taps at the frequencies of an FFT."""
     f = sp_fft.fftfreq(length) * rate
     return sum(t.amplitude * np.exp(-2j * np.pi * f * t.delay_s) for t in taps)
 
 
-def of_repeated(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: float) -> tuple[int, float]:
-    """Delay within the period of the twin's prediction in `y`, and the share of the recording's energy that it holds."""
-    n = len(y)
-    templates = [sp_fft.fft(s.samples) * _response(link, len(s.samples), rate) for s, link in zip(sources, taps, strict=True)]
-    energy = float(np.vdot(y, y).real)
-    power = sum(s.power * np.sum(np.abs([t.amplitude for t in link]) ** 2) for s, link in zip(sources, taps, strict=True))
-    best = (-np.inf, 0)
-    for segment in sorted({max(8, n // 32), 1024, 128, 32, 8, *((16,) if n < 4000 else ())}, reverse=True):
-        if segment > n or (n // segment) * len(templates[0]) > 1e8:
-            continue
-        total, count = _folded_correlations(y, templates, segment)
-        share = total / (segment * power * energy) - 3 * count / n
-        d = int(np.argmax(share))
-        if share[d] > best[0] * (SHORT_FACTOR if segment < SHORT and best[0] > 0 else 1.0):
-            best = (float(share[d]), d)
-    return best[1], best[0]
+def of_repeated(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: float) -> int:
+    """Delay within the period of the twin's prediction in `y`: with a carrier and a gain for stretches of several lengths, that
+    of the longest that holds as much as shorter ones."""
+    templates = [sp_fft.fft(s.samples) * response(link, len(s.samples), rate) for s, link in zip(sources, taps, strict=True)]
+    tried, piece, n = [], SHORTEST, 0
+    while n < len(y):  # the longer the stretches, the more samples
+        n = min(len(y), max(piece, TABLE * piece // len(templates[0])))
+        tried += _tried(y[:n], templates, min(piece, n))
+        piece *= LONGER
+    sure = [t for t in tried if t.nats > SURE_NATS] or [max(tried, key=lambda t: t.nats)]
+    best = None
+    for t in sorted(sure, key=lambda t: -t.length):
+        if best is None or t.gain > best.gain * (SHORT_FACTOR if t.length < SHORT and best.gain > 0 else 1.0):
+            best = t
+    return best.delay
 
 
-def _folded_correlations(y, templates, segment):
-    """(lags of one period,) Σ over segments and templates of |Σ over a segment of y[n]·conj(template[n − d])|², and how many
-    were added."""
-    total, count = 0.0, 0
-    for first in range(0, len(y), segment):
-        piece = y[first : first + segment]
-        for spectrum in templates:
-            p = len(spectrum)
-            index = (np.arange(len(piece)) + first) % p
-            buffer = np.bincount(index, piece.real, p) + 1j * np.bincount(index, piece.imag, p)
-            total = total + np.abs(sp_fft.ifft(sp_fft.fft(buffer) * np.conj(spectrum))) ** 2
-            count += 1
-    return total, count
+@dataclass(frozen=True, kw_only=True)
+class _Try:
+    """A delay at which stretches of a length hold most: share of the energy over three times what others do, and the nats by
+    which chance would not."""
+
+    length: int
+    gain: float
+    nats: float
+    delay: int
 
 
-def of_sent_once(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: float) -> tuple[int, float]:
-    """Delay of what is sent once in `y`, anywhere, and the nats by which noise would not reach what it explains there.
+def _tried(y: np.ndarray, templates: list[np.ndarray], piece: int) -> list[_Try]:
+    """The best delay for stretches of several lengths, each of them with the carrier that suits all."""
+    period, count = len(templates[0]), len(y) // piece
+    n = count * piece
+    index = np.arange(n) % period + np.arange(n) // piece * period
+    folded = np.bincount(index, y[:n].real, count * period) + 1j * np.bincount(index, y[:n].imag, count * period)
+    spectra = sp_fft.fft(folded.reshape(count, period).astype(np.complex64), axis=1)
+    tables = [sp_fft.ifft(spectra * np.conj(t).astype(np.complex64), axis=1) for t in templates]
+    energy = float(np.vdot(y[:n], y[:n]).real) * sum(np.vdot(t, t).real for t in templates) / period**2
+    tried, together = [], 1
+    while True:
+        groups = -(-count // together)
+        size = sp_fft.next_fast_len(2 * together) if together > 1 else 1
+        held = 0.0
+        for table in tables:
+            rows = np.pad(table, ((0, groups * together - count), (0, 0))).reshape(groups, together, period)
+            sums = sp_fft.fft(rows, size, axis=1) if size > 1 else rows
+            held = held + (sums.real**2 + sums.imag**2).sum(0)
+        share = held / max(energy * together * piece, 1e-300)  # (carriers, delays)
+        at, mean = np.argmax(share, axis=1), np.maximum(share.mean(1), 1e-300)
+        most = share[np.arange(size), at]
+        ratio, gains = most / mean, groups * len(templates)
+        nats = gains * (ratio - 1 - np.log(ratio)) - np.log(share.size)
+        near = np.abs(sp_fft.fftfreq(size)) + (nats < ALIKE * nats.max())  # of equals the smallest carrier: a chirp's are many
+        k = int(np.argmin(near))
+        tried.append(_Try(length=together * piece, gain=float(most[k] - 3 * mean[k]), nats=float(nats[k]), delay=int(at[k])))
+        if together >= count:
+            return tried
+        together = min(together * GROWTH, count)
+
+
+def of_sent_once(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: float) -> int:
+    """Delay of what is sent once in `y`, anywhere: where noise is least likely to reach what it explains.
 
     Of n samples, M pieces with a gain each explain a share s > q = M/n with a probability of
     exp(−n·(q·ln(q/s) + (1 − q)·ln((1 − q)/(1 − s)))) at most (Chernoff); a few loud samples count as few."""
     sent = np.flatnonzero(np.any([s.samples != 0 for s in sources], axis=0))
     if not len(sent):
-        return 0, 0.0
+        return 0
     first, last = sent[0], sent[-1] + 1
     known = np.all([s.known[first:last] for s in sources], axis=0)
     templates = [_filtered(s.samples[first:last] * known, link, rate) for s, link in zip(sources, taps, strict=True)]
@@ -84,7 +117,7 @@ def of_sent_once(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: 
         nats = samples * (q * np.log(q / s) + (1 - q) * np.log((1 - q) / (1 - s)))
         d = int(np.argmax(nats))
         best = max(best, (float(nats[d]), d - (count * piece - 1) - int(first)))
-    return best[1], best[0]
+    return best[1]
 
 
 def _audible(template: np.ndarray, piece: int) -> np.ndarray:
@@ -104,7 +137,7 @@ def _filtered(sent: np.ndarray, taps, rate: float) -> np.ndarray:
     last = max(0, int(np.ceil(max(t.delay_s for t in taps) * rate)))
     length = len(sent) + last + BEHIND
     size = sp_fft.next_fast_len(length + BEHIND)
-    return sp_fft.ifft(sp_fft.fft(sent, size) * _response(taps, size, rate))[:length]
+    return sp_fft.ifft(sp_fft.fft(sent, size) * response(taps, size, rate))[:length]
 
 
 def _explained(y: np.ndarray, template: np.ndarray, piece: int) -> list[np.ndarray]:

@@ -20,9 +20,10 @@ from .residual import Leftover
 
 PIECE = 4  # samples of the shortest stretch that is added with its phases: carriers to 1/8 of the rate
 GROWTH = 4  # how much longer the next stretch is
-LENGTHS = (1 << 14, 1 << 16)  # samples that are looked at: few first, more where these leave a doubt
+LENGTHS = (1 << 13, 1 << 16)  # samples that are looked at: few first, more where these leave a doubt
 SURE_NATS = 60.0  # that few samples must say so that more are not asked
 PRESENT_NATS = 10.0  # by which chance would not explain as much at the best of all delays, carriers, lengths: p of 5·10⁻⁵
+LIKELIER = 1.2  # times the nats of the first of several options that another must have
 AROUND = 16  # samples around the delay that was found in which the waveform may be
 NULLS, NULLS_OF_SHORT = 64, 256  # delays near, and as many far, at which it is not; of a short recording
 SHORT = 4096  # samples of one
@@ -30,6 +31,8 @@ FARTHEST_NEAR = 8 * AROUND
 SILENT = 1e-3  # of the mean energy of the waveform in a stretch: less holds none of it
 LEAST_OVERLAP = 0.25  # of the most energy of the waveform in the recording at any delay: those with less are not compared
 ALIKE = 0.7  # coherence of a waveform with itself, from which on another delay makes no other waveform of it
+SHORTEST = 64  # samples in which something is compared at all
+LEAST_WHOLE = 0.5  # of the recording, in which something is sent that cannot be compared, if it is to be believed
 LEAST_NULLS = 8  # delays that tell a mean and a spread
 STEADY = 4.0  # times the number of gains behind a share, from which it is steady over the delays: a line, or what is never silent
 HALF_OF_NULLS = 0.5  # a median knows a mean as well as the mean of that share of the values
@@ -68,14 +71,29 @@ def look(y, signals, inside, period: int = 0, tried: int = 1) -> Presence:
     what repeats, the number of delays that were `tried`."""
     best = Presence(nats=-np.inf)
     for length in LENGTHS:
-        best = max(best, _look(*_fullest(y, signals, inside, length), period, tried), key=lambda p: p.nats)
+        best = max(best, _look(y, signals, inside, period, tried, length, SURE_NATS), key=lambda p: p.nats)
         if best.nats > SURE_NATS or length >= len(y):
             break
     return best
 
 
-def _look(y, signals, inside, period: int, tried: int) -> Presence:
-    """`look` at a stretch of so many samples."""
+def likelier(options, period: int, tried: int) -> int:
+    """Which of several (recording, what is sent, 1 where a sample counts) holds most, measured alike; the first one, unless
+    another holds clearly more."""
+    for length in LENGTHS:
+        nats = [_look(*option, period, tried, length, np.inf).nats for option in options]
+        if max(nats) > PRESENT_NATS:
+            break
+    best = int(np.argmax(nats))
+    return best if nats[best] > max(PRESENT_NATS, LIKELIER * nats[0] + PRESENT_NATS) else 0
+
+
+def _look(y, signals, inside, period: int, tried: int, length: int, sure: float) -> Presence:
+    """`look` at a stretch of so many samples, until so many nats are there."""
+    whole = min(len(y), length)
+    y, signals, inside = _on_air(*_fullest(y, signals, inside, length))
+    if len(y) < SHORTEST:
+        return Presence(nats=np.inf if len(y) > LEAST_WHOLE * whole else -np.inf)
     near, *others = _delays(len(y), period)
     others = [_unlike(signals, inside, delays) for delays in others]
     delays = np.concatenate([near, *others])
@@ -86,7 +104,7 @@ def _look(y, signals, inside, period: int, tried: int) -> Presence:
     edges = len(near) + np.cumsum([0, *map(len, others)])
     elsewhere = [at for a, b in zip(edges, edges[1:], strict=False) if len(at := a + np.flatnonzero(heard[a:b])) >= LEAST_NULLS]
     if not elsewhere:  # there is nothing that it could be compared with
-        return Presence(nats=np.inf)
+        return Presence(nats=np.inf if len(y) > LEAST_WHOLE * whole else -np.inf)
     best, count = Presence(nats=-np.inf), pieces[0][0].shape[1]
     lengths = sorted({min(GROWTH**k, count) for k in range(1, 2 + int(np.ceil(np.log(count) / np.log(GROWTH))))})
     for together in lengths:
@@ -102,7 +120,7 @@ def _look(y, signals, inside, period: int, tried: int) -> Presence:
         if nats[d, k] > best.nats:
             carrier = float(sp_fft.fftfreq(share.shape[1])[k] / PIECE)
             best = Presence(nats=float(nats[d, k]), carrier=carrier, delay=int(near[d]), share=float(share[d, k]))
-        if best.nats > SURE_NATS:
+        if best.nats > sure:
             break
     return best
 
@@ -114,6 +132,14 @@ def _fullest(y, signals, inside, length: int):
     sent = np.concatenate([[0.0], np.cumsum((np.abs(signals) ** 2).sum(0) * inside)])
     first = int(np.argmax(sent[length:] - sent[:-length]))
     at = slice(first, first + length)
+    return y[at], signals[:, at], inside[at]
+
+
+def _on_air(y, signals, inside):
+    """The stretch from the first to the last sample that is sent: within it other delays meet the same recording."""
+    power = (np.abs(signals) ** 2).sum(0) * inside
+    sent = np.flatnonzero(power > SILENT * np.mean(power))
+    at = slice(sent[0], sent[-1] + 1) if len(sent) else slice(0, 0)
     return y[at], signals[:, at], inside[at]
 
 
