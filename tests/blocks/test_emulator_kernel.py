@@ -102,3 +102,15 @@ def test_planner_takes_the_direct_form_for_few_taps_and_overlap_save_for_many():
 def test_unknown_instruction_set_is_refused(isa):
     with pytest.raises(ValueError, match="expected auto"):
         blocks.emulator_kernel(1, 1, isa=isa)
+
+
+def test_a_ramp_that_arrives_at_a_plain_wire_is_no_wire_before():
+    """A single tap of gain 1 is a copy, but not while it is still on its way there."""
+    x = complex_noise(np.random.default_rng(1), 1, 600).astype(np.complex64)
+    updates = [LinkUpdate(tx=0, rx=0, at_sample=0, taps=np.array([0.25 + 0j]))]
+    updates.append(LinkUpdate(tx=0, rx=0, at_sample=100, taps=np.array([1.0 + 0j]), ramp_samples=300))
+    kernel = blocks.emulator_kernel(1, 1, 4)
+    kernel.set_sparse_taps(0, 0, [0], [0.25], 0)
+    kernel.set_sparse_taps(0, 0, [0], [1.0], 100, 300)
+    y = kernel.process(np.concatenate([np.zeros((1, 3), np.complex64), x], axis=1))
+    assert y == pytest.approx(emulate(x, updates, 1), abs=1e-5)

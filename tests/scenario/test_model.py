@@ -69,3 +69,17 @@ def test_all_faults_of_a_scenario_are_reported_at_once():
         sc.LinkTaps(delay_s=[[np.nan]], gain=[[1.0]])
     with pytest.raises(CastError, match="one shape"):
         sc.LinkTaps(delay_s=[[0.0, 1.0]], gain=[[1.0]])
+
+
+def test_a_tap_that_fades_keeps_its_delay_in_and_out():
+    """An unused tap (gain 0) has no delay of its own: whatever stands there, the tap fades where it is or will be."""
+    delay_s, gain = np.array([[9e-7], [2e-6], [3e-7]]), np.array([[0.0], [1.0], [0.0]])
+    faded = sc.Scenario(
+        name="fade",
+        nodes=("a", "b"),
+        time_s=np.array([0.0, 1.0, 2.0]),
+        interpolation="linear",
+        links={("a", "b"): sc.LinkTaps(delay_s=delay_s, gain=gain)},
+    )
+    delays, gains = sc.taps_at(faded, ("a", "b"), np.array([0.25, 1.0, 1.75]))
+    assert delays[:, 0] == pytest.approx([2e-6] * 3, abs=1e-15) and gains[:, 0] == pytest.approx([0.25, 1.0, 0.25])

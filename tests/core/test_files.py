@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is written is whole or not there, and what was there stays until then."""
+
+import errno
+import os
+
+import pytest
+from gr_cast.core import files
+from gr_cast.core.errors import CastError
+
+
+def folder_of(path, text):
+    path.mkdir()
+    (path / "file").write_text(text)
+
+
+def test_a_folder_that_cannot_be_put_in_place_leaves_the_one_before(tmp_path, monkeypatch):
+    folder_of(tmp_path / "out", "old")
+    real, calls = os.replace, []
+
+    def replace(source, target):
+        calls.append(target)
+        if len(calls) == 2:  # the old one is out of the way, the new one does not get there
+            raise OSError(errno.EIO, "disk", str(source))
+        real(source, target)
+
+    monkeypatch.setattr(os, "replace", replace)
+    with pytest.raises(OSError), files.written_aside(tmp_path / "out") as aside:
+        folder_of(aside, "new")
+    monkeypatch.undo()
+    assert (tmp_path / "out" / "file").read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    with files.written_aside(tmp_path / "out") as aside:
+        folder_of(aside, "new")
+    assert (tmp_path / "out" / "file").read_text() == "new" and len(list(tmp_path.iterdir())) == 1
+
+
+def test_what_fails_while_it_is_written_leaves_nothing(tmp_path):
+    (tmp_path / "out").write_text("old")
+    with pytest.raises(ZeroDivisionError), files.written_aside(tmp_path / "out") as aside:
+        aside.write_text("half")
+        1 / 0  # noqa: B018
+    assert (tmp_path / "out").read_text() == "old" and len(list(tmp_path.iterdir())) == 1
+
+
+def test_only_what_dead_writers_left_is_swept(tmp_path):
+    living, dead = tmp_path / f".aside-{os.getpid()}.x", tmp_path / ".aside-4194999.x"
+    living.touch()
+    dead.touch()
+    (tmp_path / "x").touch()
+    files.sweep_dead(tmp_path)
+    assert living.exists() and not dead.exists() and (tmp_path / "x").exists()
+
+
+def test_a_place_that_cannot_be_written_to_is_refused_before_the_work(tmp_path):
+    files.check_writable(tmp_path / "not" / "yet" / "there")
+    (tmp_path / "file").touch()
+    for place in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(CastError, match="not a folder"):
+            files.check_writable(place)
+    with pytest.raises(CastError, match="cannot be written"):
+        files.check_writable(next(p for p in map(files.Path, ("/proc/1", "/sys")) if not os.access(p, os.W_OK)) / "x")
