@@ -53,3 +53,12 @@ def test_held_out_samples_contradict_what_loses_there_what_the_fitted_ones_promi
     fit = refit(data, model.adding(dc()))
     worth = Worth(evidence=400.0, held_out=held_out)
     assert (claims.broken(SimpleNamespace(fit=fit, worth_of=lambda i: worth)) is not None) == is_broken
+
+
+@pytest.mark.parametrize("compression, is_broken", [(0.004, True), (0.4, False)])
+def test_an_amplifier_that_hardly_compresses_and_brings_little_is_not_claimed(part, monkeypatch, compression, is_broken):
+    _, data, model = part
+    fit = SimpleNamespace(data=data, model=model.adding(start(FAMILIES["pa_nonlinearity"], [compression])))
+    monkeypatch.setattr(claims, "numbers", lambda f, i: ({"compression_db": {"value": compression, "std": 0.005}}, {}))
+    finding = SimpleNamespace(fit=fit, worth_of=lambda i: Worth(evidence=60.0, held_out=5.0))
+    assert (claims.broken(finding) is not None) == is_broken

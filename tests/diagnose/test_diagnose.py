@@ -355,3 +355,19 @@ def test_a_hum_with_harmonics_is_one_hum_with_the_frequency_of_its_fundamental(w
     frequency, depth = said(document, "power_supply_hum", "frequency_hz"), said(document, "power_supply_hum", "depth")
     assert frequency["value"] == pytest.approx(cycles * RATE_HZ / len(world.n), abs=4 * frequency["std"])
     assert depth["value"] == pytest.approx(0.02, abs=4 * depth["std"])
+
+
+@pytest.mark.parametrize("sweep", [0.0, 1.5e-4])
+def test_pulses_of_a_wave_below_the_noise_are_pulses_and_no_band_of_noise(world, tmp_path, sweep):
+    period, first, width = 1733.0, 210.0, 160
+    into = (world.n - first) % period
+    phase = np.exp(2j * np.pi * world.rng.random(20))[((world.n - first) // period).astype(int)]
+    wave = (into < width) * phase * np.exp(2j * np.pi * (0.17 * world.n + 0.5 * sweep * (into - width / 2) ** 2))
+    document = run(world, tmp_path, world.noisy(world.clean() + 0.006 * wave))  # −4 dB of the noise while on
+    assert named(document) == ["pulsed_interference"] and document["verdict"] == "identified"
+    told = {name: said(document, "pulsed_interference", name) for name in ("period_s", "duty_cycle", "power_dbc")}
+    wanted_db = 10 * np.log10(np.mean(np.abs(world.clean()) ** 2))
+    true = {"period_s": period / RATE_HZ, "duty_cycle": width / period, "power_dbc": 20 * np.log10(0.006) - wanted_db}
+    for name, value in true.items():
+        assert told[name]["value"] == pytest.approx(value, abs=3 * told[name]["std"])
+    assert told["duty_cycle"]["std"] < 0.2 * true["duty_cycle"]

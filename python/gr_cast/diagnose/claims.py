@@ -6,11 +6,12 @@ import numpy as np
 
 from ..twin.effects import FAMILIES
 from ..twin.model import predict
-from .finding import Finding
+from .finding import Finding, numbers
 from .fit import Fit, invert
 
 SIZE_SIGMA = 3.0  # standard deviations by which a size must differ from nothing
 CANCELLED = 0.03  # of the power of the weaker of two effects: less is left of both together where one only cancels the other
+LITTLE_NATS = 200.0  # below which what has no size is not there, though the numbers behind it are
 BROKEN_SIGMA = 2.5  # standard deviations by which held-out samples must contradict the fitted ones
 
 
@@ -41,15 +42,20 @@ def sigmas(fit: Fit, index: int) -> float | None:
 
 def broken(finding: Finding) -> int | None:
     """The effect of a finding that makes held-out samples less likely where the fitted ones promise that it makes them likelier,
-    the worst first; None without one. What is there gains g ± √(2g) nats on samples of which the fitted ones promise g."""
+    the worst first, or that brings little and whose telling number is nothing within its error; None without one. What is there
+    gains g ± √(2g) nats on samples of which the fitted ones promise g."""
     data, worst = finding.fit.data, (BROKEN_SIGMA, None)
     for i, effect in enumerate(finding.fit.model.effects):
         if effect.fixed or "nats" in effect.aux or "read" in effect.aux:
             continue
-        worth = finding.worth_of(i)
+        worth, telling = finding.worth_of(i), FAMILIES[effect.family].telling
         promised = worth.evidence * data.vault.sum() / data.count
         if worth.held_out < 0 < promised:
             worst = max(worst, ((promised - worth.held_out) / np.sqrt(2 * promised), i))
+        if telling and worth.evidence < LITTLE_NATS:
+            number = numbers(finding, i)[0][telling]
+            if abs(number["value"]) < SIZE_SIGMA * number["std"]:
+                return i
     return worst[1]
 
 

@@ -25,7 +25,7 @@ def view_of(fit) -> NoiseView:
 
 def starts(fit):
     """[(net gain in nats, effect)] of every noise family that is not in the model yet."""
-    have = {e.family for e in fit.model.effects}
+    have = {FAMILIES[e.family].told for e in fit.model.effects}
     if any(is_coarse(e) for e in fit.model.effects):
         return []  # behind a coarse quantiser the noise has no law of its own
     if have & set(TESTED):

@@ -140,11 +140,11 @@ def _entry(findings, members) -> dict | None:
     others = [r for r in finding.worth_of(index).rivals if r.effect.family != effect.family]
     evidence = {
         "heldout_gain_nats": round(held_out, 2),
-        "runner_up": others[0].effect.family if others else None,
+        "runner_up": FAMILIES[others[0].effect.family].told if others else None,
         "runner_up_margin_nats": round(others[0].evidence, 2) if others else None,
     }
     return {
-        "family": effect.family,
+        "family": family.told,
         "owner": whose,
         "where": where,
         "parameters": {**values, **constants},

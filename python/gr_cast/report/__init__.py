@@ -204,7 +204,7 @@ def _explained(diagnosis, e: dict) -> str:
     for finding in diagnosis.findings:
         if finding.observation.name in ([names] if isinstance(names, str) else names):
             for i, effect in enumerate(finding.fit.model.effects):
-                if effect.family == e["family"] and not effect.fixed:
+                if FAMILIES[effect.family].told == e["family"] and not effect.fixed:
                     best = max(best, 10 / np.log(10) * finding.gain_of(i) / finding.fit.data.count)
     return f"{best:.2f} dB of residual" + ("" if isinstance(names, str) else ", where it shows most")
 

@@ -156,7 +156,7 @@ def waterfall_figure(finding, deadline: float = np.inf) -> Figure | None:
     if by_cause is None:
         return None
     for index, power in by_cause:
-        name = in_words(fit.model.effects[index].family)
+        name = in_words(FAMILIES[fit.model.effects[index].family].told)
         bars.append((name, level[-1], power, CAUSE))
         level.append(power)
     bars.append(("corrected twin", None, power_of(fit), GOOD))

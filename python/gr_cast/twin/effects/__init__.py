@@ -20,6 +20,7 @@ from .noise_floor import NoiseFloor
 from .pa_nonlinearity import PaNonlinearity
 from .phase_noise import PhaseNoise
 from .power_supply_hum import PowerSupplyHum
+from .pulsed_carrier import PulsedCarrier
 from .pulsed_interference import PulsedInterference
 from .quantization import Quantization
 from .sample_clock_offset import SampleClockOffset
@@ -62,6 +63,7 @@ FAMILIES: dict[str, Family] = {
         SpectralInversion(),
         AdcClipping(),
         Quantization(),
+        PulsedCarrier(),
         PulsedInterference(),
         NarrowbandInterference(),
         ImpulsiveNoise(),
@@ -71,7 +73,9 @@ FAMILIES: dict[str, Family] = {
 }
 
 
-NAMED = tuple(name for name, family in FAMILIES.items() if not family.beyond)  # that a twin or a diagnosis may list
+NAMED = tuple(
+    name for name, family in FAMILIES.items() if not family.beyond and family.told == name
+)  # that a twin or a diagnosis may list
 
 
 def stage_of(effect: Effect) -> int:

@@ -137,6 +137,8 @@ class Family:
     owners: tuple[str, ...] = ("rx",)  # of tx, rx, link and environment, the likelier one of one link alone first
     stage = RX_GAIN
     multiplicity = Multiplicity.EACH_PLACE
+    telling = ""  # the parameter that is 0 where there is no such effect, where no number of its own is
+    told_as = ""  # the family under whose name a diagnosis tells it, where that is another
     sizes: tuple[int, ...] = ()  # numbers that are all 0 where there is no such effect
     place: int | None = None  # the number that is searched for and tells several of a kind apart
     place_step = 1.0  # of that number, by which two differ in a search
@@ -159,6 +161,11 @@ class Family:
     beyond = False  # physics that a diagnosis has no name for: what is left, and no cause
     same_as: dict[str, str] = {}  # families that are counted as the same answer, and when
     follows_carrier: dict[str, int] = {}  # numbers (of parameters or model) that grow with that power of the carrier
+
+    @property
+    def told(self) -> str:
+        """The name under which a diagnosis tells it."""
+        return self.told_as or self.name
 
     @property
     def level(self) -> str:

@@ -47,6 +47,7 @@ class PaNonlinearity(Family):
     name = "pa_nonlinearity"
     parameters = {"compression_db": NUMBER, "memory": TRUTH}
     remembered = {"orders": WHOLES, "lags": WHOLES, "peak": POSITIVE, "coefficients": NUMBERS}
+    telling = "compression_db"
     role = Role.AMPLIFIER
     owners = ("tx",)
     multiplicity = Multiplicity.ONE

@@ -10,6 +10,8 @@ from .base import Multiplicity, amid, side_of, start, turned
 from .gain_family import GainFamily
 from .values import NEEDED, NUMBER, SIDE
 
+MOST = range(2, 9)  # harmonics that a twin may tell
+
 
 def pairs(p: np.ndarray) -> np.ndarray:
     """(harmonics, 2) m·cos φ and −m·sin φ of the fundamental and its harmonics."""
@@ -20,7 +22,7 @@ class PowerSupplyHum(GainFamily):
     name = "power_supply_hum"
     sizes = (0, 1)
     parameters = {"frequency_hz": NEEDED, "depth": NEEDED}
-    remembered = {"phase_rad": NUMBER, "at": SIDE}
+    remembered = {"phase_rad": NUMBER, "at": SIDE} | {n: NUMBER for k in MOST for n in (f"depth_{k}", f"phase_{k}_rad")}
     owners = ("rx", "tx")
     multiplicity = Multiplicity.ONE
 

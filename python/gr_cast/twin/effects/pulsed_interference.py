@@ -8,13 +8,13 @@ from scipy.stats import gamma
 
 from .base import peaks, start
 from .noise_family import REMEMBERED, NoiseFamily, two_levels
-from .values import NEEDED, NEEDED_POSITIVE, NUMBER, Value
+from .pulsed_carrier import PulsedCarrier
 
 
 class PulsedInterference(NoiseFamily):
     name = "pulsed_interference"
-    parameters = {"period_s": NEEDED_POSITIVE, "duty_cycle": Value(low=0.0, high=1.0, needed=True), "power_dbc": NEEDED}
-    remembered = REMEMBERED | {"first_s": NUMBER}
+    parameters = PulsedCarrier.parameters
+    remembered = REMEMBERED | PulsedCarrier.remembered
     owners = ("environment",)
     lasting = False
     _strengths = 4
@@ -38,6 +38,9 @@ class PulsedInterference(NoiseFamily):
             "duty_cycle": p[3],
             "power_dbc": 10 * np.log10(np.exp(p[0]) * floor / scene.wanted_rms**2),
         }
+
+    def parse(self, scene, parameters, model):
+        return (PulsedCarrier() if "carrier_hz" in model else super()).parse(scene, parameters, model)
 
     def _levels(self, scene, parameters, model, floor, rms):
         rate = scene.sample_rate_hz

@@ -1,0 +1,349 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pulses of a carrier or a chirp: pulsed interference whose every pulse is one wave, c_k·exp(j2π(f·n + ½·s·m²)), m samples from
+the middle of pulse k. Internal: Re and Im of c_k over the wanted rms; the gate and the wave are found by search (aux
+`period`, `first`, `width` in samples, `frequency` in cycles per sample, `sweep` in cycles per sample²).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import fft as sp_fft
+from scipy.stats import gamma
+
+from ..columns import Dense
+from .base import AIR, PROBE, Family, Multiplicity, rms_of, said_rms, start
+from .values import NEEDED, NEEDED_POSITIVE, NUMBER, POSITIVE, Value
+
+BLOCKS = (32, 128, 512, 2048)  # samples of a block in which a pulse is looked for as a line
+FEWEST_PULSES = 3  # that make a period
+MOST_NUMBERS = 4_000_000  # derivatives times samples: what is worth its memory
+SURPRISE_NATS = 8.0  # by which a period must stand out of the largest of as many of noise
+TEETH = (2, 4, 16)  # harmonics of a period that are added: of long pulses few, of short ones many
+FASTEST = 0.5  # cycles per sample that a chirp sweeps in one pulse, at most
+SELDOM = 8  # times the period that was seen: of every so many pulses there may be one
+LOUD_NATS = 6.0  # energy over that of noise from which a block holds a pulse, may be
+MOST_PEAKS, MOST_PARTS = 16, 6  # loud blocks of a line that are set on a beat, and of how many beats two are apart
+LOUD_CELL = 4.0  # times the mean energy of noise: one loud block alone is no period
+LOUDEST = 6  # pulses that show the wave
+MOST_TURNS = 80  # quarters of a cycle, at most, by which a chirp's edge is tried ahead of its middle
+EVEN = 0.25  # of the mean energy of a pulse, the least of the median: in a train with gaps every second pulse would be none
+EDGES = 48  # places at which a pulse's beginning and end are tried
+EDGE_SHARE = 2.5  # energies of noise that an edge is placed to (Hinkley 1970)
+DB = 10 / np.log(10)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Train:
+    """A train of pulses on the time of a recording: all in samples, cycles per sample and cycles per sample²."""
+
+    period: float
+    first: float
+    width: float
+    frequency: float
+    sweep: float
+
+    def pulses(self, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n,) the pulse that each sample lies in, −1 between pulses, and the samples from that pulse's middle."""
+        number = np.floor((index - self.first) / self.period)
+        into = index - self.first - number * self.period
+        return np.where(into < self.width, number, -1e9), into - self.width / 2
+
+    def wave(self, index: np.ndarray) -> np.ndarray:
+        """(n,) the wave in the pulses, 0 between them."""
+        number, from_middle = self.pulses(index)
+        return (number > -1e9) * np.exp(2j * np.pi * (self.frequency * index + 0.5 * self.sweep * from_middle**2))
+
+
+def trains(signal: np.ndarray, power: float) -> list[Train]:
+    """The likeliest train in complex noise of a known power per sample, or none."""
+    seen = [
+        found for block in BLOCKS if 24 * block <= len(signal) for found in (*_combs(signal, block), *_lattices(signal, block))
+    ]
+    best = (0.0, None)
+    for begun in seen:
+        train, nats = _refined(signal, power, begun)
+        energy = np.sort(_matched(signal, power, train))
+        if nats > best[0] and len(energy) >= FEWEST_PULSES and energy[len(energy) // 2] > EVEN * energy.mean():
+            best = (nats, train)
+    return [] if best[0] < np.log(len(signal)) + SURPRISE_NATS else [best[1]]
+
+
+def _over_median(frames: np.ndarray) -> np.ndarray:
+    """(blocks, lines) energy in the lines of blocks over its mean in noise, whatever stands in a line all the time."""
+    energy = np.abs(sp_fft.fft(frames, axis=1)) ** 2
+    return energy / np.maximum(np.median(energy, axis=0) / np.log(2), 1e-300)
+
+
+def _combs(signal, block: int) -> list[Train]:
+    """Of many pulses, the train of which a line of blocks shows most harmonics, where it is no noise."""
+    energy = _over_median(signal[: len(signal) // block * block].reshape(-1, block))
+    energy = np.minimum(energy, LOUD_CELL)
+    size = sp_fft.next_fast_len(2 * len(energy), real=True)
+    lines = np.abs(sp_fft.rfft(energy - energy.mean(axis=0), size, axis=0)) ** 2
+    lines /= np.median(lines[1:]) / np.log(2)
+    places = np.arange(int(np.ceil(FEWEST_PULSES * size / len(energy))), len(lines) // 2)
+    best = (SURPRISE_NATS, [])
+    for teeth in TEETH if len(places) else ():
+        comb = sum(
+            lines[np.minimum(h * places, len(lines) - 1)] * (h * places < len(lines))[:, None] for h in range(1, teeth + 1)
+        )
+        counted = np.minimum(teeth, (len(lines) - 1) // places)[:, None]
+        surprise = -gamma.logsf(comb, counted) - np.log(comb.size * len(TEETH) * len(BLOCKS))
+        k, row = np.unravel_index(int(np.argmax(surprise)), surprise.shape)
+        if surprise[k, row] > best[0]:
+            best = float(surprise[k, row]), [_folded(signal, block, size / places[k] * block, row)]
+    return best[1]
+
+
+def _lattices(signal, block: int) -> list[Train]:
+    """Of few pulses, the train on whose beat most of the loud blocks of one line are."""
+    hop = block // 2
+    energy = _over_median(np.lib.stride_tricks.sliding_window_view(signal, block)[::hop])
+    loud = np.maximum(energy - LOUD_NATS, 0.0)
+    row = int(np.argmax(np.sum(np.minimum(loud, LOUD_NATS), axis=0)))
+    peaks = np.flatnonzero(
+        (loud[:, row] > 0) & (energy[:, row] >= np.maximum(np.roll(energy[:, row], 1), np.roll(energy[:, row], -1)))
+    )
+    peaks = np.sort(peaks[np.argsort(-energy[peaks, row])[:MOST_PEAKS]])
+    best = (0.0, None)
+    for i, j in zip(*np.triu_indices(len(peaks), 1), strict=True):
+        for parts in range(1, MOST_PARTS + 1):
+            period = (peaks[j] - peaks[i]) / parts
+            if period < 4 or len(energy) / period < FEWEST_PULSES - 1:
+                continue
+            off = np.abs((peaks - peaks[i]) / period - np.round((peaks - peaks[i]) / period)) * period <= 1.0
+            nats = energy[peaks[off], row].sum() - np.log(len(energy)) * len(energy) / period
+            if off.sum() >= FEWEST_PULSES and nats > best[0]:
+                best = (
+                    float(nats),
+                    Train(
+                        period=period * hop,
+                        first=peaks[i] * hop % (period * hop),
+                        width=float(block),
+                        frequency=row / block,
+                        sweep=0.0,
+                    ),
+                )
+    return [best[1]] if best[1] else []
+
+
+def _folded(signal, block: int, period: float, row: int) -> Train:
+    """A train that was seen as a comb of a line in blocks, with the beginning and width that the folded blocks show."""
+    n, hop = len(signal), block // 2
+    frames = np.lib.stride_tricks.sliding_window_view(signal, block)[::hop]
+    energy = np.abs(frames @ np.exp(-2j * np.pi * row * np.arange(block) / block)) ** 2
+    middle = np.arange(len(energy)) * hop + block / 2
+    best = (-np.inf,)
+    for t in period * (1 + np.arange(-12, 13) / 12 * min(0.5, block / n * period / hop)):
+        bins = max(8, int(t / hop))
+        at = ((middle / t) % 1.0 * bins).astype(int)
+        total, hits = np.bincount(at, energy, bins), np.maximum(np.bincount(at, minlength=bins), 1)
+        for length in (x for x in (1, 2, 4, 8, 16) if x <= bins // 2):
+            window = np.convolve(np.concatenate([total, total]), np.ones(length))[length - 1 : length - 1 + bins]
+            count = np.convolve(np.concatenate([hits, hits]), np.ones(length))[length - 1 : length - 1 + bins]
+            excess = (window / count / energy.mean() - 1) * np.sqrt(count)
+            k = int(np.argmax(excess))
+            best = max(best, (float(excess[k]), t, (k + 0.5 * length) / bins * t, length * t / bins))
+    _, period, centre, width = best
+    return Train(period=period, first=(centre - width / 2) % period, width=width, frequency=row / block, sweep=0.0)
+
+
+def _refined(signal, power, train: Train) -> tuple[Train, float]:
+    """The train with the period, beginning, width, frequency and sweep that explain most, and the nats by which it does."""
+    for seldom in (SELDOM, 1, 1, 1):
+        train = _edges(signal, _beat(signal, power, _wave(signal, train), seldom))
+    mean = max(float(_matched(signal, power, train).mean()), 1.0)
+    return train, len(_matched(signal, power, train)) * (mean - 1 - np.log(mean))
+
+
+def _matched(signal, power, train: Train) -> np.ndarray:
+    """(pulses,) energy of each pulse over that of noise in it."""
+    parts = _segments(signal, train, train.width)
+    from_middle = np.arange(parts.shape[1]) - (parts.shape[1] - 1) / 2
+    down = np.exp(-2j * np.pi * (train.frequency * from_middle + 0.5 * train.sweep * from_middle**2))
+    return np.abs(parts @ down) ** 2 / (parts.shape[1] * power)
+
+
+def _beat(signal, power, train: Train, seldom: int) -> Train:
+    """The train, its wave known, with the period (a part, or up to so many times as long) and beginning that explain most."""
+    size = max(8, int(round(train.width)))
+    from_middle = np.arange(size) - (size - 1) / 2
+    wave = np.exp(2j * np.pi * (train.frequency * from_middle + 0.5 * train.sweep * from_middle**2))
+    span = sp_fft.next_fast_len(len(signal) + size)
+    both = sp_fft.ifft(sp_fft.fft(signal, span) * np.conj(sp_fft.fft(wave, span)))[: len(signal)]
+    energy = np.abs(both) ** 2 / (size * power)  # of a pulse that begins at a sample; of noise exponential, 1 in the mean
+    count = len(signal) / train.period
+    best = (-np.inf, train.period, train.first)
+    for times in (*(1 / k for k in range(2, 4) if seldom > 1), *range(1, seldom + 1)):
+        if count / times < FEWEST_PULSES - 1 or times * train.period < 2 * size:
+            continue
+        for period in times * train.period + np.linspace(-2, 2, 33) * size * times / count:
+            begins = train.first + train.period * np.arange(np.ceil(times))[:, None] + np.linspace(-1, 1, 9) * size
+            at = np.round(begins.ravel()[:, None] + period * np.arange(int(count / times) + 1)).astype(int)
+            inside = (at >= 0) & (at < len(signal) - size // 2)
+            pulses = inside.sum(1)
+            mean = np.where(inside, energy[np.clip(at, 0, len(energy) - 1)], 0.0).sum(1) / np.maximum(pulses, 1)
+            mean = np.maximum(mean, 1.0)
+            nats = pulses * (mean - 1 - np.log(mean))
+            k = int(np.argmax(nats))
+            best = max(best, (float(nats[k]), period, float(begins.ravel()[k])))
+    _, period, first = best
+    return replace(train, period=float(period), first=first % float(period))
+
+
+def _segments(signal, train: Train, width: float) -> np.ndarray:
+    """(pulses, width) samples around the middle of each pulse, zeros beyond the ends."""
+    n, size = len(signal), max(8, int(round(width)))
+    begins = np.round(np.arange(train.first - train.period, n, train.period) + train.width / 2 - size / 2).astype(int)
+    at = begins[:, None] + np.arange(size)
+    inside = (at >= 0) & (at < n)
+    return np.where(inside, signal[np.clip(at, 0, n - 1)], 0.0)[inside.sum(1) > size // 4]
+
+
+def _wave(signal, train: Train) -> Train:
+    """The train with the frequency and sweep that explain most of its strongest pulses."""
+    parts = _segments(signal, train, train.width)
+    parts = parts[np.argsort(-np.sum(np.abs(parts) ** 2, axis=1))[:LOUDEST]]
+    size = parts.shape[1]
+    span = sp_fft.next_fast_len(2 * size)
+    from_middle = np.arange(size) - (size - 1) / 2
+    best = (-np.inf,)
+    reach = np.floor(min(FASTEST * size / 2, MOST_TURNS))
+    for turns in np.arange(-reach, reach + 1):  # quarters of a cycle by which an edge is ahead of the middle
+        sweep = 2 * turns / size**2
+        lines = np.sum(np.abs(sp_fft.fft(parts * np.exp(-1j * np.pi * sweep * from_middle**2), span, axis=1)) ** 2, axis=0)
+        k = int(np.argmax(lines))
+        best = max(best, (float(lines[k]), float(sp_fft.fftfreq(span)[k]), sweep))
+    return replace(train, frequency=best[1], sweep=best[2])
+
+
+def _edges(signal, train: Train) -> Train:
+    """The train with the beginning and the width that explain most, its wave known."""
+    size = int(min(3 * train.width + 16, train.period))
+    parts = _segments(signal, train, size)
+    from_middle = np.arange(parts.shape[1]) - (parts.shape[1] - 1) / 2
+    down = np.exp(-2j * np.pi * (train.frequency * from_middle + 0.5 * train.sweep * from_middle**2))
+    sums = np.concatenate([np.zeros((len(parts), 1)), np.cumsum(parts * down, axis=1)], axis=1)
+    at = np.unique(np.linspace(0, parts.shape[1], EDGES + 1).astype(int))
+    energy = np.array([[np.sum(np.abs(sums[:, b] - sums[:, a]) ** 2) / (b - a) if b > a else 0.0 for b in at] for a in at])
+    i, j = np.unravel_index(int(np.argmax(energy)), energy.shape)
+    begins, ends = at[i] - parts.shape[1] / 2, at[j] - parts.shape[1] / 2
+    middle, moved = train.first + train.width / 2, 0.5 * (begins + ends)
+    frequency = train.frequency + train.sweep * moved
+    width = float(ends - begins)
+    return replace(train, first=float((middle + begins) % train.period), width=width, frequency=frequency)
+
+
+class PulsedCarrier(Family):
+    name = "pulsed_carrier"
+    told_as = "pulsed_interference"
+    parameters = {"period_s": NEEDED_POSITIVE, "duty_cycle": Value(low=0.0, high=1.0, needed=True), "power_dbc": NEEDED}
+    remembered = {"first_s": NUMBER, "carrier_hz": NUMBER, "sweep_hz_per_s": NUMBER, "wanted_rms": POSITIVE}
+    owners = ("environment",)
+    stage = AIR
+    relative = True
+    multiplicity = Multiplicity.ONE
+    lasting = False
+    linear = True
+    random = True
+
+    @staticmethod
+    def _train(effect) -> Train:
+        return Train(**{name: effect.aux[name] for name in ("period", "first", "width", "frequency", "sweep")})
+
+    @staticmethod
+    def _numbers(scene, train: Train) -> tuple[np.ndarray, int]:
+        """(n,) the place of each sample's pulse in the recording, −1 between pulses; and how many there are."""
+        number = train.pulses(scene.index)[0]
+        inside = number > -1e9
+        low = number[inside].min() if inside.any() else 0
+        return np.where(inside, number - low, -1).astype(int), int(number[inside].max() - low + 1) if inside.any() else 0
+
+    def _wave(self, scene, effect):
+        """(n,) the pulses as they are."""
+        train = self._train(effect)
+        at, count = self._numbers(scene, train)
+        gains = np.zeros(max(count, 1), complex)
+        told = (effect.p[::2] + 1j * effect.p[1::2])[:count]
+        gains[: len(told)] = told
+        return rms_of(scene, effect) * np.where(at >= 0, gains[at], 0.0) * train.wave(scene.index)
+
+    def apply(self, chain, effect):
+        chain.y = chain.y + self._wave(chain.scene, effect)
+
+    def columns(self, scene, effect, chain, before, rest):
+        train = self._train(effect)
+        at, _ = self._numbers(scene, train)
+        one = before.copy()
+        one.y = one.y + PROBE * rms_of(scene, effect) * train.wave(scene.index)
+        unit = (rest(one, effect).y - chain.y) / PROBE
+        rows = [unit * (at == k) for k in range(len(effect.p) // 2)]
+        return Dense(signals=np.array([turn * row for row in rows for turn in (1.0, 1j * chain.facing)]))
+
+    def starts(self, view):
+        n = view.scene.span
+        for train in trains(view.scene.spread(view.residual), view.sigma2):
+            count = self._numbers(view.scene, train)[1]
+            if count >= FEWEST_PULSES and 2 * count * n <= MOST_NUMBERS and train.width < train.period / 2:
+                yield start(self, np.zeros(2 * count), prior=np.ones(2 * count), aux=vars(train).copy(), trials=float(n))
+
+    def settled_law(self, scene, effect, covariance):
+        effect = super().settled_law(scene, effect, covariance)
+        power, noise = float(np.sum(effect.p**2)), np.diag(covariance)
+        train, count = self._train(effect), len(effect.p) / 2
+        # A pulse of `width` samples tells its energy, power/count·width, to `noise` times that of one: so far its edges are seen.
+        edge = min(EDGE_SHARE * train.width * float(np.mean(noise)) / max(power / count, 1e-300), train.width / 4) + 0.5
+        edge = np.hypot(edge, train.width / EDGES)
+        strength = 2 * np.sqrt(np.sum(effect.p**2 * noise)) / max(power, 1e-300)
+        stds = {
+            "period_s": edge / np.sqrt(max(count, 2.0)) / max(count - 1, 1.0) * 2 / scene.sample_rate_hz,
+            "duty_cycle": edge * np.sqrt(2.0) / train.period,
+            "power_dbc": DB * float(np.hypot(strength, edge / train.width)),
+        }
+        return replace(effect, aux={**effect.aux, "_stds": stds})
+
+    def hidden(self, effect):
+        return 5  # of the gate and the wave
+
+    def values(self, scene, effect, p):
+        power = 2 * np.mean(p**2) * (rms_of(scene, effect) / scene.wanted_rms) ** 2
+        return {
+            "period_s": effect.aux["period"] / scene.sample_rate_hz,
+            "duty_cycle": effect.aux["width"] / effect.aux["period"],
+            "power_dbc": 10 * np.log10(power + 1e-30),
+        }
+
+    def in_time(self, scene, effect, later, longer):
+        period = effect.aux["period"]
+        return replace(effect, aux={**effect.aux, "first": (effect.aux["first"] - later * scene.span) % period})
+
+    def parse(self, scene, parameters, model):
+        rate = scene.sample_rate_hz
+        aux = {
+            "period": parameters["period_s"] * rate,
+            "first": model.get("first_s", 0.0) * rate,
+            "width": parameters["duty_cycle"] * parameters["period_s"] * rate,
+            "frequency": model["carrier_hz"] / rate,
+            "sweep": model.get("sweep_hz_per_s", 0.0) / rate**2,
+            **said_rms(model),
+        }
+        effect = start(self, np.zeros(2), aux=aux)
+        count = 2 * max(1, self._numbers(scene, self._train(effect))[1])
+        prior = np.full(count, 10 ** (parameters["power_dbc"] / 10) / 2)
+        return replace(effect, p=np.zeros(count), free=np.ones(count, bool), prior=prior)
+
+    def model(self, scene, effect):
+        rate, train = scene.sample_rate_hz, self._train(effect)
+        told = {"first_s": train.first / rate, "carrier_hz": train.frequency * rate, "sweep_hz_per_s": train.sweep * rate**2}
+        return told | {"wanted_rms": rms_of(scene, effect)}
+
+    def played(self, scene, effect, rng):
+        phases = rng.uniform(0, 2 * np.pi, len(effect.p) // 2)
+        size = np.sqrt(2 * effect.prior[0])
+        return effect.moved(size * np.stack([np.cos(phases), np.sin(phases)], 1).ravel())
+
+    def describe(self, number):
+        return (
+            f"Pulses of one wave each every {number('period_s')}, on for {number('duty_cycle')} of it, "
+            f"{number('power_dbc')} while on."
+        )

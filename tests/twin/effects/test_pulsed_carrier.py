@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pulses of a wave are found with their beat, width and frequency, and a twin plays them with their power."""
+
+import numpy as np
+import pytest
+from gr_cast.twin.effects import FAMILIES
+from gr_cast.twin.effects.pulsed_carrier import Train, trains
+
+COUNT = 60_000
+
+
+def noise(rng):
+    return (rng.normal(size=COUNT) + 1j * rng.normal(size=COUNT)) / np.sqrt(2)
+
+
+@pytest.mark.parametrize(
+    "train, power",
+    [
+        (Train(period=5113.0, first=700.0, width=300.0, frequency=0.21, sweep=0.0), 0.1),
+        (Train(period=911.0, first=100.0, width=40.0, frequency=-0.33, sweep=0.0), 0.7),
+        (Train(period=17_000.0, first=3000.0, width=900.0, frequency=0.05, sweep=2e-5), 0.1),
+    ],
+)
+def test_a_train_is_found_below_the_noise(train, power):
+    rng, index = np.random.default_rng(2), np.arange(COUNT)
+    turns = np.exp(2j * np.pi * rng.random(COUNT))[np.maximum(train.pulses(index)[0], -1).astype(int)]
+    (found,) = trains(noise(rng) + np.sqrt(power) * turns * train.wave(index), 1.0)
+    assert found.period == pytest.approx(train.period, abs=0.3 * train.width * train.period / COUNT + 0.2)
+    assert found.width == pytest.approx(train.width, rel=0.15)
+    assert found.frequency == pytest.approx(train.frequency, abs=1 / train.width)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_has_no_train(seed):
+    assert trains(noise(np.random.default_rng(seed)), 1.0) == []
+
+
+def test_a_twin_plays_pulses_with_the_power_and_the_gate_that_it_tells():
+    class Scene:
+        sample_rate_hz, wanted_rms, rms, count, span, index = 1e6, 0.5, 0.5, COUNT, COUNT, np.arange(COUNT)
+
+    parameters = {"period_s": 2e-3, "duty_cycle": 0.1, "power_dbc": -20.0}
+    effect = FAMILIES["pulsed_interference"].parse(Scene, parameters, {"first_s": 3e-4, "carrier_hz": 1e5})
+    family = FAMILIES[effect.family]
+    wave = family._wave(Scene, family.played(Scene, effect, np.random.default_rng(1)))
+    on = np.abs(wave) > 0
+    assert on.mean() == pytest.approx(0.1, rel=0.02)
+    assert np.mean(np.abs(wave[on]) ** 2) == pytest.approx(0.5**2 * 0.01, rel=1e-6)
+    assert np.flatnonzero(on)[0] == 300
