@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...core.documents import read_text, short
 from ...core.errors import CastError
 from ...core.units import amplitude_from_db, db_from_amplitude
 from ..model import LinkTaps, Scenario, reciprocal
@@ -25,10 +26,7 @@ def read(path: str | Path, tx_power_dbm: float) -> dict[int, LinkPaths]:
     CastError with the line of what is damaged.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="ascii", errors="replace")
-    except FileNotFoundError:
-        raise CastError(f"{path}: no such file") from None
+    text = read_text(path)
     numbered = [(number, line.split()) for number, line in enumerate(text.splitlines(), 1)]
     lines = iter([(number, words) for number, words in numbered if words and not words[0].startswith("#")])
     points = {}
@@ -53,7 +51,7 @@ def _row(path: Path, lines, width: int) -> list[float]:
         values = []
     if len(values) != width or not np.isfinite(values).all() or (width == 4 and values[2] < 0) or (width < 4 and min(values) < 0):
         place = f"line {number}" if number else "end of file"
-        raise CastError(f"{path}: {place}: needs {width} numbers, got {' '.join(words)!r}: damaged or truncated")
+        raise CastError(f"{path}: {place}: needs {width} numbers, got {short(' '.join(words))}: damaged or truncated")
     return values
 
 
