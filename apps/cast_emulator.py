@@ -46,7 +46,8 @@ def _report(status: dict) -> None:
     print(
         f"\r{status['samples']:>14d} samples  real-time factor {status['real_time_factor']:.2f}  late updates "
         f"{status['late_updates']}  clipped {status['clipped_samples']}  "
-        + "".join(f"waiting for {peer}  " for peer in status["waiting_for"]),
+        + "".join(f"waiting for {peer}  " for peer in status["waiting_for"])
+        + "".join(f"{count} samples not finite at {port}, recorded as 0  " for port, count in status["not_finite"].items()),
         end="" if sys.stderr.isatty() else "\n",
         file=sys.stderr,
         flush=True,

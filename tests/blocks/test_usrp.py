@@ -228,6 +228,19 @@ def test_a_full_disk_ends_the_recording_at_a_whole_sample(tmp_path):
     assert np.all(read.samples == 0.5)
 
 
+def test_what_is_no_number_is_counted_and_recorded_as_nothing(tmp_path):
+    sent = np.full(70_000, 0.5 + 0.5j, np.complex64)
+    sent[[40_000, 40_001, 69_999]] = complex(np.nan, 1), complex(1, np.inf), complex(-np.inf, np.nan)
+    top = gr.top_block(catch_exceptions=False)
+    recorder = SigmfRecorder(top, blocks.vector_source_c(sent, False), tmp_path / "x", sample_rate_hz=1e6)
+    top.run()
+    recorder.finish()
+    read = recording.read(tmp_path / "x")
+    assert recorder.not_finite == read.metadata["cast:not_finite_samples"] == 3
+    assert read.metadata["cast:first_not_finite"] == 40_000
+    np.testing.assert_array_equal(read.samples, np.where(np.isfinite(sent), sent, 0))
+
+
 def test_a_recording_is_never_overwritten(tmp_path):
     recording.write(tmp_path / "x", np.ones(4), sample_rate_hz=1e6)
     with pytest.raises(CastError, match="nothing is overwritten"):

@@ -139,12 +139,18 @@ class Emulation(gr.top_block):
         return status | {
             "scenario": self.scenario.name,
             "waiting_for": waiting_for,
+            "not_finite": self._not_finite(),
             "real_time_factor": 0.0 if waiting_for else status["real_time_factor"],
             "on": self._on,
             "scenario_time_s": (status["samples"] - begin) / self.sample_rate_hz,
             "bulk_delay_samples": scenario_bulk_delay(self.scenario, self.sample_rate_hz),
             "sample_rate_hz": self.sample_rate_hz,
         }
+
+    def _not_finite(self) -> dict[str, int]:
+        """NODE:rx=STEM to how many samples that came there were NaN or infinite: a peer sends them, and all who hear it get them."""
+        recorders = [(port, block) for port, block, _ in self._peers if isinstance(block, SigmfRecorder)]
+        return {f"{port.node}:{port.direction}={port.where}": block.not_finite for port, block in recorders if block.not_finite}
 
     def _waiting_for(self, samples: int) -> list[str]:
         """NODE:tx=ADDRESS of whom nothing comes, NODE:rx=ADDRESS of who takes nothing, once nothing has moved for a while."""

@@ -16,7 +16,8 @@ _DONE = -1  # what work() returns at the end of its stream
 class _Writer(gr.sync_block):
     """Writes samples first, the captures among them after: no reader meets a capture beyond the data.
 
-    An `rx_time` tag later than the count of samples says marks a loss: a capture starts there.
+    An `rx_time` tag later than the count of samples says marks a loss: a capture starts there. A peer's NaN and infinities are
+    no samples: they are counted and written as 0.
     """
 
     def __init__(self, item, path, captures: list[dict], sample_rate_hz: float, on_gap):
@@ -27,10 +28,12 @@ class _Writer(gr.sync_block):
         self._captures = captures
         self._sample_rate_hz = sample_rate_hz
         self._on_gap = on_gap
+        self.not_finite = 0
+        self.first_not_finite = None  # sample
         self._mark = None  # (sample, whole seconds, fraction) of the newest rx_time
 
     def work(self, input_items, output_items):
-        samples = input_items[0]
+        samples = self._finite(input_items[0])
         try:
             left = samples.reshape(-1).view(np.uint8).data
             while left:
@@ -47,6 +50,19 @@ class _Writer(gr.sync_block):
             self.file.truncate(self.nitems_read(0) * self._item_bytes)
             return _DONE
         return len(samples)
+
+    def _finite(self, samples: np.ndarray) -> np.ndarray:
+        if samples.dtype.kind != "c":
+            return samples
+        with np.errstate(all="ignore"):
+            if np.isfinite(np.sum(samples.view(np.float32))):  # one that is not would make the sum none
+                return samples
+        bad = ~np.isfinite(samples)
+        if bad.any():
+            if self.first_not_finite is None:
+                self.first_not_finite = self.nitems_read(0) + int(np.argmax(bad))
+            self.not_finite += int(bad.sum())
+        return np.where(bad, np.complex64(0), samples)
 
     def _time(self, sample: int, seconds: int, fraction: float) -> None:
         if self._mark is None:
@@ -97,6 +113,11 @@ class SigmfRecorder:
         """How many came so far."""
         return self._writer.nitems_read(0)
 
+    @property
+    def not_finite(self) -> int:
+        """How many were NaN or infinite, and are 0 in the recording."""
+        return self._writer.not_finite
+
     def _write(self, **more) -> None:
         write_metadata(self.stem, metadata(captures=self.captures, fields=self._fields | more, **self._about))
 
@@ -108,7 +129,10 @@ class SigmfRecorder:
             meta_path(self.stem).unlink(missing_ok=True)
             data_path(self.stem).unlink(missing_ok=True)
             return
-        self._write(**{"core:sha512": sha512_of(data_path(self.stem))})
+        more = {"core:sha512": sha512_of(data_path(self.stem))}
+        if self.not_finite:
+            more |= {"cast:not_finite_samples": self.not_finite, "cast:first_not_finite": self._writer.first_not_finite}
+        self._write(**more)
         if self._writer.failure:
             self._writer.failure.filename = str(data_path(self.stem))
             raise self._writer.failure

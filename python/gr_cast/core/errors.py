@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The one error that a user can cause: it says what, got, limit, unit and where."""
 
+LONGEST_LINE = 1500  # characters of a fault; what names it stands at its beginning
 MOST_FAULTS = 1000  # of one input, told one by one: who has more mends these first
 
 
@@ -14,6 +15,7 @@ class CastError(Exception):
 
 def _one_line(text: str) -> str:
     """Text that a terminal can show on one line, whatever names of files and keys are in it."""
+    text = text if len(text) <= LONGEST_LINE else text[: LONGEST_LINE - 1] + "…"
     return text if text.isprintable() else "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
