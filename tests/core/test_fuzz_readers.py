@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A fixed portion of tests/bench/fuzz_readers.py: 200 mutations of a valid file for every reader, in a process of little memory."""
+"""A fixed portion of tests/bench/fuzz_readers.py: 200 mutations of a valid file for every reader, in little memory."""
 
 import subprocess
 import sys

@@ -148,7 +148,7 @@ class Emulation(gr.top_block):
         }
 
     def _not_finite(self) -> dict[str, int]:
-        """NODE:rx=STEM to how many samples that came there were NaN or infinite: a peer sends them, and all who hear it get them."""
+        """NODE:rx=STEM to how many samples were NaN or infinite there: who hears the peer that sends them gets them."""
         recorders = [(port, block) for port, block, _ in self._peers if isinstance(block, SigmfRecorder)]
         return {f"{port.node}:{port.direction}={port.where}": block.not_finite for port, block in recorders if block.not_finite}
 
