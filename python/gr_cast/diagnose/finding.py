@@ -52,7 +52,8 @@ class Finding:
 
     def is_cause(self, effect) -> bool:
         """Whether an effect is a cause that a diagnosis names, and neither the twin's own nor what no twin plays."""
-        return not (effect.fixed or FAMILIES[effect.family].beyond or self.part_of_another(effect))
+        passing = "_passing" in effect.aux  # a course that moves in one stretch alone
+        return not (effect.fixed or passing or FAMILIES[effect.family].beyond or self.part_of_another(effect))
 
     @property
     def crowded(self) -> bool:

@@ -14,6 +14,7 @@ from .exchange import exchanged
 from .finding import Finding, nmse, numbers, worth
 from .fit import COLOUR_ORDERS, Fit, off_the_rails, solve
 from .ownership import agree_on_sides, agree_on_wander
+from .passing import without_passing
 from .search import MARGIN, beginnings, lattice_again, refit, search, under_the_lattice
 from .verdict import Words, conclude
 
@@ -92,7 +93,7 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
     fit = exchanged(_until(fit, proof), known_fits) if known is None else fit
     fit = lattice_again(data, fit)
     fit = _sure(_without_fine_lattice(_settle(_without_crowds(_until(fit, deadline)), finer=known is None)))
-    fit = _of_noise_alone(fit)
+    fit, passed = without_passing(_of_noise_alone(fit))
     # In the first fit the wanted signal may have been next to nothing.
     scene.level = known.scene.level if known else scene.rms * _wanted_rms(fit) / _wanted_rms(first)
     finding = Finding(
@@ -106,7 +107,7 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
         stds=stds,
         later=known is not None,
         elsewhere_nats=elsewhere_nats,
-        left=foreign,
+        left=[*foreign, *passed],
     )
     _weigh(finding)
     _look_for_rest(finding)

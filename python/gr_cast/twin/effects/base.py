@@ -354,6 +354,10 @@ class Family:
         """(taps,) of a filter with the numbers `p`."""
         return np.ones(1)
 
+    def spectrum_of(self, effect: Effect) -> tuple[np.ndarray, np.ndarray]:
+        """((orders,) coefficients, (orders,) their variance as they were estimated) of the course of what `wanders`."""
+        return effect.p, np.asarray(effect.aux.get("_variance", np.zeros(len(effect.p))))
+
     def course(self, scene, effect: Effect, p: np.ndarray) -> np.ndarray:
         """(n,) the course with the numbers `p` of what `wanders`: a phase in rad, or a complex gain."""
         raise NotImplementedError

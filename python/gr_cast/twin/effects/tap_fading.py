@@ -29,6 +29,10 @@ class TapFading(TapFamily):
     def course(self, scene, effect, p):
         return 1 + scene.course(p[::2] + 1j * p[1::2])
 
+    def spectrum_of(self, effect):
+        p, variance = super().spectrum_of(effect)
+        return p[::2] + 1j * p[1::2], variance[::2] + variance[1::2]
+
     def apply(self, chain, effect):
         k = effect.aux["tap"]
         path = chain.paths[k]

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A random course is one throughout a recording: what moves in one stretch alone is no phase noise and no fading."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest_world import RATE_HZ
+from gr_cast.diagnose import diagnose, passing, read_case
+from gr_cast.twin.effects import FAMILIES
+from gr_cast.twin.effects.base import start
+
+LAWS = {"free": lambda k: 1 / k, "held": lambda k: 1 / np.hypot(1, k / 20), "flat": np.ones_like}
+
+
+def _p_value(family, numbers, count=20_000):
+    scene = SimpleNamespace(index=np.arange(count, dtype=float), span=count, sample_rate_hz=RATE_HZ)
+    fit = SimpleNamespace(
+        data=SimpleNamespace(scene=scene, use=np.ones(count)), chain=SimpleNamespace(wanted=np.ones(count)), model=None
+    )
+    return passing.stretch(fit, start(FAMILIES[family], numbers)).p_value
+
+
+@pytest.mark.parametrize("family", ["phase_noise", "tap_fading"])
+@pytest.mark.parametrize("law", LAWS)
+def test_a_course_of_any_law_moves_in_no_stretch_alone(monkeypatch, family, law):
+    monkeypatch.setattr(passing, "SURROGATES", 60)
+    rng, orders = np.random.default_rng(5), np.repeat(np.arange(1.0, 49.0), 2 if family == "tap_fading" else 1)
+    told = [_p_value(family, LAWS[law](orders) * rng.normal(size=len(orders))) for _ in range(10)]
+    assert min(told) > 1e-3 and np.mean(told) > 0.2
+
+
+def test_an_oscillator_that_slips_for_a_while_has_no_phase_noise(world, tmp_path):
+    phase = 12 * np.clip((world.n - 8_000) / 3_000, 0, 1)
+    document = diagnose(
+        read_case(world.write(tmp_path / "case", world.noisy(world.clean() * np.exp(1j * phase)))), budget_s=3000
+    ).document
+    assert document["verdict"] == "unexplained"
+    assert not {"phase_noise", "tap_fading"} & {e["family"] for e in document["effects"]}
+    places = [w["time_s"] for w in document["residual"]["where"] if "time_s" in w]
+    assert any(a * RATE_HZ < 11_300 and b * RATE_HZ > 7_700 for a, b in places)
+
+
+def test_an_oscillator_that_wanders_throughout_has_phase_noise(world, tmp_path):
+    phase = np.cumsum(world.rng.normal(size=len(world.n))) * 0.01
+    document = diagnose(
+        read_case(world.write(tmp_path / "case", world.noisy(world.clean() * np.exp(1j * phase)))), budget_s=3000
+    ).document
+    assert "phase_noise" in {e["family"] for e in document["effects"]} and document["verdict"] == "identified"
