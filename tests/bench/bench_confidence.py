@@ -35,7 +35,9 @@ def judged(diagnoses: Path, truths: Path) -> list[tuple[float, float, bool]]:
         for effect in truth["effects"]:
             families |= {"extra_path" if s.startswith("extra_path") else s for s in effect.get("same_as", [])}
         if truth["kind"] != "ambiguous":
-            found += [(e["evidence"]["heldout_gain_nats"], e["confidence"], e["family"] in families) for e in document["effects"]]
+            found += [
+                (e["evidence"]["heldout_gain_nats"] or 0.0, e["confidence"], e["family"] in families) for e in document["effects"]
+            ]
     return found
 
 

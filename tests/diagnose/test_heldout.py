@@ -65,12 +65,28 @@ def test_a_budget_that_is_over_leaves_an_unexplained_case_with_what_was_found(wo
     assert document["seconds"] < 20
 
 
-def test_a_cause_whose_proof_was_cut_short_is_not_claimed_against_unseen_samples(world, tmp_path):
+def test_a_cause_is_not_claimed_against_unseen_samples(world, tmp_path):
     case = read_case(world.write(tmp_path / "case", world.noisy(world.clean() + 0.02)))
     (finding,) = diagnose(case).findings
     index = next(i for i, e in enumerate(finding.fit.model.effects) if e.family == "dc_offset")
     finding.worths[finding.fit.model.effects[index].key] = replace(finding.worth_of(index), held_out=-300.0)
-    assert [e["family"] for e in conclude(case, [finding], lambda entries: [])["effects"]] == ["dc_offset"]
-    finding.complete = False
     document = conclude(case, [finding], lambda entries: [])
     assert document["verdict"] == "unexplained" and not document["effects"]
+
+
+def test_a_wild_sample_that_was_held_out_says_no_more_than_the_others_can(part):
+    _, data, model = part
+    fit, wild = refit(data, model), data.y.copy()
+    wild[np.flatnonzero(data.vault)[100]] += 1e6
+    there = refit(replace(data, y=wild), model)
+    most = (data.count + data.vault.sum()) * np.log(1e12 / fit.sigma2 / data.count)
+    assert 0 < heldout.gained(fit, there) < 1.01 * most
+    assert heldout.log_likelihood(fit) - heldout.log_likelihood(there) > 1e12
+
+
+def test_what_an_effect_gains_on_the_vault_is_the_ratio_of_likelihoods(part):
+    _, data, model = part
+    fit = refit(data, model)
+    other = replace(fit, residual=fit.residual * 1.05)
+    plain = heldout.log_likelihood(fit) - heldout.log_likelihood(other)
+    assert heldout.gained(fit, other) == pytest.approx(plain, rel=0.01)

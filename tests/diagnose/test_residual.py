@@ -112,9 +112,8 @@ def test_the_mean_of_a_tap_that_fades_is_no_cause_of_its_own(world, tmp_path):
     others = [start(FAMILIES["spectral_inversion"], []), start(FAMILIES["carrier_frequency_offset"], [1.0, 0.0])]
     for more in others:
         finding.fit = replace(finding.fit, model=finding.fit.model.adding(more))
-    assert len(finding.fit.model.found) == 4 and not finding.crowded
-    finding.fit = replace(finding.fit, model=finding.fit.model.adding(start(FAMILIES["sample_loss"], [9.0, 1.0])))
-    assert finding.crowded
+    found = finding.fit.model.found
+    assert len(found) == 4 and [finding.is_cause(e) for e in found].count(True) == 3
 
 
 def test_noise_in_a_band_raises_no_floor_and_leaves_nothing_beside_it(world, tmp_path):

@@ -98,7 +98,8 @@ def test_a_picture_is_drawn_only_where_the_longest_before_it_would_still_be_in_t
 
 
 def test_steps_that_are_not_told_in_time_are_not_told(found):
-    assert steps(found.findings[0], time.monotonic()) is None
+    finding = replace(found.findings[0], steps=None, data=replace(found.findings[0].data, deadline=time.monotonic()))
+    assert steps(finding) is None
 
 
 def test_the_maps_show_the_echo_at_its_delay_and_the_dc_at_its_frequency(found):

@@ -11,7 +11,7 @@ from .search import REFITS, candidates, claim_the_same, plausible, refit_or_know
 
 ALIKE_NATS = 3.0  # in ln L: two fits that differ by less are alike
 ALIKE_TAPS_NATS = 12.0  # in evidence: what the priors of two rows of taps may differ by
-CHOICE = 2  # free numbers that a rival of a mere choice, an effect without numbers, may have: one gain
+CHOICE = 2  # free numbers that a rival of a mere choice, an effect of no number and no path, may have: one gain
 MOST_OPEN = 3  # families that are told as open, the likeliest
 NEAR_SHARE = 0.3  # or this share of what the effect brings
 NEAR_NATS = 25.0  # predicted evidence within which a rival is worth a fit
@@ -102,17 +102,18 @@ def alike(effect: Effect, rival: Rival) -> bool:
         return rival.evidence <= ALIKE_NATS
     if abs(rival.likelihood) > ALIKE_NATS or effect.prior is not None or _holds(rival, effect):
         return False
-    freedom = int(effect.free.sum()) if len(effect.p) else CHOICE
+    freedom = CHOICE if not len(effect.p) and "tap" not in effect.aux else int(effect.free.sum())
     return int(rival.effect.free.sum()) <= freedom and rival.effect.prior is None
 
 
 def open_beside(fit: Fit, effect: Effect, rivals: list[Rival]) -> dict | None:
     """The contract's entry of the other families that the data leave open beside an effect of `fit`; None without one."""
-    nearest = {r.effect.family: r for r in reversed(all_alike(effect, rivals)) if r.effect.family != effect.family}
-    equal = sorted(nearest.values(), key=lambda r: r.evidence)[: MOST_OPEN - 1]
+    name = FAMILIES[effect.family].told
+    alike_ones = {FAMILIES[r.effect.family].told: r for r in reversed(all_alike(effect, rivals))}
+    equal = sorted((r for other, r in alike_ones.items() if other != name), key=lambda r: r.evidence)[: MOST_OPEN - 1]
     if not equal:
         return None
-    families, apart = [effect.family, *(r.effect.family for r in equal)], max(abs(r.likelihood) for r in equal)
+    families, apart = [name, *(FAMILIES[r.effect.family].told for r in equal)], max(abs(r.likelihood) for r in equal)
     return {
         "families": families,
         "why": f"{' and '.join(families)} explain this recording equally well ({apart:.1f} nats apart).",

@@ -49,6 +49,8 @@ def broken(finding: Finding) -> int | None:
         if effect.fixed or "nats" in effect.aux or "read" in effect.aux:
             continue
         worth, telling = finding.worth_of(i), FAMILIES[effect.family].telling
+        if worth.held_out is None:
+            continue
         promised = worth.evidence * data.vault.sum() / data.count
         if worth.held_out < 0 < promised:
             worst = max(worst, ((promised - worth.held_out) / np.sqrt(2 * promised), i))

@@ -13,7 +13,6 @@ from .fit import Fit, invert
 from .search import refit_or_known
 
 LEAST_TOLD = 20.0  # nats of an effect without a curvature: a search found it
-MOST_TRUSTED = 3  # effects in one recording; with more the list is not the whole truth
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,7 +21,7 @@ class Worth:
     and its rivals."""
 
     evidence: float
-    held_out: float
+    held_out: float | None  # None: not worked out
     rivals: tuple = ()
 
 
@@ -41,9 +40,11 @@ class Finding:
     later: bool = False  # a further part of a recording whose first part was searched
     elsewhere_nats: float = 0.0  # by which such a part is likelier where it is than where the first one lets expect it
     stds: dict = field(default_factory=dict)
-    left: list = field(default_factory=list)
+    tested: list = field(default_factory=list)  # every test of the residual, with what it holds
+    left: list = field(default_factory=list)  # what of it, and of the courses, is more than noise
     ambiguous: list = field(default_factory=list)
     worths: dict[int, Worth] = field(default_factory=dict)  # by the effect's key
+    steps: list | None = None  # what each effect explains after the louder ones (`maps.steps`)
     absent: bool = False  # the twin's waveform is not in it, and no effect of that was looked for
 
     def part_of_another(self, effect) -> bool:
@@ -54,11 +55,6 @@ class Finding:
         """Whether an effect is a cause that a diagnosis names, and neither the twin's own nor what no twin plays."""
         passing = "_passing" in effect.aux  # a course that moves in one stretch alone
         return not (effect.fixed or passing or FAMILIES[effect.family].beyond or self.part_of_another(effect))
-
-    @property
-    def crowded(self) -> bool:
-        """Whether more was found than can be trusted to be the whole truth."""
-        return sum(self.is_cause(e) for e in self.fit.model.effects) > MOST_TRUSTED
 
     def gain_of(self, index: int) -> float:
         """Evidence that is lost without an effect."""
@@ -80,7 +76,7 @@ class Finding:
             at = next(i for i, e in enumerate(model.effects) if e.key == key)
             if self.later or self.data.late:
                 most = self.data.count * np.log(max(self.twin.sigma2 / self.fit.sigma2, 1.0)) + LEAST_TOLD
-                self.worths[key] = Worth(evidence=min(told_by_curvature(self.fit, index), most), held_out=0.0)
+                self.worths[key] = Worth(evidence=min(told_by_curvature(self.fit, index), most), held_out=None)
             else:
                 self.worths[key] = worth(self.fit, refit_or_known(self.data, model.without(at), self.known))
         return self.worths[key]
@@ -90,7 +86,7 @@ def worth(fit: Fit, without: Fit, rivals=()) -> Worth:
     """What the effect is worth that `fit` has and `without` lacks."""
     return Worth(
         evidence=float(fit.evidence - without.evidence),
-        held_out=heldout.log_likelihood(fit) - heldout.log_likelihood(without),
+        held_out=heldout.gained(fit, without),
         rivals=tuple(replace(r, fit=None) for r in rivals),
     )
 

@@ -40,7 +40,8 @@ class Heard:
 
     @property
     def nats(self) -> float:
-        return self.count * (self.ratio - 1 - float(np.log(self.ratio)))
+        log = float(np.log(self.ratio))
+        return self.count * min(self.ratio - 1 - log, abs(log))
 
 
 def compare(finding: Finding) -> None:

@@ -24,6 +24,23 @@ def folds(data: Data) -> list[Data]:
 
 def log_likelihood(fit: Fit) -> float:
     """ln L of the vault's samples, with the noise's level, shape and colour as the other samples gave them."""
+    energy, log_shape = _seen(fit)
+    return float(-energy.sum() - log_shape)
+
+
+def gained(fit: Fit, without: Fit) -> float:
+    """Nats by which the vault's samples are likelier under one fit than under another. The noise's level is known from so many
+    samples only, so that energies follow Student's law and wild ones say no more than the others can (Gelman, BDA3, ch. 3)."""
+    return _student(fit) - _student(without)
+
+
+def _student(fit: Fit) -> float:
+    (energy, log_shape), count = _seen(fit), fit.data.count
+    return float(-(count + len(energy)) * np.log1p(max(energy.sum(), 1 - count) / count) - log_shape)
+
+
+def _seen(fit: Fit) -> tuple[np.ndarray, float]:
+    """(energy of every sample of the vault over its expectation, the rest of −ln L)."""
     data, vault = fit.data, fit.data.vault
     r, variance = fit.residual, np.full(int(vault.sum()), fit.sigma2)
     if data.variance is not None:
@@ -34,12 +51,14 @@ def log_likelihood(fit: Fit) -> float:
         log_shape += np.log(data.spectrum).mean() * len(variance)
     energy = np.abs(r[vault]) ** 2 / variance
     if data.impulses is None:
-        return float(-energy.sum() - log_shape)
+        return energy, float(log_shape)
     effect, weight = data.impulses  # what is expected of a sample does not know whether an impulse was in it
     both = FAMILIES[effect.family].likelihood(effect, energy / weight[vault])
-    return float((both - np.log(weight[vault])).sum() - log_shape)
+    return np.log(weight[vault]) - both, float(log_shape)
 
 
 def of_variance(energy: np.ndarray, variance: np.ndarray) -> float:
-    """Nats by which `variance` (n,) is likelier than 1 for samples of `energy` (n,) = |r|² of circular noise."""
-    return float((energy - energy / variance - np.log(variance)).sum())
+    """Nats by which `variance` (n,) is likelier than 1 for samples of `energy` (n,) = |r|² of circular noise; no more than the
+    logarithm of how much stronger they are, for no level is known so well that more could be told."""
+    nats = float((energy - energy / variance - np.log(variance)).sum())
+    return min(nats, len(energy) * abs(float(np.log(energy.mean()))))

@@ -70,7 +70,7 @@ def between(findings: list[Finding]) -> None:
         aux = {"later": True, "nats": nats, "gap": float(width), "_stds": std}
         effect = start(with_role(Role.SLIP), [joint, lost], free=[False, False], aux=aux)
         after.fit = replace(after.fit, model=after.fit.model.adding(effect))
-        after.worths[effect.key] = Worth(evidence=nats, held_out=0.0)
+        after.worths[effect.key] = Worth(evidence=nats, held_out=None)
 
 
 def gap(findings: list[Finding]) -> tuple[int, int] | None:

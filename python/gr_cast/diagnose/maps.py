@@ -100,13 +100,19 @@ def _place_in_period(fit) -> np.ndarray:
     return power / np.maximum(np.bincount(index[use], minlength=cells), 1)
 
 
-def steps(finding, deadline: float = np.inf) -> list[tuple[int, float]] | None:
-    """[(index of an effect, power of the residual once it and those before it are in the model)], the strongest first; None
-    where that is not told by the deadline (on time.monotonic()).
+def steps(finding) -> list[tuple[int, float]] | None:
+    """[(index of an effect, power of the residual once it and those before it are in the model)], the strongest first, worked out
+    once; None where that is not told by the deadline of the finding's data.
 
     Effects that change the noise alone have no place here.
     """
-    fit = finding.fit
+    if finding.steps is None and not finding.data.late:
+        finding.steps = _steps(finding)
+    return finding.steps
+
+
+def _steps(finding) -> list[tuple[int, float]] | None:
+    fit, deadline = finding.fit, finding.data.deadline
     told = [i for i, e in enumerate(fit.model.effects) if not (e.fixed or FAMILIES[e.family].noise_like or "nats" in e.aux)]
     order = sorted(told, key=lambda i: -finding.gain_of(i))
     out = []

@@ -222,7 +222,7 @@ def statement(scene, delays: tuple[int, int]) -> Leftover:
         "searched": {"delay_s": [first, last], "carrier_hz": [-edge, edge], "inverted": [False, True]},
         "record_next": "longer_recording",
     }
-    return Leftover(test="presence", p_value=1.0, nats=0.0, where=where)
+    return Leftover(test="presence", p_value=1.0, nats=0.0, where=where, record_next=where["record_next"])
 
 
 def of_a_part(finding) -> Leftover:

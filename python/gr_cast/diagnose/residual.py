@@ -26,13 +26,14 @@ HEARD = 0.1  # of the mean wanted power, from which on a course is held by the r
 
 @dataclass(frozen=True, kw_only=True)
 class Leftover:
-    """`p_value` of the worst cell after the number of cells, `nats` it holds, `where` it is (axis →
-    interval)."""
+    """`p_value` of the worst cell after the number of cells, `nats` it holds, `where` it is (axis → interval), and what to
+    record next to learn more of it: most of all whether it is there without the signal."""
 
     test: str
     p_value: float
     nats: float
     where: dict
+    record_next: str = "mute_transmitter"
 
 
 def _gamma_cells(energy: np.ndarray, count: np.ndarray):
@@ -148,7 +149,9 @@ def _place_in_code(fit) -> Leftover | None:
     both = [(energy.sum(), float((hits > 0).sum()), 1), (cells, count, len(cells))]
     log_p = [float(np.min(_gamma_cells(np.atleast_1d(e), np.atleast_1d(c))[0])) + np.log(m) for e, c, m in both]
     excess = max(0.0, float(energy.sum() - (hits > 0).sum()))
-    return Leftover(test="place in the code", p_value=_bonferroni(min(log_p), 1), nats=excess, where={})
+    return Leftover(
+        test="place in the code", p_value=_bonferroni(min(log_p), 1), nats=excess, where={}, record_next="other_code_length"
+    )
 
 
 def _amplitude(fit, inside) -> Leftover | None:
@@ -172,6 +175,7 @@ def _amplitude(fit, inside) -> Leftover | None:
         p_value=_bonferroni(min(log_p, log_q) + np.log(2), 1),
         nats=float(max(0, energy.sum() - 16)),
         where={"amplitude": [float(edges[-2]), float(edges[-1])]},
+        record_next="second_power",
     )
 
 
@@ -199,6 +203,7 @@ def jumps(fit) -> list[Leftover]:
                 p_value=_bonferroni(log_p, len(moves)),
                 nats=height / (1 if np.iscomplexobj(course) else 2),
                 where={"time_s": (scene.index[at[k : k + 2]] / scene.sample_rate_hz).tolist()},
+                record_next="longer_recording",
             )
         )
     return out

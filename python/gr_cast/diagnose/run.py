@@ -125,7 +125,7 @@ def _absent(case, part, data, fit: Fit, twin: Fit, stds: dict) -> Finding:
 
 def _weigh(finding: Finding) -> None:
     """What every effect of a finding is worth; one that samples contradict which were not fitted is taken out."""
-    if not finding.later and not finding.crowded:
+    if not finding.later:
         _compare(finding)
     for i, effect in enumerate(finding.fit.model.effects):
         if not effect.fixed:
@@ -304,7 +304,8 @@ def _look_for_rest(finding: Finding) -> None:
     explained = max(0.0, finding.twin.sigma2 / fit.sigma2 - 1) * fit.data.count
     beyond = [_beyond(finding, i) for i, e in enumerate(fit.model.effects) if FAMILIES[e.family].beyond]
     inside = off_the_rails(fit)
-    for rest in [*residual.leftovers(fit, inside), *flatness.left(fit, inside), *beyond]:
+    finding.tested = [*residual.leftovers(fit, inside), *flatness.left(fit, inside)]
+    for rest in [*finding.tested, *beyond]:
         if rest.p_value < UNEXPLAINED_P and rest.nats > max(UNEXPLAINED_NATS, UNEXPLAINED_SHARE * explained):
             finding.left.append(rest)
     finding.left += [jump for jump in residual.jumps(fit) if jump.p_value < UNEXPLAINED_P]

@@ -69,7 +69,7 @@ def between(findings: list[Finding]) -> None:
     delay = _delays(in_time) if not any(plays(e, Role.SLIP) for e in shown) else None
     if delay and (best := courses.line(delay)):
         told, std = {"offset_ppm": -best.change / whole * 1e6}, {"offset_ppm": best.std / whole * 1e6}
-        _put(findings, first, Role.CLOCK, told, std, Worth(evidence=best.nats, held_out=0.0))
+        _put(findings, first, Role.CLOCK, told, std, Worth(evidence=best.nats, held_out=None))
 
 
 def gap(findings: list[Finding]) -> tuple[int, int] | None:

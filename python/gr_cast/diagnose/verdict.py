@@ -2,20 +2,24 @@
 """All recordings together: whose effect it is, what cannot be told apart, and the verdict."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..core.units import db_from_power
 from ..twin.effects import FAMILIES
 from . import heldout
+from .confidence import Figures, confidence, is_whole
 from .finding import Finding, nmse, numbers
+from .maps import power_of, steps
 from .ownership import kind_of, owner
+from .residual import Leftover
 
 SAME_DELAY_SAMPLES = 0.7
 SURELY_APART = 3.0  # standard deviations
-HURRIED = 0.9  # of the confidence of an effect of a search that its time ended, with nothing left that would tell against it
-UNTRUSTED = 0.2  # of the confidence of an effect that stands in a list with something left unexplained
 LEAST_NATS = 8.0  # that an effect must bring over all recordings
+REFUSED_NATS = 40.0  # of an effect that unseen samples speak against, from which it is left unexplained
+LONGER = "longer_recording"  # what tells more of effects that are not sure enough
 
 
 def _group(findings: list[Finding]) -> list[list[tuple[Finding, int]]]:
@@ -46,20 +50,20 @@ def _place(finding: Finding, index: int) -> tuple[float, float]:
 def conclude(case, findings: list[Finding], vault: Callable[[list[dict]], list[tuple]]) -> dict:
     """The contract's document, without `seconds`; `vault` predicts the recordings for the vault with the entries found."""
     heard = [f for f in findings if not f.absent] or findings  # the others say nothing of whose an effect is
-    effects = [entry for members in _group(findings) if (entry := _entry(heard, members))]
-    left = [(f, rest) for f in findings for rest in f.left]
-    ambiguous = _ambiguities(findings)
-    crowded = any(f.crowded for f in findings)
-    if left or not all(f.complete for f in findings):
+    told = [_told(heard, members) for members in _group(findings)]
+    claimed, refused = [t for t in told if t.claimed], [t for t in told if t.refused]
+    left = [(f, rest) for f in findings for rest in f.left] + [(t.finding, _against_unseen(t)) for t in refused]
+    ambiguous, complete = _ambiguities(findings), all(f.complete for f in findings)
+    sure = _confidences(claimed, ambiguous, complete)
+    if left or not complete:
         verdict = "unexplained"
     elif ambiguous:
         verdict = "ambiguous"
-    elif effects:
-        verdict = "unexplained" if crowded else "identified"
+    elif claimed:
+        verdict = "identified" if is_whole(sure) else "unexplained"
     else:
         verdict = "no_mismatch"
-    share = UNTRUSTED if left or crowded else HURRIED
-    _doubted(effects, share if verdict == "unexplained" else 1.0, ambiguous)
+    effects = [_entry(t, how_sure) for t, how_sure in zip(claimed, sure, strict=True)]
     fit = _fit_numbers(findings, vault(effects))
     return {
         "cast_diagnosis": 1,
@@ -69,10 +73,24 @@ def conclude(case, findings: list[Finding], vault: Callable[[list[dict]], list[t
         "fit": fit,
         "residual": {
             "unexplained_db": round(float(_excess_db(findings)), 3),
-            "p_value": float(min([rest.p_value for f in findings for rest in f.left], default=0.5)),
+            "p_value": _smallest([rest.p_value for f in findings for rest in f.tested], [rest.p_value for _, rest in left]),
+            "tested": sorted({rest.test for f in findings for rest in f.tested}),
             "where": [{**rest.where, "test": rest.test, "recording": f.observation.name} for f, rest in left],
+            "record_next": _record_next(verdict, left, complete),
         },
     }
+
+
+def _record_next(verdict: str, left: list, complete: bool) -> str | None:
+    """What would tell more of what is unexplained; None where nothing is, or only the time was over."""
+    if left:
+        return max((rest for _, rest in left), key=lambda rest: rest.nats).record_next
+    return LONGER if verdict == "unexplained" and complete else None
+
+
+def _smallest(tested: list[float], left: list[float]) -> float | None:
+    """The smallest p-value of what is left, else of all tests after their number; None where none was made."""
+    return float(min(left)) if left else float(min(1.0, min(tested) * len(tested))) if tested else None
 
 
 def _excess_db(findings) -> float:
@@ -94,7 +112,7 @@ def _fit_numbers(findings, vault) -> dict:
         floor.append((told if told else f.fit.sigma2) / float(np.mean(np.abs(data.y) ** 2)))
     names = ("twin_nmse_db", "corrected_nmse_db", "noise_floor_db")
     numbers = {name: round(float(10 * np.log10(np.mean(v))), 4) for name, v in zip(names, (twin, corrected, floor), strict=True)}
-    gain = sum(heldout.log_likelihood(f.fit) - heldout.log_likelihood(_where_fitted(f)) for f in findings)
+    gain = sum(heldout.gained(f.fit, _where_fitted(f)) for f in findings)
     return numbers | {"split": "vault", "heldout_gain_nats": round(float(gain), 2)}
 
 
@@ -104,19 +122,98 @@ def _where_fitted(finding: Finding):
     return replace(finding.twin, data=replace(finding.twin.data, use=data.use, vault=data.vault))
 
 
-def _entry(findings, members) -> dict | None:
-    """One effect of the document, from the recordings that show it; None where all of them together say too
-    little."""
+@dataclass(frozen=True, kw_only=True)
+class Told:
+    """One effect of all recordings: the `members` (finding, index) that show it, the one that shows it best, its owner, and the
+    nats that it brings, on unseen samples too (None where no finding worked that out)."""
+
+    members: list[tuple[Finding, int]]
+    finding: Finding
+    index: int
+    owner: dict
+    nats: float
+    held_out: float | None
+
+    @property
+    def effect(self):
+        return self.finding.fit.model.effects[self.index]
+
+    @property
+    def enough(self) -> bool:
+        return self.nats >= LEAST_NATS or not self.effect.free.any()
+
+    @property
+    def claimed(self) -> bool:
+        """No effect is claimed against unseen samples."""
+        return self.enough and (self.held_out is None or self.held_out >= 0)
+
+    @property
+    def refused(self) -> bool:
+        """Whether it explains much of what was fitted, and none of what was not: something is there that has another form."""
+        return self.nats >= REFUSED_NATS and not self.claimed
+
+    @property
+    def rivals(self) -> list:
+        mine = FAMILIES[self.effect.family].told
+        return [r for r in self.finding.worth_of(self.index).rivals if FAMILIES[r.effect.family].told != mine]
+
+
+def _told(findings, members) -> Told:
     whose, group = owner(findings, members)
     members = [m for m in members if m[0].observation.name in group] or members
-    gain = sum(f.gain_of(i) for f, i in members)
     finding, index = max(members, key=lambda m: (not m[0].later, m[0].gain_of(m[1])))
-    effect = finding.fit.model.effects[index]
-    if gain < LEAST_NATS and effect.free.any():
-        return None
-    held_out = sum(f.worth_of(i).held_out for f, i in members)
-    if held_out < 0 and not all(f.complete for f, _ in members):  # its proof was cut short, and unseen samples speak against it
-        return None
+    held_out = [w for f, i in members if (w := f.worth_of(i).held_out) is not None]
+    return Told(
+        members=members,
+        finding=finding,
+        index=index,
+        owner=whose,
+        nats=sum(f.gain_of(i) for f, i in members),
+        held_out=sum(held_out) if held_out else None,
+    )
+
+
+def _against_unseen(told: Told) -> Leftover:
+    """What an effect fits that unseen samples refuse, as what is left."""
+    test = f"{FAMILIES[told.effect.family].told} explains what was fitted, and nothing of unseen samples"
+    return Leftover(test=test, p_value=float(np.exp(-told.nats)), nats=told.nats, where={}, record_next=LONGER)
+
+
+def _confidences(told: list[Told], ambiguous: list[dict], complete: bool) -> list[float]:
+    """How sure every effect is."""
+    out, open_ones = [], {family for a in ambiguous for family in a["families"]}
+    for t in told:
+        beside = [other for other in told if any(f is t.finding for f, _ in other.members)]
+        random = FAMILIES[t.effect.family].random
+        figures = Figures(
+            evidence=t.nats,
+            held_out=t.held_out,
+            lead=t.rivals[0].evidence if t.rivals else None,
+            largest=max([other.nats for other in beside if len(other.effect.p)], default=t.nats),
+            causes=len(beside),
+            courses=sum(FAMILIES[other.effect.family].random for other in beside) if random else 0,
+            left=max([rest.nats for rest in t.finding.left], default=0.0),
+            complete=complete,
+            open=FAMILIES[t.effect.family].told in open_ones,
+        )
+        out.append(round(confidence(figures), 3))
+    return out
+
+
+def _explains_db(told: Told) -> float | None:
+    """By how much the residual of the recording that shows an effect most falls with it, once all louder ones are in the model;
+    None of noise, and where the time was over."""
+    before = power_of(told.finding.twin)
+    for index, power in steps(told.finding) or ():
+        if index == told.index:
+            return round(float(db_from_power(before / power)), 3)
+        before = power
+    return None
+
+
+def _entry(told: Told, sure: float) -> dict:
+    """One effect of the document."""
+    members, finding, index, effect = told.members, told.finding, told.index, told.effect
     family, scene = FAMILIES[effect.family], finding.scene
     values, constants = numbers(finding, index)
     plain = {k: v["value"] for k, v in values.items()}
@@ -137,38 +234,22 @@ def _entry(findings, members) -> dict | None:
         **{k: [float(a) for a in v] for k, v in family.where(scene, effect, plain).items()},
         "recording": finding.observation.name if len(members) == 1 else sorted({f.observation.name for f, _ in members}),
     }
-    others = [r for r in finding.worth_of(index).rivals if r.effect.family != effect.family]
     evidence = {
-        "heldout_gain_nats": round(held_out, 2),
-        "runner_up": FAMILIES[others[0].effect.family].told if others else None,
-        "runner_up_margin_nats": round(others[0].evidence, 2) if others else None,
+        "heldout_gain_nats": None if told.held_out is None else round(told.held_out, 2),
+        "runner_up": FAMILIES[told.rivals[0].effect.family].told if told.rivals else None,
+        "runner_up_margin_nats": round(told.rivals[0].evidence, 2) if told.rivals else None,
+        "explains_db": _explains_db(told),
     }
     return {
         "family": family.told,
-        "owner": whose,
+        "owner": told.owner,
         "where": where,
         "parameters": {**values, **constants},
         "evidence": evidence,
-        "confidence": confidence(gain),
+        "confidence": sure,
         "sentence": family.describe(Words(values, constants)),
         "model": family.model(scene, family.since_the_beginning(scene, effect)),
     }
-
-
-def confidence(nats: float) -> float:
-    """Share of effects with this evidence that are true when the whole list is trusted
-    (tests/bench/bench_confidence.py)."""
-    return round(float(0.60 + 0.38 * (1 - np.exp(-max(nats, 0) / 20))), 3)
-
-
-def _doubted(effects: list[dict], trust: float, ambiguous: list[dict]) -> None:
-    """Lower the confidence of effects to the share `trust` of their list, and of those that have an equal rival."""
-    rivals = {family for a in ambiguous for family in a["families"]}
-    for effect in effects:
-        if effect["family"] in rivals:
-            effect["confidence"] = min(effect["confidence"], 0.5)
-        else:
-            effect["confidence"] = round(trust * effect["confidence"], 3)
 
 
 def _mean(parts: list[dict]) -> dict:

@@ -121,8 +121,9 @@ def in_one_sentence(d: dict) -> str:
         pairs = "; ".join(" or ".join(in_words(f) for f in a["families"]) for a in d["ambiguous"])
         return f"Ambiguous: it is {pairs}, and this case cannot tell which."
     if not d["residual"]["where"]:
-        many = f"{len(d['effects'])} effects at once ({names}) imitate almost anything"
-        return f"Unexplained: {many}; the list is not to be trusted."
+        unsure = f"{names}; the list is likelier wrong than the whole truth"
+        cut_short = f"the time was over{' with ' + names if names else ''} before anything was proven"
+        return f"Unexplained: {unsure if d['residual']['record_next'] else cut_short}."
     absent = [w for w in d["residual"]["where"] if w.get("signal_absent")]
     if absent:
         return f"Unexplained: {_listed(sorted({w['recording'] for w in absent}))}: {absent[0]['sentence']}"
@@ -144,14 +145,15 @@ def _listed(words: list[str]) -> str:
 
 def _next(d: dict) -> str:
     """What to record next, and why."""
-    if not d["ambiguous"]:
-        return ""
     rows = "".join(
         f"<p><b>Record next: {escape(EXPERIMENTS[a['record_next']])}</b> "
         f"(<code>{a['record_next']}</code>). {escape(' '.join(in_words(word) for word in a['why'].split()))}</p>"
         for a in d["ambiguous"]
     )
-    return f"<div class='next'>{rows}</div>"
+    if further := d["residual"]["record_next"]:
+        why = "what is left may show what it is" if d["residual"]["where"] else "a list that is not sure may become it"
+        rows += f"<p><b>Record next: {escape(EXPERIMENTS[further])}</b> (<code>{further}</code>): {why}.</p>"
+    return rows and f"<div class='next'>{rows}</div>"
 
 
 def _causes(diagnosis) -> str:
@@ -163,8 +165,8 @@ def _causes(diagnosis) -> str:
         lines = {
             "Whose": escape(_owner(e["owner"])),
             "Where": escape(_place(e["where"], alone)),
-            "Explains": _explained(diagnosis, e),
-            "Evidence": f"{e['evidence']['heldout_gain_nats']:,.0f} nats are lost without it",
+            "Explains": _explained(e),
+            "Evidence": _unseen(e["evidence"]["heldout_gain_nats"]),
             "Runner-up": escape(_runner_up(e, d["ambiguous"])),
             "Confidence": f"{e['confidence']:.2f}",
         }
@@ -175,6 +177,11 @@ def _causes(diagnosis) -> str:
         )
     title = "What the twin leaves out" if d["verdict"] == "identified" else "What was found so far"
     return f"<h2>{title}</h2>{''.join(cards)}"
+
+
+def _unseen(held_out: float | None) -> str:
+    """What an effect is worth on samples that no fit saw."""
+    return "not worked out" if held_out is None else f"{held_out:,.0f} nats are lost without it, on samples that no fit saw"
 
 
 def _owner(owner: dict) -> str:
@@ -195,18 +202,12 @@ def _runner_up(e: dict, ambiguous: list[dict]) -> str:
     return f"{in_words(evidence['runner_up'])}, {abs(margin):,.0f} nats {'behind' if margin >= 0 else 'ahead'}"
 
 
-def _explained(diagnosis, e: dict) -> str:
-    """dB of residual that come back without an effect, in the recording that shows it most."""
-    if FAMILIES[e["family"]].noise_like:
-        return "noise, not signal: its level is the number above"
-    names = e["where"]["recording"]
-    best = 0.0
-    for finding in diagnosis.findings:
-        if finding.observation.name in ([names] if isinstance(names, str) else names):
-            for i, effect in enumerate(finding.fit.model.effects):
-                if FAMILIES[effect.family].told == e["family"] and not effect.fixed:
-                    best = max(best, 10 / np.log(10) * finding.gain_of(i) / finding.fit.data.count)
-    return f"{best:.2f} dB of residual" + ("" if isinstance(names, str) else ", where it shows most")
+def _explained(e: dict) -> str:
+    """dB by which the residual falls with an effect, in the recording that shows it most."""
+    explains_db, names = e["evidence"]["explains_db"], e["where"]["recording"]
+    if explains_db is None:
+        return "noise, not signal: its level is the number above" if FAMILIES[e["family"]].noise_like else "not worked out"
+    return f"{explains_db:.2f} dB of residual" + ("" if isinstance(names, str) else ", where it shows most")
 
 
 def _place(where: dict, alone: bool) -> str:
@@ -233,7 +234,10 @@ def _rest(diagnosis) -> str:
     d, alone = diagnosis.document, len(diagnosis.case.observations) == 1
     left = d["residual"]["where"]
     if not left:
-        return "<h2>What is left</h2><p>Nothing that noise would not leave.</p>"
+        tested = _listed([in_words(name) for name in d["residual"]["tested"]])
+        untested = "What is left was not tested: the time was over."
+        said = f"Nothing that noise would not leave, over {tested}." if tested else untested
+        return f"<h2>What is left</h2><p>{escape(said)}</p>"
     rows = "".join(f"<li>{escape(in_words(w['test']))}: {escape(w.get('sentence') or _place(w, alone))}</li>" for w in left)
     p = d["residual"]["p_value"]
     if all(w.get("signal_absent") for w in left):
@@ -252,7 +256,7 @@ def _waterfall(diagnosis, album: Album) -> str:
     if not diagnosis.document["effects"]:
         return ""
     most = max(diagnosis.findings, key=lambda f: f.twin.sigma2 / f.fit.sigma2)
-    picture = album.image(lambda: waterfall_figure(most, album.deadline), "residual by cause")
+    picture = album.image(lambda: waterfall_figure(most), "residual by cause")
     return f"<h2>Residual by cause: {escape(_title(most, diagnosis))}</h2>{picture}" if picture else ""
 
 

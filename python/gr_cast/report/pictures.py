@@ -144,15 +144,15 @@ def _position(axis, finding, m: Maps, column) -> None:
     axis.grid(alpha=0.2)
 
 
-def waterfall_figure(finding, deadline: float = np.inf) -> Figure | None:
+def waterfall_figure(finding) -> Figure | None:
     """The residual's power re recorded power, from the twin's down cause by cause to the corrected twin's and the noise; None
-    where the causes are not told apart by the deadline (on time.monotonic())."""
+    where the causes are not told apart in time."""
     fit = finding.fit
     use = fit.data.use > 0
     recorded = float(np.mean(np.abs(fit.data.y[use]) ** 2))
     level = [power_of(finding.twin)]
     bars = [("twin as it is", None, level[0], INK)]
-    by_cause = steps(finding, deadline)
+    by_cause = steps(finding)
     if by_cause is None:
         return None
     for index, power in by_cause:
