@@ -6,6 +6,7 @@ import argparse
 import sys
 import time
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 
 import _program
@@ -58,7 +59,12 @@ def _arguments() -> argparse.ArgumentParser:
     radio.add_argument("--subdevice", default="", help="A:0, B:0; empty: the device's default")
     radio.add_argument("--clock-source", default="internal", help="internal, external or gpsdo")
     radio.add_argument("--time-source", default="internal", help="internal, external or gpsdo")
-    radio.add_argument("--start-delay", type=float, metavar="S", help="timed start, so long after the next PPS")
+    radio.add_argument(
+        "--start-at",
+        type=_second,
+        metavar="TIME",
+        help="timed start: Unix seconds or ISO 8601 with a zone, alike at both ends",
+    )
     radio.add_argument("--duration", type=float, metavar="S", help="default: until Ctrl-C")
     radio.add_argument("--node", default="", help="name of this node, kept in the recording")
 
@@ -267,13 +273,27 @@ def _until_done(top, what: str, first_s: float = 0.0) -> None:
         raise KeyboardInterrupt
 
 
+def _second(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        moment = datetime.fromisoformat(text.replace("Z", "+00:00"))
+        if moment.tzinfo is None or moment.microsecond:
+            raise argparse.ArgumentTypeError(f"got {text!r}, needs whole seconds with a zone: 2026-05-01T12:00:00Z") from None
+        return int(moment.timestamp())
+
+
+def _wait_s(args) -> float:
+    return 0.0 if args.start_at is None else max(0.0, args.start_at - time.time())
+
+
 def _radio_settings(args):
     from gr_cast.blocks.usrp import RadioSettings
 
     return RadioSettings(
         sample_rate_hz=args.rate, center_frequency_hz=args.frequency, gain_db=args.gain, antenna=args.antenna,
         subdevice=args.subdevice, device_args=args.args, clock_source=args.clock_source, time_source=args.time_source,
-        start_delay_s=args.start_delay,
+        start_at_s=args.start_at,
     )  # fmt: skip
 
 
@@ -298,7 +318,7 @@ def _tx(args) -> None:
     top = UsrpTransmitter(settings, waveform_source(waveform, spec), amplitude=args.amplitude, n_samples=n_samples)
     try:
         _until_done(top, f"sending {waveform.name} at {args.frequency / 1e6:g} MHz, {args.rate / 1e6:g} MS/s; Ctrl-C ends",
-                    args.start_delay or 0.0)  # fmt: skip
+                    _wait_s(args))  # fmt: skip
     except KeyboardInterrupt:
         if args.duration is not None:
             raise
@@ -312,6 +332,7 @@ def _rx(args) -> None:
     settings, n_samples = _radio_settings(args), _sample_count(args)
     fields = {"cast:waveform": spec, "cast:transmitter": args.transmitter, "cast:receiver": args.node,
               "cast:rx_gain_db": args.gain,
+              "cast:time_axis": "device" if args.start_at is None else "utc",
               "cast:clock_source": args.clock_source, "cast:time_source": args.time_source, "cast:antenna": args.antenna,
               "cast:subdevice": args.subdevice,
               "core:hw": f"USRP by UHD, arguments {args.args!r}"}  # fmt: skip
@@ -320,15 +341,14 @@ def _rx(args) -> None:
         "cast:tx_amplitude": args.tx_amplitude,
         "cast:tx_power_dbm": args.tx_power,
         "cast:rx_full_scale_dbm": args.rx_full_scale,
+        "cast:start_at_s": args.start_at,
     }
     fields |= {field: value for field, value in told.items() if value is not None}
     stem = result.output_folder(args.output) / "recording"
     datatype = recording.RAW_FORMATS[args.format]
     top = UsrpReceiver(settings, stem, n_samples=n_samples, datatype=datatype, fields=fields)
     try:
-        _until_done(
-            top, f"recording at {args.frequency / 1e6:g} MHz, {args.rate / 1e6:g} MS/s; Ctrl-C ends", args.start_delay or 0.0
-        )
+        _until_done(top, f"recording at {args.frequency / 1e6:g} MHz, {args.rate / 1e6:g} MS/s; Ctrl-C ends", _wait_s(args))
     except KeyboardInterrupt:
         if args.duration is not None:
             raise

@@ -9,6 +9,7 @@ import json
 import sys
 from pathlib import Path
 from time import sleep
+from time import time as now
 
 import numpy as np
 import pmt
@@ -70,7 +71,15 @@ class Radio(gr.hier_block2):
             return lambda *_: self.answers.get(key, self.state[key])
         return gr.hier_block2.__getattr__(self, name)
 
+    def get_time_now(self, board):
+        return uhd.time_spec(now())
+
+    def get_time_last_pps(self, board):
+        return uhd.time_spec(float(int(now())) if self.answers.get("pulse", True) else 0.0)
+
     def get_mboard_sensor(self, name, board):
+        if name == "gps_time":
+            return uhd.sensor_value(name, int(now()), "s", "%d")
         return uhd.sensor_value(name, self.answers.get(name, True), "locked", "unlocked")
 
     def _set(self, name, values):

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from datetime import datetime, timezone
 from pathlib import Path
 
 import cast_sounder
@@ -26,7 +27,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ROOT / "apps" / "cast_sounder.py"
 RADIO = (
     "--args addr=192.168.40.2 --rate 25e6 --frequency 2.4e9 --gain 15 --subdevice B:0 --clock-source external"
-    " --time-source gpsdo --start-delay 2"
+    " --time-source external"
 ).split()
 
 
@@ -42,14 +43,13 @@ def set_up(cpu_format, antenna):
     return [
         ("make", "addr=192.168.40.2", cpu_format, "sc16", [0]),
         ("set_clock_source", "external", 0),
-        ("set_time_source", "gpsdo", 0),
+        ("set_time_source", "external", 0),
         ("set_subdev_spec", "B:0", 0),
         ("set_samp_rate", 25e6),
         ("set_center_freq", 2.4e9, 0),
         ("set_gain", 15.0, 0),
         ("set_antenna", antenna, 0),
-        ("set_time_unknown_pps", 0.0),
-        ("set_start_time", 2.0),
+        ("set_time_now", 0.0),
     ]
 
 
@@ -88,7 +88,7 @@ def test_rx_sets_the_radio_up_as_told_and_keeps_what_redoes_the_result(radio, tm
     assert (read.sample_rate_hz, read.center_frequency_hz) == (25e6, 2.4e9)
     kept = {key.removeprefix("cast:"): value for key, value in read.metadata.items()}
     assert kept["waveform"] == {"code": "glfsr", "degree": 8, "samples_per_chip": 1}
-    assert (kept["rx_gain_db"], kept["clock_source"], kept["time_source"]) == (15.0, "external", "gpsdo")
+    assert (kept["rx_gain_db"], kept["clock_source"], kept["time_source"]) == (15.0, "external", "external")
     assert (kept["receiver"], kept["transmitter"], kept["antenna"]) == ("b", "a", "RX2")
 
 
@@ -97,7 +97,34 @@ def test_without_a_timed_start_nothing_waits_for_a_pps(radio):
     cast_sounder.main("tx --duration 1e-4".split())
     names = [name for name, *_ in calls]
     assert ("set_time_now", 0.0) in calls
-    assert not {"set_time_unknown_pps", "set_start_time", "set_antenna", "set_subdev_spec"} & set(names)
+    assert not {"set_time_next_pps", "set_start_time", "set_antenna", "set_subdev_spec"} & set(names)
+
+
+@pytest.mark.parametrize("source", ["external", "gpsdo"])
+def test_two_hosts_that_start_at_one_second_share_one_axis_of_time(radio, tmp_path, source):
+    """Each sets its clock to UTC at a pulse of its own; both streams begin at the agreed second, to the sample."""
+    calls, at = radio(codes.glfsr(8), air_rate=1e6), int(time.time()) + 6
+    timed = f"--rate 1e6 --clock-source external --time-source {source} --start-at {at}".split()
+    cast_sounder.main(["tx", "--duration", "1e-3", *timed])
+    moment = datetime.fromtimestamp(at, timezone.utc).isoformat()
+    cast_sounder.main(["rx", "--duration", "0.01", "--output", str(tmp_path), *timed[:-1], moment])
+    pulses = [value for name, value, *_ in calls if name == "set_time_next_pps"]
+    assert len(pulses) == 2 and pulses[0] < pulses[1] and all(at - 6 <= pulse < at for pulse in pulses)
+    assert [value for name, value, *_ in calls if name == "set_start_time"] == [at, at]
+    assert recording.read(tmp_path / "recording").metadata["cast:time_axis"] == "utc"
+
+
+def test_without_a_pulse_or_with_a_second_that_is_over_nothing_is_sent(radio):
+    calls = radio(pulse=False)
+    timed = "tx --rate 1e6 --clock-source external --time-source external --start-at".split()
+    with pytest.raises(CastError, match="no pulse comes"):
+        cast_sounder.main([*timed, str(int(time.time()) + 20)])
+    for second, words in ((int(time.time()) - 5, "coming 24 hours"), (int(time.time()) + 10**6, "coming 24 hours")):
+        with pytest.raises(CastError, match=words):
+            cast_sounder.main([*timed, str(second)])
+    with pytest.raises(CastError, match="every radio shares"):
+        cast_sounder.main(["tx", "--start-at", str(int(time.time()) + 20)])
+    assert "set_start_time" not in {name for name, *_ in calls}
 
 
 def test_samples_that_the_radio_loses_become_captures_and_leave_the_delays_alone(radio, tmp_path):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """USRP X310s by gr-uhd: one place that sets a radio up, for transmitting and receiving alike."""
 
+import time
 from dataclasses import dataclass
 
 from ..core.errors import CastError
@@ -8,6 +9,7 @@ from ..core.errors import CastError
 CLOCK_SOURCES = ("internal", "external", "gpsdo")
 FREQUENCY_TOLERANCE_HZ = 1.0  # the DDC's own step is 0.05 Hz
 GAIN_TOLERANCE_DB = 0.5  # a daughterboard's step
+LEAST_LEFT_S = 0.2  # to a timed start: the command has to reach the device
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,7 +24,7 @@ class RadioSettings:
     device_args: str = ""
     clock_source: str = "internal"
     time_source: str = "internal"
-    start_delay_s: float | None = None  # timed start, so long after the next PPS
+    start_at_s: int | None = None  # timed start at this second of UTC, counted from 1970; the device's clock is set at a PPS
 
     def __post_init__(self):
         faults = []
@@ -36,8 +38,11 @@ class RadioSettings:
             faults.append(f"clock source: got {self.clock_source!r}, needs one of {', '.join(CLOCK_SOURCES)}")
         if self.time_source not in CLOCK_SOURCES:
             faults.append(f"time source: got {self.time_source!r}, needs one of {', '.join(CLOCK_SOURCES)}")
-        if self.start_delay_s is not None and not 0.5 <= self.start_delay_s <= 3600:
-            faults.append(f"start delay: got {self.start_delay_s} s, needs 0.5 to 3600 s (setting up takes a moment)")
+        if self.start_at_s is not None and not 0 < self.start_at_s - time.time() <= 86400:
+            ahead_s = self.start_at_s - time.time()
+            faults.append(f"start at: got {self.start_at_s}, {ahead_s:.0f} s from now, needs a second of the coming 24 hours")
+        if self.start_at_s is not None and self.time_source == "internal":
+            faults.append("start at: got time source 'internal', needs external or gpsdo: a pulse that every radio shares")
         if faults:
             raise CastError(*faults)
 
@@ -78,11 +83,36 @@ def _set_up(radio, settings: RadioSettings, uhd) -> None:
     if settings.antenna:
         radio.set_antenna(settings.antenna, 0)
     _check(radio, settings)
-    if settings.start_delay_s is None:
+    if settings.start_at_s is None:
         radio.set_time_now(uhd.time_spec(0.0))
-    else:
-        radio.set_time_unknown_pps(uhd.time_spec(0.0))
-        radio.set_start_time(uhd.time_spec(settings.start_delay_s))
+        return
+    _set_utc_at_pulse(radio, settings, uhd)
+    left_s = settings.start_at_s - radio.get_time_now(0).get_real_secs()
+    if left_s < LEAST_LEFT_S:
+        raise CastError(
+            f"start at: {left_s:.1f} s are left when the radio is set up, needs {LEAST_LEFT_S} s: name a later second"
+        )
+    radio.set_start_time(uhd.time_spec(float(settings.start_at_s)))
+
+
+def _set_utc_at_pulse(radio, settings: RadioSettings, uhd) -> None:
+    """Set the device's clock to UTC at a pulse per second: a time is then one moment for all radios with that pulse, wherever they
+    are. The second is the host's, or that of the device's GPS."""
+
+    def second() -> int:
+        return radio.get_mboard_sensor("gps_time", 0).to_int() if settings.time_source == "gpsdo" else int(time.time())
+
+    while not 0.2 < time.time() % 1 < 0.5:  # well between two pulses it is known which one comes next
+        time.sleep(0.05)
+    coming = second() + 1
+    radio.set_time_next_pps(uhd.time_spec(float(coming)))
+    time.sleep(1.0)
+    pulse = round(radio.get_time_last_pps(0).get_real_secs())
+    if pulse != coming or second() != coming:
+        raise CastError(
+            f"time source: got {settings.time_source!r}, the device counts {pulse} at its last pulse, the clock says {second()}: "
+            "no pulse comes, or the host's clock is off by more than a few tenths of a second"
+        )
 
 
 def _check(radio, settings: RadioSettings) -> None:
