@@ -96,8 +96,8 @@ def _set_up(radio, settings: RadioSettings, uhd) -> None:
 
 
 def _set_utc_at_pulse(radio, settings: RadioSettings, uhd) -> None:
-    """Set the device's clock to UTC at a pulse per second: a time is then one moment for all radios with that pulse, wherever they
-    are. The second is the host's, or that of the device's GPS."""
+    """Set the device's clock to UTC at a pulse per second: a time is then one moment for all radios with that pulse, wherever
+    they are. The second is the host's, or that of the device's GPS."""
 
     def second() -> int:
         return radio.get_mboard_sensor("gps_time", 0).to_int() if settings.time_source == "gpsdo" else int(time.time())
