@@ -14,16 +14,17 @@ build "$root/build-sanitize" -DCAST_SANITIZE=ON -DCMAKE_BUILD_TYPE=RelWithDebInf
 
 # Tools that Debian does not package, apart from GNU Radio's own Python packages.
 tools=$root/build/tools
-if [ ! -x "$tools/bin/ruff" ] || ! "$tools/bin/python" -c 'import sigmf' 2>/dev/null; then
-    say "installing ruff and sigmf in build/tools"
+if [ ! -x "$tools/bin/ruff" ] || [ ! -x "$tools/bin/mypy" ] || ! "$tools/bin/python" -c 'import sigmf' 2>/dev/null; then
+    say "installing ruff, mypy and sigmf in build/tools"
     /usr/bin/python3 -m venv "$tools"
-    "$tools/bin/pip" install -q ruff sigmf
+    "$tools/bin/pip" install -q ruff mypy sigmf
 fi
 
 cd "$root"
 say "style"
 "$tools/bin/ruff" check -q python apps tests docs
 "$tools/bin/ruff" format --check -q python apps tests docs
+"$tools/bin/mypy"
 git ls-files '*.cc' '*.h' | xargs clang-format --dry-run --Werror
 
 say "C++ tests, plain and with sanitizers"

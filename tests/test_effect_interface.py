@@ -58,7 +58,8 @@ def test_everything_that_is_declared_says_what_it_is():
     for name, declared in _declared().items():
         if inspect.isfunction(declared):
             assert declared.__doc__, name
-            assert "return" in declared.__annotations__, name
+            arguments = set(inspect.signature(declared).parameters) - {"self", "view", "rng"}
+            assert set(declared.__annotations__) >= {"return", *arguments}, name
     attributes = [line for line in source if re.match(r"    (?!def )[a-z_]+(: .*)? = ", line)]
     plain = ("name", "role", "stage", "multiplicity")
     assert [line for line in attributes if "#" not in line and not line.strip().startswith(plain)] == []

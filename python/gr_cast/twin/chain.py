@@ -37,10 +37,10 @@ class Chain:
     paths: list[Path] = field(default_factory=list)
     clock: float = 0.0  # samples that the received waveform gains over the recording
     shift: np.ndarray | None = None  # (n,) whole samples that the recording is ahead
-    u: np.ndarray | None = None  # (n,) time as a share of the recording, with its jumps
-    y: np.ndarray | None = None
+    u: np.ndarray  # (n,) time as a share of the recording, with its jumps
+    y: np.ndarray = field(default_factory=lambda: np.zeros(0))
     noise: Callable[["Chain"], np.ndarray] | None = None  # (n,) noise in front of the receiver, where it is played
-    wanted: np.ndarray | None = None  # what of y comes from the wanted transmitters
+    wanted: np.ndarray = field(default_factory=lambda: np.zeros(0))  # what of y comes from the wanted transmitters
     facing: int = 1  # −1 where y is the conjugate of what came
 
     def copy(self) -> "Chain":
@@ -83,7 +83,7 @@ class Chain:
             for path in self.paths:
                 if path.source == i:
                     tone = np.exp(1j * TAU * path.doppler * self.u) if path.doppler else 1.0
-                    gain = path.gain if path.shape is None else path.gain * _turned_shape(path, carrier[i]).sum()
+                    gain = path.gain if path.shape is None else path.gain * _turned_shape(path.shape, carrier[i]).sum()
                     turn = _behind(path, carrier[i]) * self.sent(i, path.delay)
                     y += self.ports.get(i, 1.0) * leak * gain * tone * turn
         self.y = y
@@ -122,7 +122,7 @@ class Chain:
 
     def _response(self, path: Path, size: int, carrier: float) -> np.ndarray:
         turn = path.gain * _behind(path, carrier) * self.scene.delayed(path.delay + self.delay, size, carrier)
-        return turn if path.shape is None else turn * sp_fft.fft(_turned_shape(path, carrier), size)
+        return turn if path.shape is None else turn * sp_fft.fft(_turned_shape(path.shape, carrier), size)
 
     def sample(self, source: Source, spectrum: np.ndarray, stretch: float) -> np.ndarray:
         """The signal of `spectrum` at the recording's samples; `stretch` samples are gained over the
@@ -165,6 +165,6 @@ def _behind(path: Path, carrier: float) -> complex:
     return np.exp((-1j * TAU) * carrier * path.delay) if carrier else 1.0
 
 
-def _turned_shape(path: Path, carrier: float) -> np.ndarray:
+def _turned_shape(shape: np.ndarray, carrier: float) -> np.ndarray:
     """The taps of a path, each as late as the transmitter's carrier finds it."""
-    return path.shape * np.exp((-1j * TAU) * carrier * np.arange(len(path.shape))) if carrier else path.shape
+    return shape * np.exp((-1j * TAU) * carrier * np.arange(len(shape))) if carrier else shape

@@ -12,6 +12,7 @@ import numpy as np
 from scipy import fft as sp_fft
 
 from .basis import products, weights
+from .scene import Scene
 
 FEW = 8  # derivatives against which a whole table is cheaper than its chunks
 MANY_LAGS = 32  # from which the structure of their inner products pays
@@ -90,7 +91,7 @@ class Courses:
 
     signals: np.ndarray  # (u, n)
     orders: int
-    scene: object  # whose time the course is one of
+    scene: Scene  # whose time the course is one of
 
     def __len__(self):
         return len(self.signals) * self.orders

@@ -49,7 +49,7 @@ def oversampled(spectrum: np.ndarray, factor: int) -> np.ndarray:
 def moved(spectrum: np.ndarray, shift: np.ndarray, orders: int, taken: Callable = lambda table: table) -> np.ndarray:
     """The signal of `spectrum` at times `shift` samples later, by a Taylor series; `taken`: which of its samples those are."""
     f = TAU * 1j * frequencies(len(spectrum))
-    out, factor = 0.0, 1.0
+    out, factor = np.zeros(1), np.ones(1)
     for order in range(orders + 1):
         out = out + factor * taken(sp_fft.ifft(spectrum))
         spectrum, factor = spectrum * f, factor * shift / (order + 1)

@@ -7,13 +7,15 @@ amplitudes);
 """
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
 
+from ..chain import Chain
 from ..columns import Courses, Dense, Lags
+from ..scene import Scene
 from .values import Value
 
 # The true order of the signal; the channel is run between LINK and ENVIRONMENT.
@@ -185,11 +187,11 @@ class Family:
         """(middle, width) of the band that noise fills, shares of the sample rate; None where it is no matter of frequency."""
         return None
 
-    def apply(self, chain, effect: Effect) -> None:
+    def apply(self, chain: Chain, effect: Effect) -> None:
         """Put the effect on the chain (replace its attributes)."""
         raise NotImplementedError
 
-    def columns(self, scene, effect: Effect, chain, before, rest) -> Dense | Lags | Courses | None:
+    def columns(self, scene: Scene, effect: Effect, chain: Chain, before: Chain, rest: Callable) -> Dense | Lags | Courses | None:
         """Derivatives of the prediction `chain` by the free numbers where they are cheaper than differences, else None; `before`
         is the chain in front of the effect, `rest(chain, effect, extra=None)` runs it on from there, `extra` (source, wave) is
         then sent too."""
@@ -207,23 +209,23 @@ class Family:
         """The effect with the numbers next to those that a search counted."""
         return []
 
-    def apart(self, scene, effect: Effect) -> tuple[Effect, ...]:
+    def apart(self, scene: Scene, effect: Effect) -> tuple[Effect, ...]:
         """Effects of several owners that may stand in the place of one."""
         return ()
 
-    def forms(self, scene, effect: Effect) -> Iterable[Effect]:
+    def forms(self, scene: Scene, effect: Effect) -> Iterable[Effect]:
         """The same part of a radio in other forms: other lengths and orders, the other side of the channel."""
         return ()
 
-    def less(self, scene, effect: Effect, others: tuple[Effect, ...]) -> tuple[Effect, ...]:
+    def less(self, scene: Scene, effect: Effect, others: tuple[Effect, ...]) -> tuple[Effect, ...]:
         """Effects that claim less and may explain the same beside `others`: each stands in where it does."""
         return ()
 
-    def moment(self, scene, effect: Effect) -> float | None:
+    def moment(self, scene: Scene, effect: Effect) -> float | None:
         """The first sample behind the moment at which an effect happens; None: at no moment."""
         return None
 
-    def happening(self, scene, effect: Effect, first: float) -> Effect:
+    def happening(self, scene: Scene, effect: Effect, first: float) -> Effect:
         """The effect at another moment, with its first sample behind that."""
         raise NotImplementedError
 
@@ -231,11 +233,11 @@ class Family:
         """The one effect that two of this family are at one place; None: they are apart."""
         return None
 
-    def values(self, scene, effect: Effect, p: np.ndarray) -> dict[str, float]:
+    def values(self, scene: Scene, effect: Effect, p: np.ndarray) -> dict[str, float]:
         """The contract's parameters of internal `p`."""
         raise NotImplementedError
 
-    def constants(self, scene, effect: Effect) -> dict:
+    def constants(self, scene: Scene, effect: Effect) -> dict:
         """Parameters that are not fitted numbers (names, true or false)."""
         return {}
 
@@ -243,11 +245,11 @@ class Family:
         """What is wrong with values of an entry each of which may be; None where nothing is."""
         return None
 
-    def parse(self, scene, parameters: dict, model: dict) -> Effect:
+    def parse(self, scene: Scene, parameters: dict, model: dict) -> Effect:
         """The effect of a twin's entry, parameters as {name: value}."""
         raise NotImplementedError
 
-    def nest(self, scene, effect: Effect) -> tuple[object, Effect, np.ndarray] | None:
+    def nest(self, scene: Scene, effect: Effect) -> tuple[object, Effect, np.ndarray] | None:
         """(key, largest effect of this kind, indices of this effect's parameters in it), where starts are
         parts of one."""
         return None
@@ -256,17 +258,19 @@ class Family:
         """Largest step of each parameter in one iteration of a fit."""
         return np.full(len(effect.p), self.reach)
 
-    def settled(self, scene, effect: Effect) -> np.ndarray:
+    def settled(self, scene: Scene, effect: Effect) -> np.ndarray:
         """(parameters,) bool: what moves once the effect is found; a drift or a Doppler of 0 has an error too."""
         return effect.free
 
     def likelier(self, effect: Effect, covariance: np.ndarray) -> Effect:
         """The effect under the prior that its numbers make likeliest, from their covariance under the present one: its scale,
         by one step of EM."""
+        if effect.prior is None:
+            return effect
         factor = float(np.clip(np.mean((effect.p**2 + np.diag(covariance)) / effect.prior), 0.1, 10.0))
         return effect if 0.8 < factor < 1.25 else replace(effect, prior=effect.prior * factor)
 
-    def settled_law(self, scene, effect: Effect, covariance: np.ndarray) -> Effect:
+    def settled_law(self, scene: Scene, effect: Effect, covariance: np.ndarray) -> Effect:
         """The effect with what its numbers, of this covariance, tell of the law behind them, once all else is known."""
         return replace(effect, aux={**effect.aux, "_variance": np.diag(covariance).tolist()})
 
@@ -274,11 +278,11 @@ class Family:
         """Whether the numbers can be those of real equipment."""
         return True
 
-    def finer(self, scene, effect: Effect) -> Iterable[Effect]:
+    def finer(self, scene: Scene, effect: Effect) -> Iterable[Effect]:
         """The effect with more freedom, for where what stood in its way is gone."""
         return ()
 
-    def finest(self, scene, effect: Effect) -> Iterable[Effect]:
+    def finest(self, scene: Scene, effect: Effect) -> Iterable[Effect]:
         """The effect with more freedom than a search tries, for when all else is found."""
         return ()
 
@@ -286,12 +290,12 @@ class Family:
         """The effect of a spectrum that faces the other way, where no small step of a fit leads there: what turns turns back."""
         return effect
 
-    def in_time(self, scene, effect: Effect, later: float, longer: float) -> Effect:
+    def in_time(self, scene: Scene, effect: Effect, later: float, longer: float) -> Effect:
         """The same physics told of a stretch of time that begins `later` lengths of the scene's after it and is `longer` times as
         long: the one rule by which an effect moves."""
         return effect
 
-    def moved_to(self, effect: Effect, here, there) -> Effect | None:
+    def moved_to(self, effect: Effect, here: Scene, there: Scene) -> Effect | None:
         """The same physics in another scene: of another part of the recording, or of another recording, each from its own first
         sample on. What a twin's entry says of it there is the same. None where what it acts on is not there, and of random
         courses, of which another one runs there."""
@@ -303,22 +307,22 @@ class Family:
             aux = {**aux, "rms": rms_of(here, effect)}
         return replace(moved, aux={**moved.aux, **aux})
 
-    def in_its_part(self, scene, effect: Effect) -> Effect:
+    def in_its_part(self, scene: Scene, effect: Effect) -> Effect:
         """An effect that is told of a recording's first sample in the part of the recording that a scene is."""
         return self._between(scene, effect, scene.begins / scene.span, 1.0)
 
-    def since_the_beginning(self, scene, effect: Effect) -> Effect:
+    def since_the_beginning(self, scene: Scene, effect: Effect) -> Effect:
         """The effect of a part of a recording in one of its length at the recording's first sample."""
         return self._between(scene, effect, -scene.begins / scene.span, 1.0)
 
-    def _between(self, scene, effect: Effect, later: float, longer: float) -> Effect:
+    def _between(self, scene: Scene, effect: Effect, later: float, longer: float) -> Effect:
         return self.in_time(scene, effect, later, longer) if later or longer != 1.0 else effect
 
-    def variance(self, scene, effect: Effect, wanted: np.ndarray) -> np.ndarray | None:
+    def variance(self, scene: Scene, effect: Effect, wanted: np.ndarray) -> np.ndarray | None:
         """(n,) power of the noise of each sample beside the prediction's `wanted`, relative to the floor; None: even."""
         return None
 
-    def spectrum(self, scene, effect: Effect) -> np.ndarray | None:
+    def spectrum(self, scene: Scene, effect: Effect) -> np.ndarray | None:
         """(n,) power of the noise in each bin of an FFT relative to the floor; None: white."""
         return None
 
@@ -327,7 +331,7 @@ class Family:
         before."""
         return 0.0, None
 
-    def added(self, scene, effect: Effect, wanted: np.ndarray, draw) -> np.ndarray:
+    def added(self, scene: Scene, effect: Effect, wanted: np.ndarray, draw: Callable[[], np.ndarray]) -> np.ndarray:
         """(n,) complex noise that the effect puts over the floor; draw() is circular white noise of power 1, (n,)."""
         raise NotImplementedError
 
@@ -359,7 +363,7 @@ class Family:
         """((orders,) coefficients, (orders,) their variance as they were estimated) of the course of what `wanders`."""
         return effect.p, np.asarray(effect.aux.get("_variance", np.zeros(len(effect.p))))
 
-    def course(self, scene, effect: Effect, p: np.ndarray) -> np.ndarray:
+    def course(self, scene: Scene, effect: Effect, p: np.ndarray) -> np.ndarray:
         """(n,) the course with the numbers `p` of what `wanders`: a phase in rad, or a complex gain."""
         raise NotImplementedError
 
@@ -367,20 +371,20 @@ class Family:
         """(n,) what it makes of the gain at the times `u` (n,), shares of the recording."""
         return np.ones(len(u))
 
-    def placed(self, scene, told: dict[str, dict]) -> tuple[float, float]:
+    def placed(self, scene: Scene, told: dict[str, dict]) -> tuple[float, float]:
         """Where an effect with these parameters {name: {value, std}} is, the same in every recording that shows it, and the
         standard deviation of that where it may be large: within 0.7 two are at one place."""
         return 0.0, 0.0
 
-    def holds(self, scene, effect: Effect, other: Effect) -> bool:
+    def holds(self, scene: Scene, effect: Effect, other: Effect) -> bool:
         """Whether another effect is a part of this one, and no cause of its own."""
         return False
 
-    def delays(self, scene, effect: Effect) -> tuple[float, ...]:
+    def delays(self, scene: Scene, effect: Effect) -> tuple[float, ...]:
         """Delays, in samples on the scale of the taps, at which it puts what is sent."""
         return ()
 
-    def extrapolated(self, scene, effect: Effect) -> str | None:
+    def extrapolated(self, scene: Scene, effect: Effect) -> str | None:
         """What of the scene goes beyond that in which the effect was measured, as a sentence."""
         return None
 
@@ -396,7 +400,7 @@ class Family:
         """Numbers that were chosen by search and not fitted."""
         return 0
 
-    def model(self, scene, effect: Effect) -> dict:
+    def model(self, scene: Scene, effect: Effect) -> dict:
         """What the forward model needs beside the contract's parameters; `parse` reads it back."""
         return {}
 
@@ -404,23 +408,23 @@ class Family:
         """Power, relative to the wanted signal, of a random course that is too fast for its coefficients."""
         return 0.0
 
-    def played(self, scene, effect: Effect, rng) -> Effect:
+    def played(self, scene: Scene, effect: Effect, rng) -> Effect:
         """The effect as a twin plays it: what is random is drawn anew from its law, with the generator `rng`."""
         return effect
 
-    def spread(self, scene, effect: Effect, sigma2: float, power: float) -> dict[str, float]:
+    def spread(self, scene: Scene, effect: Effect, sigma2: float, power: float) -> dict[str, float]:
         """Standard deviations of numbers that are found by search, at a noise and a wanted power."""
         return {}
 
-    def resolution(self, scene, name: str, value: float) -> float:
+    def resolution(self, scene: Scene, name: str, value: float) -> float:
         """Standard deviation of a number of which nothing else tells it: that of its search."""
         return SEARCHED * abs(value)
 
-    def where(self, scene, effect: Effect, values: dict) -> dict:
+    def where(self, scene: Scene, effect: Effect, values: dict) -> dict:
         """The smallest interval that holds it, by axis of the contract, where it is not everywhere."""
         return {}
 
-    def describe(self, number) -> str:
+    def describe(self, number: Callable[[str], str]) -> str:
         """One sentence; `number(name)` gives a parameter with its interval and unit as text."""
         raise NotImplementedError
 
