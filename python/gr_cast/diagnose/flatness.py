@@ -5,6 +5,7 @@ cell may stay under its bar while all of them together do not."""
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import fft as sp_fft
 from scipy import special, stats
 
 from ..twin.effects import is_coarse
@@ -13,6 +14,8 @@ from .fit import within
 
 TIMES = 48  # cells of time
 LEVELS = 16  # of what is received, as many samples in each
+NEXT = 32  # samples: what is alike within fewer is told by frequency
+LEAST_PAIRS = 400  # samples so far apart, of which what they have in common is normal
 LEAST_IN_CELL = 2.0  # samples: of fewer ln of the mean tells next to nothing
 
 
@@ -55,11 +58,59 @@ def over_all(fit, inside: np.ndarray) -> list[Unevenness]:
 
 
 def left(fit, inside: np.ndarray) -> list[residual.Leftover]:
-    """What the cells of time and frequency hold together, as what is left; it has no one place."""
+    """What the cells of time and frequency hold together, which has no one place, the stretch of them that differs most from the
+    rest, and what comes again in a waveform that is sent once."""
     if any(is_coarse(e) for e in fit.model.effects) or not inside.any():
         return []  # behind a coarse lattice rare steps stand instead of noise
-    both = over_all(fit, inside)[0]
-    return [residual.Leftover(test=f"{both.test}, all cells together", p_value=both.p_value, nats=both.nats, where={})]
+    both, fit = over_all(fit, inside)[0], within(fit, inside)
+    told = [residual.Leftover(test=f"{both.test}, all cells together", p_value=both.p_value, nats=both.nats, where={})]
+    once = not any(s.repeat for s in fit.data.scene.sources)
+    return [*told, stretch(fit), *([comes_again(fit)] if once else [])]
+
+
+def stretch(fit) -> residual.Leftover:
+    """The stretch of time × frequency, of any length and of a width of 1, 2, 4 … cells, that is likeliest to have a level of its
+    own: one that is too weak for any cell of it to tell."""
+    scene = fit.data.scene
+    energy, count, edges = residual.told_cells(fit)
+    held = _held(fit.data.use, energy.shape[1])
+    rows, bins = energy.shape
+    e, n = (np.pad(np.cumsum(np.cumsum(np.fft.fftshift(held * x, 1), 0), 1), ((1, 0), (1, 0))) for x in (energy, count))
+    widths = [2**k for k in range(int(np.log2(bins)) + 1)]
+    best, places = (0.0, 0, rows, 0, bins), rows * (rows + 1) / 2 * sum(bins - w + 1 for w in widths)
+    for width in widths:
+        e_of, n_of = e[:, width:] - e[:, :-width], n[:, width:] - n[:, :-width]
+        for long in range(1, rows + 1):
+            nats = _own_level(e_of[long:] - e_of[:-long], n_of[long:] - n_of[:-long], e[-1, -1], n[-1, -1])
+            i, j = np.unravel_index(int(np.argmax(nats)), nats.shape)
+            best = max(best, (float(nats[i, j]), int(i), int(i) + long, int(j), int(j) + width))
+    nats, first, last, low, high = best
+    t = np.append(scene.index, scene.index[-1] + 1)[edges[[first, last]]] / scene.sample_rate_hz
+    f = (np.array([low, high]) - bins / 2 - 0.5) / bins * scene.sample_rate_hz
+    where = {"time_s": t.tolist(), "frequency_hz": f.tolist()}
+    p_value = float(np.exp(min(0.0, np.log(places) - nats)))  # of a χ² of one degree, at most
+    return residual.Leftover(test="stretch of time × frequency", p_value=p_value, nats=nats, where=where)
+
+
+def _own_level(e_on, n_on, e, n):
+    """(…) nats by which cells of energy `e_on` of `n_on` samples have a level of their own, out of `e` of `n`."""
+    n_on = np.clip(n_on, 1e-9, n - 1e-9)
+    off = np.maximum((e - e_on) / (n - n_on), 1e-300)
+    return n * np.log(e / n) - n_on * np.log(np.maximum(e_on / n_on, 1e-300)) - (n - n_on) * np.log(off)
+
+
+def comes_again(fit) -> residual.Leftover:
+    """What of the residual is the same again after some time: an error in the period of a code or of a symbol."""
+    scene = fit.data.scene
+    r, used = scene.spread(residual.normal(fit)), scene.spread((fit.data.use > 0).astype(float))
+    size = sp_fft.next_fast_len(2 * len(r))
+    together = np.abs(sp_fft.ifft(np.abs(sp_fft.fft(r, size)) ** 2)[NEXT : len(r)]) ** 2
+    pairs = sp_fft.irfft(np.abs(sp_fft.rfft(used, size)) ** 2, size)[NEXT : len(r)]
+    nats = np.where(pairs > LEAST_PAIRS, together / np.maximum(pairs, 1.0), 0.0)
+    k = int(np.argmax(nats)) if len(nats) else 0
+    height = float(nats[k]) if len(nats) else 0.0
+    test = f"the same again after {(k + NEXT) / scene.sample_rate_hz:.4g} s"
+    return residual.Leftover(test=test, p_value=float(min(1.0, len(nats) * np.exp(-height))), nats=height, where={})
 
 
 def along(energy: np.ndarray, level: np.ndarray) -> list[Unevenness]:

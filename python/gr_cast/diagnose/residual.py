@@ -17,6 +17,7 @@ from .view import View
 
 WINDOWS = 64  # of time, in which impulses are counted
 LEAST_WINDOW = 16  # samples
+LEAST_IMPULSES = 5  # in a window at random, from which their counts spread as χ² has it
 CROWDED_P = 1e-3  # of impulses in one window of time, below which they do not come at random
 FOREIGN_CELLS, LEAST_CELL = 128, 8  # cells of time, and samples in each at least, in which a stretch is looked for that is not
 # what the twin says
@@ -244,8 +245,8 @@ def foreign(fit) -> tuple[np.ndarray, Leftover] | None:
 
 
 def crowded_impulses(fit) -> float:
-    """p-value of the fullest of many windows of time, half over each other, under impulses that come at random (Poisson); 1
-    without impulses."""
+    """p-value of the fullest of many windows of time, half over each other, or of all of them together, under impulses that
+    come at random (Poisson); 1 without impulses."""
     effect = next((e for e in fit.model.found if FAMILIES[e.family].scattered), None)
     used = np.flatnonzero(fit.data.use > 0)
     windows = min(WINDOWS, len(used) // LEAST_WINDOW)
@@ -261,7 +262,18 @@ def crowded_impulses(fit) -> float:
         long = min(2 * coherence.sum() / coherence[0], len(at) / (1 + np.count_nonzero(np.diff(at) > 2)))
     halves = np.bincount(at * 2 * windows // len(used), minlength=2 * windows)
     fullest = (halves[1:] + halves[:-1]).max() / long
-    return _bonferroni(float(stats.poisson.logsf(fullest - 1, len(at) / long / windows)), 2 * windows)
+    one = _bonferroni(float(stats.poisson.logsf(fullest - 1, len(at) / long / windows)), 2 * windows)
+    return min(1.0, 2 * min(one, _in_several(at / len(used), long)))
+
+
+def _in_several(at: np.ndarray, long: float) -> float:
+    """p-value of impulses at the times `at` (k,), shares of the recording, that last `long` samples each, crowding in several
+    windows: their counts spread wider than those that come at random (the index of dispersion, Fisher 1925)."""
+    windows = min(WINDOWS, int(len(at) / long) // LEAST_IMPULSES)
+    if windows < 4:
+        return 1.0
+    counts = np.bincount((at * windows).astype(int), minlength=windows) / long
+    return float(stats.chi2.sf(np.sum((counts - counts.mean()) ** 2) / counts.mean(), windows - 1))
 
 
 def delay_time(fit, segments: int = 24, longest: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
