@@ -27,6 +27,14 @@ def is_inside(name: str) -> bool:
     return all(is_name(step) for step in name.split("/"))
 
 
+def is_file(path: Path) -> bool:
+    """Whether a path names a file; a name that none can have names none."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
 @contextmanager
 def written_aside(path: str | Path):
     """Gives a path beside `path` to write a file or folder to; puts it in the place of `path` when all went well,

@@ -18,6 +18,7 @@ from .model import INTERPOLATIONS, MAX_NODES, LinkTaps, Scenario
 
 VERSION = 1
 MAX_ARRAY_BYTES = 1 << 31  # of one array, unpacked
+MAX_CHUNKS = MAX_NODES**2  # of one array: one for each link
 _DTYPES = ("<f8", "<f4", "<c8", "<c16", "<i2", "<i4", "<i8")
 _DEFLATE = 1032  # bytes that one of zlib's can become at most
 _FIELDS = ("name", "description", "center_frequency_hz", "base_loss_db", "interpolation")
@@ -57,12 +58,14 @@ def read_array(folder: Path, name: str, kinds: str = "ifc") -> np.ndarray:
     if get.mapping(get.document.get("compressor"), "compressor").get("id") != "zlib":
         get.faults.add("compressor", "needs zlib")
     get.faults.raise_if_any()
-    if len(shape) != len(chunks) or shape[1:] != tuple(min(pair) for pair in zip(chunks[1:], shape[1:], strict=True)):
+    if len(shape) != len(chunks) or (shape[1:] != chunks[1:] and 0 not in shape):
         raise CastError(f"{path}: .zarray: shape {shape}, chunks {chunks}: needs one chunk per block of rows")
     size = math.prod(chunks) * kind.itemsize
     if math.prod(shape) * kind.itemsize > MAX_ARRAY_BYTES or size > MAX_ARRAY_BYTES:
         raise CastError(f"{path}: .zarray: shape {shape}: limit {MAX_ARRAY_BYTES} bytes")
     starts = range(0, shape[0] if math.prod(shape) else 0, chunks[0])
+    if len(starts) > MAX_CHUNKS:
+        raise CastError(f"{path}: .zarray: shape {shape}: got {len(starts)} chunks, limit {MAX_CHUNKS}")
     files = [path / ".".join([str(start // chunks[0]), *["0"] * (len(shape) - 1)]) for start in starts]
     stored = sum(file.stat().st_size for file in files if file.is_file())
     if stored * _DEFLATE < math.prod(shape) * kind.itemsize:

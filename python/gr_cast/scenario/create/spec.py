@@ -9,6 +9,7 @@ import numpy as np
 
 from ...core.documents import Reader, yaml_file
 from ...core.errors import CastError
+from ...core.files import is_file
 from ..model import MAX_NODES
 from .nodes import Node
 
@@ -105,7 +106,7 @@ def _model(document: dict, get: Reader, path: Path) -> dict:
         get.faults.add("model", f"got {' and '.join(files) or 'neither mesh nor osm'}, needs one of them")
         return {"model_path": path}
     file = path.parent / get.text(section[files[0]], f"model.{files[0]}")
-    if not file.is_file():
+    if not is_file(file):
         get.faults.add(f"model.{files[0]}", f"{file}: no such file")
     if (file.suffix.lower() == ".osm") != (files[0] == "osm"):
         get.faults.add(f"model.{files[0]}", f"{file.name}: an OpenStreetMap extract is an .osm file and goes under osm")
