@@ -121,10 +121,14 @@ def main(argv=None) -> int:
     with ProcessPoolExecutor(args.jobs, initializer=_limit_memory) as pool:
         work = [(number, batch) for batch in range(-(-args.count // (len(counts) * BATCH))) for number in counts]
         futures = {pool.submit(attack, number, BATCH, f"{args.seed}/{batch}", args.keep): number for number, batch in work}
-        for future in as_completed(futures):
-            count, lines = future.result()
-            counts[futures[future]] += count
-            print(*lines, sep="\n", end="\n" if lines else "", flush=True)
+        try:
+            for future in as_completed(futures):
+                count, lines = future.result()
+                counts[futures[future]] += count
+                print(*lines, sep="\n", end="\n" if lines else "", flush=True)
+        except BaseException:  # a fault of the bench itself ends it at once
+            pool.shutdown(cancel_futures=True)
+            raise
     total = Count()
     print(f"{'reader':<20}{'tried':>9}{'read':>9}{'refused':>9}{'wrong':>7}{'ms each':>9}")
     for number, count in counts.items():

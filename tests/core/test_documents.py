@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import json
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 import yaml
@@ -10,6 +12,17 @@ from gr_cast.core import documents, files
 from gr_cast.core.errors import CastError, Faults
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_no_other_module_reads_or_writes_yaml_or_reads_json():
+    """Whatever is imported from PyYAML or read by json elsewhere would go round the limits."""
+    away = []
+    for path in sorted([*ROOT.glob("python/gr_cast/**/*.py"), *ROOT.glob("apps/*.py")]):
+        words = re.findall(r"\bimport yaml\b|\bjson\.loads?\b|\bloadmat\b|JSONDecoder", path.read_text(encoding="utf-8"))
+        away += [f"{path.name}: {word}" for word in words if path.name != "documents.py"]
+    assert away == []
 
 
 def written(tmp_path, text):

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
+import zlib
+
 import numpy as np
 import pytest
 import scipy.io
@@ -232,3 +234,15 @@ def test_maps_read_as_documented_and_refuse_by_name(tmp_path):
     with pytest.raises(CastError) as error:
         colosseum.read_node_map(nodes)
     assert all(place in str(error.value) for place in ("2: SRN 1", "x:", "4: got 0.5"))
+
+
+def test_a_small_file_of_much_is_refused_before_it_is_unpacked(tmp_path):
+    """A megabyte of zeros compressed to a thousandth, many times over: sums are limited, not single variables."""
+    pack = zlib.compressobj(9)
+    packed = b"".join([pack.compress(bytes(1 << 20)) for _ in range(400)]) + pack.flush()
+    (tmp_path / "a.mat").write_bytes(
+        b" " * 124 + b"\x00\x01IM" + np.array([15, len(packed)], "<u4").tobytes() + packed
+    )  # fmt: skip
+    assert (tmp_path / "a.mat").stat().st_size < 1 << 20
+    with pytest.raises(CastError, match="more than 335544320 bytes, unpacked"):
+        mat_file.read(tmp_path / "a.mat")

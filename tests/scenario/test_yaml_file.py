@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import math
+import time
 
 import numpy as np
 import pytest
@@ -74,6 +75,26 @@ def test_a_file_that_cannot_be_meant_is_refused(tmp_path, text, says):
     with pytest.raises(CastError) as error:
         yaml_file.read(written(tmp_path, text))
     assert says in str(error.value) and "a.yaml" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("cast_scenario: 1\nnodes: [" + ", ".join(f"n{k}" for k in range(20_000)) + "]\nall_links: {taps: []}\n", "limit 256"),
+        ("cast_scenario: 1\nnodes: {../../evil: {}, b: {}}\nlinks: []\n", "needs a name"),
+        (
+            HEAD + "duration_s: 900\nlinks:\n - {tx: 1, rx: 2, taps: &t ["
+            + ", ".join(["{delay_s: 0, gain_db: 0, doppler_hz: 1}"] * 15) + "]}\n - {tx: 2, rx: 1, taps: *t}\n",
+            "got 27000030 taps over all links and instants, limit 25000000",
+        ),
+    ],
+)  # fmt: skip
+def test_what_would_fill_the_memory_or_leave_a_folder_is_refused_before_it_is_built(tmp_path, text, says):
+    began = time.process_time()
+    with pytest.raises(CastError) as error:
+        yaml_file.read(written(tmp_path, text))
+    assert says in str(error.value)
+    assert time.process_time() - began < 5
 
 
 def test_bytes_that_are_not_text_and_missing_files_are_refused(tmp_path):

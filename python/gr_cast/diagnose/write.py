@@ -10,8 +10,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-import yaml
 
+from ..core.documents import yaml_text
 from ..core.units import db_from_amplitude, db_from_power
 from ..signals.recording import data_path, meta_path
 from .maps import before_and_after
@@ -80,7 +80,7 @@ def write(diagnosis, folder: Path, html: str) -> None:
         (aside / "diagnosis.json").write_text(
             json.dumps(_clean(diagnosis.document), indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
         )
-        text = yaml.safe_dump(corrected_twin(diagnosis), sort_keys=False, allow_unicode=True)
+        text = yaml_text(corrected_twin(diagnosis))
         (aside / "twin_corrected.yaml").write_text(text, encoding="utf-8")
         for waveform in diagnosis.case.document["waveforms"].values():
             if "file" in waveform:  # the corrected twin needs them beside it

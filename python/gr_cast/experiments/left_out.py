@@ -8,10 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import yaml
 from scipy import signal
 
 from .. import __version__
+from ..core.documents import yaml_text
 from ..core.errors import CastError
 from ..core.files import write_text
 from ..core.units import db_from_amplitude, db_from_power
@@ -130,7 +130,7 @@ def write_case(folder: Path, world: Setting, twin: Setting, modem, emulator, *, 
             }
         )
     document["noise"] = {twin.rx: {"power_db": float(db_from_power(OVERSAMPLING * twin.noise_power * scale**2))}}
-    write_text(folder / "twin.yaml", yaml.safe_dump(document, sort_keys=False))
+    write_text(folder / "twin.yaml", yaml_text(document))
 
 
 def _taps(twin: Setting, tx: str) -> list[dict]:

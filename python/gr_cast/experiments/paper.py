@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The paper's own figures, as programs print them beside theirs: one file, one row per case, no averages over cases."""
 
-import json
 from functools import cache
 from pathlib import Path
+
+from ..core.documents import json_file
 
 
 @cache
 def figures() -> dict:
     """The content of paper.json; every group says where in the paper it stands."""
-    return json.loads(Path(__file__).with_suffix(".json").read_text(encoding="utf-8"))
+    return json_file(Path(__file__).with_suffix(".json")).document
 
 
 def jamming(case: str) -> dict | None:

@@ -5,6 +5,7 @@ import copy
 import json
 import math
 import random
+from contextlib import suppress
 
 import yaml
 
@@ -92,7 +93,8 @@ def _mutate_tree(tree, rng: random.Random):
     elif kind == "rename" and isinstance(box, dict):
         box[rng.choice((str(key)[:-1], str(key).upper(), str(key) + "_", "../" + str(key), "1", "on"))] = box.pop(key)
     elif kind == "scale" and isinstance(box[key], (int, float)) and not isinstance(box[key], bool):
-        box[key] = box[key] * rng.choice((-1, 0, 1e-12, 1e3, 1e6, 1e12, 1e30)) + rng.choice((0, 0, 1, 1e-12))
+        with suppress(OverflowError):  # the largest stay as they are
+            box[key] = box[key] * rng.choice((-1, 0, 1e-12, 1e3, 1e6, 1e12, 1e30)) + rng.choice((0, 0, 1, 1e-12))
     elif kind == "deep":
         value = box[key]
         for _ in range(rng.choice((5, 70, 400))):
