@@ -222,8 +222,8 @@ def _entry(told: Told, sure: float) -> dict:
         for f, i in members:
             every.setdefault(f.observation.name, []).append(numbers(f, i)[0])
         for name in values:
-            told = {r: [v[name] for v in parts if name in v] for r, parts in every.items()}
-            values[name] = _pooled({r: _mean(parts) for r, parts in told.items() if parts}, values[name])
+            by_recording = {r: [v[name] for v in parts if name in v] for r, parts in every.items()}
+            values[name] = _pooled({r: _mean(parts) for r, parts in by_recording.items() if parts}, values[name])
     spans = [(f.observation.first, f.observation.first + f.scene.span) for f, _ in members]
     spans = [(0, scene.whole)] if effect.aux.get("whole") else spans
     where = {
