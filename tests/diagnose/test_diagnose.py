@@ -270,7 +270,7 @@ def test_dc_and_leakage_stay_open_without_a_carrier_offset(world, tmp_path):
 
 
 @pytest.mark.parametrize("datatype", ["ci8", "cu8", "ci16_le"])
-def test_the_lattice_of_the_file_itself_is_no_finding(world, tmp_path, datatype):
+def test_the_grid_of_the_file_itself_is_no_finding(world, tmp_path, datatype):
     world.noise_rms = 0.02
     document = run(world, tmp_path, world.noisy(world.clean()), datatype)
     assert "quantization" not in named(document)

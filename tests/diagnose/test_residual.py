@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is left after a fit: jumps that no oscillator makes, errors of a coarse lattice that are no place of their own,
+"""What is left after a fit: jumps that no oscillator makes, errors of a coarse quantiser that are no place of their own,
 and what is too fast to be followed."""
 
 from dataclasses import replace
@@ -10,7 +10,7 @@ from conftest_world import RATE_HZ
 from gr_cast.diagnose import align, diagnose, floor, gate, noise, read_case, residual, run
 from gr_cast.diagnose.finding import Finding
 from gr_cast.diagnose.fit import off_the_rails
-from gr_cast.diagnose.search import refit, under_the_lattice
+from gr_cast.diagnose.search import refit, through_the_quantiser
 from gr_cast.twin.effects import FAMILIES
 from gr_cast.twin.effects.base import start
 from gr_cast.twin.effects.phase_noise import shape_of
@@ -79,7 +79,7 @@ def test_phase_noise_too_fast_to_follow_is_noise_across_the_signal_alone(world, 
     assert settled.model.found[0].aux["_jitter"] == pytest.approx(np.mean(fast**2), rel=0.2)
 
 
-def test_a_lattice_of_few_steps_leaves_nothing_unexplained(world, tmp_path):
+def test_a_quantiser_grid_of_few_steps_leaves_nothing_unexplained(world, tmp_path):
     world.code = {"code": "zadoff_chu", "length": 1021, "root": 7, "samples_per_chip": 1}
     index, step = np.arange(1021), 1 / 32
     world.x = np.exp(-1j * np.pi * 7 * index * (index + 1) / 1021)
@@ -87,13 +87,13 @@ def test_a_lattice_of_few_steps_leaves_nothing_unexplained(world, tmp_path):
     y = world.noisy(world.clean())
     coarse = step * (np.round(y.real / step) + 1j * np.round(y.imag / step))
     data, model = _built(world, tmp_path / "case", coarse)
-    ((lattice, _),) = gate.discrete(coarse, "cf32_le")
-    fit = refit(data, under_the_lattice(data, model.adding(lattice)))
+    ((grid, _),) = gate.discrete(coarse, "cf32_le")
+    fit = refit(data, through_the_quantiser(data, model.adding(grid)))
     for rest in residual.leftovers(fit, off_the_rails(fit)):
         assert rest.p_value > run.UNEXPLAINED_P or rest.nats < run.UNEXPLAINED_NATS
 
 
-def test_a_lattice_and_lost_samples_are_all_that_is_found_of_both(world, tmp_path):
+def test_a_quantiser_grid_and_lost_samples_are_all_that_is_found_of_both(world, tmp_path):
     world.taps = [(0, 1.0), (9, 0.5 * np.exp(0.7j)), (31, 0.4 * np.exp(2j)), (40, 0.3 * np.exp(-1j))]
     world.code = {"code": "zadoff_chu", "length": 509, "root": 7, "samples_per_chip": 1}
     index, step = np.arange(509), 1 / 32
@@ -170,15 +170,15 @@ def test_noise_beside_phase_noise_has_the_law_that_it_has(world, tmp_path, famil
     assert [e["family"] for e in document["effects"]] == ["phase_noise", family]
 
 
-def test_rails_under_a_lattice_that_has_the_noise_in_it_are_hard(world, tmp_path):
+def test_rails_under_a_quantiser_grid_that_has_the_noise_in_it_are_hard(world, tmp_path):
     step = 1 / 32
     y = world.noisy(world.clean())
     coarse = step * (np.round(y.real / step) + 1j * np.round(y.imag / step))
     data, model = _built(world, tmp_path / "case", np.clip(coarse.real, -0.25, 0.25) + 1j * np.clip(coarse.imag, -0.25, 0.25))
     rails = start(FAMILIES["adc_clipping"], [0.25, 0.01], free=[False] * 2)
-    lattice = start(FAMILIES["quantization"], [step, 0.0, 0.3], free=[False] * 3)
+    grid = start(FAMILIES["quantization"], [step, 0.0, 0.3], free=[False] * 3)
     assert refit(data, model.adding(rails)).model.found[0].p[1] > 0
-    assert refit(data, model.adding(rails).adding(lattice)).model.found[0].p[1] == 0
+    assert refit(data, model.adding(rails).adding(grid)).model.found[0].p[1] == 0
 
 
 @pytest.mark.parametrize("raised_db", [0.0, 0.5])

@@ -188,7 +188,7 @@ def test_noise_is_the_twins_floor_and_white(tmp_path):
     assert density.max() / density.min() < 1.4
 
 
-def test_rails_and_lattice_come_after_the_noise(tmp_path):
+def test_rails_and_quantiser_come_after_the_noise(tmp_path):
     y = played(twin(tmp_path, LAWS[-2:]), 20_000, Conditions(seed=3))
     assert np.abs(y.real).max() == 2.0 and np.allclose(y.real * 64, np.round(y.real * 64), atol=1e-4)
 

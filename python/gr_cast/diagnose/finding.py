@@ -112,7 +112,7 @@ def numbers(finding: Finding, index: int) -> tuple[dict, dict]:
     fit, effect = finding.fit, finding.fit.model.effects[index]
     family, scene = FAMILIES[effect.family], finding.scene
     scene.front_end = front_end(fit.model)
-    predict(scene, fit.model)  # leaves in the scene what its amplifiers and lattices were driven with
+    predict(scene, fit.model)  # leaves in the scene what its amplifiers and quantisers were driven with
     values = _told(scene, effect, effect.p)
     variance = {name: 0.0 for name in values}
     span = fit.model.span(index) if len(fit.model.vector()) == len(fit.hessian) else None

@@ -271,7 +271,7 @@ def shape_of_receiver(fit: Fit, model: Model):
     shape = gain_of_receiver(fit, model)
     for effect in model.effects:
         if is_coarse(effect):
-            predict(fit.data.scene, fit.model)  # leaves the prediction in front of the lattice
+            predict(fit.data.scene, fit.model)  # leaves the prediction in front of the quantiser
             v = FAMILIES[effect.family].variance(fit.data.scene, effect, fit.chain.wanted)
             shape = v if shape is None else shape if v is None else shape * v
     return shape

@@ -61,7 +61,7 @@ def left(fit, inside: np.ndarray) -> list[residual.Leftover]:
     """What the cells of time and frequency hold together, which has no one place, the stretch of them that differs most from the
     rest, and what comes again in a waveform that is sent once."""
     if any(is_coarse(e) for e in fit.model.effects) or not inside.any():
-        return []  # behind a coarse lattice rare steps stand instead of noise
+        return []  # behind a coarse quantiser rare steps stand instead of noise
     both, fit = over_all(fit, inside)[0], within(fit, inside)
     told = [residual.Leftover(test=f"{both.test}, all cells together", p_value=both.p_value, nats=both.nats, where={})]
     once = not any(s.repeat for s in fit.data.scene.sources)

@@ -15,7 +15,7 @@ from .fit import Fit, gain_of_receiver, in_band, off_the_rails
 from .next_recording import Hypothesis, record_next
 
 FAINT = 0.01  # of the mean power: what is weaker has no direction
-HIDES = 0.1  # power of a lattice's own error over the told noise from which the floor cannot be seen
+HIDES = 0.1  # power of a grid's own error over the told noise from which the floor cannot be seen
 LEAST_NATS = 8.0  # beyond half a logarithm of the samples, that another level must bring
 # dB by which a floor may differ for other reasons: the twin's figure is rounded; the shape of noise with a law of its own is not
 # known so well; a course of the oscillator, or any other, leaves some of itself over.
@@ -128,7 +128,7 @@ def _uneven(heard: Heard) -> bool:
 
 
 def _heard(finding: Finding) -> Heard | None:
-    """None where the floor cannot be told: the twin says none, or a filter, whose own gain is unknown, or a coarse lattice or
+    """None where the floor cannot be told: the twin says none, or a filter, whose own gain is unknown, or a coarse quantiser or
     rails are between it and the recording."""
     fit, told = finding.fit, finding.data.noise_power
     if told is None or fit.model.index_of(Role.FILTER) is not None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Discrete effects, looked for before everything else: the converter's lattice and its rails."""
+"""Discrete effects, looked for before everything else: the converter's quantiser grid and its rails."""
 
 import numpy as np
 
@@ -9,13 +9,13 @@ from ..twin.effects.base import start
 
 
 def native_step(datatype: str) -> float:
-    """Lattice that the file format itself has; 0 for floats."""
+    """Grid that the file format itself has; 0 for floats."""
     _, _, full_scale = DATATYPES[datatype]
     return 0.0 if datatype == "cf32_le" else 1.0 / full_scale
 
 
-def lattice(y: np.ndarray, datatype: str) -> tuple[float, float, float] | None:
-    """(step, its standard deviation, level of a lattice point in steps) where I and Q lie on a lattice
+def quantiser_grid(y: np.ndarray, datatype: str) -> tuple[float, float, float] | None:
+    """(step, its standard deviation, level of a grid point in steps) where I and Q lie on a grid
     coarser than the file's."""
     values = np.concatenate([y.real, y.imag])
     base = native_step(datatype)
@@ -69,7 +69,7 @@ def discrete(y: np.ndarray, datatype: str) -> list[tuple[Effect, dict]]:
     """Effects that are read off the samples themselves (aux `read`), with the standard deviations of their
     parameters."""
     found = []
-    grid = lattice(y, datatype)
+    grid = quantiser_grid(y, datatype)
     step = grid[0] if grid else 0.0
     top = rails(y, datatype, step)
     if top:

@@ -9,13 +9,13 @@ import numpy as np
 from ..twin.effects import FAMILIES, Role, plays, stage_of
 from ..twin.effects.base import RX_FILTER
 from ..twin.effects.noise_family import profile
-from . import align, ambiguity, claims, flatness, floor, gate, joints, offsets, presence, residual, slow
+from . import align, ambiguity, claims, flatness, floor, gate, offsets, presence, residual, slips, slow
 from .exchange import exchanged
 from .finding import Finding, nmse, numbers, worth
 from .fit import COLOUR_ORDERS, Fit, off_the_rails, solve
 from .ownership import agree_on_sides, agree_on_wander
 from .passing import without_passing
-from .search import MARGIN, beginnings, lattice_again, refit, search, under_the_lattice
+from .search import MARGIN, beginnings, quantiser_again, refit, search, through_the_quantiser
 from .verdict import Words, conclude
 
 BUDGET_S = 240.0
@@ -25,8 +25,8 @@ PICTURES = 1.1  # of the budget: what a report still draws after the search ends
 RECORDINGS, FIRST_PART, SEARCH, PROOF = 0.8, 0.8, 0.7, 0.9
 HUNGRY = 3.0  # times the mean share that a recording may take of what is left; most need far less
 MOST_FINDINGS = 24  # parts of a recording: what happened between two of 10⁸ samples is halved 12 times until it is found
-CUT_NATS = 10.0  # by which rails on a lattice, or at one end alone, must make a recording likelier
-FINE_LATTICE = 10.0  # energy of its error over the noise, over the whole recording
+CUT_NATS = 10.0  # by which rails on a grid, or at one end alone, must make a recording likelier
+FINE_GRID = 10.0  # energy of its error over the noise, over the whole recording
 JITTER_SURE = 2.5  # standard deviations by which noise across the signal must exceed noise along it
 UNEXPLAINED_P = 1e-5
 UNEXPLAINED_NATS = 40.0
@@ -49,32 +49,32 @@ def examine(case, observation, *, deadline: float, progress=lambda where: None) 
     if not findings:  # one part stands for all
         return silent[:1]
     findings[0].left += [presence.of_a_part(f) for f in silent]
-    while (gap := joints.gap(findings) or slow.gap(findings)) and time.monotonic() < deadline and len(findings) < MOST_FINDINGS:
+    while (gap := slips.gap(findings) or slow.gap(findings)) and time.monotonic() < deadline and len(findings) < MOST_FINDINGS:
         progress(f"{observation.name}, between its parts")
         part = align.around(case, observation, gap, len(findings[0].observation.samples))
         if part is None:
             break
         findings.append(_examine_part(case, observation, part, None, findings[0], deadline))
-    joints.between(findings)
+    slips.between(findings)
     slow.between(findings)
     return findings
 
 
 def _examine_part(case, whole, part, near, known: Finding | None, deadline: float) -> Finding:
     begun = time.monotonic()
-    near, elsewhere_nats = (near, 0.0) if known is None else joints.place(case, part, near, known)
+    near, elsewhere_nats = (near, 0.0) if known is None else slips.place(case, part, near, known)
     scene, data, model = align.build(case, part, near=near)
     data = replace(data, deadline=begun + SEARCH * (deadline - begun))
     plain = replace(model, effects=tuple(e for e in model.effects if e.fixed))
     stds = {}
     known_of = {e.family for e in plain.effects}
     for effect, std in gate.discrete(part.samples.astype(complex), part.datatype):
-        if effect.family not in known_of:  # the twin's own rails and lattice are no finding
+        if effect.family not in known_of:  # the twin's own rails and quantiser are no finding
             model = model.adding(effect)
             stds[effect.family] = std
     twin = first = refit(data, plain)
     if model.effects != plain.effects:
-        built, model = model, under_the_lattice(data, refit(data, model).model)
+        built, model = model, through_the_quantiser(data, refit(data, model).model)
         first = refit(data, model)
         model, first = _without_false_rails(data, built, model, first)
     if known is None and not presence.judge(data, model).there:
@@ -91,8 +91,8 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
     fit, *known_fits = search(data, begun_with, proof) if known is None else _confirmed(known, data, begun_with[0], proof)
     complete = not fit.notes.get("cut", data.late)
     fit = exchanged(_until(fit, proof), known_fits) if known is None else fit
-    fit = lattice_again(data, fit)
-    fit = _sure(_without_fine_lattice(_settle(_without_crowds(_until(fit, deadline)), finer=known is None)))
+    fit = quantiser_again(data, fit)
+    fit = _sure(_without_fine_quantiser(_settle(_without_crowds(_until(fit, deadline)), finer=known is None)))
     fit, passed = without_passing(_of_noise_alone(fit))
     # In the first fit the wanted signal may have been next to nothing.
     scene.level = known.scene.level if known else scene.rms * _wanted_rms(fit) / _wanted_rms(first)
@@ -119,7 +119,7 @@ def _absent(case, part, data, fit: Fit, twin: Fit, stds: dict) -> Finding:
     """What a recording says in which the twin's waveform is not: what was read off its samples, and that."""
     model = replace(fit.model, effects=tuple(e for e in fit.model.effects if not plays(e, Role.ORIENTATION)))
     left = [presence.statement(data.scene, align.delays_looked_at(case, part))]
-    fit = _without_fine_lattice(refit(data, model) if model.effects != fit.model.effects else fit)
+    fit = _without_fine_quantiser(refit(data, model) if model.effects != fit.model.effects else fit)
     return Finding(observation=part, scene=data.scene, data=data, twin=twin, fit=fit, stds=stds, left=left, absent=True)
 
 
@@ -146,13 +146,13 @@ def _sure(fit: Fit) -> Fit:
 
 
 def _without_false_rails(data, built, model, first: Fit):
-    """(model, its fit) without rails that may be something else, unless they cut the prediction: on a lattice a signal of few
-    levels heaps up as rails would, and at one end alone so may the peak of a waveform. Without a lattice it is then as it was
+    """(model, its fit) without rails that may be something else, unless they cut the prediction: on a grid a signal of few
+    levels heaps up as rails would, and at one end alone so may the peak of a waveform. Without a grid it is then as it was
     `built`: false rails have moved the delay."""
-    at, on_lattice = model.index_of(Role.RAILS, found=True), model.index_of(Role.QUANTISER, found=True) is not None
-    if at is None or not on_lattice and "lone" not in model.effects[at].aux:
+    at, quantised = model.index_of(Role.RAILS, found=True), model.index_of(Role.QUANTISER, found=True) is not None
+    if at is None or not quantised and "lone" not in model.effects[at].aux:
         return model, first
-    uncut = under_the_lattice(data, model.without(at)) if on_lattice else built.without(at)
+    uncut = through_the_quantiser(data, model.without(at)) if quantised else built.without(at)
     free = refit(data, uncut)
     return (model, first) if free.likelihood < first.likelihood - CUT_NATS else (uncut, free)
 
@@ -215,11 +215,11 @@ def _without_crowds(fit: Fit) -> Fit:
     return refit(fit.data, fit.model.without(next(i for i, e in enumerate(fit.model.effects) if FAMILIES[e.family].scattered)))
 
 
-def _without_fine_lattice(fit: Fit) -> Fit:
-    """The fit without a lattice that is there but too fine to change the recording: a converter's own."""
+def _without_fine_quantiser(fit: Fit) -> Fit:
+    """The fit without a grid that is there but too fine to change the recording: a converter's own."""
     model = fit.model
     for i, e in enumerate(model.effects):
-        if plays(e, Role.QUANTISER) and FAMILIES[e.family].rounding(e) * fit.data.count < FINE_LATTICE * fit.sigma2:
+        if plays(e, Role.QUANTISER) and FAMILIES[e.family].rounding(e) * fit.data.count < FINE_GRID * fit.sigma2:
             return replace(fit, model=model.without(i))
     return fit
 

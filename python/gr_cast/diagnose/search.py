@@ -236,7 +236,7 @@ def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2, it
 
 
 def _softened(fit: Fit) -> Fit:
-    """The fit with the converter's rails as soft as the noise in front of them makes them; under a lattice that has the noise
+    """The fit with the converter's rails as soft as the noise in front of them makes them; under a grid that has the noise
     in it they are hard."""
     at = fit.model.index_of(Role.RAILS)
     if at is None:
@@ -373,7 +373,7 @@ def search(data: Data, beam: list[Fit], proof_deadline: float = np.inf) -> list[
         beam = _best(grown.values(), leader, leader.evidence - before)
         if not any(f is leader or not f.model.flexible for f in beam):
             break
-        beam = [lattice_again(data, _on_their_sides(data, at_their_moments(data, f))) for f in beam]
+        beam = [quantiser_again(data, _on_their_sides(data, at_their_moments(data, f))) for f in beam]
         done |= {f.model.families: f for f in beam if f.evidence >= done.get(f.model.families, f).evidence}
     ranked = sorted(done.values(), key=lambda f: -f.evidence)
     cut, data = data.late, replace(data, deadline=max(data.deadline, proof_deadline))
@@ -479,7 +479,7 @@ def _as_sent(scene, effect: Effect) -> list[Effect]:
     return [replace(effect, aux={**effect.aux, "side": "tx", "source": i}) for i in range(len(scene.sources))]
 
 
-def under_the_lattice(data: Data, model: Model) -> Model:
+def through_the_quantiser(data: Data, model: Model) -> Model:
     """The model with the noise in front of a coarse quantiser, in steps, under which its mean output fits best; itself where
     that is so."""
     at = model.index_of(Role.QUANTISER)
@@ -494,10 +494,10 @@ def under_the_lattice(data: Data, model: Model) -> Model:
     return model if sigma == model.effects[at].p[2] else other
 
 
-def lattice_again(data: Data, fit: Fit) -> Fit:
-    """The fit with the noise in front of a coarse quantiser that suits what else was found: much noise hides the lattice's own
+def quantiser_again(data: Data, fit: Fit) -> Fit:
+    """The fit with the noise in front of a coarse quantiser that suits what else was found: much noise hides the grid's own
     error, and other effects would be found in its place."""
-    model = under_the_lattice(data, fit.model)
+    model = through_the_quantiser(data, fit.model)
     if model is fit.model or data.late:
         return fit
     return max(fit, refit(data, model), key=lambda f: f.evidence)

@@ -35,7 +35,7 @@ def _clean(value):
 def corrected_twin(diagnosis) -> dict:
     """The twin's document with the found physics in `effects`, runnable by `playback`.
 
-    A twin does not claim a recording's gain, but levels of full scale (rails, lattice, noise) hold only with it:
+    A twin does not claim a recording's gain, but levels of full scale (rails, quantiser, noise) hold only with it:
     `model.gain_db` of an effect is the gain that was measured in each of its recordings, `model.noise_power_db` the noise
     of those whose noise the twin does not tell.
     """

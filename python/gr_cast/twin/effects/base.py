@@ -37,7 +37,7 @@ from .values import Value
     SAMPLER,
     INVERSION,
     RAILS,
-    LATTICE,
+    QUANTISER,
     NOISE,
 ) = range(19)
 CHANNEL_AFTER = CLOCK

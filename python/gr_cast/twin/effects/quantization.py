@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A converter with few bits: I and Q lie on a lattice of `step`. The prediction is the mean output of the
+"""A converter with few bits: I and Q lie on a grid of `step`. The prediction is the mean output of the
 quantiser under
 noise of rms σ: s + Δ/π·Σ (−1)^k/k·exp(−2π²k²σ²/Δ²)·sin(2πk(s − s0)/Δ) (Widrow and Kollár, Quantization
 Noise, ch. 4).
-Internal: step, level of one lattice point in steps, σ in steps (all fixed once found).
+Internal: step, level of one grid point in steps, σ in steps (all fixed once found).
 """
 
 from functools import lru_cache
@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import ndtr
 
-from .base import LATTICE, Family, Role, start
+from .base import QUANTISER, Family, Role, start
 from .values import NEEDED_POSITIVE, NUMBER, Value
 
 TABLE = 8192  # entries over one step
@@ -19,7 +19,7 @@ COARSE = 0.7  # steps of noise below which a quantiser's error is no noise of it
 
 
 def mean_of_quantizer(value, step, origin, sigma):
-    """Mean output for a real input `value` under Gaussian noise of `sigma` steps; lattice points at (k +
+    """Mean output for a real input `value` under Gaussian noise of `sigma` steps; grid points at (k +
     origin)·step."""
     x = value / step - origin
     table, slope = _deviation(sigma)
@@ -55,17 +55,17 @@ class Quantization(Family):
     remembered = {"origin": NUMBER, "sigma": Value(low=0.0)}
     role = Role.QUANTISER
     lasting = False
-    stage = LATTICE
+    stage = QUANTISER
 
     def coarse(self, effect):
         return bool(effect.p[2] < COARSE)
 
     def apply(self, chain, effect):
         step, origin, sigma = effect.p
-        chain.scene.notes["before the lattice"] = chain.y
+        chain.scene.notes["before the quantiser"] = chain.y
         if sigma == 0:  # the noise is in the signal
-            lattice = lambda x: (np.round(x / step - origin) + origin) * step  # noqa: E731
-            chain.y = lattice(chain.y.real) + 1j * lattice(chain.y.imag)
+            rounded = lambda x: (np.round(x / step - origin) + origin) * step  # noqa: E731
+            chain.y = rounded(chain.y.real) + 1j * rounded(chain.y.imag)
         elif self.coarse(effect):
             chain.y = mean_of_quantizer(chain.y.real, step, origin, sigma) + 1j * mean_of_quantizer(
                 chain.y.imag, step, origin, sigma
@@ -80,7 +80,7 @@ class Quantization(Family):
         step, origin, sigma = effect.p
         if not self.coarse(effect):
             return None
-        y = scene.notes["before the lattice"]
+        y = scene.notes["before the quantiser"]
         v = variance_of_quantizer(y.real, step, origin, sigma) + variance_of_quantizer(y.imag, step, origin, sigma)
         v = np.maximum(v, 0.02 * v.mean())
         return v / v.mean()
@@ -98,4 +98,4 @@ class Quantization(Family):
         return effect.moved(np.array([*effect.p[:2], 0.0]))
 
     def describe(self, number):
-        return f"The converter is coarse: I and Q lie on a lattice of {number('step')} of full scale."
+        return f"The converter is coarse: I and Q lie on a grid of {number('step')} of full scale."

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Samples lost between the parts of a recording, where nothing is fitted: every part against where the first one lets expect
+"""Sample slips between the parts of a recording, where nothing is fitted: every part against where the first one lets expect
 it."""
 
 from dataclasses import replace
