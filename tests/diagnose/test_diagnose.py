@@ -371,3 +371,27 @@ def test_pulses_of_a_wave_below_the_noise_are_pulses_and_no_band_of_noise(world,
     for name, value in true.items():
         assert told[name]["value"] == pytest.approx(value, abs=3 * told[name]["std"])
     assert told["duty_cycle"]["std"] < 0.2 * true["duty_cycle"]
+
+
+def test_a_single_path_may_fade(world, tmp_path):
+    world.taps = world.taps[:1]
+    rng, t = world.rng, np.arange(len(world.n)) / len(world.n)
+    gaussian = lambda n: (rng.normal(size=n) + 1j * rng.normal(size=n)) / np.sqrt(2)  # noqa: E731
+    turns, angles = gaussian(24), rng.uniform(0, 2 * np.pi, 24)
+    scattered = sum(a * np.exp(2j * np.pi * 6 * np.cos(b) * t) for a, b in zip(turns, angles, strict=True)) / np.sqrt(24)
+    document = run(world, tmp_path, world.noisy(world.clean() * (1 + 0.15 * scattered)))
+    assert named(document) == ["tap_fading"] and document["verdict"] == "identified"
+    k_factor = said(document, "tap_fading", "k_factor_db")
+    assert k_factor["value"] == pytest.approx(-20 * np.log10(0.15), abs=3 * k_factor["std"] + 2.0)
+
+
+def test_a_path_at_another_delay_that_turns_otherwise_is_told_by_its_delay_and_its_doppler(world, tmp_path):
+    f = np.fft.fftfreq(510)
+    late = np.fft.ifft(np.fft.fft(world.x) * np.exp(-2j * np.pi * f * 0.4))
+    moved = late[(world.n - 9 - 37) % 510] * np.exp(2j * np.pi * 1.7 * world.n / len(world.n))
+    y = 0.3 * np.exp(0.4j) * (world.path(0) + world.taps[1][1] * moved)
+    document = run(world, tmp_path, world.noisy(y))
+    assert sorted(named(document)) == ["tap_delay_error", "tap_doppler"]
+    error, doppler = said(document, "tap_delay_error", "error_s"), said(document, "tap_doppler", "doppler_hz")
+    assert error["value"] == pytest.approx(0.4 / RATE_HZ, abs=4 * error["std"] + 0.02 / RATE_HZ)
+    assert doppler["value"] == pytest.approx(1.7 * RATE_HZ / len(world.n), abs=4 * doppler["std"])

@@ -55,5 +55,5 @@ def test_impulses_in_several_bursts_do_not_come_at_random():
     rng = np.random.default_rng(2)
     even = np.sort(rng.random(600))
     bursts = np.sort(np.concatenate([rng.random(300), *(c + 0.02 * rng.random(60) for c in (0.1, 0.3, 0.5, 0.7, 0.9))]))
-    assert residual._in_several(even, 1.0) > 0.01
-    assert residual._in_several(bursts, 1.0) < residual.CROWDED_P / 2
+    assert residual._in_several(even) > 0.01
+    assert residual._in_several(bursts) < residual.CROWDED_P / 2

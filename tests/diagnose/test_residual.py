@@ -197,3 +197,8 @@ def test_every_sample_is_in_the_map_of_what_is_left(world, tmp_path):
     fit = refit(*_built(world, tmp_path / "case", y))
     rest = residual.leftovers(fit, off_the_rails(fit))[0]
     assert rest.p_value < 1e-5 and rest.where["time_s"][1] == pytest.approx(len(y) / RATE_HZ)
+
+
+def test_an_impulse_that_a_filter_draws_out_counts_once_and_a_burst_with_every_sample():
+    drawn_out, burst = [100, 101, 103], list(range(500, 512))
+    assert list(residual._beginnings(np.array([7, *drawn_out, *burst]))) == [7, 100, *burst]

@@ -18,6 +18,7 @@ from .view import View
 WINDOWS = 64  # of time, in which impulses are counted
 LEAST_WINDOW = 16  # samples
 LEAST_IMPULSES = 5  # in a window at random, from which their counts spread as χ² has it
+LONGEST_IMPULSE, TOGETHER = 8, 2  # samples: what lasts longer is a burst, and how far apart are those of one impulse
 CROWDED_P = 1e-3  # of impulses in one window of time, below which they do not come at random
 FOREIGN_CELLS, LEAST_CELL = 128, 8  # cells of time, and samples in each at least, in which a stretch is looked for that is not
 # what the twin says
@@ -256,23 +257,28 @@ def crowded_impulses(fit) -> float:
     at = np.flatnonzero(FAMILIES[effect.family].shares(effect, energy * fit.sigma2) > 0.5)
     if not len(at):
         return 1.0
-    long = 1.0  # samples that one lasts: more where a receiver's band colours the noise
-    if fit.data.spectrum is not None:
-        coherence = np.abs(sp_fft.ifft(fit.data.spectrum)) ** 2
-        long = min(2 * coherence.sum() / coherence[0], len(at) / (1 + np.count_nonzero(np.diff(at) > 2)))
+    at = _beginnings(at)
     halves = np.bincount(at * 2 * windows // len(used), minlength=2 * windows)
-    fullest = (halves[1:] + halves[:-1]).max() / long
-    one = _bonferroni(float(stats.poisson.logsf(fullest - 1, len(at) / long / windows)), 2 * windows)
-    return min(1.0, 2 * min(one, _in_several(at / len(used), long)))
+    fullest = (halves[1:] + halves[:-1]).max()
+    one = _bonferroni(float(stats.poisson.logsf(fullest - 1, len(at) / windows)), 2 * windows)
+    return min(1.0, 2 * min(one, _in_several(at / len(used))))
 
 
-def _in_several(at: np.ndarray, long: float) -> float:
-    """p-value of impulses at the times `at` (k,), shares of the recording, that last `long` samples each, crowding in several
-    windows: their counts spread wider than those that come at random (the index of dispersion, Fisher 1925)."""
-    windows = min(WINDOWS, int(len(at) / long) // LEAST_IMPULSES)
+def _beginnings(at: np.ndarray) -> np.ndarray:
+    """Of strong samples `at` (k,) those that count as impulses: the first of some that a receiver's band or a filter draws out,
+    but each of a burst that lasts longer than an impulse may."""
+    group = np.cumsum(np.diff(at, prepend=at[0]) > TOGETHER)
+    first, last = np.searchsorted(group, group), np.searchsorted(group, group, side="right") - 1
+    return at[(at == at[first]) | (at[last] - at[first] >= LONGEST_IMPULSE)]
+
+
+def _in_several(at: np.ndarray) -> float:
+    """p-value of impulses at the times `at` (k,), shares of the recording, crowding in several windows: their
+    counts spread wider than those that come at random (the index of dispersion, Fisher 1925)."""
+    windows = min(WINDOWS, len(at) // LEAST_IMPULSES)
     if windows < 4:
         return 1.0
-    counts = np.bincount((at * windows).astype(int), minlength=windows) / long
+    counts = np.bincount((at * windows).astype(int), minlength=windows)
     return float(stats.chi2.sf(np.sum((counts - counts.mean()) ** 2) / counts.mean(), windows - 1))
 
 

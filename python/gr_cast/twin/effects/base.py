@@ -210,7 +210,7 @@ class Family:
         return []
 
     def apart(self, scene: Scene, effect: Effect) -> tuple[Effect, ...]:
-        """Effects of several owners that may stand in the place of one."""
+        """Effects that may stand in the place of one together: of several owners, or what often comes with it."""
         return ()
 
     def forms(self, scene: Scene, effect: Effect) -> Iterable[Effect]:

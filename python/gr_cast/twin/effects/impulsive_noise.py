@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Single strong samples. Internal: ln of an impulse's power over the floor, ln of their share of samples."""
+"""Strong samples, alone or a few together where a receive filter makes an impulse last. Internal: ln of their power over the
+floor, ln of their share of samples; aux `length`: samples that an impulse lasts, whose power is the energy of them all."""
 
 from dataclasses import replace
 
@@ -8,40 +9,48 @@ from scipy.special import ive
 
 from .base import start
 from .noise_family import REMEMBERED, NoiseFamily
-from .values import NEEDED, NEEDED_POSITIVE, one_of
+from .values import NEEDED, NEEDED_POSITIVE, Value, one_of
+
+LONGEST = 8.0  # samples that an impulse may last: longer ones are bursts
+TOGETHER = 2  # samples apart, at most, that are of one impulse
 
 
 class ImpulsiveNoise(NoiseFamily):
     name = "impulsive_noise"
     parameters = {"rate_hz": NEEDED_POSITIVE, "power_db": NEEDED}
-    remembered = REMEMBERED | {"law": one_of("random", "steady")}
+    remembered = REMEMBERED | {"law": one_of("random", "steady"), "length_samples": Value(low=1.0, high=LONGEST)}
     owners = ("environment",)
     lasting = False
     scattered = True
     _strengths = 2
 
     def values(self, scene, effect, p):
-        floor = effect.aux["_floor"]
+        floor, length = effect.aux["_floor"], effect.aux.get("length", 1.0)
         return {
-            "rate_hz": float(np.exp(p[1])) * scene.sample_rate_hz,
-            "power_db": 10 * np.log10(np.exp(p[0]) * floor),
+            "rate_hz": float(np.exp(p[1])) / length * scene.sample_rate_hz,
+            "power_db": 10 * np.log10(np.exp(p[0]) * length * floor),
         }
 
     def _levels(self, scene, parameters, model, floor, rms):
-        share = parameters["rate_hz"] / scene.sample_rate_hz
-        return [np.log(10 ** (parameters["power_db"] / 10) / floor), np.log(share)]
+        length = model.get("length_samples", 1.0)
+        share = parameters["rate_hz"] * length / scene.sample_rate_hz
+        return [np.log(10 ** (parameters["power_db"] / 10) / length / floor), np.log(share)]
 
     def parse(self, scene, parameters, model):
         effect = super().parse(scene, parameters, model)
         law = {"law": model.get("law", "random"), "_level": effect.aux["_floor"]}
+        law |= {"length": model["length_samples"]} if "length_samples" in model else {}
         return replace(effect, aux=effect.aux | law)
 
     def model(self, scene, effect):
-        return super().model(scene, effect) | {"law": effect.aux["law"]}
+        lasting = {"length_samples": effect.aux["length"]} if "length" in effect.aux else {}
+        return super().model(scene, effect) | {"law": effect.aux["law"]} | lasting
 
     def added(self, scene, effect, wanted, draw):
         strength, share = effect.p
-        hit = np.abs(draw()) ** 2 > -share  # an exponential number passes −ln p with probability p
+        lasting = round(effect.aux.get("length", 1.0))
+        begins = np.abs(draw()) ** 2 > np.log(lasting) - share  # an exponential number passes −ln p with probability p
+        hit = np.convolve(begins, np.ones(lasting))[: len(begins)] > 0
         size = draw()
         if effect.aux["law"] == "steady":
             size = size / np.maximum(np.abs(size), 1e-30)
@@ -63,8 +72,19 @@ class ImpulsiveNoise(NoiseFamily):
         if share > 0.2:
             return 0.0, None
         effect = start(self, [np.log(ratio), np.log(share)], free=[False] * 2, aux={"law": law, "_level": level})
+        if (length := self._length(effect, np.where(view.use, view.energy, 0.0))) > 1.0:
+            effect.aux["length"] = length
         effect.aux["_std"] = self._spread(effect, e / level)
         return gain, effect
+
+    def _length(self, effect, energy) -> float:
+        """Samples that an impulse lasts in the mean, as many as follow each other more often than by chance."""
+        at = np.flatnonzero(self.shares(effect, energy) > 0.5)
+        together = np.diff(at) <= TOGETHER
+        apart = (1 + np.count_nonzero(~together)) / max(len(at), 1)
+        by_chance = np.exp(-TOGETHER * np.exp(effect.p[1]))
+        surely = together.sum() > 3 * np.sqrt(len(at) * (1 - by_chance)) + len(at) * (1 - by_chance)
+        return float(np.clip(by_chance / apart, 1.0, LONGEST)) if surely else 1.0
 
     def _spread(self, effect, energy, step=0.05):
         """Standard deviations of both numbers, from the curvature of ln L."""

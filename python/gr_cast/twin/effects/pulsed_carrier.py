@@ -21,6 +21,7 @@ SURPRISE_NATS = 8.0  # by which a period must stand out of the largest of as man
 TEETH = (2, 4, 16)  # harmonics of a period that are added: of long pulses few, of short ones many
 FASTEST = 0.5  # cycles per sample that a chirp sweeps in one pulse, at most
 SELDOM = 8  # times the period that was seen: of every so many pulses there may be one
+LOUDEST_SAMPLE = 3.0  # times the rms of noise, to which samples are cut: a few impulses make no train
 LOUD_NATS = 6.0  # energy over that of noise from which a block holds a pulse, may be
 MOST_PEAKS, MOST_PARTS = 16, 6  # loud blocks of a line that are set on a beat, and of how many beats two are apart
 LOUD_CELL = 4.0  # times the mean energy of noise: one loud block alone is no period
@@ -281,8 +282,10 @@ class PulsedCarrier(Family):
         return Dense(signals=np.array([turn * row for row in rows for turn in (1.0, 1j * chain.facing)]))
 
     def starts(self, view):
-        n = view.scene.span
-        for train in trains(view.scene.spread(view.residual), view.sigma2):
+        n, size = view.scene.span, np.abs(view.residual)
+        power = float(np.median(size[size > 0] ** 2)) / np.log(2) if size.any() else 1.0
+        tame = view.residual * np.minimum(1.0, LOUDEST_SAMPLE * np.sqrt(power) / np.maximum(size, 1e-300))
+        for train in trains(view.scene.spread(tame), power):
             count = self._numbers(view.scene, train)[1]
             if count >= FEWEST_PULSES and 2 * count * n <= MOST_NUMBERS and train.width < train.period / 2:
                 yield start(self, np.zeros(2 * count), prior=np.ones(2 * count), aux=vars(train).copy(), trials=float(n))

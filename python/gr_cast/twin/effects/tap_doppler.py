@@ -8,6 +8,7 @@ import numpy as np
 
 from .base import start
 from .tap import TapFamily
+from .tap_delay_error import TapDelayError
 from .tap_gain_error import TapGainError
 from .values import NEEDED, NUMBER
 
@@ -40,6 +41,10 @@ class TapDoppler(TapFamily):
         aux = {"tap": effect.aux["tap"], "held": True}
         held = start(self, [effect.p[0], 0.0], free=[True, False], aux=aux, trials=effect.trials)
         return held, start(TapGainError(), [0.0, effect.p[1]], aux=effect.aux, trials=effect.trials)
+
+    def apart(self, scene, effect):
+        """A path that turns otherwise may be at another delay too."""
+        return effect, start(TapDelayError(), [0.0], aux={"tap": effect.aux["tap"]}, trials=len(scene.taps))
 
     def mirrored(self, effect):
         return effect.moved(-effect.p)

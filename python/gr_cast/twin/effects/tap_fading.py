@@ -55,7 +55,7 @@ class TapFading(TapFamily):
         return Courses(signals=np.stack([signal, 1j * chain.facing * signal]), orders=len(effect.p) // 2, scene=scene)
 
     def starts(self, view):
-        for k in view.tap_order():
+        for k in range(len(view.scene.taps)):  # of one path too: no other family changes gain and phase at random
             for size in course_orders(view.scene):
                 yield start(
                     self,
