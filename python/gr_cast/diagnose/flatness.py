@@ -9,6 +9,7 @@ from scipy import fft as sp_fft
 from scipy import special, stats
 
 from ..twin.effects import is_coarse
+from ..twin.effects.base import at_half_the_rate
 from . import residual
 from .fit import within
 
@@ -100,11 +101,13 @@ def _own_level(e_on, n_on, e, n):
 
 
 def comes_again(fit) -> residual.Leftover:
-    """What of the residual is the same again after some time: an error in the period of a code or of a symbol."""
+    """What of the residual, without half the sample rate, is the same again after some time: an error in the period of a code
+    or of a symbol."""
     scene = fit.data.scene
     r, used = scene.spread(residual.normal(fit)), scene.spread((fit.data.use > 0).astype(float))
     size = sp_fft.next_fast_len(2 * len(r))
-    together = np.abs(sp_fft.ifft(np.abs(sp_fft.fft(r, size)) ** 2)[NEXT : len(r)]) ** 2
+    power = np.where(at_half_the_rate(sp_fft.fftfreq(size)), 0.0, np.abs(sp_fft.fft(r, size)) ** 2)
+    together = np.abs(sp_fft.ifft(power)[NEXT : len(r)]) ** 2
     pairs = sp_fft.irfft(np.abs(sp_fft.rfft(used, size)) ** 2, size)[NEXT : len(r)]
     nats = np.where(pairs > LEAST_PAIRS, together / np.maximum(pairs, 1.0), 0.0)
     k = int(np.argmax(nats)) if len(nats) else 0
