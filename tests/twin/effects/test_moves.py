@@ -156,6 +156,13 @@ def test_an_echo_has_come_nearer_where_a_later_part_begins(begins):
     assert np.abs(predicted(there, moved, delay=-begins) - want).max() < 1e-3 * np.abs(want).max()
 
 
+def test_a_relaxation_seen_late_is_not_followed_back_without_end():
+    """In the thousandth part of a recording a drift of a hundredth of a part's length tells nothing of the beginning."""
+    family, late = FAMILIES["gain_drift"], scene(250, begins=250_000)
+    whole = family.since_the_beginning(late, start(family, [1e-3, np.log(0.01)], aux={"relaxes": True}))
+    assert whole.p[0] == pytest.approx(1e-3 / 0.05) and np.isfinite(whole.aux["before"])
+
+
 def test_there_is_no_effect_of_a_transmitter_that_is_not_on_the_air():
     here, there = scene(), replace(scene(), transmitters=["tx2"])
     assert FAMILIES["lo_leakage"].moved_to(made("lo_leakage"), here, there) is None

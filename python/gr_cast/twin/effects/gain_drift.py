@@ -10,6 +10,7 @@ from .base import Multiplicity, Role, side_of, start
 from .gain_family import GainFamily
 from .values import NEEDED, POSITIVE, SIDE
 
+LONGEST_BACK = 50.0  # time constants, beyond which a relaxation is not followed back
 LATEST = 0.05  # of a relaxation that a part shows: with less, where it began cannot be told
 
 
@@ -40,11 +41,14 @@ class GainDrift(GainFamily):
             yield start(self, [0.0, np.log(tau)], aux={"relaxes": True}, trials=3)
 
     def in_time(self, scene, effect, later, longer):
-        change, tau = effect.p
-        begun, ended = self._shape(np.array([later, later + longer]), effect, effect.p)
-        there = change * min(ended - begun, longer / LATEST)
+        change, log_tau = effect.p
+        begun, gone = later, longer
+        if effect.aux.get("relaxes"):
+            tau = np.exp(log_tau)
+            back, whole = np.exp(min(-later / tau, LONGEST_BACK)), -np.expm1(-1 / tau)
+            begun, gone, log_tau = (1 - back) / whole, -back * np.expm1(-longer / tau) / whole, log_tau - np.log(longer)
         aux = {**effect.aux, "before": effect.aux.get("before", 0.0) + change * float(begun)}
-        return replace(effect, p=np.array([there, tau - np.log(longer) if effect.aux.get("relaxes") else tau]), aux=aux)
+        return replace(effect, p=np.array([change * min(gone, longer / LATEST), log_tau]), aux=aux)
 
     def values(self, scene, effect, p):
         tau_s = float(np.exp(np.clip(p[1], -12, 8))) * scene.duration_s if effect.aux.get("relaxes") else None
