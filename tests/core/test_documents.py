@@ -189,7 +189,7 @@ def test_documents_without_numbers_in_disguise_are_read_as_pyyaml_reads_them(tmp
     assert documents.yaml_file(written(tmp_path, text)).document == yaml.safe_load(text)
 
 
-@pytest.mark.parametrize("name", ["rx1", "1", "Node 1", "tx_2.left", "größe", "a+b (2)", "x" * 128])
+@pytest.mark.parametrize("name", ["rx1", "1", "Node 1", "tx_2.left", "größe", "a+b (2)", "tx@lab:1", "x" * 128])
 def test_a_name_of_a_node_can_be_a_name_of_a_file(tmp_path, name):
     assert files.is_name(name)
     (tmp_path / f"{name}.sigmf-meta").touch()
@@ -202,3 +202,8 @@ def test_a_name_of_a_node_can_be_a_name_of_a_file(tmp_path, name):
 def test_a_name_that_leads_elsewhere_is_none(name):
     assert not files.is_name(name)
     assert files.is_inside(name) == (name == "a/b")
+
+
+def test_a_file_may_be_told_from_the_folder_that_it_lies_in():
+    assert files.is_inside("./recording") and files.is_inside("part/recording")
+    assert not files.is_inside("./../x") and not files.is_inside("a//b") and not files.is_inside("./.")

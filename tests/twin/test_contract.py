@@ -123,7 +123,7 @@ def test_all_faults_of_all_entries_come_at_once_with_their_place(tmp_path):
         ("diffuse_tail", {"model": {}}, "effects[0].model.taps: is missing"),
         ("front_end_filter", {"model": {"taps": [0.1]}}, "needs Re and Im"),
         ("second_transmitter", {"parameters": {"code": "w9", "delay_s": 0.0, "gain_db": 0.0}}, "got 'w9', needs one of w1, w2"),
-        ("extra_path", {"parameters": {"delay_s": 5.0, "gain_db": 0.0}}, "in -4.1943 to 4.1943"),
+        ("extra_path", {"parameters": {"delay_s": 50.0, "gain_db": 0.0}}, "in -33.5544 to 33.5544"),
         ("tap_fading", {"parameters": {"delay_s": 0.0, "k_factor_db": 9.0, "doppler_spread_hz": 1e9}}, "in 0 to 2e+06"),
     ],
 )  # fmt: skip

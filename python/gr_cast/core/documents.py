@@ -96,7 +96,7 @@ class Reader:
     def version(self, key: str, version: int) -> None:
         """The document names its format's version under `key`."""
         value = self.document.get(key)
-        if type(value) is not int or value != version:
+        if not is_number(value) or value != version:
             self.faults.add(key, f"got {short(value)}, needs {version}: the version of this format")
 
     def number(self, value, place: str, unit: str = "", low: float = -math.inf, high: float = math.inf) -> float:

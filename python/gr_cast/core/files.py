@@ -12,19 +12,19 @@ from pathlib import Path
 from .errors import CastError
 
 _ASIDE = ".aside-"
-_NAME = re.compile(r"\w[\w .+#()-]*")
+_NAME = re.compile(r"\w[^/\\>]*")
 LONGEST_NAME = 128  # bytes in UTF-8: suffixes and marks still fit into the 255 of a file system
-NAME_RULE = f"letters, digits, space and _ . + - # ( ), a letter or digit first, at most {LONGEST_NAME} bytes"
+NAME_RULE = f"a letter, digit or _ first, then any character but / \\ >, at most {LONGEST_NAME} bytes"
 
 
 def is_name(text: str) -> bool:
     """Whether a text can name a node, a recording, an id: whatever becomes one step of a path. The rule: NAME_RULE."""
-    return _NAME.fullmatch(text) is not None and len(text.encode()) <= LONGEST_NAME
+    return _NAME.fullmatch(text) is not None and text.isprintable() and len(text.encode()) <= LONGEST_NAME
 
 
 def is_inside(name: str) -> bool:
     """Whether a name, with folders before it perhaps, stays inside the folder that it is put behind."""
-    return all(is_name(step) for step in name.split("/"))
+    return all(is_name(step) for step in name.removeprefix("./").split("/"))
 
 
 def is_file(path: Path) -> bool:

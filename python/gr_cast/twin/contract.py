@@ -9,7 +9,7 @@ from .effects import FAMILIES, NAMED, Value
 
 KEYS = {"family", "owner", "where", "parameters", "evidence", "confidence", "sentence", "model"}
 MEASURED = ("gain_db", "noise_power_db")  # of the model of every family: what a diagnosis measured, by recording
-LONGEST_DELAY = 1 << 22  # samples by which a signal may be late: so much of it is held at once
+LONGEST_DELAY = 1 << 25  # samples by which a signal may be late: two paths so far apart take half a gigabyte
 LONGEST_LIST = 1 << 16  # numbers of a model
 
 
