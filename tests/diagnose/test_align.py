@@ -137,3 +137,14 @@ def test_a_weak_waveform_of_which_stretches_are_known_is_not_taken_for_its_mirro
     y = np.where(np.isnan(sent), noise(rng, 24_000), sent)
     case = sent_once(tmp_path, y + noise(rng, 24_000, 10**0.65), sent)
     assert align.locate(case, case.observations[0]) == (0, False)
+
+
+@pytest.mark.parametrize("inverted", [False, True])
+@pytest.mark.parametrize("carrier", [-0.1, 0.065])
+def test_a_waveform_that_is_sent_once_is_found_under_a_carrier_of_a_tenth_of_the_rate(burst, carrier, inverted):
+    rng = np.random.default_rng(8)
+    x = noise(rng, 12_000)
+    y = noise(rng, 12_500, 0.1)
+    y[137 : 137 + len(x)] += x * np.exp(2j * np.pi * carrier * np.arange(len(x)))
+    found = burst(np.conj(y) if inverted else y, x)
+    assert align.locate(found, found.observations[0]) == (137, inverted)

@@ -109,3 +109,24 @@ def test_another_frame_of_the_same_kind_is_not_the_twins(tmp_path):
 def test_a_waveform_that_is_the_same_at_every_delay_is_not_called_absent():
     tone = np.exp(2j * np.pi * 0.1 * np.arange(COUNT))
     assert _look(tone + noise(np.random.default_rng(1), COUNT, 0.1), tone, 10).there
+
+
+@pytest.mark.parametrize("wave", ["noise", "ofdm"])
+def test_another_signal_of_the_same_amplitudes_is_not_there(wave):
+    rng = np.random.default_rng(3)
+    sent = WAVES[wave][0](rng)
+    phases = np.exp(2j * np.pi * rng.uniform(size=COUNT))
+    assert not _look(np.conj(sent), sent, 0).there
+    assert not _look(np.abs(sent) * phases + noise(rng, COUNT, 0.1), sent, 0).there
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_short_frame_of_pulses_is_there_and_one_with_other_bits_is_not(seed):
+    """112 bits by the place of a pulse, two samples each, as of a transponder, 10 dB above what is left of it."""
+    rng = np.random.default_rng(seed)
+    bits, others = rng.integers(0, 2, (2, 112))
+    frame, other = (np.stack([b, 1 - b], 1).ravel() * (1 + 0j) for b in (bits, others))
+    turn = np.exp(2j * np.pi * rng.uniform(-0.05, 0.05) * np.arange(224))
+    left = noise(rng, 224, 0.5**0.5 / 10**0.5)
+    assert _look(frame * turn + left, frame, 0).there
+    assert not _look(other * turn + left, frame, 0).there

@@ -28,6 +28,8 @@ LEAST_GATHERED = 4000  # samples of a recording of which some are left out
 MOSTLY = 0.7  # share of the samples from which on none is left out
 LONGEST_SCAN = 1 << 21  # samples in which a waveform that is shorter than the recording is looked for
 MARGIN = 64  # samples kept around what is known of a short recording
+LONGEST_FAST = 1 << 16  # samples, of recording and waveform, up to which a waveform that is sent once is looked for fast turning
+FAST = (-0.03, 0.03, -0.06, 0.06, -0.09, 0.09)  # carriers in cycles per sample, each of which finds those beside it
 EDGE = 24  # samples at either end that a filter's memory makes uncertain
 
 
@@ -183,9 +185,22 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
         find = delays.of_repeated if sources[0].repeat else delays.of_sent_once
         found = [find(signal, sources, taps, rate) for signal in signals]
     period = len(sources[0].samples) if sources[0].repeat else 0
-    options = [(s, *_sent_at(sources, taps, rate, d, n)) for s, d in zip(signals, found, strict=True)]
-    best = presence.likelier(options, period, period or n + len(sources[0].samples))
-    return found[best] - low, best == 1
+    tried = period or n + len(sources[0].samples)
+
+    def likelier(signals, found) -> int | None:
+        return presence.likelier(
+            [(s, *_sent_at(sources, taps, rate, d, n)) for s, d in zip(signals, found, strict=True)], period, tried
+        )
+
+    best = likelier(signals, found)
+    for carrier in FAST if best is None and not period and tried <= LONGEST_FAST else ():
+        turned = [s * np.exp(-2j * np.pi * carrier * np.arange(n)) for s in signals]
+        elsewhere = [delays.of_sent_once(s, sources, taps, rate) for s in turned]
+        best = likelier(turned, elsewhere)
+        if best is not None:
+            found = elsewhere
+            break
+    return found[best or 0] - low, best == 1
 
 
 def _sent_at(sources, taps, rate: float, delay: int, n: int):
@@ -201,12 +216,12 @@ def _sent_at(sources, taps, rate: float, delay: int, n: int):
     return np.array(signals), known.astype(float)
 
 
-def delays_looked_at(case, observation) -> tuple[int, int]:
-    """The first and the last delay, in samples, at which `locate` looks for what is sent."""
-    lengths = [len(case.waveforms[w].samples) for w, _ in observation.on_air.values()]
+def looked_at(case, observation) -> tuple[tuple[int, int], float]:
+    """((first, last) delay in samples, widest carrier in cycles per sample) at which `locate` looks for what is sent."""
+    length, n = max(len(case.waveforms[w].samples) for w, _ in observation.on_air.values()), len(observation.samples)
     if _looped(_on_air(case, observation)[0]):
-        return 0, max(lengths) - 1
-    return 1 - max(lengths), len(observation.samples) - 1
+        return (0, length - 1), 1 / (2 * delays.SHORTEST)
+    return (1 - length, n - 1), FAST[-1] if n + length <= LONGEST_FAST else 1 / 80
 
 
 def _told_inverted(case, observation) -> bool:

@@ -15,6 +15,7 @@ from scipy import fft as sp_fft
 from scipy import special
 
 from ..twin.effects import Role, plays
+from ..twin.scene import reach
 from . import offsets
 from .residual import Leftover
 
@@ -59,7 +60,7 @@ def judge(data, model) -> Presence:
     y, effects = scene.spread(data.y), model.effects
     if model.inverted:  # oscillators are in front of the inversion
         y, effects = np.conj(y), tuple(e for e in effects if not plays(e, Role.ORIENTATION))
-    inside = scene.spread(((data.use > 0) | data.vault).astype(float))
+    inside = scene.spread(reach(scene, 0, int(np.ceil(max(p.delay for p in scene.taps)))).astype(float))
     signals = np.array([scene.spread(s) for s in offsets.sent(scene, model.base, effects)])
     source = scene.sources[0]
     period = len(source.samples) if source.repeat else 0
@@ -77,15 +78,17 @@ def look(y, signals, inside, period: int = 0, tried: int = 1) -> Presence:
     return best
 
 
-def likelier(options, period: int, tried: int) -> int:
-    """Which of several (recording, what is sent, 1 where a sample counts) holds most, measured alike; the first one, unless
-    another holds clearly more."""
+def likelier(options, period: int, tried: int) -> int | None:
+    """Which of several (recording, what is sent, 1 where a sample counts) holds most, measured alike: the first one, unless
+    another holds clearly more; None where none holds more than chance."""
     for length in LENGTHS:
         nats = [_look(*option, period, tried, length, np.inf).nats for option in options]
         if max(nats) > PRESENT_NATS:
             break
     best = int(np.argmax(nats))
-    return best if nats[best] > max(PRESENT_NATS, LIKELIER * nats[0] + PRESENT_NATS) else 0
+    if nats[best] <= PRESENT_NATS:
+        return None
+    return best if nats[best] > LIKELIER * nats[0] + PRESENT_NATS else 0
 
 
 def _look(y, signals, inside, period: int, tried: int, length: int, sure: float) -> Presence:
@@ -98,9 +101,8 @@ def _look(y, signals, inside, period: int, tried: int, length: int, sure: float)
     others = [_unlike(signals, inside, delays) for delays in others]
     delays = np.concatenate([near, *others])
     pieces = [_pieces(y, s, inside, delays) for s in signals]
-    energy = np.mean([under for *_, under in pieces], axis=0)
-    overlap = np.mean([sent.sum(1) for _, sent, _ in pieces], axis=0)
-    heard = (overlap > LEAST_OVERLAP * overlap.max()) & (energy > 0)
+    overlap, met = (np.mean([energies[k].sum(1) for _, energies in pieces], axis=0) for k in (0, 1))
+    heard = (overlap > LEAST_OVERLAP * overlap.max()) & (met > 0)
     edges = len(near) + np.cumsum([0, *map(len, others)])
     elsewhere = [at for a, b in zip(edges, edges[1:], strict=False) if len(at := a + np.flatnonzero(heard[a:b])) >= LEAST_NULLS]
     if not elsewhere:  # there is nothing that it could be compared with
@@ -108,11 +110,8 @@ def _look(y, signals, inside, period: int, tried: int, length: int, sure: float)
     best, count = Presence(nats=-np.inf), pieces[0][0].shape[1]
     lengths = sorted({min(GROWTH**k, count) for k in range(1, 2 + int(np.ceil(np.log(count) / np.log(GROWTH))))})
     for together in lengths:
-        explained, gains = 0.0, 0.0
-        for products, sent, _ in pieces:
-            level, number = _added(products, sent, together)
-            explained, gains = explained + level, gains + number
-        share = explained / np.maximum(energy, 1e-300)[:, None]
+        explained, most, gains = (sum(parts) for parts in zip(*(_added(*piece, together) for piece in pieces), strict=True))
+        share = explained / np.maximum(most, 1e-300)[:, None]
         trials = np.log(tried * share.shape[1] * len(lengths) * 2.0)  # both orientations
         here = np.where(heard[: len(near), None], share[: len(near)], 0.0)
         nats = _nats(here, [share[at] for at in elsewhere], gains) - trials
@@ -136,11 +135,14 @@ def _fullest(y, signals, inside, length: int):
 
 
 def _on_air(y, signals, inside):
-    """The stretch from the first to the last sample that is sent: within it other delays meet the same recording."""
+    """The stretch from the first to the last sample that is sent, in which other delays meet the same recording; what is sent
+    without its mean there, for any signal with a carrier would explain that as much."""
     power = (np.abs(signals) ** 2).sum(0) * inside
     sent = np.flatnonzero(power > SILENT * np.mean(power))
     at = slice(sent[0], sent[-1] + 1) if len(sent) else slice(0, 0)
-    return y[at], signals[:, at], inside[at]
+    y, signals, inside = y[at], signals[:, at], inside[at]
+    mean = (signals * inside).sum(1) / max(inside.sum(), 1.0)
+    return y, signals - np.outer(mean, inside), inside
 
 
 def _delays(n: int, period: int):
@@ -167,31 +169,37 @@ def _unlike(signals, inside, delays) -> np.ndarray:
 
 
 def _pieces(y, sent, inside, delays):
-    """((delays, pieces) sums of recording × waveform*, energy of the waveform in each, (delays,) energy of the recording under
-    the waveform)."""
-    count = len(y) // PIECE
+    """((delays, pieces) sums of recording × waveform*; (3, delays, pieces) energy of the waveform in each, of the products, and
+    samples that are no silence)."""
+    count, y = len(y) // PIECE, y * inside
     loud = np.abs(sent) ** 2 > SILENT * np.mean(np.abs(sent) ** 2)
-    power, y = np.abs(y * inside) ** 2, y * inside
-    products, energy, under = np.empty((len(delays), count), complex), np.empty((len(delays), count)), np.empty(len(delays))
+    products, energies = np.empty((len(delays), count), complex), np.empty((3, len(delays), count))
     for i, d in enumerate(delays):
         moved = np.roll(sent, d)
-        products[i] = (y * np.conj(moved))[: count * PIECE].reshape(count, PIECE).sum(1)
-        energy[i] = (np.abs(moved) ** 2 * inside)[: count * PIECE].reshape(count, PIECE).sum(1)
-        under[i] = power[np.roll(loud, d)].sum()
-    return products, energy, under
+        product = y * np.conj(moved)
+        for row, x in (
+            (products, product),
+            (energies[0], np.abs(moved) ** 2 * inside),
+            (energies[1], np.abs(product) ** 2),
+            (energies[2], np.roll(loud, d) * inside),
+        ):
+            row[i] = x[: count * PIECE].reshape(count, PIECE).sum(1)
+    return products, energies
 
 
-def _added(products, energy, together: int):
-    """((delays, carriers) energy that the waveform explains with a gain for every `together` pieces, number of gains)."""
+def _added(products, energies, together: int):
+    """((delays, carriers) energy that the waveform explains with a gain for every `together` pieces; (delays,) the most that it
+    can, whose share is that of random phases whatever the amplitudes of both; number of gains)."""
     delays, count = products.shape
     groups = -(-count // together)
     fill = ((0, 0), (0, groups * together - count))
     size = sp_fft.next_fast_len(2 * together)
-    level = np.pad(energy, fill).reshape(delays, groups, together).sum(2)
-    heard = level > SILENT * level.mean(1, keepdims=True)
-    weight = heard / np.where(heard, level, 1.0)
+    sent, met, loud = (np.pad(e, fill).reshape(delays, groups, together).sum(2) for e in energies)
+    heard = sent > SILENT * sent.mean(1, keepdims=True)
+    weight = heard / np.where(heard, sent, 1.0)
     sums = sp_fft.fft(np.pad(products, fill).reshape(delays, groups, together), size, axis=2)
-    return np.einsum("dgk,dg->dk", sums.real**2 + sums.imag**2, weight), max(1.0, float(heard.sum(1).mean()))
+    explained = np.einsum("dgk,dg->dk", sums.real**2 + sums.imag**2, weight)
+    return explained, (met * loud * weight).sum(1), max(1.0, float(heard.sum(1).mean()))
 
 
 def _nats(here, elsewhere, gains: float) -> np.ndarray:
@@ -210,11 +218,12 @@ def _nats(here, elsewhere, gains: float) -> np.ndarray:
     return known * np.log1p(rate / known)
 
 
-def statement(scene, delays: tuple[int, int]) -> Leftover:
-    """What is said of a recording that holds nothing of the waveform: it was looked for at these delays, in samples."""
+def statement(scene, delays: tuple[int, int], widest: float) -> Leftover:
+    """What is said of a recording that holds nothing of the waveform: it was looked for at these delays, in samples, and with
+    carriers up to the widest, in cycles per sample."""
     rate = scene.sample_rate_hz
     first, last = (d / rate for d in delays)
-    edge = rate / (2 * PIECE)
+    edge = widest * rate
     where = {
         "signal_absent": True,
         "sentence": "The twin's waveform is not in this recording, or too weak to be told from chance: at no delay, no carrier "

@@ -118,7 +118,7 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
 def _absent(case, part, data, fit: Fit, twin: Fit, stds: dict) -> Finding:
     """What a recording says in which the twin's waveform is not: what was read off its samples, and that."""
     model = replace(fit.model, effects=tuple(e for e in fit.model.effects if not plays(e, Role.ORIENTATION)))
-    left = [presence.statement(data.scene, align.delays_looked_at(case, part))]
+    left = [presence.statement(data.scene, *align.looked_at(case, part))]
     fit = _without_fine_quantiser(refit(data, model) if model.effects != fit.model.effects else fit)
     return Finding(observation=part, scene=data.scene, data=data, twin=twin, fit=fit, stds=stds, left=left, absent=True)
 
