@@ -184,6 +184,8 @@ def _play_live(twin, ports: list[str], conditions: Conditions) -> None:
     ended = threading.Event()
     with interrupts.heeded(ended.set):
         emulation.run_until(ended)
+    for node, count in emulation.not_finite.items():
+        print(f"warning: {node}: {count} samples that came were NaN or infinite, taken as 0", file=sys.stderr)
 
 
 def _count(twin, observation, args, conditions) -> int:

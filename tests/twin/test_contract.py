@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from gr_cast.core.errors import CastError
@@ -108,7 +109,7 @@ def test_all_faults_of_all_entries_come_at_once_with_their_place(tmp_path):
         "sample_rate_hz: got -1.0", "center_frequency_hz: got True", "effects[0].parameters: unknown key 'offset'",
         "effects[1].owner.level: got 'receiver', needs one of rx", "effects[2].owner.name: got 'rx9'",
         "effects[2].parameters.level_dbc.std: got -1.0", "effects[3].owner.level: got 'link'",
-        "effects[4].parameters.gain_db: got 5000.0, needs a finite number of dB in -1000 to 1000",
+        "effects[4].parameters.gain_db: got 5000.0, needs a finite number of dB in -400 to 400",
         "effects[5].model: unknown key 'lowest'", "effects[5].model.taps[1]: got nan", "effects[6].family: got 'magic'",
     ):  # fmt: skip
         assert place in text, text
@@ -123,6 +124,7 @@ def test_all_faults_of_all_entries_come_at_once_with_their_place(tmp_path):
         ("diffuse_tail", {"model": {}}, "effects[0].model.taps: is missing"),
         ("front_end_filter", {"model": {"taps": [0.1]}}, "needs Re and Im"),
         ("second_transmitter", {"parameters": {"code": "w9", "delay_s": 0.0, "gain_db": 0.0}}, "got 'w9', needs one of w1, w2"),
+        ("power_supply_hum", {"model": {"depth_2": 0.1}}, "needs depth_k and phase_k_rad"),
         ("extra_path", {"parameters": {"delay_s": 50.0, "gain_db": 0.0}}, "in -33.5544 to 33.5544"),
         ("tap_fading", {"parameters": {"delay_s": 0.0, "k_factor_db": 9.0, "doppler_spread_hz": 1e9}}, "in 0 to 2e+06"),
     ],
@@ -157,3 +159,15 @@ def test_both_programs_refuse_a_twin_by_the_same_check_and_write_nothing(tmp_pat
     done = subprocess.run([sys.executable, APPS / words[0], *words[1:]], capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 2 and "effects[0].parameters: unknown key 'offset'" in done.stderr, done.stderr
     assert "Traceback" not in done.stderr and not list(tmp_path.glob("out/*"))
+
+
+def test_levels_that_no_sample_can_have_are_refused_before_one_is_written(tmp_path):
+    case = read_twin(
+        written(
+            tmp_path, [entry("lo_leakage", parameters={"level_dbc": 400.0}), entry("dc_offset", parameters={"level_dbc": 399.0})]
+        )
+    )
+    assert np.isfinite(Playback(case, case.observations[0], 100, Conditions()).samples()).all()
+    loud = Conditions(gain_db=500.0, noise_power_db=-np.inf)
+    with pytest.raises(CastError, match="levels of lo_leakage, dc_offset are too large"):
+        Playback(case, case.observations[0], 100, loud).samples()

@@ -304,6 +304,24 @@ def test_live_samples_meet_the_same_twin_however_they_are_scheduled(tmp_path, mo
     assert np.abs(got - want).max() < 1e-5
 
 
+def test_what_a_live_peer_sends_that_is_no_number_is_counted_and_taken_as_nothing(tmp_path):
+    from gnuradio import blocks, gr
+    from gr_cast.blocks.twin import TwinReceiver
+
+    case = read_twin(twin(tmp_path / "twin", []))
+    sent = np.tile(X, 100).astype(np.complex64)
+    sent[[700, 701, 40_000]] = complex(np.nan, 0), complex(0, np.inf), complex(np.inf, np.nan)
+    got = []
+    for samples in (sent, np.where(np.isfinite(sent), sent, 0)):
+        top = gr.top_block(catch_exceptions=False)
+        receiver, sink = TwinReceiver(case, case.observations[0], ("tx1",), Conditions(seed=4)), blocks.vector_sink_c()
+        top.connect(blocks.vector_source_c(samples, False), receiver, sink)
+        top.run()
+        got.append(np.array(sink.data()))
+        assert receiver.finite["tx1"].count == np.sum(~np.isfinite(samples))
+    np.testing.assert_array_equal(*got)
+
+
 def test_ports_bring_what_is_sent_and_take_what_is_received(tmp_path):
     path = twin(tmp_path / "twin", [ALL[0], ALL[7]])
     recording.write(tmp_path / "sent", np.tile(X, 200), sample_rate_hz=RATE_HZ)

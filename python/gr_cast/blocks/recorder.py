@@ -7,6 +7,7 @@ from gnuradio import gr
 
 from ..core.errors import CastError
 from ..signals.recording import data_path, meta_path, metadata, sha512_of, write_metadata
+from .finite import FiniteSamples
 
 _ITEM = {"cf32_le": np.complex64, "ci16_le": np.dtype((np.int16, 2))}
 _TIME = pmt.intern("rx_time")
@@ -28,12 +29,13 @@ class _Writer(gr.sync_block):
         self._captures = captures
         self._sample_rate_hz = sample_rate_hz
         self._on_gap = on_gap
-        self.not_finite = 0
-        self.first_not_finite = None  # sample
+        self.finite = FiniteSamples()
         self._mark = None  # (sample, whole seconds, fraction) of the newest rx_time
 
     def work(self, input_items, output_items):
-        samples = self._finite(input_items[0])
+        samples = input_items[0]
+        if samples.dtype.kind == "c":
+            samples = self.finite.of(samples, self.nitems_read(0))
         try:
             left = samples.reshape(-1).view(np.uint8).data
             while left:
@@ -50,19 +52,6 @@ class _Writer(gr.sync_block):
             self.file.truncate(self.nitems_read(0) * self._item_bytes)
             return _DONE
         return len(samples)
-
-    def _finite(self, samples: np.ndarray) -> np.ndarray:
-        if samples.dtype.kind != "c":
-            return samples
-        with np.errstate(all="ignore"):
-            if np.isfinite(np.sum(samples.view(np.float32))):  # one that is not would make the sum none
-                return samples
-        bad = ~np.isfinite(samples)
-        if bad.any():
-            if self.first_not_finite is None:
-                self.first_not_finite = self.nitems_read(0) + int(np.argmax(bad))
-            self.not_finite += int(bad.sum())
-        return np.where(bad, np.complex64(0), samples)
 
     def _time(self, sample: int, seconds: int, fraction: float) -> None:
         if self._mark is None:
@@ -116,7 +105,7 @@ class SigmfRecorder:
     @property
     def not_finite(self) -> int:
         """How many were NaN or infinite, and are 0 in the recording."""
-        return self._writer.not_finite
+        return self._writer.finite.count
 
     def _write(self, **more) -> None:
         write_metadata(self.stem, metadata(captures=self.captures, fields=self._fields | more, **self._about))
@@ -131,7 +120,7 @@ class SigmfRecorder:
             return
         more = {"core:sha512": sha512_of(data_path(self.stem))}
         if self.not_finite:
-            more |= {"cast:not_finite_samples": self.not_finite, "cast:first_not_finite": self._writer.first_not_finite}
+            more |= {"cast:not_finite_samples": self.not_finite, "cast:first_not_finite": self._writer.finite.first}
         self._write(**more)
         if self._writer.failure:
             self._writer.failure.filename = str(data_path(self.stem))

@@ -9,6 +9,7 @@ from gnuradio import gr
 from ..core.errors import CastError, Faults
 from ..twin.document import Case, Observation
 from ..twin.playback import Conditions, Grid, Playback, Tape
+from .finite import FiniteSamples
 from .ports import Port, connect_sink, source_block
 from .recorder import SigmfRecorder
 
@@ -31,6 +32,7 @@ class TwinReceiver(gr.basic_block):
         if missing:
             raise CastError(f"{observation.name}: {', '.join(missing)}: not on the air, {', '.join(observation.on_air)} are")
         self.tapes = [Tape() for _ in live]
+        self.finite = {tx: FiniteSamples() for tx in live}
         told = {**conditions.__dict__, "transmit": {**conditions.transmit, **dict(zip(live, self.tapes, strict=True))}}
         count = round(COURSE_S * case.sample_rate_hz)
         self.playback = Playback(case, observation, count, Conditions(**told), LIVE_GRID)
@@ -50,8 +52,8 @@ class TwinReceiver(gr.basic_block):
 
     def general_work(self, input_items, output_items):
         if not (len(self._left) or self._is_ready):
-            for i, tape in enumerate(self.tapes):
-                tape.push(input_items[i])
+            for i, (tape, finite) in enumerate(zip(self.tapes, self.finite.values(), strict=True)):
+                tape.push(finite.of(input_items[i], self.nitems_read(i)))
                 self.consume(i, len(input_items[i]))
         if not len(self._left) and self._is_ready:
             self._left = self.playback.block(self._next)
@@ -94,6 +96,12 @@ class TwinEmulation(gr.top_block):
             for i, tx in enumerate(live):
                 self.connect(sources[tx], (receiver, i))
             self._blocks += [receiver, connect_sink(self, receiver, 0, port, None, case.sample_rate_hz)]
+
+    @property
+    def not_finite(self) -> dict[str, int]:
+        """Transmitter to how many of its samples were NaN or infinite, and were taken as 0."""
+        receivers = [block for block in self._blocks if isinstance(block, TwinReceiver)]
+        return {tx: found.count for block in receivers for tx, found in block.finite.items() if found.count}
 
     def run_until(self, ended: threading.Event) -> None:
         """Run until every finite source has ended, or `ended` is set."""

@@ -10,6 +10,7 @@ from .effects import FAMILIES, NAMED, Value
 KEYS = {"family", "owner", "where", "parameters", "evidence", "confidence", "sentence", "model"}
 MEASURED = ("gain_db", "noise_power_db")  # of the model of every family: what a diagnosis measured, by recording
 LONGEST_DELAY = 1 << 25  # samples by which a signal may be late: two paths so far apart take half a gigabyte
+MOST_DB = 400.0  # up or down: beyond all receivers, and still a number once it is squared
 LONGEST_LIST = 1 << 16  # numbers of a model
 
 
@@ -127,7 +128,7 @@ def _limits(name: str, value: Value, known: Known) -> tuple[str, float, float]:
             (unit, most)
             for ends, unit, most in (
                 (("delay_s", "error_s"), "s", late_s),
-                (("_db", "_dbc"), "dB", 1e3),
+                (("_db", "_dbc"), "dB", MOST_DB),
                 (("_hz_per_s",), "Hz/s", 1e12),
                 (("_hz",), "Hz", 2 * known.rate_hz),
                 (("_s",), "s", 1e9),

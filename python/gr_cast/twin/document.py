@@ -12,7 +12,7 @@ import numpy as np
 from ..core.documents import Reader, short, yaml_file
 from ..core.errors import CastError
 from ..signals import codes, recording
-from .contract import LONGEST_DELAY, Known, check_effects
+from .contract import LONGEST_DELAY, MOST_DB, Known, check_effects
 
 VERSION = 1
 LONGEST_IN_MEMORY = 1 << 22  # samples; longer files stay on disk and are read in parts
@@ -245,7 +245,7 @@ def _links(get: Reader, nodes: dict, rate: float) -> dict[tuple[str, str], Link]
 def _tap(get: Reader, entry, place: str, rate: float) -> Tap:
     entry = get.keys(entry, place, {"delay_s", "gain_db", "phase_rad", "doppler_hz"}, ("delay_s",))
     limits = (
-        ("delay_s", "s", 0.0, LONGEST_DELAY / rate), ("gain_db", "dB", -1e3, 1e3), ("phase_rad", "rad", -1e6, 1e6),
+        ("delay_s", "s", 0.0, LONGEST_DELAY / rate), ("gain_db", "dB", -MOST_DB, MOST_DB), ("phase_rad", "rad", -1e6, 1e6),
         ("doppler_hz", "Hz", -rate, rate),
     )  # fmt: skip
     return Tap(**{key: get.number(entry.get(key, 0.0), f"{place}.{key}", unit, low, high) for key, unit, low, high in limits})
@@ -326,5 +326,5 @@ def _noise(get: Reader, nodes) -> dict[str, float]:
         _named(get, name, place, nodes, "nodes")
         entry = get.keys(entry, place, {"power_db"}, ("power_db",))
         if "power_db" in entry:
-            noise[name] = get.number(entry["power_db"], f"{place}.power_db", "dB", -1e3, 1e3)
+            noise[name] = get.number(entry["power_db"], f"{place}.power_db", "dB", -MOST_DB, MOST_DB)
     return noise

@@ -195,7 +195,13 @@ class Playback:
         if self._held[0] != k:
             end = self.grid.end
             chain = predict(self._at(k * self.grid.step - end), self.model, self._noise)
-            self._held = (k, chain.y[end:-end].astype(np.complex64))
+            with np.errstate(over="ignore"):
+                self._held = (k, chain.y[end:-end].astype(np.complex64))
+            if not np.isfinite(self._held[1]).all():
+                families = ", ".join(dict.fromkeys(entry["family"] for _, entry in self.entries))
+                raise CastError(
+                    f"{self.observation.name}: samples beyond any number: levels of {families or 'the taps'} are too large"
+                )
         return self._held[1]
 
     def needs(self, k: int) -> tuple[int, int]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from .base import Multiplicity, Role, side_of, start
 from .gain_family import GainFamily
-from .values import NEEDED, POSITIVE, SIDE
+from .values import NEEDED, POSITIVE, SIDE, Value
 
 LONGEST_BACK = 50.0  # time constants, beyond which a relaxation is not followed back
 LATEST = 0.05  # of a relaxation that a part shows: with less, where it began cannot be told
@@ -18,7 +18,7 @@ class GainDrift(GainFamily):
     name = "gain_drift"
     sizes = (0,)
     parameters = {"total_db": NEEDED, "time_constant_s": POSITIVE}
-    remembered = {"at": SIDE, "duration_s": POSITIVE}
+    remembered = {"at": SIDE, "duration_s": Value(low=1e-9)}
     role = Role.DRIFT
     owners = ("rx", "tx")
     multiplicity = Multiplicity.ONE

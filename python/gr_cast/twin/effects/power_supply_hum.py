@@ -51,6 +51,11 @@ class PowerSupplyHum(GainFamily):
     def values(self, scene, effect, p):
         return {"frequency_hz": abs(p[2]) / scene.duration_s, "depth": float(np.hypot(p[0], p[1]))}
 
+    def contradiction(self, parameters, model):
+        told = [k for k in MOST if f"depth_{k}" in model or f"phase_{k}_rad" in model]
+        whole = told == [*MOST][: len(told)] and all({f"depth_{k}", f"phase_{k}_rad"} <= {*model} for k in told)
+        return None if whole else "model: needs depth_k and phase_k_rad of every harmonic from 2 on"
+
     def parse(self, scene, parameters, model):
         m, cycles = parameters["depth"], parameters["frequency_hz"] * scene.duration_s
         p, at, k = [], np.pi * cycles, 1
