@@ -395,3 +395,12 @@ def test_a_path_at_another_delay_that_turns_otherwise_is_told_by_its_delay_and_i
     error, doppler = said(document, "tap_delay_error", "error_s"), said(document, "tap_doppler", "doppler_hz")
     assert error["value"] == pytest.approx(0.4 / RATE_HZ, abs=4 * error["std"] + 0.02 / RATE_HZ)
     assert doppler["value"] == pytest.approx(1.7 * RATE_HZ / len(world.n), abs=4 * doppler["std"])
+
+
+def test_an_image_far_below_a_radios_usual_one_is_told_where_the_data_carry_it(world, tmp_path):
+    world.noise_rms = 1e-4
+    y = world.clean() * np.exp(2j * np.pi * 2.3 * world.n / len(world.n))  # a carrier turns the signal against its image
+    beta = 10 ** (-62 / 20) * np.exp(1j)
+    document = run(world, tmp_path, world.noisy(y + beta * np.conj(y)))
+    assert sorted(named(document)) == ["carrier_frequency_offset", "iq_imbalance"]
+    assert said(document, "iq_imbalance", "image_rejection_db")["value"] == pytest.approx(62.0, abs=1.0)

@@ -546,7 +546,8 @@ def _adding(fit: Fit, effect: Effect) -> list[Model]:
         models.append(joined)
     if FAMILIES[effect.family].band(effect):
         models += [m.adding(effect) for m in _filter_as_sent(fit)]
-    if own := FAMILIES[effect.family].apart(fit.data.scene, effect):
+    own = FAMILIES[effect.family].apart(fit.data.scene, effect)
+    if own and not any(claim_the_same(e, other) for e in own for other in fit.model.found):
         models.append(functools.reduce(Model.adding, own, fit.model))
     return models
 

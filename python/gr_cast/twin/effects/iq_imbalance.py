@@ -9,7 +9,7 @@ import numpy as np
 from .base import RX_IQ, TX_IQ, Family, complex_pair, db, start
 from .values import NUMBER
 
-WEAKEST = 10 ** (-55 / 20)  # no radio is balanced better, and no model of its other parts is as good
+WEAKEST = 10 ** (-75 / 20)  # no radio is balanced better, whatever the data would carry
 STRONGEST = 10 ** (-10 / 20)  # nothing that calls itself a radio is balanced worse
 
 
