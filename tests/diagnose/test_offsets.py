@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from conftest_world import noise, sent_once
 from gr_cast.diagnose import align, offsets, read_case
 from gr_cast.signals import recording
 from gr_cast.twin.effects import FAMILIES
@@ -92,3 +93,17 @@ def test_samples_that_are_left_out_change_no_prediction(pilots, monkeypatch):
     used, full = data.use > 0, every.use > 0
     got, want = predict(scene, model).y[used], predict(whole, replace(model)).y[full]
     assert np.abs(got - want).max() < 0.02 * np.abs(want).max()
+
+
+@pytest.mark.parametrize("carrier", [0.09, 0.031, -0.0123])
+def test_of_carriers_that_regular_stretches_make_alike_the_right_one_is_found(tmp_path, carrier):
+    """Stretches of 200 in 1000 samples turn alike under carriers 1/1000 apart; within them they do not."""
+    rng, n = np.random.default_rng(0), np.arange(20_000)
+    spectrum = np.where(np.abs(np.fft.fftfreq(len(n))) < 0.4, noise(rng, len(n)), 0)
+    x = np.fft.ifft(spectrum) * np.sqrt(len(n))
+    y = x * np.exp(2j * np.pi * carrier * n) + noise(rng, len(n), 0.1)
+    case = sent_once(tmp_path, y, np.where(n // 200 % 5 == 0, x, np.nan))
+    _, data, model = align.build(case, case.observations[0], near=(0, False))
+    for started in offsets.models(data, model):
+        (found,) = (e for e in started.effects if e.family == "carrier_frequency_offset")
+        assert found.p[0] / data.scene.span == pytest.approx(carrier, abs=0.3e-3)

@@ -13,7 +13,8 @@ from scipy import fft as sp_fft
 
 from ..twin.effects import FAMILIES, Role, plays, with_role
 from ..twin.effects.base import start
-from ..twin.model import Model, _run, _start_chain
+from ..twin.model import Model, _run, _start_chain, predict
+from .fit import misfit
 
 LONGEST_STRETCH = 2048  # samples
 PIECE = 256  # samples: stretches that come at regular intervals leave carriers open that only what is within them tells
@@ -21,6 +22,7 @@ EARLY, LATE = -8, 24  # lags around the twin's delay in which a link's energy ma
 WORST_CLOCK = 30e-6
 CLOCK_STEP = 0.5  # samples over the recording
 CARRIER_STEP = 0.5  # cycles over the recording
+TEETH = 3  # on either side of the likeliest carrier, of the comb that regular stretches make
 LOBES = 0.5  # of a stretch's spectrum, around its peak, in which the carrier is looked for finely
 
 
@@ -45,8 +47,20 @@ def models(data, model: Model) -> list[Model]:
         other = replace(model, base=base).adding(carrier)
         if offset.gained:
             other = other.adding(start(with_role(Role.CLOCK), [_of_one_oscillator(scene, offset)], trials=20))
-        out.append(with_gains(data, other))
+        out.append(_best_tooth(data, other))
     return out
+
+
+def _best_tooth(data, model: Model) -> Model:
+    """The model, gains fitted, with the carrier under which it explains most of those that stretches at regular intervals make
+    alike: what is within a stretch tells them apart, all samples together."""
+    scene = data.scene
+    firsts = [scene.index[a] for a, _ in stretches(scene, scene.count)]
+    at = model.index_of(Role.CARRIER, found=True)
+    teeth = scene.span / np.median(np.diff(firsts)) * np.arange(-TEETH, TEETH + 1) if len(firsts) > 2 else [0.0]
+    moved = [model.effects[at].moved(model.effects[at].p + [cycles, 0.0]) for cycles in teeth]
+    models = [with_gains(data, model.replacing(at, carrier)) for carrier in moved]
+    return min(models, key=lambda m: misfit(data, predict(scene, m).y))
 
 
 def _of_one_oscillator(scene, offset: Offset) -> float:
