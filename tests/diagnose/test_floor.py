@@ -23,6 +23,15 @@ def test_many_cells_that_are_each_a_little_louder_are_uneven_together():
     assert flatness.uneven("", energy, count).p_value < 1e-5
 
 
+def test_a_colour_that_stays_is_not_what_cells_hold_together_and_one_that_moves_is():
+    rng, count = np.random.default_rng(4), np.full((48, 32), 20.0)
+    colour = 1 + 0.5 * np.cos(2 * np.pi * np.arange(32) / 32)
+    still = colour * rng.gamma(20, size=(48, 32))
+    moving = np.array([np.roll(row, 4 * k) for k, row in enumerate(still)])
+    assert flatness.together(still, count).p_value > 1e-3
+    assert flatness.together(moving, count).p_value < 1e-9
+
+
 def _document(world, folder, y):
     return diagnose(read_case(world.write(folder, y)), budget_s=3000).document
 

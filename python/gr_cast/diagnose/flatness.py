@@ -29,20 +29,34 @@ class Unevenness:
     nats: float
 
 
-def uneven(test: str, energy: np.ndarray, count: np.ndarray) -> Unevenness:
+def uneven(test: str, energy: np.ndarray, count: np.ndarray, fitted: int = 1) -> Unevenness:
     """Cells with the `energy` of `count` circular Gaussian samples each against one level for all: Bartlett's statistic (1937),
-    with its mean and variance in cells of any size and the tail of a gamma law."""
+    with its mean and variance in cells of any size and the tail of a gamma law; `fitted` numbers were taken from the cells."""
     inside = count > LEAST_IN_CELL
     k = count[inside]
-    if k.size < 2:
+    if k.size <= fitted:
         return Unevenness(test=test, p_value=1.0, nats=0.0)
     ratio = np.maximum(energy[inside] / k, 1e-300) / (energy[inside].sum() / k.sum())
     deviance = float(np.sum(2 * k * (ratio - 1 - np.log(ratio))))
-    share = 1 - 1 / k.size  # one level is fitted
+    share = 1 - fitted / k.size
     mean = share * float(np.sum(2 * k * (np.log(k) - special.digamma(k))))
     variance = share * float(np.sum(4 * k**2 * (special.polygamma(1, k) - 1 / k)))
     p_value = float(stats.gamma.sf(deviance, mean**2 / variance, scale=variance / mean))
     return Unevenness(test=test, p_value=p_value, nats=max(0.0, deviance - mean) / 2)
+
+
+def together(energy: np.ndarray, count: np.ndarray) -> Unevenness:
+    """What cells (times, frequencies) hold beyond a course over time and a colour that each stay as they are: a receiver colours
+    its noise."""
+    shape = _relative(energy, count, 0) * _relative(energy, count, 1)
+    return uneven("time × frequency", energy / shape, count, fitted=sum(energy.shape) - 1)
+
+
+def _relative(energy: np.ndarray, count: np.ndarray, axis: int) -> np.ndarray:
+    """Levels over one axis of the cells, the sums over the other (`axis`), relative to that of all."""
+    level = energy.sum() / max(count.sum(), 1e-300)
+    levels = energy.sum(axis, keepdims=True) / np.maximum(count.sum(axis, keepdims=True), 1e-300)
+    return np.maximum(levels / max(level, 1e-300), 1e-12)
 
 
 def over_all(fit, inside: np.ndarray) -> list[Unevenness]:
@@ -51,7 +65,7 @@ def over_all(fit, inside: np.ndarray) -> list[Unevenness]:
     energy, count, _ = residual.told_cells(fit)
     held = _held(fit.data.use, energy.shape[1])
     return [
-        uneven("time × frequency", held * energy, held * count),
+        together(held * energy, held * count),
         uneven("time", energy.sum(1), count.sum(1)),
         uneven("frequency", held * energy.sum(0), held * count.sum(0)),
         over_level(np.abs(residual.normal(fit)[inside]) ** 2, np.abs(fit.chain.wanted[inside])),
@@ -71,9 +85,10 @@ def left(fit, inside: np.ndarray) -> list[residual.Leftover]:
 
 def stretch(fit) -> residual.Leftover:
     """The stretch of time × frequency, of any length and of a width of 1, 2, 4 … cells, that is likeliest to have a level of its
-    own: one that is too weak for any cell of it to tell."""
+    own beside the colour that the noise has all the time: one that is too weak for any cell of it to tell."""
     scene = fit.data.scene
     energy, count, edges = residual.told_cells(fit)
+    energy = energy / _relative(energy, count, 0)
     held = _held(fit.data.use, energy.shape[1])
     rows, bins = energy.shape
     e, n = (np.pad(np.cumsum(np.cumsum(np.fft.fftshift(held * x, 1), 0), 1), ((1, 0), (1, 0))) for x in (energy, count))
