@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.documents import is_number, json_file, read_text, short
+from ..core.documents import is_number, json_file, listed, read_text, short
 from ..core.errors import CastError, Faults
 from ..core.files import write_text
 
@@ -80,7 +80,7 @@ def read(path: str | Path, column: str = "value") -> Series:
     has, columns = readers[path.suffix](path, ("time_s", column))
     missing = [name for name in ("time_s", column) if name not in columns]
     if missing:
-        raise CastError(f"{path}: no column {' and '.join(missing)}; has {short(', '.join(has) or 'none')}")
+        raise CastError(f"{path}: no column {' and '.join(missing)}; has {listed(has)}")
     numbers = {name: _numbers(path, name, columns[name]) for name in ("time_s", column)}
     return Series(name=str(path), time_s=numbers["time_s"], value=numbers[column])
 

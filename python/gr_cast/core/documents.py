@@ -50,6 +50,12 @@ def short(value) -> str:
     return text if len(text) < 60 else text[:57] + "..."
 
 
+def listed(names) -> str:
+    """Names as a message lists them, the first twenty."""
+    names = [str(name)[:60] for name in names]
+    return ", ".join(names[:20]) + (", …" if len(names) > 20 else "") or "none"
+
+
 def read_bytes(path: str | Path, *, missing: str = "", limit: int = MAX_BYTES) -> bytes:
     """A file of at most `limit` bytes; `missing` goes on where the message of a missing file ends."""
     try:

@@ -4,7 +4,7 @@
 import math
 from dataclasses import dataclass
 
-from ..core.documents import Reader, short
+from ..core.documents import Reader, listed, short
 from .effects import FAMILIES, NAMED, Value
 
 KEYS = {"family", "owner", "where", "parameters", "evidence", "confidence", "sentence", "model"}
@@ -49,7 +49,7 @@ def _owner(get: Reader, owner, place: str, family, known: Known) -> None:
     level = get.choice(owner.get("level"), f"{place}.level", family.owners) if "level" in owner else None
     names = {"link": [f"{tx}>{rx}" for tx, rx in known.links], "environment": ["environment"]}.get(level, [*known.nodes])
     if level == owner.get("level") and "name" in owner and (not isinstance(owner["name"], str) or owner["name"] not in names):
-        get.faults.add(f"{place}.name", f"got {short(owner['name'])}, needs one of {short(', '.join(names) or 'none')}")
+        get.faults.add(f"{place}.name", f"got {short(owner['name'])}, needs one of {listed(names)}")
 
 
 def _parameters(get: Reader, entries, place: str, family, known: Known) -> dict:

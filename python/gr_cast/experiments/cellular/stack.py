@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ...comparing.series import Series
-from ...core.documents import json_file, read_text, short
+from ...core.documents import json_file, listed, read_text, short
 from ...core.errors import CastError, Faults
 from ...core.files import write_text
 from .downlink import Cell
@@ -169,7 +169,7 @@ def _metrics(path: Path, needed: tuple[str, ...]) -> list[np.ndarray]:
         raise CastError(f"{path}: not CSV: {error}") from None
     missing = [name for name in needed if name not in head]
     if missing:
-        raise CastError(f"{path}: no column {', '.join(missing)}; has {short(', '.join(head) or 'none')}")
+        raise CastError(f"{path}: no column {', '.join(missing)}; has {listed(head)}")
     places = [head.index(name) for name in needed]
     carrier = head.index("cc") if "cc" in head else None
     faults, columns = Faults(str(path)), []
