@@ -318,7 +318,7 @@ class Words:
             every = self.values[name]["per_recording"].values()
             low, high = min(every, key=lambda v: v["value"]), max(every, key=lambda v: v["value"])
             return f"{Words({name: low}, {})(name)} to {Words({name: high}, {})(name)} (by recording)"
-        value, std = self.values[name]["value"], self.values[name]["std"]
+        value, std = self.values[name]["value"] + 0.0, self.values[name]["std"]  # no −0
         unit = next((u for s, u in sorted(UNITS.items(), key=lambda p: -len(p[0])) if name.endswith(s)), "")
         scale, prefix = 1.0, ""
         if unit in ("s", "Hz"):
