@@ -10,13 +10,13 @@ import numpy as np
 from scipy import fft as sp_fft
 from scipy.stats import gamma
 
-from ..columns import Dense
+from ..columns import Lags
 from .base import AIR, PROBE, Family, Multiplicity, rms_of, said_rms, start
 from .values import NEEDED, NEEDED_POSITIVE, NUMBER, POSITIVE, Value
 
 BLOCKS = (32, 128, 512, 2048)  # samples of a block in which a pulse is looked for as a line
 FEWEST_PULSES = 3  # that make a period
-MOST_NUMBERS = 4_000_000  # derivatives times samples: what is worth its memory
+MOST_NUMBERS = 6_000_000  # pulses times samples: what is worth its memory
 SURPRISE_NATS = 8.0  # by which a period must stand out of the largest of as many of noise
 TEETH = (2, 4, 16)  # harmonics of a period that are added: of long pulses few, of short ones many
 FASTEST = 0.5  # cycles per sample that a chirp sweeps in one pulse, at most
@@ -278,8 +278,9 @@ class PulsedCarrier(Family):
         one = before.copy()
         one.y = one.y + PROBE * rms_of(scene, effect) * train.wave(scene.index)
         unit = (rest(one, effect).y - chain.y) / PROBE
-        rows = [unit * (at == k) for k in range(len(effect.p) // 2)]
-        return Dense(signals=np.array([turn * row for row in rows for turn in (1.0, 1j * chain.facing)]))
+        count = len(effect.p) // 2
+        rows = np.array([unit * (at == k) for k in range(count)])
+        return Lags(signals=rows, entries=tuple((k, 0) for k in range(count)), paired=chain.facing)
 
     def starts(self, view):
         n, size = view.scene.span, np.abs(view.residual)
@@ -287,7 +288,7 @@ class PulsedCarrier(Family):
         tame = view.residual * np.minimum(1.0, LOUDEST_SAMPLE * np.sqrt(power) / np.maximum(size, 1e-300))
         for train in trains(view.scene.spread(tame), power):
             count = self._numbers(view.scene, train)[1]
-            if count >= FEWEST_PULSES and 2 * count * n <= MOST_NUMBERS and train.width < train.period / 2:
+            if count >= FEWEST_PULSES and count * n <= MOST_NUMBERS and train.width < train.period / 2:
                 yield start(self, np.zeros(2 * count), prior=np.ones(2 * count), aux=vars(train).copy(), trials=float(n))
 
     def settled_law(self, scene, effect, covariance):
@@ -297,9 +298,10 @@ class PulsedCarrier(Family):
         # A pulse of `width` samples tells its energy, power/count·width, to `noise` times that of one: so far its edges are seen.
         edge = min(EDGE_SHARE * train.width * float(np.mean(noise)) / max(power / count, 1e-300), train.width / 4) + 0.5
         edge = np.hypot(edge, train.width / EDGES)
+        # The last pulse is placed to half a step of the search for a beat too, an eighth of a pulse.
         strength = 2 * np.sqrt(np.sum(effect.p**2 * noise)) / max(power, 1e-300)
         stds = {
-            "period_s": edge / np.sqrt(max(count, 2.0)) / max(count - 1, 1.0) * 2 / scene.sample_rate_hz,
+            "period_s": float(np.hypot(2 * edge / np.sqrt(count), train.width / 16)) / count / scene.sample_rate_hz,
             "duty_cycle": edge * np.sqrt(2.0) / train.period,
             "power_dbc": DB * float(np.hypot(strength, edge / train.width)),
         }
