@@ -118,10 +118,8 @@ def test_all_faults_of_all_entries_come_at_once_with_their_place(tmp_path):
 @pytest.mark.parametrize(
     ("family", "change", "says"),
     [
-        ("iq_imbalance", {"parameters": {"image_rejection_db": 30.0}}, "needs gain_imbalance_db or phase_imbalance_rad"),
         ("phase_noise", {"model": {"law": "held"}}, "needs model.corner_hz"),
         ("pa_nonlinearity", {"model": {"orders": [1, 2], "coefficients": [0.1]}}, "needs 4 for its 2 orders"),
-        ("diffuse_tail", {"model": {}}, "effects[0].model.taps: is missing"),
         ("front_end_filter", {"model": {"taps": [0.1]}}, "needs Re and Im"),
         ("second_transmitter", {"parameters": {"code": "w9", "delay_s": 0.0, "gain_db": 0.0}}, "got 'w9', needs one of w1, w2"),
         ("power_supply_hum", {"model": {"depth_2": 0.1}}, "needs depth_k and phase_k_rad"),
@@ -171,3 +169,24 @@ def test_levels_that_no_sample_can_have_are_refused_before_one_is_written(tmp_pa
     loud = Conditions(gain_db=500.0, noise_power_db=-np.inf)
     with pytest.raises(CastError, match="levels of lo_leakage, dc_offset are too large"):
         Playback(case, case.observations[0], 100, loud).samples()
+
+
+@pytest.mark.parametrize("family", NAMED)
+def test_an_entry_with_the_contracts_own_parameters_is_read_and_played(tmp_path, family):
+    """`model` is what a diagnosis remembers beside the contract: without it a twin of other people's hand is a twin, too."""
+    case = read_twin(written(tmp_path, [entry(family, model={})]))
+    assert np.isfinite(Playback(case, case.observations[0], 2000, Conditions(seed=1)).samples()).all()
+
+
+@pytest.mark.parametrize("family", ["front_end_filter", "diffuse_tail"])
+def test_what_an_entry_does_not_tell_is_said_when_it_is_played(tmp_path, family):
+    case = read_twin(written(tmp_path, [entry(family, model={})]))
+    (line,) = Playback(case, case.observations[0], 2000, Conditions(seed=1)).warnings
+    assert family in line and "model.taps" in line
+
+
+def test_an_image_is_played_at_its_level_where_that_alone_is_told(tmp_path):
+    case = read_twin(written(tmp_path, [entry("iq_imbalance", parameters={"image_rejection_db": 30.0})]))
+    playback = Playback(case, case.observations[0], 2000, Conditions(seed=1))
+    (effect,) = playback.model.effects
+    assert FAMILIES["iq_imbalance"].values(playback.scene, effect, effect.p)["image_rejection_db"] == pytest.approx(30.0)

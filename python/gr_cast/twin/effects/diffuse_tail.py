@@ -114,7 +114,7 @@ def spread(told: Told, at: np.ndarray) -> np.ndarray:
 class DiffuseTail(Family):
     name = "diffuse_tail"
     parameters = {"decay_s": NEEDED_POSITIVE, "power_db": NUMBER}
-    remembered = {"first": NUMBER, "taps": replace(NUMBERS, needed=True)}
+    remembered = {"first": NUMBER, "taps": NUMBERS}
     owners = ("link",)
     multiplicity = Multiplicity.ONE
     stage = LINK
@@ -202,7 +202,7 @@ class DiffuseTail(Family):
         return {"decay_s": decay / scene.sample_rate_hz, "power_db": 10 * np.log10(power + 1e-30)}
 
     def contradiction(self, parameters, model):
-        return None if len(model["taps"]) % 2 == 0 else "model.taps: needs pairs, Re and Im"
+        return None if len(model.get("taps", [])) % 2 == 0 else "model.taps: needs pairs, Re and Im"
 
     def parse(self, scene, parameters, model):
         law = {"decay": parameters["decay_s"] * scene.sample_rate_hz}
@@ -211,6 +211,9 @@ class DiffuseTail(Family):
             model.get("taps", [0.0, 0.0]),
             aux={"source": model.get("source", 0), "first": model.get("first", 1.0), "_law": law},
         )
+
+    def extrapolated(self, scene, effect):
+        return None if effect.p.any() else f"{self.name}: its taps are not told (model.taps): taken as none"
 
     def model(self, scene, effect):
         return {"first": float(effect.aux["first"]), "taps": [float(v) for v in effect.p]}

@@ -35,7 +35,7 @@ FEW = 30_000  # samples, of all transmitters together, in which every length is 
 class FrontEndFilter(Family):
     name = "front_end_filter"
     parameters = {"ripple_db": NUMBER}
-    remembered = {"side": SIDE, "low": Value(whole=True, low=-4096, high=4096), "taps": replace(NUMBERS, needed=True)}
+    remembered = {"side": SIDE, "low": Value(whole=True, low=-4096, high=4096), "taps": NUMBERS}
     role = Role.FILTER
     owners = ("rx", "tx")
     multiplicity = Multiplicity.ONE
@@ -130,7 +130,7 @@ class FrontEndFilter(Family):
         return {"ripple_db": 20 * np.log10(inside.max() / max(inside.min(), 1e-6))}
 
     def contradiction(self, parameters, model):
-        low, taps = model.get("low", 0), model["taps"]
+        low, taps = model.get("low", 0), model.get("taps", [])
         if len(taps) % 2 or not low <= 0 <= low + len(taps) // 2:
             return "model.taps: needs Re and Im of each sample from low on but the one at 0"
         return None
@@ -140,6 +140,9 @@ class FrontEndFilter(Family):
         low = int(model.get("low", 0))
         aux = {"low": low, "high": low + len(taps) // 2, "side": model.get("side", "rx"), "source": model.get("source", 0)}
         return start(self, taps, aux=aux)
+
+    def extrapolated(self, scene, effect):
+        return None if len(effect.p) else f"{self.name}: its response is not told (model.taps): taken as flat"
 
     def model(self, scene, effect):
         return {

@@ -53,13 +53,11 @@ class IqImbalance(Family):
             "phase_imbalance_rad": float(np.angle(ratio)),
         }
 
-    def contradiction(self, parameters, model):
-        told = {"gain_imbalance_db", "phase_imbalance_rad"} & {*parameters}
-        return None if told else "needs gain_imbalance_db or phase_imbalance_rad: an image's level alone tells neither"
-
     def parse(self, scene, parameters, model):
         ratio = 10 ** (parameters.get("gain_imbalance_db", 0.0) / 20) * np.exp(1j * parameters.get("phase_imbalance_rad", 0.0))
         beta = (1 - ratio) / (1 + ratio)
+        if not {"gain_imbalance_db", "phase_imbalance_rad"} & {*parameters}:  # an image of that level, by the gains alone
+            beta = complex(10 ** (-parameters["image_rejection_db"] / 20))
         return start(
             self,
             [beta.real, beta.imag],
