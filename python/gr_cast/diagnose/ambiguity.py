@@ -55,15 +55,14 @@ def rivals(fit: Fit, index: int, known: list[Fit]) -> tuple[Fit, list[Rival]]:
         # With all that has an error free, as what was found is.
         settled = replace(s.effect, free=family.settled(fit.data.scene, s.effect))
         other = refit_or_known(fit.data, bare.model.adding(settled), known, near=near)
-        if plausible(other.model):
-            found.append(
-                Rival(
-                    effect=s.effect,
-                    evidence=bare.evidence + lost - other.evidence,
-                    likelihood=fit.likelihood - other.likelihood,
-                    fit=other,
-                )
-            )
+        rival = Rival(
+            effect=s.effect,
+            evidence=bare.evidence + lost - other.evidence,
+            likelihood=fit.likelihood - other.likelihood,
+            fit=other,
+        )
+        if plausible(other.model) and not _holds(rival, effect):
+            found.append(rival)
     return bare, sorted(found, key=lambda r: r.evidence)
 
 
@@ -100,7 +99,7 @@ def alike(effect: Effect, rival: Rival) -> bool:
         return rival.evidence <= ALIKE_TAPS_NATS
     if FAMILIES[rival.effect.family].flexible:
         return rival.evidence <= ALIKE_NATS
-    if abs(rival.likelihood) > ALIKE_NATS or effect.prior is not None or _holds(rival, effect):
+    if abs(rival.likelihood) > ALIKE_NATS or effect.prior is not None:
         return False
     freedom = CHOICE if not len(effect.p) and "tap" not in effect.aux else int(effect.free.sum())
     return int(rival.effect.free.sum()) <= freedom and rival.effect.prior is None

@@ -53,7 +53,7 @@ def conclude(case, findings: list[Finding], vault: Callable[[list[dict]], list[t
     told = [_told(heard, members) for members in _group(findings)]
     claimed, refused = [t for t in told if t.claimed], [t for t in told if t.refused]
     left = [(f, rest) for f in findings for rest in f.left] + [(t.finding, _against_unseen(t)) for t in refused]
-    ambiguous, complete = _ambiguities(findings), all(f.complete for f in findings)
+    ambiguous, complete = _ambiguities(findings, claimed), all(f.complete for f in findings)
     sure = _confidences(claimed, ambiguous, complete)
     if left or not complete:
         verdict = "unexplained"
@@ -280,11 +280,11 @@ def _pooled(items: dict[str, dict], first: dict) -> dict:
     return {"value": mean, "std": float(np.sqrt(max(1.0, chi2 / max(dof, 1)) / w.sum()))}
 
 
-def _ambiguities(findings) -> list[dict]:
-    """Pairs that stay open: in a network only those that no other recording of the same effect decides."""
-    found = {}
+def _ambiguities(findings, claimed: list[Told]) -> list[dict]:
+    """Pairs, of which one is claimed, that stay open: in a network those that no other recording of the same effect decides."""
+    found, names = {}, {FAMILIES[t.effect.family].told for t in claimed}
     for finding in findings:
-        for entry in finding.ambiguous:
+        for entry in (e for e in finding.ambiguous if names & {*e["families"]}):
             found.setdefault(frozenset(entry["families"]), {}).setdefault(finding.observation.name, entry)
     recordings, open_ones = {f.observation.name for f in findings}, []
     for families, entries in found.items():
