@@ -35,6 +35,14 @@ def test_noise_has_no_train(seed):
     assert trains(noise(np.random.default_rng(seed)), 1.0) == []
 
 
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("width", [0.04, 0.005])
+def test_a_steady_band_of_noise_has_no_train(width, seed):
+    rng = np.random.default_rng(seed)
+    band = np.fft.ifft((np.abs(np.fft.fftfreq(COUNT) - 0.21) < width / 2) * np.fft.fft(noise(rng)))
+    assert trains(noise(rng) + 10 * band, 1.0) == []
+
+
 def test_a_twin_plays_pulses_with_the_power_and_the_gate_that_it_tells():
     class Scene:
         sample_rate_hz, wanted_rms, rms, count, span, index = 1e6, 0.5, 0.5, COUNT, COUNT, np.arange(COUNT)

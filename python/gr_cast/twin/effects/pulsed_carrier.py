@@ -28,6 +28,7 @@ LOUD_CELL = 4.0  # times the mean energy of noise: one loud block alone is no pe
 LOUDEST = 6  # pulses that show the wave
 MOST_TURNS = 80  # quarters of a cycle, at most, by which a chirp's edge is tried ahead of its middle
 EVEN = 0.25  # of the mean energy of a pulse, the least of the median: in a train with gaps every second pulse would be none
+GAPS = 9  # places between two pulses at which the wave is looked for too
 EDGES = 48  # places at which a pulse's beginning and end are tried
 EDGE_SHARE = 2.5  # energies of noise that an edge is placed to (Hinkley 1970)
 DB = 10 / np.log(10)
@@ -153,8 +154,15 @@ def _refined(signal, power, train: Train) -> tuple[Train, float]:
     """The train with the period, beginning, width, frequency and sweep that explain most, and the nats by which it does."""
     for seldom in (SELDOM, 1, 1, 1):
         train = _edges(signal, _beat(signal, power, _wave(signal, train), seldom))
-    mean = max(float(_matched(signal, power, train).mean()), 1.0)
-    return train, len(_matched(signal, power, train)) * (mean - 1 - np.log(mean))
+    energy = _matched(signal, power, train)
+    mean = max(float(energy.mean()) / max(_between(signal, power, train), 1.0), 1.0)
+    return train, len(energy) * (mean - 1 - np.log(mean))
+
+
+def _between(signal, power, train: Train) -> float:
+    """Energy of the wave between the pulses over that of noise: of a band that is on all the time as much as in them."""
+    places = np.linspace(train.width, train.period - train.width, GAPS)
+    return float(np.median([_matched(signal, power, replace(train, first=train.first + late)).mean() for late in places]))
 
 
 def _matched(signal, power, train: Train) -> np.ndarray:
