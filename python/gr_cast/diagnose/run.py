@@ -25,6 +25,7 @@ PICTURES = 1.1  # of the budget: what a report still draws after the search ends
 RECORDINGS, FIRST_PART, SEARCH, PROOF = 0.8, 0.8, 0.7, 0.9
 HUNGRY = 3.0  # times the mean share that a recording may take of what is left; most need far less
 MOST_FINDINGS = 24  # parts of a recording: what happened between two of 10⁸ samples is halved 12 times until it is found
+MOST_SWAPS = 3  # of what was found for a rival that explains more
 CUT_NATS = 10.0  # by which rails on a grid, or at one end alone, must make a recording likelier
 FINE_GRID = 10.0  # energy of its error over the noise, over the whole recording
 JITTER_SURE = 2.5  # standard deviations by which noise across the signal must exceed noise along it
@@ -123,10 +124,14 @@ def _absent(case, part, data, fit: Fit, twin: Fit, stds: dict) -> Finding:
     return Finding(observation=part, scene=data.scene, data=data, twin=twin, fit=fit, stds=stds, left=left, absent=True)
 
 
-def _weigh(finding: Finding) -> None:
-    """What every effect of a finding is worth; one that samples contradict which were not fitted is taken out."""
+def _weigh(finding: Finding, swaps: int = MOST_SWAPS) -> None:
+    """What every effect of a finding is worth; one that samples contradict which were not fitted is taken out, and a rival that
+    explains more takes the place of what was found."""
     if not finding.later:
-        _compare(finding)
+        better = _compare(finding)
+        if better is not None and swaps and not finding.data.late:
+            finding.fit, finding.worths, finding.ambiguous = _sure(_settle(better, finer=False)), {}, []
+            return _weigh(finding, swaps - 1)
     for i, effect in enumerate(finding.fit.model.effects):
         if not effect.fixed:
             finding.worth_of(i)
@@ -134,7 +139,7 @@ def _weigh(finding: Finding) -> None:
     if at is not None and not finding.data.late:
         less = refit(finding.fit.data, finding.fit.model.without(at))
         finding.fit, finding.worths, finding.ambiguous = _sure(_settle(less, finer=False)), {}, []
-        _weigh(finding)
+        _weigh(finding, swaps)
 
 
 def _sure(fit: Fit) -> Fit:
@@ -224,16 +229,18 @@ def _without_fine_quantiser(fit: Fit) -> Fit:
     return fit
 
 
-def _compare(finding: Finding) -> None:
-    """Every found effect against its rivals."""
-    fit = finding.fit
+def _compare(finding: Finding) -> Fit | None:
+    """Every found effect against its rivals; the fit with the one that explains most more, None where none does."""
+    fit, nearest = finding.fit, []
     for i, effect in enumerate(fit.model.effects):
         if not finding.is_cause(effect):
             continue
         bare, rivals = ambiguity.rivals(fit, i, finding.known)
         finding.worths[effect.key] = worth(fit, bare, rivals)
+        nearest += [r for r in rivals[:1] if r.fit is not None and r.evidence < -MARGIN]
         if entry := ambiguity.open_beside(fit, effect, rivals):
             finding.ambiguous.append(entry)
+    return min(nearest, key=lambda r: r.evidence).fit if nearest else None
 
 
 def _settle(fit: Fit, finer: bool) -> Fit:
