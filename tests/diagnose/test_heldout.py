@@ -90,3 +90,20 @@ def test_what_an_effect_gains_on_the_vault_is_the_ratio_of_likelihoods(part):
     other = replace(fit, residual=fit.residual * 1.05)
     plain = heldout.log_likelihood(fit) - heldout.log_likelihood(other)
     assert heldout.gained(fit, other) == pytest.approx(plain, rel=0.01)
+
+
+def test_held_out_samples_around_a_moment_say_nothing_of_it_and_others_do(part):
+    _, data, model = part
+    runs = np.flatnonzero(data.vault)
+    first, far = (int(runs[runs > at][0]) for at in (9_000, 12_000))
+    y = data.y * np.where(np.arange(len(data.y)) < first, 1.0, 2.0)
+    effect = start(FAMILIES["gain_step"], [0.0, data.scene.index[first] / data.scene.span], free=[True, False])
+
+    def gained(at: int) -> float:
+        """Nats of the step, with the held-out samples from `at` on as loud as before it."""
+        late = replace(data, y=np.where(data.vault & (abs(np.arange(len(y)) - at - 8) <= 8), data.y, y))
+        return heldout.gained(refit(late, model.adding(effect)), refit(late, model))
+
+    there = gained(-100)
+    assert there > 100 and gained(first) == pytest.approx(there, rel=1e-9)
+    assert gained(far) < there - 100

@@ -11,6 +11,7 @@ from .fit import Data, Fit
 
 FOLDS = 2
 FOLD_RUN, FOLD_OF = 16, 4  # samples at a stretch that a fold leaves out, and of how many such runs one
+OFF = 16  # samples by which fitted ones may place a moment beside where it is: what they say may be alike before and behind it
 
 
 def folds(data: Data) -> list[Data]:
@@ -30,8 +31,24 @@ def log_likelihood(fit: Fit) -> float:
 
 def gained(fit: Fit, without: Fit) -> float:
     """Nats by which the vault's samples are likelier under one fit than under another. The noise's level is known from so many
-    samples only, so that energies follow Student's law and wild ones say no more than the others can (Gelman, BDA3, ch. 3)."""
-    return _student(fit) - _student(without)
+    samples only, so that energies follow Student's law and wild ones say no more than the others can (Gelman, BDA3, ch. 3).
+    Samples around a moment say nothing, for it was placed without them."""
+    unplaced = _around_moments(fit) | _around_moments(without)
+    apart = (replace(f, data=replace(f.data, vault=f.data.vault & ~unplaced)) for f in (fit, without))
+    there, not_there = (_student(f) for f in apart)
+    return there - not_there
+
+
+def _around_moments(fit: Fit) -> np.ndarray:
+    """(n,) bool: samples between the fitted ones that surely lie before a moment of what was found and surely behind it."""
+    scene, used = fit.data.scene, np.flatnonzero(fit.data.use > 0)
+    around = np.zeros(len(fit.data.use), bool)
+    for effect in fit.model.found:
+        if (moment := FAMILIES[effect.family].moment(scene, effect)) is not None:
+            first = np.searchsorted(scene.index, moment)
+            before, behind = used[used < first - OFF], used[used >= first + OFF]
+            around[before[-1] + 1 if len(before) else 0 : behind[0] if len(behind) else None] = True
+    return around
 
 
 def _student(fit: Fit) -> float:
