@@ -24,6 +24,7 @@ GROWTH = 4  # how much longer the next stretch is
 LENGTHS = (1 << 13, 1 << 16)  # samples that are looked at: few first, more where these leave a doubt
 SURE_NATS = 60.0  # that few samples must say so that more are not asked
 PRESENT_NATS = 14.0  # by which chance would not explain as much at the best of all delays, carriers, lengths: p of 10⁻⁶
+HALVES = 3  # stretches of a short recording that are looked at: all of it, and its halves
 LIKELIER = 1.2  # times the nats of the first of several options that another must have
 AROUND = 16  # samples around the delay that was found in which the waveform may be
 NULLS, NULLS_OF_SHORT = 64, 256  # delays near, and as many far, at which it is not; of a short recording
@@ -75,6 +76,10 @@ def look(y, signals, inside, period: int = 0, tried: int = 1) -> Presence:
         best = max(best, _look(y, signals, inside, period, tried, length, SURE_NATS), key=lambda p: p.nats)
         if best.nats > SURE_NATS or length >= len(y):
             break
+    if not best.there and len(y) < SHORT:  # a short frame may hold it in one half alone: samples may be lost between
+        for half in (slice(None, len(y) // 2), slice(len(y) // 2, None)):
+            told = _look(y[half], signals[:, half], inside[half], 0, HALVES * tried, len(y), SURE_NATS)
+            best = max(best, told, key=lambda p: p.nats)
     return best
 
 
