@@ -148,5 +148,5 @@ def test_samples_lost_are_looked_for_in_recordings_of_every_length(world, tmp_pa
         scene = data.scene.stretch(0, n, data.scene.sources, {})
         here = SimpleNamespace(**vars(whole) | {"data": replace(data, scene=scene, y=data.y[:n], use=data.use[:n])})
         here.chain, here.residual, here.came = predict(scene, whole.model), data.y[:n] - whole.chain.y[:n], whole.came
-        joints = View(here).jumps()
+        joints = View(here).jumps(lambda lost: start(FAMILIES["sample_loss"], [-np.inf, lost], free=[False, False]))
         assert any(abs(at - 800) <= 1 and (lost - 30) % len(world.x) == 0 for at, lost, _ in joints), n

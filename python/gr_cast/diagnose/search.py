@@ -421,8 +421,10 @@ def _least(fit: Fit, more: Model) -> float:
 def beginnings(data: Data, model: Model) -> list[Fit]:
     """The fits that a search begins with, the best first: as the twin has it, and with the offset at which the recording
     turns against it."""
-    turning = [other for way in _ways_round(data.scene, model) for other in _gross_offsets(data, way)]
-    fits = [refit(data, model), *(_on_their_sides(data, refit(data, other)) for other in turning)]
+    plain, *mirrored = ways = _ways_round(data.scene, model)
+    turning = [other for way in ways for other in _gross_offsets(data, way)]
+    fits = [refit(data, plain), *(_on_their_sides(data, refit(data, other)) for other in turning)]
+    fits += [f for f in (refit(data, way) for way in mirrored) if f.evidence > fits[0].evidence + 2 * MARGIN]
     worth = {id(f): f.evidence - MARGIN * f.model.inverted for f in fits}
     fits.sort(key=lambda f: -worth[id(f)])
     return [f for f in fits if worth[id(f)] > worth[id(fits[0])] - 10.0][:BEAM]
