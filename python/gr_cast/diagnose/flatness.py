@@ -17,6 +17,7 @@ TIMES = 48  # cells of time
 LEVELS = 16  # of what is received, as many samples in each
 NEXT = 32  # samples: what is alike within fewer is told by frequency
 LEAST_PAIRS = 400  # samples so far apart, of which what they have in common is normal
+WELL_FILLED, FEWEST_TIMES = 8.0, 4  # samples in a mean cell of a map that is taken whole, and rows that it keeps
 LEAST_IN_CELL = 2.0  # samples: of fewer ln of the mean tells next to nothing
 
 
@@ -47,7 +48,9 @@ def uneven(test: str, energy: np.ndarray, count: np.ndarray, fitted: int = 1) ->
 
 def together(energy: np.ndarray, count: np.ndarray) -> Unevenness:
     """What cells (times, frequencies) hold beyond a course over time and a colour that each stay as they are: a receiver colours
-    its noise."""
+    its noise. Of few samples cells of time are taken together: levels over an axis that few samples tell leave too much."""
+    while count.size and count.sum() < WELL_FILLED * count.size and len(count) > FEWEST_TIMES:
+        energy, count = (np.add.reduceat(x, np.arange(0, len(x), 2), axis=0) for x in (energy, count))
     shape = _relative(energy, count, 0) * _relative(energy, count, 1)
     return uneven("time × frequency", energy / shape, count, fitted=sum(energy.shape) - 1)
 
