@@ -8,7 +8,7 @@ from pathlib import Path
 
 import zmq
 
-from ..core.documents import json_text, short
+from ..core.documents import is_number, json_text, short
 from ..core.errors import CastError
 from ..emulation.reference import filter_length
 from ..scenario import catalogue
@@ -89,7 +89,7 @@ def _taps(taps, sample_rate_hz: float) -> list[dict] | None:
     longest_s = filter_length(sample_rate_hz) / sample_rate_hz
     for number, tap in enumerate(taps, 1):
         names = {"delay_s", "gain_db"}
-        good = isinstance(tap, dict) and names <= set(tap) <= names | {"phase_rad"} and all(map(_is_number, tap.values()))
+        good = isinstance(tap, dict) and names <= set(tap) <= names | {"phase_rad"} and all(map(_is_sane, tap.values()))
         if not good or not 0 <= tap["delay_s"] <= longest_s or abs(tap["gain_db"]) > MOST_GAIN_DB:
             raise CastError(
                 f"set_link: tap {number}: got {short(tap)}, needs delay_s (0 to {longest_s:.3g} s), "
@@ -98,8 +98,8 @@ def _taps(taps, sample_rate_hz: float) -> list[dict] | None:
     return taps
 
 
-def _is_number(value) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e9
+def _is_sane(value) -> bool:
+    return is_number(value) and abs(value) < 1e9
 
 
 def command_of(parts: list[bytes]):

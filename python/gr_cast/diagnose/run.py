@@ -130,7 +130,7 @@ def _weigh(finding: Finding, swaps: int = MOST_SWAPS) -> None:
     if not finding.later:
         better = _compare(finding)
         if better is not None and swaps and not finding.data.late:
-            finding.fit, finding.worths, finding.ambiguous = _sure(_settle(better, finer=False)), {}, []
+            _begin_again(finding, better)
             return _weigh(finding, swaps - 1)
     for i, effect in enumerate(finding.fit.model.effects):
         if not effect.fixed:
@@ -138,8 +138,13 @@ def _weigh(finding: Finding, swaps: int = MOST_SWAPS) -> None:
     at = claims.broken(finding)
     if at is not None and not finding.data.late:
         less = refit(finding.fit.data, finding.fit.model.without(at))
-        finding.fit, finding.worths, finding.ambiguous = _sure(_settle(less, finer=False)), {}, []
+        _begin_again(finding, less)
         _weigh(finding, swaps)
+
+
+def _begin_again(finding: Finding, fit: Fit) -> None:
+    """Have a finding stand on another fit, of which nothing is weighed yet."""
+    finding.fit, finding.worths, finding.ambiguous = _sure(_settle(fit, finer=False)), {}, []
 
 
 def _sure(fit: Fit) -> Fit:

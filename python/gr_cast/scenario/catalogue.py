@@ -46,8 +46,6 @@ def read(path: str | Path) -> Scenario:
     path = Path(path)
     if path.suffix.lower() not in _READERS:
         raise CastError(f"{path}: suffix: got {path.suffix!r}, needs one of {', '.join(_READERS)}")
-    if path.exists() and not (path.is_file() or path.is_dir() and path.suffix.lower() == ".zarr"):
-        raise CastError(f"{path}: not a file")  # a pipe would be waited for
     return _READERS[path.suffix.lower()](path)
 
 

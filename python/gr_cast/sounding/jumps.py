@@ -15,6 +15,14 @@ ALIKE, ALIKE_NEAR = 0.9, 0.6  # coherence of two delay profiles that are one, sh
 NEAR = 8  # blocks on either side that are compared first
 RATHER = 2.0  # by which they must be more alike shifted than where they stand
 LEAST_SAMPLES = 2  # of a jump; one is a clock's slip
+STEADY = 0.95  # coherence with the mean delay profile, above which a profile is of the same channel and code
+
+
+def is_steady(profiles: np.ndarray) -> bool:
+    """Whether delay profiles (delays, blocks) are all alike: nothing has jumped, and nobody needs to look period by period."""
+    whole = profiles.sum(axis=1)
+    alike = whole @ profiles / np.maximum(np.linalg.norm(whole) * np.linalg.norm(profiles, axis=0), 1e-300)
+    return bool(alike.min() > STEADY)
 
 
 def code_jumps(samples: np.ndarray, template: Template) -> list[tuple[int, int]]:

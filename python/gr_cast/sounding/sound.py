@@ -13,7 +13,7 @@ from ..signals.waveform import Waveform
 from .carrier import NO_OFFSET, CarrierOffset, find_offset, find_offset_once
 from .cir import DB_PER_NEPER, FLOAT32_ROUNDING, Taps, estimate_taps
 from .correlate import Template
-from .jumps import code_jumps, longest_run
+from .jumps import code_jumps, is_steady, longest_run
 from .receive import Periods, clipped_fraction, contiguous_runs, remove_offset, whole_periods
 
 MAX_SPREAD_S = 5.12e-6  # excess delay that a Colosseum scenario may have (512 taps of 10 ns)
@@ -174,16 +174,18 @@ def _sound_periodic(recording: Recording, waveform: Waveform, options: SoundingO
     template = Template(waveform.samples)
     _refuse_a_tone(template, waveform)
     samples, offset = _without_offset(periods, template, recording, options)
-    jumps = code_jumps(samples, template)
+    profiles = _delay_profiles(samples, template)
+    jumps = [] if is_steady(profiles) else code_jumps(samples, template)
     if jumps:
         run = longest_run(jumps, count)
         jumps = [(periods.start_sample[k] / recording.sample_rate_hz, shift) for k, shift in jumps]
         periods = Periods(samples=periods.samples[run], start_sample=periods.start_sample[run])
         count, average = len(periods.samples), min(average, len(periods.samples))
         samples, offset = _without_offset(periods, template, recording, options)
+        profiles = _delay_profiles(samples, template)
 
     noise = _noise_of_differences(samples)
-    track = _strongest_track(samples, template)
+    track = _response_at(int(np.argmax(profiles.sum(axis=1))), samples, template)
     blocks = 1 if noise is None else _coherent_blocks(track, noise / template.energy)
     observed = _block_means(samples, blocks)
     taps = estimate_taps(
@@ -243,11 +245,14 @@ def _jump_warnings(jumps: list[tuple[float, int]], kept_s: float) -> list[str]:
     ]
 
 
-def _strongest_track(samples: np.ndarray, template: Template) -> np.ndarray:
-    """Complex response of every period at the delay that is strongest over all of them, (periods,)."""
-    some = template.matched_filter(_block_means(samples, min(len(samples), 64)))
-    strongest = int(np.argmax(np.sum(np.abs(some) ** 2, axis=1)))
-    return samples @ np.conj(template.columns([strongest])[:, 0]) / template.energy
+def _delay_profiles(samples: np.ndarray, template: Template) -> np.ndarray:
+    """Power at every delay in up to 64 blocks of periods, (delays, blocks)."""
+    return np.abs(template.matched_filter(_block_means(samples, min(len(samples), 64)))) ** 2
+
+
+def _response_at(delay: int, samples: np.ndarray, template: Template) -> np.ndarray:
+    """Complex response of every period at a delay, (periods,)."""
+    return samples @ np.conj(template.columns([delay])[:, 0]) / template.energy
 
 
 def _averaging_loss_db(track: np.ndarray, average: int, noise: float) -> float:

@@ -122,27 +122,6 @@ class Lab(Equipped):
         """Mains, aircraft supplies, and a switching regulator's ripple."""
         return [50.0, 60.0, 100.0, 120.0, 300.0, 400.0, round(log(rng, 2e3, 2e5), 1)]
 
-    def neighbour(self, rng, scene):
-        """Another code, of another period."""
-        if scene.network:
-            return None
-        own = len(scene.wave("tx1").samples)
-        for _ in range(20):
-            wave = pick(rng, [waveforms.code, waveforms.zadoff_chu, waveforms.qpsk])(rng)
-            if wave.repeat and abs(len(wave.samples) - own) > 3:
-                return wave
-        return None
-
-    def bundle(self, rng, scene):
-        """One path that fades, moves and is not where the twin has it."""
-        found = w.some_tap(rng, scene, 3)
-        if not found:
-            return None
-        out = []
-        for make in (self.tap_fading, self.tap_delay, self.tap_doppler):
-            cause = make(rng, scene)
-            if cause is None:
-                return None
-            cause.name, cause.tap, cause.seed = ">".join(found[0]), found[1], int(rng.integers(2**31))
-            out.append(cause)
-        return out
+    def neighbours(self):
+        """Other codes."""
+        return [waveforms.code, waveforms.zadoff_chu, waveforms.qpsk]

@@ -4,7 +4,7 @@
 import numpy as np
 
 from . import causes as c
-from .world import World, ends, log, offset_known, pick, sign, slot
+from .world import World, ends, log, offset_known, pick, sign, slot, some_tap
 
 
 class Equipped(World):
@@ -74,3 +74,28 @@ class Equipped(World):
 
     def pick(self, rng, options):
         return pick(rng, options)
+
+    def neighbour(self, rng, scene):
+        """Another one's signal, of another period."""
+        if scene.network:
+            return None
+        own = len(scene.wave("tx1").samples)
+        for _ in range(20):
+            wave = pick(rng, self.neighbours())(rng)
+            if wave.repeat and abs(len(wave.samples) - own) > 3:
+                return wave
+        return None
+
+    def bundle(self, rng, scene):
+        """One path that fades, moves and is not where the twin has it."""
+        found = some_tap(rng, scene, 3)
+        if not found:
+            return None
+        out = []
+        for make in (self.tap_fading, self.tap_delay, self.tap_doppler):
+            cause = make(rng, scene)
+            if cause is None:
+                return None
+            cause.name, cause.tap, cause.seed = ">".join(found[0]), found[1], int(rng.integers(2**31))
+            out.append(cause)
+        return out

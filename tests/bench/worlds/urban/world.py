@@ -131,27 +131,6 @@ class Urban(Equipped):
         """Mains, tramways, an alternator, a converter in a vehicle or a lamp."""
         return [50.0, 100.0, 33.4, 600.0, round(log(rng, 800, 6e3), 1), round(log(rng, 8e3, 3e5), 1)]
 
-    def neighbour(self, rng, scene):
-        """Another base station's signal, of another period."""
-        if scene.network:
-            return None
-        own = len(scene.wave("tx1").samples)
-        for _ in range(20):
-            wave = pick(rng, [waveforms.sounder, waveforms.spread_spectrum, waveforms.single_carrier])(rng)
-            if wave.repeat and abs(len(wave.samples) - own) > 3:
-                return wave
-        return None
-
-    def bundle(self, rng, scene):
-        """A vehicle's reflection: it fades, moves, and is not where the twin has it."""
-        found = w.some_tap(rng, scene, 3)
-        if not found:
-            return None
-        out = []
-        for make in (self.tap_fading, self.tap_delay, self.tap_doppler):
-            cause = make(rng, scene)
-            if cause is None:
-                return None
-            cause.name, cause.tap, cause.seed = ">".join(found[0]), found[1], int(rng.integers(2**31))
-            out.append(cause)
-        return out
+    def neighbours(self):
+        """Other base stations' signals."""
+        return [waveforms.sounder, waveforms.spread_spectrum, waveforms.single_carrier]
