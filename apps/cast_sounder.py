@@ -13,7 +13,7 @@ import _program
 import numpy as np
 from gr_cast.core import interrupts
 from gr_cast.core.errors import CastError
-from gr_cast.core.files import write_json, write_text
+from gr_cast.core.files import check_writable, write_json, write_text
 from gr_cast.core.units import db_from_amplitude
 from gr_cast.report import plot
 from gr_cast.signals import recording
@@ -275,12 +275,14 @@ def _until_done(top, what: str, first_s: float = 0.0) -> None:
 
 def _second(text: str) -> int:
     try:
-        return int(text)
-    except ValueError:
+        if text.isdigit():
+            return int(text)
         moment = datetime.fromisoformat(text.replace("Z", "+00:00"))
-        if moment.tzinfo is None or moment.microsecond:
-            raise argparse.ArgumentTypeError(f"got {text!r}, needs whole seconds with a zone: 2026-05-01T12:00:00Z") from None
-        return int(moment.timestamp())
+        if moment.tzinfo and not moment.microsecond:
+            return int(moment.timestamp())
+    except ValueError:
+        pass
+    raise argparse.ArgumentTypeError(f"got {text!r}, needs Unix seconds, or whole seconds with a zone: 2026-05-01T12:00:00Z")
 
 
 def _wait_s(args) -> float:
@@ -344,7 +346,8 @@ def _rx(args) -> None:
         "cast:start_at_s": args.start_at,
     }
     fields |= {field: value for field, value in told.items() if value is not None}
-    stem = result.output_folder(args.output) / "recording"
+    stem = Path(args.output) / "recording"
+    check_writable(stem.parent)
     datatype = recording.RAW_FORMATS[args.format]
     top = UsrpReceiver(settings, stem, n_samples=n_samples, datatype=datatype, fields=fields)
     try:

@@ -114,7 +114,7 @@ def test_two_hosts_that_start_at_one_second_share_one_axis_of_time(radio, tmp_pa
     assert recording.read(tmp_path / "recording").metadata["cast:time_axis"] == "utc"
 
 
-def test_without_a_pulse_or_with_a_second_that_is_over_nothing_is_sent(radio):
+def test_without_a_pulse_or_with_a_second_that_is_over_nothing_is_sent(radio, capsys):
     calls = radio(pulse=False)
     timed = "tx --rate 1e6 --clock-source external --time-source external --start-at".split()
     with pytest.raises(CastError, match="no pulse comes"):
@@ -122,6 +122,10 @@ def test_without_a_pulse_or_with_a_second_that_is_over_nothing_is_sent(radio):
     for second, words in ((int(time.time()) - 5, "coming 24 hours"), (int(time.time()) + 10**6, "coming 24 hours")):
         with pytest.raises(CastError, match=words):
             cast_sounder.main([*timed, str(second)])
+    for wrong in ("12:00", "2026-05-01T12:00:00", "soon"):
+        with pytest.raises(SystemExit):
+            cast_sounder.main([*timed, wrong])
+        assert f"got '{wrong}', needs Unix seconds" in capsys.readouterr().err
     with pytest.raises(CastError, match="every radio shares"):
         cast_sounder.main(["tx", "--start-at", str(int(time.time()) + 20)])
     assert "set_start_time" not in {name for name, *_ in calls}
@@ -182,7 +186,7 @@ def test_no_device_is_one_clear_error_and_status_2(tmp_path, command):
     assert told.returncode == 2, told.stderr
     assert len([line for line in told.stderr.splitlines() if line.startswith("error: device")]) == 1
     assert "addr=192.0.2.1" in told.stderr and "Traceback" not in told.stderr
-    assert not [path for path in tmp_path.rglob("*") if path.is_file()], "nothing half-written"
+    assert not list(tmp_path.iterdir()), "nothing half-written, no empty folder"
 
 
 def start_fake(tmp_path, *arguments):

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The sounder's flowgraphs: over the embedded emulator, and with a radio at either end."""
 
+from pathlib import Path
+
 import numpy as np
 from gnuradio import analog, blocks, gr
 
@@ -105,6 +107,7 @@ class UsrpReceiver(gr.top_block):
     ):
         super().__init__("UsrpReceiver", catch_exceptions=False)
         self.radio = usrp_source(settings, "fc32" if datatype == "cf32_le" else "sc16")
+        Path(stem).parent.mkdir(parents=True, exist_ok=True)  # a radio that is not there leaves no folder
         last = self.radio
         if n_samples is not None:
             last = blocks.head(8 if datatype == "cf32_le" else 4, n_samples)
