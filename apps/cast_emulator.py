@@ -60,7 +60,10 @@ def run(args) -> None:
     from gr_cast.blocks.emulation import Emulation
     from gr_cast.blocks.ports import Port
     from gr_cast.blocks.usrp import RadioSettings
+    from gr_cast.core.keys import read_key
 
+    if args.control_key and not args.control:
+        raise CastError("--control-key: got no --control ADDRESS that it could guard")
     rate_hz = _check_rate(args.rate)
     ports = [Port.parse(text) for text in args.port]
     radios = [port for port in ports if port.kind == "uhd"]
@@ -73,17 +76,18 @@ def run(args) -> None:
         )
         for port in radios
     }  # fmt: skip
-    control = ControlServer(args.control, tuple(args.allow_load))
-    emulation = Emulation(
-        load(args.scenario), ports, rate_hz, noise_power=_noise_power(args), seed=args.seed,
-        fixed_point=_fixed_point(args), settings=settings, n_threads=args.threads,
-    )  # fmt: skip
-    bulk = emulation.status()["bulk_delay_samples"]
-    if bulk:
-        print(f"taps between samples: every link is {bulk} samples late", file=sys.stderr)
-    ended = threading.Event()
-    with interrupts.heeded(ended.set), control.obeying(emulation, ended):
-        emulation.run_until(ended, _report, args.report)
+    key = read_key(args.control_key) if args.control_key else None
+    with ControlServer(args.control, tuple(args.allow_load), key) as control:
+        emulation = Emulation(
+            load(args.scenario), ports, rate_hz, noise_power=_noise_power(args), seed=args.seed,
+            fixed_point=_fixed_point(args), settings=settings, n_threads=args.threads,
+        )  # fmt: skip
+        bulk = emulation.status()["bulk_delay_samples"]
+        if bulk:
+            print(f"taps between samples: every link is {bulk} samples late", file=sys.stderr)
+        ended = threading.Event()
+        with interrupts.heeded(ended.set), control.obeying(emulation, ended):
+            emulation.run_until(ended, _report, args.report)
     _report(emulation.status())
     print(file=sys.stderr)
 
@@ -209,19 +213,34 @@ def _shown(playback, name: str):
 def ask(args) -> None:
     """Send one command to a running emulator and print its answer."""
     import zmq
+    from gr_cast.core.keys import read_key
 
     get = json_text(args.command, "command")
     get.faults.raise_if_any()
     socket = zmq.Context.instance().socket(zmq.REQ)
     socket.setsockopt(zmq.LINGER, 0)
+    if args.control_key:
+        read_key(args.control_key).present(socket)
     socket.connect(args.address)
     socket.send_json(get.document)
     if not socket.poll(5000):
-        raise CastError(f"{args.address}: no answer within 5 s")
+        or_else = "its key is not this one" if args.control_key else "it asks for a --control-key"
+        raise CastError(f"{args.address}: no answer within 5 s: nobody is there, or {or_else}")
     answer = socket.recv_json()
     print(json.dumps(answer, indent=1))
     if not answer.get("ok"):
         raise CastError(*answer.get("errors", ["refused"]))
+
+
+def key(args) -> None:
+    """Make a key: an emulator with it obeys only who holds it too."""
+    from gr_cast.core.keys import write_key
+
+    write_key(args.file)
+
+
+def _add_control_key(command) -> None:
+    command.add_argument("--control-key", metavar="FILE", help="made by `key`, the same at both ends")
 
 
 def _add_common(command) -> None:
@@ -247,6 +266,7 @@ def main(argv=None) -> int:
         help="zmq:ADDRESS (as srsRAN's radio), pubsub:ADDRESS, file:STEM, uhd:ARGS, null; repeat for every port",
     )  # fmt: skip
     command.add_argument("--control", metavar="ADDRESS", help="answer JSON commands there, such as tcp://*:5555")
+    _add_control_key(command)
     command.add_argument(
         "--allow-load", action="append", type=Path, default=[], metavar="DIR",
         help="whose scenarios `load` may take from another machine, beside the catalogue; repeat",
@@ -297,7 +317,12 @@ def main(argv=None) -> int:
     command = commands.add_parser("ask", help=ask.__doc__, description=ask.__doc__)
     command.add_argument("address", help="of the emulator's --control, such as tcp://localhost:5555")
     command.add_argument("command", help='JSON, such as {"command": "status"}')
+    _add_control_key(command)
     command.set_defaults(function=ask)
+
+    command = commands.add_parser("key", help=key.__doc__, description=key.__doc__)
+    command.add_argument("file", help="to write; only this user may read it")
+    command.set_defaults(function=key)
 
     argv = sys.argv[1:] if argv is None else argv
     args = parser.parse_args(["play", *argv] if "--twin" in argv[:1] else argv)

@@ -186,6 +186,39 @@ def test_commands_are_obeyed_while_samples_flow(scenario, tmp_path):
         end(emulator)
 
 
+def test_no_socket_is_left_behind(scenario, tmp_path):
+    here = {name: f"ipc://{tmp_path / name}" for name in ("control", "asked", "published")}
+    ports = ["--port", f"b:rx=zmq:{here['asked']}", "--port", f"a:rx=pubsub:{here['published']}"]
+    emulator = start(PROGRAM, "run", scenario, "--rate", RATE, *ports, "--control", here["control"])
+    try:
+        wait_for(lambda: all((tmp_path / name).exists() for name in here))
+        quit_ = [PROGRAM, "ask", here["control"], '{"command": "quit"}']
+        subprocess.run(quit_, check=True, stdout=subprocess.DEVNULL, timeout=60)
+        assert emulator.wait(20) == 0
+    finally:
+        end(emulator)
+    assert not any((tmp_path / name).exists() for name in here)
+
+
+def test_a_guarded_emulator_obeys_only_who_has_its_key(scenario, tmp_path):
+    control, key, other = free_address(), tmp_path / "key", tmp_path / "other"
+    for file in (key, other):
+        subprocess.run([PROGRAM, "key", str(file)], check=True)
+    emulator = start(PROGRAM, "run", scenario, "--rate", RATE, "--control", control, "--control-key", key)
+
+    def ask(*guard):
+        command = [PROGRAM, "ask", control, '{"command": "quit"}', *map(str, guard)]
+        return subprocess.run(command, capture_output=True, text=True, timeout=60)
+
+    try:
+        refused = ask("--control-key", other)
+        assert refused.returncode == 2 and refused.stderr.count("\n") == 1 and "key is not this one" in refused.stderr
+        assert ask("--control-key", key).returncode == 0
+        assert emulator.wait(20) == 0 and "key" not in emulator.stderr.read().decode()
+    finally:
+        end(emulator)
+
+
 def test_recordings_in_give_recordings_out(scenario, tmp_path):
     x = np.arange(1, 30_001).astype(np.complex64)
     recording.write(tmp_path / "x", x, sample_rate_hz=RATE)
@@ -226,6 +259,8 @@ def test_a_scenario_that_moves_is_played_to_the_sample_however_fast_its_recordin
     ("arguments", "says"),
     [
         (["--rate", "0"], "--rate"),
+        (["--rate", "1e6", "--control-key", "absent"], "no --control ADDRESS"),
+        (["--rate", "1e6", "--control", "ipc://c", "--control-key", "absent"], "absent"),
         (["--rate", "1e6", "--port", "zz:tx=null"], "no such node"),
         (["--rate", "1e6", "--port", "a:tx=zmq:nowhere"], "tcp://"),
         (["--rate", "1e6", "--port", "a:tx=zmq:tcp://localhost:99999"], "65535"),

@@ -2,9 +2,12 @@
 """Any request to a running emulator gets one answer; what is refused changes nothing."""
 
 import contextlib
+import dataclasses
 import json
 import os
 import random
+import select
+import socket
 import threading
 
 import pytest
@@ -13,6 +16,7 @@ from gr_cast import scenario as sc
 from gr_cast.blocks import control
 from gr_cast.blocks.cast_python import emulator_kernel
 from gr_cast.blocks.emulation import Emulation
+from gr_cast.core import keys
 from gr_cast.core.errors import CastError
 
 RATE_HZ = 1e6
@@ -25,7 +29,6 @@ def asked(tmp_path):
     (tmp_path / "two.yaml").write_text(SCENARIO % -3)
     emulation = Emulation(sc.load(tmp_path / "two.yaml"), [], RATE_HZ)
     address = f"ipc://{tmp_path}/control"
-    server = control.ControlServer(address)
     client = zmq.Context.instance().socket(zmq.REQ)
     client.setsockopt(zmq.LINGER, 0)
     client.connect(address)
@@ -35,7 +38,7 @@ def asked(tmp_path):
         assert client.poll(20_000), f"no answer to {parts}"
         return client.recv_json()
 
-    with server.obeying(emulation, threading.Event()):
+    with control.ControlServer(address) as server, server.obeying(emulation, threading.Event()):
         yield ask
     client.close()
 
@@ -120,6 +123,91 @@ def test_from_another_machine_only_named_folders_are_read(tmp_path):
     with pytest.raises(CastError, match="secret"):
         control._scenario(str(inside / "s.yaml"), (inside,))
     assert control._scenario("four_tap", ()).name
+
+
+STATUS = b'{"command": "status"}'
+
+
+@pytest.fixture
+def guarded(tmp_path):
+    """An address that is guarded by the key in tmp_path / "key"; what came through is in the list."""
+    keys.write_key(tmp_path / "key")
+    address, came = f"ipc://{tmp_path}/guarded", []
+
+    class Emulation:
+        def status(self):
+            came.append(True)
+            return {}
+
+    with control.ControlServer(address, (), keys.read_key(tmp_path / "key")) as server:
+        with server.obeying(Emulation(), threading.Event()):
+            yield address, came
+
+
+def answer(address, key=None, timeout_ms=1000, kind=zmq.REQ):
+    with zmq.Context() as context, context.socket(kind) as client:
+        client.linger = 0
+        if key:
+            key.present(client)
+        client.connect(address)
+        client.send(STATUS)
+        return client.recv_json() if client.poll(timeout_ms) else None
+
+
+def test_with_the_key_one_is_obeyed_and_without_it_nobody_is_heard(guarded, tmp_path):
+    address, came = guarded
+    right = keys.read_key(tmp_path / "key")
+    keys.write_key(tmp_path / "other")
+    other = keys.read_key(tmp_path / "other")
+    # A peer that has learnt the emulator's public key, and a false emulator's client.
+    strangers = [
+        None,
+        other,
+        dataclasses.replace(right, client=other.client),
+        dataclasses.replace(right, emulator=other.emulator),
+    ]
+    for stranger in strangers:
+        assert answer(address, stranger) is None and not came
+    assert answer(address, right, 20_000)["ok"] and len(came) == 1
+
+
+def test_what_goes_over_a_guarded_port_is_not_to_be_read_on_the_way(tmp_path):
+    keys.write_key(tmp_path / "key")
+    key, passed = keys.read_key(tmp_path / "key"), []
+    with socket.create_server(("127.0.0.1", 0)) as way, zmq.Context() as context, key.required_of(context):
+        with context.socket(zmq.REP) as server, context.socket(zmq.REQ) as client:
+            server.linger = client.linger = 0
+            key.guard(server)
+            port = server.bind_to_random_port("tcp://127.0.0.1")
+            key.present(client)
+            client.connect(f"tcp://127.0.0.1:{way.getsockname()[1]}")
+            client.send(b"a secret of the house")
+            come, _ = way.accept()
+            with come, socket.create_connection(("127.0.0.1", port)) as gone:
+                other = {come: gone, gone: come}
+                while not server.poll(0):
+                    for end in select.select(other, [], [], 0.1)[0]:
+                        passed.append(end.recv(65536))
+                        other[end].sendall(passed[-1])
+            assert server.recv() == b"a secret of the house"
+    assert b"CURVE" in b"".join(passed) and b"secret" not in b"".join(passed)
+
+
+def test_a_key_is_its_users_own_and_never_shown(tmp_path):
+    path = tmp_path / "key"
+    keys.write_key(path)
+    assert path.stat().st_mode & 0o777 == 0o600
+    with pytest.raises(CastError, match="overwritten"):
+        keys.write_key(path)
+    key, secret = keys.read_key(path), json.loads(path.read_text())["client"]
+    assert secret not in repr(key) and key.client != key.emulator
+    path.write_text(path.read_text().replace(secret, secret[:-1] + "!"))
+    with pytest.raises(CastError, match="client: needs 64 hexadecimal digits") as refused:
+        keys.read_key(path)
+    assert secret[:8] not in str(refused.value)
+    path.chmod(0o640)
+    with pytest.raises(CastError, match="other users have access"):
+        keys.read_key(path)
 
 
 @pytest.mark.parametrize("ramp", [2**64 - 10, 2**62 + 1])

@@ -10,6 +10,7 @@ import zmq
 
 from ..core.documents import is_number, json_text, short
 from ..core.errors import CastError
+from ..core.keys import Key
 from ..emulation.reference import filter_length
 from ..scenario import catalogue
 from .ports import address_to_bind
@@ -125,24 +126,39 @@ def is_local(address: str) -> bool:
 
 
 class ControlServer:
-    """Has `address` from the first, obeys the commands there with `obeying`; address None: nobody is listened to.
+    """Has `address` until it is left, obeys the commands there with `obeying`; address None: nobody is listened to.
 
-    Whoever reaches the address commands the emulator. From this machine it may load any scenario file; from elsewhere the
-    catalogue's and those in `folders`.
+    Whoever reaches the address commands the emulator, or with a `key` whoever holds it. From this machine it may load any
+    scenario file; from elsewhere the catalogue's and those in `folders`.
     """
 
-    def __init__(self, address: str | None, folders: tuple[Path, ...] = ()):
+    def __init__(self, address: str | None, folders: tuple[Path, ...] = (), key: Key | None = None):
         self._socket = None
         self._folders = None if address is None or is_local(address) else folders
-        if address is None:
-            return
-        self._socket = zmq.Context.instance().socket(zmq.REP)
+        with contextlib.ExitStack() as opened:
+            if address is not None:
+                context = opened.enter_context(zmq.Context())  # of its own: a gate is that of a whole context
+                if key:
+                    opened.enter_context(key.required_of(context))
+                self._socket = opened.enter_context(context.socket(zmq.REP))
+                self._bind(address, key)
+            self._opened = opened.pop_all()
+
+    def _bind(self, address: str, key: Key | None) -> None:
         self._socket.setsockopt(zmq.LINGER, 200)
         self._socket.setsockopt(zmq.MAXMSGSIZE, MOST_BYTES)
+        if key:
+            key.guard(self._socket)
         try:
             self._socket.bind(address_to_bind("--control", address))
         except zmq.ZMQError as error:
             raise CastError(f"--control: address {address}: {error.strerror}") from None
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._opened.close()
 
     @contextlib.contextmanager
     def obeying(self, emulation, ended: threading.Event):
@@ -162,5 +178,3 @@ class ControlServer:
                 continue
             command = command_of(self._socket.recv_multipart())
             self._socket.send_json(obey(emulation, ended, command, self._folders))
-        if self._socket:
-            self._socket.close()

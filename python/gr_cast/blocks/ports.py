@@ -6,6 +6,7 @@ transmits answers (REP) with complex floats. GNU Radio's own REQ Source and REP 
 peer dies between question and answer; `zmq_requester` and `zmq_replier` do not.
 """
 
+import atexit
 import contextlib
 import socket
 from dataclasses import dataclass
@@ -72,6 +73,8 @@ def address_to_bind(place: str, where: str) -> str:
         if transport == "ipc":
             probe.connect(path)
             raise CastError(f"{place}: address {where}: Address already in use")
+    if transport == "ipc" and not path.startswith("@"):
+        atexit.register(Path(path).absolute().unlink, missing_ok=True)  # ZeroMQ leaves it behind
     return where.replace("tcp://localhost", "tcp://127.0.0.1")
 
 
