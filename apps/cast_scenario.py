@@ -46,21 +46,37 @@ def show(args) -> None:
     if not scenario.is_static:
         print(f"{scenario.time_s.size} instants, between them: {scenario.interpolation}")
     keys = sorted(scenario.links, key=lambda key: [scenario.nodes.index(node) for node in key])
-    print(f"\n{'link':>12s} {'base loss dB':>13s} {'power dB':>9s}  taps at 0 s: delay us / gain dB / phase rad")
+    width_hz = _band_hz(args, scenario)
+    print(f"path gains: power in {width_hz / 1e6:g} MHz at 0 s; sum of |tap|² beside it where it differs")
+    print(
+        f"\n{'link':>12s} {'base loss dB':>13s} {'in band dB':>11s} {'sum dB':>7s}  taps at 0 s: delay us / gain dB / phase rad"
+    )
     for key in keys if args.all else keys[:MAX_ROWS]:
         delay_s, gain = (value[0] for value in sc.taps_at(scenario, key, np.zeros(1)))
-        power_db = sc.power_db(scenario, key)
+        in_band_db, sum_db = (
+            f"{value[0]:.2f}" for value in (sc.band_power_db(scenario, key, width_hz), sc.tap_power_db(scenario, key))
+        )
         taps = ", ".join(
             f"{1e6 * delay:.3f} / {db_from_amplitude(value):.2f} / {np.angle(value):.2f}"
             for delay, value in zip(delay_s, gain, strict=True)
             if value != 0
         )
-        print(f"{sc.link_name(key):>12s} {sc.base_loss_db(scenario, key):13.2f} {power_db[0]:9.2f}  {taps or 'none at 0 s'}")
+        print(
+            f"{sc.link_name(key):>12s} {sc.base_loss_db(scenario, key):13.2f} {in_band_db:>11s}"
+            f" {'' if sum_db == in_band_db else sum_db:>7s}  {taps or 'none at 0 s'}"
+        )
     if not args.all and len(keys) > MAX_ROWS:
         print(f"… and {len(keys) - MAX_ROWS} more links: --all shows them")
     picture = args.plot or f"{Path(args.scenario).stem}.png"
-    plot.save(plot.scenario_figure(scenario), picture)
+    plot.save(plot.scenario_figure(scenario, width_hz), picture)
     print(f"picture: {picture}")
+
+
+def _band_hz(args, scenario: sc.Scenario) -> float:
+    """The band of --band, or the scenario's own."""
+    if args.band is not None and not 1e4 <= args.band <= 1e8:
+        raise CastError(f"--band: got {args.band:g} Hz, limit 1e4 to 1e8 Hz")
+    return args.band or sc.band_hz(scenario)
 
 
 def convert(args) -> None:
@@ -117,12 +133,10 @@ def check(args) -> int:
     """Exit status 1 where a link does not agree with its taps within the sounder's own uncertainty."""
     if not args.links >= 1:
         raise CastError(f"--links: got {args.links}, needs 1 or more")
-    if args.band is not None and not 1e4 <= args.band <= 1e8:
-        raise CastError(f"--band: got {args.band:g} Hz, limit 1e4 to 1e8 Hz")
     scenario = sc.load(args.scenario)
     path = sc.catalogue_entries().get(args.scenario, Path(args.scenario))
     rays = validation.traced_rays(path, scenario)
-    band_hz = args.band or validation.own_band_hz(path)
+    band_hz = _band_hz(args, scenario)
     if args.link:
         keys = [tuple(link.split(">", 1)) for link in args.link]
         faults = [f"--link: got {link!r}: {scenario.name} has no such link, needs TX>RX, such as {_example(scenario)}"
@@ -132,28 +146,48 @@ def check(args) -> int:
     else:
         keys = validation.chosen_links(scenario, args.links)
     checks = []
-    print(f"{'link':>10s} {'s':>6s} {'taps':>4s} {'found':>5s} {'worst sigma':>11s} {'loss dB':>8s} {'sounded':>8s}"
-          f" {'sounded-taps':>12s} {'taps-rays':>9s} {'sounded-rays':>12s}  (errors: dB over {band_hz / 1e6:g} MHz)")  # fmt: skip
+    print(f"losses and errors: dB over {band_hz / 1e6:g} MHz; sum: loss by the sum of |tap|², where it differs")
+    print(f"{'':44s}path loss of{'':22s}error")
+    print(
+        _cells(
+            "link", "s", "taps", "found", "sigma", "rays", "taps", "sum", "sounded", "sounded-taps", "taps-rays", "sounded-rays"
+        )
+    )
     for index, key in enumerate(keys):
         for item in validation.check(scenario, [key], rays=rays, bandwidth_hz=band_hz, play=_emulator()):
             checks.append(item)
-            from_rays = [f"{v:.1f}" if v is not None else "-" for v in (item.taps_from_rays_db, item.sounded_from_rays_db)]
-            print(f"{item.link:>10s} {item.time_s:6.2f} {item.taps:4d} {item.found:5d} {item.worst_sigma:11.2f}"
-                  f" {item.path_loss_db:8.2f} {item.sounded_path_loss_db:8.2f} {item.sounded_from_taps_db:12.1f}"
-                  f" {from_rays[0]:>9s} {from_rays[1]:>12s}  {'' if item.holds else 'DOES NOT HOLD'}", flush=True)  # fmt: skip
+            print(_row(item), flush=True)
         _program.progress("validate", index + 1, len(keys))
     if rays is None:
         print("the ray-traced channel is not here: only taps and sounding are compared")
-    loss_db = -sc.path_gain_matrix_db(scenario)
+    loss_db = -sc.path_gain_matrix_db(scenario, band_hz)
     picture = args.plot or f"{Path(args.scenario).stem}-path-loss.png"
-    plot.save(
-        plot.heatmap_figure(np.where(np.isfinite(loss_db), loss_db, np.nan), list(scenario.nodes), f"{scenario.name}: path loss"),
-        picture,
-    )
+    title = f"{scenario.name}: path loss in {band_hz / 1e6:g} MHz"
+    least_db, most_db = sc.taps_over_band_db(scenario, band_hz)
+    if max(most_db, -least_db) >= 0.05:
+        title += f"\n(power by the sum of |tap|²: {least_db:+.1f} to {most_db:+.1f} dB on that)"
+    plot.save(plot.heatmap_figure(np.where(np.isfinite(loss_db), loss_db, np.nan), list(scenario.nodes), title), picture)
     failed = [item for item in checks if not item.holds]
     print(f"heat map: {picture}")
     print(f"{len(checks) - len(failed)} of {len(checks)} soundings agree with their taps within {validation.MAX_SIGMA:g} sigma")
     return 1 if failed else 0
+
+
+def _row(item: validation.LinkCheck) -> str:
+    taps, by_sum = _db(item.path_loss_db), _db(item.tap_sum_loss_db)
+    losses = _db(item.ray_path_loss_db), taps, "" if by_sum == taps else by_sum, _db(item.sounded_path_loss_db)
+    errors = (_db(value, 1) for value in (item.sounded_from_taps_db, item.taps_from_rays_db, item.sounded_from_rays_db))
+    row = _cells(item.link, f"{item.time_s:.2f}", item.taps, item.found, f"{item.worst_sigma:.2f}", *losses, *errors)
+    return row if item.holds else row + "  DOES NOT HOLD"
+
+
+def _cells(*values) -> str:
+    widths = (10, 6, 4, 5, 6, 8, 8, 8, 8, 13, 9, 12)
+    return " ".join(f"{value:>{width}}" for value, width in zip(values, widths, strict=True))
+
+
+def _db(value: float | None, digits: int = 2) -> str:
+    return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
 
 
 def _example(scenario: sc.Scenario) -> str:
@@ -187,6 +221,7 @@ def main(argv=None) -> int:
     command = commands.add_parser("show", help="links, taps, and power over time")
     command.add_argument("scenario", help="catalogue id or file (.yaml, .mat, .zarr)")
     command.add_argument("--all", action="store_true", help="every link of the table")
+    command.add_argument("--band", type=float, metavar="HZ", help="band of path gains (default: the scenario's own, else 80e6)")
     command.add_argument("--plot", metavar="PNG", help="the picture (default: SCENARIO.png in this folder)")
     command.set_defaults(call=show)
     command = commands.add_parser("convert", help="write a scenario in another format")
@@ -214,7 +249,7 @@ def main(argv=None) -> int:
     command.add_argument("--links", type=int, default=12, help="how many links, spread over all (default 12)")
     command.add_argument("--link", action="append", metavar="TX>RX", help="this link (may be given more than once)")
     command.add_argument(
-        "--band", type=float, metavar="HZ", help="band of the errors (default: that of the scenario's SPEC, else 80e6)"
+        "--band", type=float, metavar="HZ", help="band of losses and errors (default: the scenario's own, else 80e6)"
     )
     command.add_argument("--plot", metavar="PNG", help="the heat map (default: SCENARIO-path-loss.png in this folder)")
     command.set_defaults(call=check)

@@ -105,7 +105,7 @@ def loss_over_distance(made: sc.Scenario, block_s: float = 0.5) -> dict[str, flo
     pairs = {"still": [], "moving": []}
     for tx, rx in made.links:
         apart_m = np.linalg.norm(made.position_m[tx] - made.position_m[rx], axis=1)
-        loss_db = -sc.power_db(made, (tx, rx))
+        loss_db = -sc.tap_power_db(made, (tx, rx))
         starts = range(0, len(apart_m) - len(apart_m) % block or 1, block)
         rows = [(apart_m[at : at + block].mean(), loss_db[at : at + block].mean()) for at in starts]
         pairs["still" if len(apart_m) == 1 else "moving"] += rows

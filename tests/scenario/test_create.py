@@ -78,12 +78,17 @@ def test_what_is_installed_is_free_space_at_every_millisecond(yard):
     record = pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "work"))
     assert list(record) == list(pipeline.STEPS)
     made = sc.load("yard")
+    matrix = sc.path_gain_matrix_db(made)[~np.eye(3, dtype=bool)]
+    assert made.bandwidth_hz == 20e6
+    assert record["install"]["summary"]["path loss dB in 20 MHz"] == f"{-matrix.max():.1f} to {-matrix.min():.1f}"
+    assert record["install"]["summary"]["sum of |tap|² over that, dB"] == "{:+.1f} to {:+.1f}".format(*sc.taps_over_band_db(made))
     assert len(made.links) == 6 and made.time_s.size == 1501
     where = spec.read(yard / "yard.yaml").nodes
     for first, second in ((0, 1), (0, 2), (1, 2)):
         a, b = where[first], where[second]
         distance_m = np.linalg.norm(nodes.position_m(a, made.time_s) - nodes.position_m(b, made.time_s), axis=1)
         free_space_db = 20 * np.log10(4 * np.pi * distance_m * CARRIER_HZ / C_M_PER_S)
+        assert np.abs(sc.band_power_db(made, (a.name, b.name), 20e6) + free_space_db).max() < 0.2
         taps = made.links[a.name, b.name]
         # In the band's middle the taps add up to the path, whatever its place between them.
         total = np.broadcast_to(np.abs(sc.played_gain(made, (a.name, b.name)).sum(axis=1)), distance_m.shape)

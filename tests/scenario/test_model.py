@@ -30,7 +30,7 @@ def test_a_tap_fades_in_at_its_own_delay_not_from_that_of_an_unused_one():
 def test_powers_of_taps_add_and_base_loss_subtracts_in_db():
     taps = sc.LinkTaps(delay_s=[[0, 1e-6]], gain=[[0.6, 0.8j]])
     scenario = two_nodes(taps, base_loss_db=57.55)
-    assert sc.power_db(scenario, ("a", "b"))[0] == pytest.approx(-57.55)
+    assert sc.tap_power_db(scenario, ("a", "b"))[0] == pytest.approx(-57.55)
     matrix = sc.path_gain_matrix_db(scenario)
     assert matrix[0, 1] == pytest.approx(-57.55) and matrix[1, 0] == -np.inf
     own = two_nodes(taps, base_loss_db=57.55, link_base_loss_db={("a", "b"): 3.0})

@@ -107,5 +107,5 @@ def test_four_taps_keep_the_power_of_all_paths(arena):
     every, four = (room.scenario(short, [("c12", "s2"), ("c12", "m1")], 1.0, four_taps=four) for four in (False, True))
     assert four.links["c12", "m1"].gain.shape[1] == 4
     for key in every.links:
-        powers_db = [sc.power_db(scenario, key).mean() for scenario in (every, four)]
+        powers_db = [sc.tap_power_db(scenario, key).mean() for scenario in (every, four)]
         assert abs(powers_db[0] - powers_db[1]) < 3.0

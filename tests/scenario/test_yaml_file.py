@@ -127,6 +127,7 @@ def scenarios(draw):
         name=draw(st.sampled_from(["x", "four taps", "ü"])), nodes=nodes, links=links, time_s=np.arange(instants) * 0.5,
         base_loss_db=draw(number), link_base_loss_db={key: 1.5 for key in links if key[0] == "a"},
         interpolation=draw(st.sampled_from(["hold", "linear"])), center_frequency_hz=draw(st.sampled_from([None, 1e9])),
+        bandwidth_hz=draw(st.sampled_from([None, 20e6])),
     )  # fmt: skip
 
 
@@ -137,7 +138,8 @@ def test_what_is_written_reads_back_the_same(tmp_path_factory, scenario):
     yaml_file.write(path, scenario)
     back = yaml_file.read(path)
     assert (back.name, back.nodes, back.interpolation) == (scenario.name, scenario.nodes, scenario.interpolation)
-    assert back.base_loss_db == scenario.base_loss_db and back.center_frequency_hz == scenario.center_frequency_hz
+    assert (back.base_loss_db, back.bandwidth_hz) == (scenario.base_loss_db, scenario.bandwidth_hz)
+    assert back.center_frequency_hz == scenario.center_frequency_hz
     assert back.link_base_loss_db == scenario.link_base_loss_db and set(back.links) == set(scenario.links)
     clock = np.linspace(0, 2, 9)
     for key in scenario.links:

@@ -15,7 +15,7 @@ def scenario(instants=50):
     links = {("a", "b"): moving, ("b", "a"): moving, ("a", "c"): static, ("c", "c"): static}
     return sc.Scenario(
         name="walk", nodes=("a", "b", "c"), links=links, time_s=np.arange(instants) * 1e-3, base_loss_db=57.5,
-        link_base_loss_db={("a", "c"): 3.0}, interpolation="linear", center_frequency_hz=2.4e9,
+        link_base_loss_db={("a", "c"): 3.0}, interpolation="linear", center_frequency_hz=2.4e9, bandwidth_hz=20e6,
         position_m={"a": np.zeros((1, 3)), "b": rng.normal(size=(instants, 3))},
     )  # fmt: skip
 
@@ -24,7 +24,7 @@ def test_what_is_written_reads_back_the_same_to_single_precision(tmp_path):
     before = scenario()
     sc.save(tmp_path / "walk.zarr", before)
     after = sc.load(tmp_path / "walk.zarr")
-    for name in ("name", "nodes", "base_loss_db", "link_base_loss_db", "interpolation", "center_frequency_hz"):
+    for name in ("name", "nodes", "base_loss_db", "link_base_loss_db", "interpolation", "center_frequency_hz", "bandwidth_hz"):
         assert getattr(after, name) == getattr(before, name)
     assert set(after.links) == set(before.links)
     np.testing.assert_array_equal(after.time_s, before.time_s)

@@ -80,6 +80,24 @@ def test_path_loss_counts_power_gains_and_base_loss():
     assert result.path_loss_db == pytest.approx(30.0, abs=0.01)
 
 
+def test_path_gain_is_power_received_over_power_sent():
+    turns = np.exp(-2j * np.pi * np.fft.fftfreq(255) * 31.5)
+    beside = 0.8 * np.fft.ifft(np.fft.fft(CODE) * turns)  # 1.5 samples after the first tap
+    record = air({30: 0.0}, 400, -20.0)
+    samples = (record.samples + np.tile(beside, 400)).astype(np.complex64)
+    received_db = 10 * np.log10(np.mean(np.abs(np.roll(CODE, 30) + beside) ** 2))
+    result = sound(Recording(samples=samples, sample_rate_hz=50e6), WAVEFORM, SoundingOptions(average=10))
+    assert result.path_gain_db == pytest.approx(received_db, abs=4 * result.path_gain_std_db)
+    assert result.tap_sum_db == pytest.approx(10 * np.log10(1.64), abs=0.02) and result.tap_sum_db > received_db + 0.5
+    assert 10 * np.log10(np.mean(result.frame_power)) == pytest.approx(received_db, abs=0.02)
+
+
+def test_the_deviation_of_the_path_gain_is_that_of_repeated_soundings():
+    found = [sound(air({30: 0.0, 31: -2.0}, 20, 0.0, seed=seed), WAVEFORM) for seed in range(60)]
+    stated_db = np.mean([one.path_gain_std_db for one in found])
+    assert np.std([one.path_gain_db for one in found]) == pytest.approx(stated_db, rel=0.3)
+
+
 def test_a_code_shorter_than_the_spread_is_warned_of():
     def warned(rate_hz):
         result = sound(air({0: 0.0}, 20, -20.0, rate_hz=rate_hz), WAVEFORM)

@@ -154,6 +154,6 @@ def as_table(document: dict) -> str:
             *lines,
             row("delay spread", document["delay_spread_s"], 1e9, "ns"),
             row("K-factor", document["k_factor_db"], 1.0, "dB"),
-            row("path loss", document["path_loss_db"], 1.0, "dB"),
+            row("loss, Σ|tap|²", document["path_loss_db"], 1.0, "dB"),
         ]
     )

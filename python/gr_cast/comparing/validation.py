@@ -15,7 +15,8 @@ from ..core.documents import Reader
 from ..core.errors import CastError
 from ..core.units import amplitude_from_db, db_from_amplitude, db_from_power
 from ..emulation.reference import emulate, scenario_updates
-from ..scenario import LinkTaps, Scenario, base_loss_db, link_name, taps_at, zarr_file
+from ..scenario import LinkTaps, Scenario, band_hz, base_loss_db, link_name, taps_at, zarr_file
+from ..scenario.band import in_band_power
 from ..scenario.create import paths
 from ..scenario.model import GRID_STEP_S
 from ..signals.recording import Recording
@@ -25,7 +26,6 @@ from ..sounding.sound import Sounding, SoundingOptions, sound
 CODE = "glfsr:11"  # 10.2 us: longer than any delay, so that nothing aliases
 PERIODS = 40
 SNR_DB = 30.0
-BAND_HZ = 80e6  # of errors, where a scenario does not say its own
 MAX_SIGMA = 5.0  # of a few hundred taps by chance one passes 4
 SAMPLE_RATE_HZ = 2 / GRID_STEP_S  # chips of half a grid step tell neighbouring taps apart
 Play = Callable[[Scenario, np.ndarray, float], np.ndarray]
@@ -33,7 +33,8 @@ Play = Callable[[Scenario, np.ndarray, float], np.ndarray]
 
 @dataclass(frozen=True, kw_only=True)
 class LinkCheck:
-    """One link at one instant. Errors in dB are energy over the band, relative to the reference's; None: not known."""
+    """One link at one instant. Errors in dB are energy over the band, relative to the reference's; path losses are those of
+    the power in the band, but for `tap_sum_loss_db`, the sum of |tap|^2. None: not known."""
 
     link: str
     time_s: float
@@ -43,7 +44,9 @@ class LinkCheck:
     extra: int  # taps found where there is none
     worst_sigma: float  # largest deviation of a tap's gain or delay, in its own standard deviations
     path_loss_db: float
+    tap_sum_loss_db: float
     sounded_path_loss_db: float
+    ray_path_loss_db: float | None
     sounded_from_taps_db: float
     taps_from_rays_db: float | None
     sounded_from_rays_db: float | None
@@ -77,11 +80,12 @@ def check_link(
     time_s: float,
     *,
     rays: tuple[np.ndarray, np.ndarray] | None = None,
-    bandwidth_hz: float = BAND_HZ,
+    bandwidth_hz: float | None = None,
     play: Play = play_reference,
     seed: int = 0,
 ) -> LinkCheck:
-    """Freeze a link at an instant on the 10 ns grid, play a code over it with noise at 30 dB, sound it, and compare."""
+    """Freeze a link at an instant on the 10 ns grid, play a code over it with noise at 30 dB, sound it, and compare over the
+    scenario's band, or `bandwidth_hz`."""
     if key not in scenario.links:
         raise CastError(f"{scenario.name}: link {link_name(key)}: there is none")
     delay_s, gain = taps_at(scenario, key, np.array([time_s]))
@@ -96,14 +100,20 @@ def check_link(
     missed, extra, sigma = _deviations(sounding, delay_s[0], gain[0])
     taps = (delay_s, gain)
     heard = (found_s, found)
+    width_hz = bandwidth_hz or band_hz(scenario)
     return LinkCheck(
         link=link_name(key), time_s=time_s, taps=int((gain != 0).sum()), found=found.size, missed=missed, extra=extra,
-        worst_sigma=sigma, path_loss_db=-float(db_from_power((np.abs(gain) ** 2).sum())),
-        sounded_path_loss_db=-float(db_from_power(sounding.taps.total_power)),
-        sounded_from_taps_db=_difference_db(taps, heard, bandwidth_hz),
-        taps_from_rays_db=None if rays is None else _difference_db(rays, taps, bandwidth_hz),
-        sounded_from_rays_db=None if rays is None else _difference_db(rays, heard, bandwidth_hz),
+        worst_sigma=sigma, path_loss_db=_loss_db(taps, width_hz),
+        tap_sum_loss_db=-float(db_from_power((np.abs(gain) ** 2).sum())), sounded_path_loss_db=_loss_db(heard, width_hz),
+        ray_path_loss_db=None if rays is None else _loss_db(rays, width_hz),
+        sounded_from_taps_db=_difference_db(taps, heard, width_hz),
+        taps_from_rays_db=None if rays is None else _difference_db(rays, taps, width_hz),
+        sounded_from_rays_db=None if rays is None else _difference_db(rays, heard, width_hz),
     )  # fmt: skip
+
+
+def _loss_db(channel, bandwidth_hz: float) -> float:
+    return -float(db_from_power(in_band_power(*channel, bandwidth_hz)[0]))
 
 
 def _difference_db(reference, other, bandwidth_hz: float) -> float:
@@ -137,15 +147,6 @@ def _deviations(sounding: Sounding, delay_s: np.ndarray, gain: np.ndarray) -> tu
         sigmas.append(abs(taps.delay_samples[near] - at) / taps.delay_std_samples[near])
         sigmas.append(abs(db_from_power(taps.power[near]) - db) / taps.gain_std_db[near])
     return missed, taps.delay_samples.size - len(matched), float(max(sigmas))
-
-
-def own_band_hz(path: str | Path) -> float:
-    """The band that an installed scenario's taps were fitted to; 80 MHz for others."""
-    about = zarr_file.attributes(path) if Path(path).suffix == ".zarr" else {}
-    get = Reader(f"{path}: .zattrs")
-    band_hz = get.number(about.get("bandwidth_hz") or BAND_HZ, "bandwidth_hz", "Hz", 1.0, 1e12)
-    get.faults.raise_if_any()
-    return band_hz
 
 
 def traced_rays(path: str | Path, scenario: Scenario):
@@ -189,7 +190,7 @@ def _moves(get: Reader, entries: list) -> dict[tuple[str, str], list[float]]:
     return moved
 
 
-def check(scenario: Scenario, keys: Sequence, *, rays=None, bandwidth_hz=BAND_HZ, play: Play = play_reference) -> list[LinkCheck]:
+def check(scenario: Scenario, keys: Sequence, *, rays=None, bandwidth_hz=None, play: Play = play_reference) -> list[LinkCheck]:
     """Check links: static ones once, moving ones at the start, in the middle and at the end."""
     out = []
     for key in keys:

@@ -14,7 +14,7 @@ from scipy.fft import next_fast_len
 from ..core.errors import CastError
 from ..core.units import db_from_power, power_from_db
 from ..scenario import Scenario, base_loss_db, taps_at
-from ..scenario.create.approximate import in_band_energy
+from ..scenario.band import in_band_power
 
 LINK_BAND_HZ = 16.6e6  # that the carriers of 20 MHz Wi-Fi fill
 WAIT_S = 34e-6 + 7.5 * 9e-6  # DIFS and the mean backoff of 802.11a
@@ -117,7 +117,7 @@ def mean_gain(scenario: Scenario, key: tuple[str, str], bandwidth_hz: float, cen
         raise CastError(f"{scenario.name}: no link {key[0]}>{key[1]}")
     delay_s, gain = taps_at(scenario, key, scenario.time_s)
     turned = gain * np.exp(-2j * np.pi * centre_hz * delay_s)
-    power = float(np.mean(in_band_energy(delay_s, turned, bandwidth_hz)) * power_from_db(-base_loss_db(scenario, key)))
+    power = float(np.mean(in_band_power(delay_s, turned, bandwidth_hz)) * power_from_db(-base_loss_db(scenario, key)))
     if not power > 0:
         raise CastError(f"{scenario.name}: link {key[0]}>{key[1]} hears nothing")
     return power

@@ -132,22 +132,22 @@ def codes_figure(rows: list[dict]) -> Figure:
     return figure
 
 
-def scenario_figure(scenario: sc.Scenario) -> Figure:
-    """Path gain of every link, taps of the most different links, and power over time."""
+def scenario_figure(scenario: sc.Scenario, bandwidth_hz: float) -> Figure:
+    """Path gain of every link in the band, taps of the most different links, and power over time."""
     figure = new_figure(13, 4.6)
     left, middle, right = figure.subplots(1, 3)
     figure.suptitle(scenario.name, x=0.01, ha="left", fontsize=11)
-    _path_gain_map(figure, left, scenario)
+    _path_gain_map(figure, left, scenario, bandwidth_hz)
     keys = _distinct_links(scenario)
     _taps(middle, scenario, keys)
-    _power_over_time(right, scenario, keys)
+    _power_over_time(right, scenario, keys, bandwidth_hz)
     return figure
 
 
-def _path_gain_map(figure: Figure, axes, scenario: sc.Scenario) -> None:
-    gain_db = sc.path_gain_matrix_db(scenario)
+def _path_gain_map(figure: Figure, axes, scenario: sc.Scenario, bandwidth_hz: float) -> None:
+    gain_db = sc.path_gain_matrix_db(scenario, bandwidth_hz)
     image = axes.imshow(np.where(np.isfinite(gain_db), gain_db, np.nan), cmap="viridis", interpolation="nearest")
-    figure.colorbar(image, ax=axes, label="path gain (dB)", shrink=0.8)
+    figure.colorbar(image, ax=axes, label=f"path gain in {bandwidth_hz / 1e6:g} MHz (dB)", shrink=0.8)
     step = max(1, len(scenario.nodes) // 16)
     ticks = range(0, len(scenario.nodes), step)
     axes.set_xticks(ticks, scenario.nodes[::step], rotation=90)
@@ -183,15 +183,22 @@ def _taps(axes, scenario: sc.Scenario, keys) -> None:
     axes.legend(fontsize=8)
 
 
-def _power_over_time(axes, scenario: sc.Scenario, keys) -> None:
-    for key in keys:
-        power_db = np.broadcast_to(sc.power_db(scenario, key), scenario.time_s.shape)
-        if scenario.time_s.size == 1:
-            axes.axhline(power_db[0], color=f"C{keys.index(key)}", label=sc.link_name(key))
-        else:
-            style = "steps-post" if scenario.interpolation == "hold" else "default"
-            axes.plot(scenario.time_s, power_db, drawstyle=style, lw=0.8, label=sc.link_name(key))
-    axes.set(xlabel="time (s)", ylabel="power of all taps (dB)", title="power over time")
+def _power_over_time(axes, scenario: sc.Scenario, keys, bandwidth_hz: float) -> None:
+    """Power in the band, and the sum of |tap|^2 as dots where it is another."""
+    time_s = scenario.time_s if scenario.time_s.size > 1 else np.array([0.0, 1.0])  # what stands still is a line across
+    style = "steps-post" if scenario.interpolation == "hold" else "default"
+    differ = False
+    for index, key in enumerate(keys):
+        in_band_db, sum_db = sc.band_power_db(scenario, key, bandwidth_hz), sc.tap_power_db(scenario, key)
+        about = dict(color=f"C{index}", drawstyle=style, lw=0.9)
+        axes.plot(time_s, np.broadcast_to(in_band_db, time_s.shape), label=sc.link_name(key), **about)
+        if np.max(np.abs(in_band_db - sum_db)) >= 0.05:
+            differ = True
+            axes.plot(time_s, np.broadcast_to(sum_db, time_s.shape), ls=":", alpha=0.8, **about)
+    title = f"power in {bandwidth_hz / 1e6:g} MHz" + (" (dotted: Σ|tap|²)" if differ else "")
+    axes.set(xlabel="time (s)", ylabel="path gain (dB)", title=title)
+    if scenario.time_s.size == 1:
+        axes.set_xticks([])
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8)
 

@@ -4,6 +4,7 @@
 `load` takes a catalogue name or a file; `save` writes by suffix. The model needs NumPy alone, Colosseum files SciPy.
 """
 
+from .band import band_hz, band_power_db, path_gain_matrix_db, tap_power_matrix_db, taps_over_band_db
 from .catalogue import catalogue_entries, data_folder, examples_folder, load, read, save
 from .model import (
     GRID_STEP_S,
@@ -14,10 +15,9 @@ from .model import (
     base_loss_db,
     impulse_response,
     link_name,
-    path_gain_matrix_db,
     played_gain,
-    power_db,
     resampled,
+    tap_power_db,
     taps_at,
     with_base_loss,
     with_more_loss,
@@ -29,6 +29,8 @@ __all__ = [
     "MAX_DELAY_S",
     "LinkTaps",
     "Scenario",
+    "band_hz",
+    "band_power_db",
     "base_loss_db",
     "catalogue_entries",
     "data_folder",
@@ -38,11 +40,13 @@ __all__ = [
     "load",
     "path_gain_matrix_db",
     "played_gain",
-    "power_db",
     "read",
     "resampled",
     "save",
+    "tap_power_db",
+    "tap_power_matrix_db",
     "taps_at",
+    "taps_over_band_db",
     "with_base_loss",
     "with_more_loss",
 ]

@@ -59,8 +59,9 @@ class Scenario:
     """Nodes and the links between them, on one clock `time_s` (T,), strictly ascending from 0.
 
     `links` maps (tx, rx) to LinkTaps. `base_loss_db` is the loss of the set-up on every link, `link_base_loss_db` that of
-    single links in its place. `interpolation` says how taps move between two instants: held or linear. After the
-    last instant the last taps stay. `position_m` maps a node to (T or 1, 3) metres. Raises CastError with all faults.
+    single links in its place. `bandwidth_hz` is the band that the taps stand for. `interpolation` says how taps move between
+    two instants: held or linear. After the last instant the last taps stay. `position_m` maps a node to (T or 1, 3) metres.
+    Raises CastError with all faults.
     """
 
     name: str
@@ -69,6 +70,7 @@ class Scenario:
     time_s: np.ndarray = field(default_factory=lambda: np.zeros(1))
     description: str = ""
     center_frequency_hz: float | None = None
+    bandwidth_hz: float | None = None
     base_loss_db: float = 0.0
     link_base_loss_db: dict[tuple[str, str], float] = field(default_factory=dict)
     interpolation: str = "hold"
@@ -93,9 +95,10 @@ class Scenario:
                 faults.add("nodes", f"got {node[:60]!r}, needs a name: {NAME_RULE}")
         if self.interpolation not in INTERPOLATIONS:
             faults.add("interpolation", f"got {self.interpolation!r}, needs one of {', '.join(INTERPOLATIONS)}")
-        frequency = self.center_frequency_hz
-        if frequency is not None and not 0 < frequency < np.inf:
-            faults.add("center_frequency_hz", f"got {frequency}, needs a finite number of Hz above 0")
+        for place in ("center_frequency_hz", "bandwidth_hz"):
+            value = getattr(self, place)
+            if value is not None and not 0 < value < np.inf:
+                faults.add(place, f"got {value}, needs a finite number of Hz above 0")
         steps = self.time_s
         if steps.ndim != 1 or steps[0] != 0 or not np.isfinite(steps).all() or (np.diff(steps) <= 0).any():
             faults.add("time_s", "needs finite seconds, ascending from 0")
@@ -173,18 +176,9 @@ def taps_at(scenario: Scenario, key: tuple[str, str], time_s: np.ndarray) -> tup
     return (1 - share) * first + share * last, gain
 
 
-def power_db(scenario: Scenario, key: tuple[str, str]) -> np.ndarray:
+def tap_power_db(scenario: Scenario, key: tuple[str, str]) -> np.ndarray:
     """Power of all taps of one link over time (T or 1,), in dB, base loss applied: sum of |gain|^2."""
     return db_from_power(np.sum(np.abs(played_gain(scenario, key)) ** 2, axis=1))
-
-
-def path_gain_matrix_db(scenario: Scenario) -> np.ndarray:
-    """Mean power (over time, linear) of every link, base loss applied: (N, N), row tx, column rx; no link is -inf."""
-    place = {node: index for index, node in enumerate(scenario.nodes)}
-    power = np.zeros((len(scenario.nodes),) * 2)
-    for key in scenario.links:
-        power[place[key[0]], place[key[1]]] = np.mean(np.sum(np.abs(played_gain(scenario, key)) ** 2, axis=1))
-    return db_from_power(power)
 
 
 def impulse_response(taps: LinkTaps) -> np.ndarray:

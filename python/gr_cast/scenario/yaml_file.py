@@ -14,8 +14,8 @@ from .model import INTERPOLATIONS, MAX_NODES, LinkTaps, Scenario, reciprocal
 
 VERSION = 1
 KEYS = {
-    "cast_scenario", "name", "description", "center_frequency_hz", "nodes", "time_s", "duration_s", "update_s",
-    "interpolation", "reciprocal", "base_loss_db", "all_links", "links",
+    "cast_scenario", "name", "description", "center_frequency_hz", "bandwidth_hz", "nodes", "time_s", "duration_s",
+    "update_s", "interpolation", "reciprocal", "base_loss_db", "all_links", "links",
 }  # fmt: skip
 LINK_KEYS = {"tx", "rx", "base_loss_db", "taps"}
 TAP_KEYS = {"delay_s", "gain_db", "phase_rad", "doppler_hz"}
@@ -67,16 +67,14 @@ def _scenario(get: Reader, stem: str):
             losses[key] = get.number(entry["base_loss_db"], f"{place}.base_loss_db", "dB")
     if both_ways:
         named, losses = reciprocal(named), {(rx, tx): loss for (tx, rx), loss in losses.items()} | losses
-    frequency = document.get("center_frequency_hz")
-    if frequency is not None:
-        frequency = get.number(frequency, "center_frequency_hz", "Hz", 1.0, 1e12)
-    about = dict(
+    given = [place for place in ("center_frequency_hz", "bandwidth_hz") if document.get(place) is not None]
+    about = {place: get.number(document[place], place, "Hz", 1.0, 1e12) for place in given} | dict(
         name=get.text(document.get("name", stem), "name"),
         description=get.text(document.get("description", " - "), "description").strip(" -\n"),
         base_loss_db=get.number(document.get("base_loss_db", 0.0), "base_loss_db", "dB"),
     )
     return lambda: Scenario(
-        nodes=nodes, links=links | named, time_s=time_s, center_frequency_hz=frequency, interpolation=interpolation,
+        nodes=nodes, links=links | named, time_s=time_s, interpolation=interpolation,
         link_base_loss_db=losses, position_m=position_m, **about,
     )  # fmt: skip
 
@@ -216,8 +214,9 @@ def to_text(scenario: Scenario) -> str:
     head: dict = {"cast_scenario": VERSION, "name": scenario.name}
     if scenario.description:
         head["description"] = scenario.description
-    if scenario.center_frequency_hz is not None:
-        head["center_frequency_hz"] = scenario.center_frequency_hz
+    for place in ("center_frequency_hz", "bandwidth_hz"):
+        if getattr(scenario, place) is not None:
+            head[place] = getattr(scenario, place)
     if scenario.time_s.size > 1:
         head["time_s"] = scenario.time_s.tolist()
     head |= {"interpolation": scenario.interpolation, "reciprocal": False, "base_loss_db": scenario.base_loss_db}

@@ -21,7 +21,7 @@ MAX_ARRAY_BYTES = 1 << 31  # of one array, unpacked
 MAX_CHUNKS = MAX_NODES**2  # of one array: one for each link
 _DTYPES = ("<f8", "<f4", "<c8", "<c16", "<i2", "<i4", "<i8")
 _DEFLATE = 1032  # bytes that one of zlib's can become at most
-_FIELDS = ("name", "description", "center_frequency_hz", "base_loss_db", "interpolation")
+_FIELDS = ("name", "description", "center_frequency_hz", "bandwidth_hz", "base_loss_db", "interpolation")
 
 
 def write_array(folder: Path, name: str, values: np.ndarray, dimensions: tuple[str, ...], chunk_rows: int = 0) -> None:
@@ -162,11 +162,11 @@ def read(path: str | Path) -> Scenario:
             get.faults.add("link_base_loss_db", f"got {short(entry)}, needs tx, rx and dB")
             continue
         losses[str(entry[0]), str(entry[1])] = get.number(entry[2], "link_base_loss_db", "dB")
-    frequency = get.document.get("center_frequency_hz")
+    hz = {place: get.document.get(place) for place in ("center_frequency_hz", "bandwidth_hz")}
     fields = {
         "name": get.text(get.document.get("name"), "name"),
         "description": str(get.document.get("description", "")),
-        "center_frequency_hz": None if frequency is None else get.number(frequency, "center_frequency_hz", "Hz", 1.0, 1e12),
+        **{place: None if value is None else get.number(value, place, "Hz", 1.0, 1e12) for place, value in hz.items()},
         "base_loss_db": get.number(get.document.get("base_loss_db"), "base_loss_db", "dB"),
         "interpolation": get.choice(get.document.get("interpolation"), "interpolation", INTERPOLATIONS),
     }

@@ -45,10 +45,6 @@ class Taps:
         blocks = self.gain.shape[1]
         return DB_PER_NEPER * self.gain_std / np.sqrt(blocks * self.power)
 
-    @property
-    def total_power(self) -> float:
-        return float(self.power.sum())
-
 
 def detection_threshold(
     false_alarms_per_cir: float, delays: float, rms_bandwidth_rad: float, blocks: int = 1, noise_freedom: float = np.inf

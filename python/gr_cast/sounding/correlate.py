@@ -43,6 +43,11 @@ class Template:
             turns[self.grid // 2] = -np.pi * np.sin(np.pi * np.asarray(delays))
         return ifft(self.spectrum[:, None] * turns, axis=0)[self._seen]
 
+    def gram(self, delays) -> np.ndarray:
+        """Inner products of the waveform at each two delays, relative to its energy: (k, k) complex128, 1 on the diagonal."""
+        delayed = self.spectrum[:, None] * self._turns(delays)
+        return delayed.conj().T @ delayed / (self.grid * self.energy)
+
     def matched_filter(self, samples: np.ndarray, oversampling: int = 1) -> np.ndarray:
         """Σ_n r[n]·s*(n − τ) for τ = 0, 1/oversampling, … < grid; input (window, …), output (grid·oversampling, …)."""
         shape = (-1,) + (1,) * (samples.ndim - 1)

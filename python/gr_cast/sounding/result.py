@@ -43,6 +43,7 @@ def as_document(sounding: Sounding, about: dict) -> dict:
         "taps": entries,
         "path_gain_db": sounding.path_gain_db,
         "path_gain_std_db": sounding.path_gain_std_db,
+        "tap_sum_db": sounding.tap_sum_db,
         "path_loss_db": sounding.path_loss_db,
         "smallest_detectable_gain_db": sounding.smallest_path_gain_db,
         "noise_floor_db": float(db_from_power(max(sounding.noise_power, 1e-30))),
@@ -56,10 +57,8 @@ def as_document(sounding: Sounding, about: dict) -> dict:
 
 
 def frame_gain_db(sounding: Sounding) -> np.ndarray:
-    """Path gain of each frame, dB, (frames,): power over all taps, noise bias removed; NaN where the frame is missing."""
-    bias = sounding.frame_noise_power * sounding.frame_gain.shape[1]
-    power = np.sum(np.abs(sounding.frame_gain) ** 2, axis=1) - bias
-    return db_from_power(np.where(sounding.frame_detected & (power > 0), power, np.nan))
+    """Path gain of each frame, dB, (frames,): in the waveform's band, noise bias removed; NaN where the frame is missing."""
+    return db_from_power(np.where(sounding.frame_detected & (sounding.frame_power > 0), sounding.frame_power, np.nan))
 
 
 def frames_csv(sounding: Sounding) -> str:
@@ -99,6 +98,7 @@ def as_table(document: dict) -> str:
     lines += [
         "",
         show("path gain", document["path_gain_db"], "dB", document["path_gain_std_db"]),
+        *([show("sum of |tap|²", document["tap_sum_db"], "dB")] if _differ(document) else []),
         show("path loss", document["path_loss_db"], "dB"),
         show("noise floor", document["noise_floor_db"], "dB of full scale per sample"),
         show("smallest gain seen", document["smallest_detectable_gain_db"], "dB"),
@@ -106,6 +106,12 @@ def as_table(document: dict) -> str:
         f"{'frames':<22}{document['frames']}, of which {document['frames_missing']} missing",
     ]
     return "\n".join(lines + [f"warning: {warning}" for warning in document["warnings"]])
+
+
+def _differ(document: dict) -> bool:
+    """Whether the sum of |tap|² is not the power in the band, as far as it is printed."""
+    path_gain_db, sum_db = document["path_gain_db"], document["tap_sum_db"]
+    return path_gain_db is not None and f"{path_gain_db:.2f}" != f"{sum_db:.2f}"
 
 
 def output_folder(path: str | Path) -> Path:

@@ -75,14 +75,16 @@ class Sounding:
     periods_per_frame: int
     frame_time_s: np.ndarray
     frame_gain: np.ndarray
+    frame_power: np.ndarray  # (frames,) in the waveform's band, noise bias removed
     frame_noise_power: float  # of each frame_gain
     frame_detected: np.ndarray
     response: np.ndarray  # complex CIR on whole samples from `response_start`, for the picture
     residual_response: np.ndarray  # the same after the taps are taken out
     response_noise_power: float
     response_start: int
-    path_gain_db: float | None
+    path_gain_db: float | None  # power received over power sent, in the waveform's band
     path_gain_std_db: float | None
+    tap_sum_db: float | None  # sum of |tap|^2: another figure where taps are not whole samples apart
     path_loss_db: float | None
     smallest_path_gain_db: float  # a weaker single tap would be missed
     residual_db: float  # power that the taps leave unexplained, over the power received; noise counts
@@ -323,8 +325,13 @@ def _result(
     if found:  # the energy along the taps is a χ² variable when there is noise alone
         energy = np.sum(np.abs(columns @ frame_gain.T) ** 2, axis=0)
         detected = energy > frame_noise * gamma.isf(options.false_alarm_rate, found)
-    gain_db = float(db_from_power(taps.total_power)) if found else None
-    spread = np.sqrt(np.sum(4 * taps.power * taps.gain_std**2 / taps.gain.shape[1])) if found else 0.0
+    gram = template.gram(taps.delay_samples)
+    # E[ĝᴴGĝ] is gᴴGg and the noise of one waveform's energy for every tap; the estimate's own tangent holds the signal, so
+    # that its variance is that of white noise along it.
+    block_noise, blocks = taps.noise_variance / template.energy, taps.gain.shape[1]
+    power = _in_band(taps.gain.T, gram).mean() - (found * block_noise if blocks > 1 else 0.0) if found else 0.0
+    power = max(power, found * block_noise)
+    gain_db = float(db_from_power(power)) if found else None
     # Phases are those at the first sample: an offset that is a little off turns them from the middle of the recording on.
     middle = frame_time_s.mean() * recording.sample_rate_hz + len(frame_samples) / 2
     turned_rad = 2 * np.pi * offset.std_cycles_per_sample * middle if offset.cycles_per_sample else 0.0
@@ -341,6 +348,7 @@ def _result(
         periods_per_frame=periods_per_frame,
         frame_time_s=frame_time_s,
         frame_gain=frame_gain,
+        frame_power=_in_band(frame_gain, gram) - found * frame_noise / template.energy,
         frame_noise_power=frame_noise / template.energy,
         frame_detected=detected,
         response=_response(template, observed)[:searched],
@@ -348,7 +356,8 @@ def _result(
         response_noise_power=taps.noise_variance / template.energy,
         response_start=response_start,
         path_gain_db=gain_db,
-        path_gain_std_db=float(DB_PER_NEPER / 2 * spread / taps.total_power) if found else None,
+        path_gain_std_db=float(DB_PER_NEPER / 2 * np.sqrt(2 * block_noise / (power * blocks))) if found else None,
+        tap_sum_db=float(db_from_power(taps.power.sum())) if found else None,
         path_loss_db=None if gain_db is None else float(options.budget.path_loss_db(gain_db)),
         smallest_path_gain_db=float(db_from_power(taps.threshold * taps.noise_variance / template.energy)),
         residual_db=float(db_from_power(max(residual, 1e-30))),
@@ -356,6 +365,11 @@ def _result(
         jumps=tuple(jumps),
         warnings=tuple(_recording_warnings(recording) + warnings + _tap_warnings(taps, options, detected)),
     )
+
+
+def _in_band(gain: np.ndarray, gram: np.ndarray) -> np.ndarray:
+    """Power of the waveform through taps `gain` (n, k) over the power sent, (n,)."""
+    return np.einsum("np,pq,nq->n", gain.conj(), gram, gain, optimize=True).real
 
 
 def _response(template: Template, observed: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...core.errors import CastError
 from ...core.units import db_from_power
+from ..band import in_band_power
 from ..model import GRID_STEP_S, GRID_TAPS
 
 TAPS = 4
@@ -112,7 +113,7 @@ def choose_support(delay_s: np.ndarray, gain: np.ndarray, bandwidth_hz: float, t
         return np.zeros(0, int), 0.0
     candidates = _candidates(delay_s[present])
     b = inner_products(delay_s, gain, candidates * GRID_STEP_S, bandwidth_hz)
-    energy = in_band_energy(delay_s, gain, bandwidth_hz)
+    energy = in_band_power(delay_s, gain, bandwidth_hz)
     weighted = b[energy > 0] / np.sqrt(energy[energy > 0])[:, None]
     r = weighted.T @ weighted.conj() / max(len(weighted), 1)
     gram = _gram(candidates, bandwidth_hz)
@@ -181,23 +182,12 @@ def inner_products(delay_s: np.ndarray, gain: np.ndarray, at_s: np.ndarray, band
     return out
 
 
-def in_band_energy(delay_s: np.ndarray, gain: np.ndarray, bandwidth_hz: float) -> np.ndarray:
-    """Mean of |H(f)|^2 over the band, (T,): sum_pq gain_p conj(gain_q) sinc(B (delay_p - delay_q))."""
-    out = np.empty(len(gain))
-    step = max(1, _CHUNK // max(1, gain.shape[1] ** 2))
-    for start in range(0, len(gain), step):
-        part = slice(start, start + step)
-        shape = np.sinc(bandwidth_hz * (delay_s[part, :, None] - delay_s[part, None, :]))
-        out[part] = np.einsum("tp,tpq,tq->t", gain[part].conj(), shape, gain[part], optimize=True).real
-    return np.maximum(out, 0.0)
-
-
 def loss(delay_s, gain, tap_delay_s, tap_gain, bandwidth_hz: float) -> Loss:
     """What taps (T, K) lose of paths (T, P) over the band."""
     both_s = np.concatenate([delay_s, tap_delay_s], axis=1)
-    error = in_band_energy(both_s, np.concatenate([gain, -tap_gain], axis=1), bandwidth_hz)
-    before = in_band_energy(delay_s, gain, bandwidth_hz)
-    after = in_band_energy(tap_delay_s, tap_gain, bandwidth_hz)
+    error = in_band_power(both_s, np.concatenate([gain, -tap_gain], axis=1), bandwidth_hz)
+    before = in_band_power(delay_s, gain, bandwidth_hz)
+    after = in_band_power(tap_delay_s, tap_gain, bandwidth_hz)
     if (before == 0).any():
         raise CastError("loss: a channel without any path has no relative error")
     return Loss(

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...core.errors import CastError
 from ...core.files import written_aside
-from .approximate import in_band_energy
+from ..band import in_band_power
 from .trace import Traced
 
 
@@ -130,7 +130,7 @@ def difference_db(a: tuple, b: tuple, bandwidth_hz: float) -> np.ndarray:
     """Energy of the difference of two channels (delays and coefficients, (T, P)) over that of the first, in the band, dB."""
     delay_s, gain = np.concatenate([a[0], b[0]], axis=1), np.concatenate([a[1], -b[1]], axis=1)
     floor = np.finfo(float).tiny
-    error = in_band_energy(delay_s, gain, bandwidth_hz) / np.maximum(in_band_energy(*a, bandwidth_hz), floor)
+    error = in_band_power(delay_s, gain, bandwidth_hz) / np.maximum(in_band_power(*a, bandwidth_hz), floor)
     return 10 * np.log10(np.maximum(error, floor))
 
 

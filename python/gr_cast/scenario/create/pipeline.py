@@ -26,7 +26,8 @@ from ...core.errors import CastError, Faults
 from ...core.files import locked, sweep, write_json, write_text, written_aside
 from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
 from .. import catalogue, zarr_file
-from ..model import MAX_DELAY_S, LinkTaps, Scenario, link_name, path_gain_matrix_db
+from ..band import path_gain_matrix_db, taps_over_band_db
+from ..model import MAX_DELAY_S, LinkTaps, Scenario, link_name
 from . import geometry, materials, mesh_files, nodes, osm, paths, reduce, trace
 from .spec import Spec
 
@@ -379,6 +380,7 @@ def scenario(spec: Spec, run: Run) -> Scenario:
         links=links,
         time_s=clock_s,
         center_frequency_hz=spec.carrier_hz,
+        bandwidth_hz=spec.bandwidth_hz,
         base_loss_db=-float(db_from_amplitude(strongest)),
         position_m=where,
     )
@@ -413,8 +415,11 @@ def _install(spec: Spec, run: Run, folder: Path):
     size_mb = sum(file.stat().st_size for file in target.rglob("*") if file.is_file()) / 1e6
     summary = {
         "id": spec.id, "version": version, "sha256": content[:12], "megabytes": round(size_mb, 2),
-        "path loss dB": f"{-finite.max():.1f} to {-finite.min():.1f}",
+        f"path loss dB in {spec.bandwidth_hz / 1e6:g} MHz": f"{-finite.max():.1f} to {-finite.min():.1f}",
     }  # fmt: skip
+    least_db, most_db = taps_over_band_db(made)
+    if max(most_db, -least_db) >= 0.05:
+        summary["sum of |tap|² over that, dB"] = f"{least_db:+.1f} to {most_db:+.1f}"
     write_json(folder / "installed.json", summary | {"path": str(target)})
     return folder / "installed.json", summary
 
@@ -435,7 +440,7 @@ def _write(spec: Spec, run: Run, made: Scenario, content: str, target: Path) -> 
     steps = {step: {key: entry[key] for key in ("seconds", "peak_mib", "summary")} for step, entry in record.items()}
     zarr_file.write(
         target, made, id=spec.id, version=version, content_sha256=content, radios=radios, steps=steps,
-        paths_file=str((run.folder / "parsing/links.npz").resolve()), bandwidth_hz=spec.bandwidth_hz,
+        paths_file=str((run.folder / "parsing/links.npz").resolve()),
         delays_moved_s=_delays_moved_s(spec, run), hold_s=spec.hold_s,
     )  # fmt: skip
     return version
