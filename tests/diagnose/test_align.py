@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from conftest_world import RATE_HZ, noise, sent_once
-from gr_cast.diagnose import align, read_case
+from gr_cast.diagnose import align, policy, read_case
 from gr_cast.signals import recording
 from gr_cast.twin import document
 
@@ -26,7 +26,7 @@ def test_a_recording_is_trimmed_to_what_is_known_and_the_waveform_stays_in_place
     found = burst(y, x)
     (part, near), *others = align.parts_of(found, found.observations[0])
     assert not others and near == (7 - part.first, False)
-    assert part.first == 3007 - align.MARGIN and len(part.samples) == 800 + 2 * align.MARGIN
+    assert part.first == 3007 - policy.ALIGN_MARGIN and len(part.samples) == 800 + 2 * policy.ALIGN_MARGIN
 
 
 def test_a_burst_is_found_in_a_long_recording_and_only_its_surroundings_are_looked_at(burst):
@@ -37,7 +37,7 @@ def test_a_burst_is_found_in_a_long_recording_and_only_its_surroundings_are_look
     found = burst(y, x)
     parts = align.parts_of(found, found.observations[0])
     assert all(near == (at - part.first, False) for part, near in parts)
-    assert min(part.first for part, _ in parts) >= at - 2 * align.LEAST_PART
+    assert min(part.first for part, _ in parts) >= at - 2 * policy.LEAST_PART
 
 
 @pytest.mark.parametrize("inverted", [False, True])

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from gr_cast.diagnose import align, claims, read_case
+from gr_cast.diagnose import align, claims, policy, read_case
 from gr_cast.diagnose.finding import Worth
 from gr_cast.diagnose.search import refit
 from gr_cast.twin.effects import FAMILIES
@@ -29,7 +29,7 @@ def test_the_size_of_what_is_there_is_many_errors_and_of_what_is_not_a_few(part)
     by_family = {e.family: claims.sigmas(fit, i) for i, e in enumerate(fit.model.effects)}
     # 0.02 over noise of 0.01 rms: |c|²/(σ²/2n) is chi-square over its mean of 2
     assert by_family["dc_offset"] == pytest.approx(np.sqrt(0.02**2 * 2 * data.count / 0.01**2), rel=0.1)
-    assert by_family["iq_imbalance"] < claims.SIZE_SIGMA
+    assert by_family["iq_imbalance"] < policy.SIZE_SIGMA
     assert fit.model.effects[claims.unsure(fit)].family == "iq_imbalance"
 
 

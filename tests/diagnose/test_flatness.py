@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from conftest_world import RATE_HZ, noise, sent_once
-from gr_cast.diagnose import align, flatness, read_case, residual, run
+from gr_cast.diagnose import align, flatness, policy, read_case, residual
 from gr_cast.diagnose.fit import off_the_rails
 from gr_cast.diagnose.search import refit
 
@@ -16,17 +16,17 @@ def _fit(case):
 
 def _told(fit):
     rest = [*residual.leftovers(fit, off_the_rails(fit)), *flatness.left(fit, off_the_rails(fit))]
-    return {r.test for r in rest if r.p_value < run.UNEXPLAINED_P and r.nats > run.UNEXPLAINED_NATS}
+    return {r.test for r in rest if r.p_value < policy.UNEXPLAINED_P and r.nats > policy.UNEXPLAINED_NATS}
 
 
 def test_a_stretch_too_faint_for_any_cell_is_left_with_its_place(world, tmp_path):
     faint = noise(world.rng, len(world.n), 0.45 * world.noise_rms) * ((world.n > 5_000) & (world.n < 11_000))
     fit = _fit(read_case(world.write(tmp_path / "case", world.noisy(world.clean() + faint))))
     rest = flatness.stretch(fit)
-    assert rest.p_value < run.UNEXPLAINED_P and rest.nats > run.UNEXPLAINED_NATS
+    assert rest.p_value < policy.UNEXPLAINED_P and rest.nats > policy.UNEXPLAINED_NATS
     assert np.allclose(np.array(rest.where["time_s"]) * RATE_HZ, [5_000, 11_000], atol=1800)
     assert "time × frequency" not in {
-        r.test for r in residual.leftovers(fit, off_the_rails(fit)) if r.p_value < run.UNEXPLAINED_P
+        r.test for r in residual.leftovers(fit, off_the_rails(fit)) if r.p_value < policy.UNEXPLAINED_P
     }
 
 
@@ -56,4 +56,4 @@ def test_impulses_in_several_bursts_do_not_come_at_random():
     even = np.sort(rng.random(600))
     bursts = np.sort(np.concatenate([rng.random(300), *(c + 0.02 * rng.random(60) for c in (0.1, 0.3, 0.5, 0.7, 0.9))]))
     assert residual._in_several(even) > 0.01
-    assert residual._in_several(bursts) < residual.CROWDED_P / 2
+    assert residual._in_several(bursts) < policy.CROWDED_P / 2

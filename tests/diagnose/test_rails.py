@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from gr_cast.diagnose import diagnose, noise, read_case, residual, run
+from gr_cast.diagnose import diagnose, noise, policy, read_case, residual
 from gr_cast.diagnose.fit import off_the_rails
 
 
@@ -23,4 +23,4 @@ def test_clipping_is_all_that_is_found_of_clipping_under_noise(world, tmp_path, 
     inside = off_the_rails(fit)
     assert inside.sum() < 0.9 * fit.data.count  # the rails hold much
     assert not noise.starts(fit) or max(net for net, _ in noise.starts(fit)) < 0
-    assert all(rest.p_value > run.UNEXPLAINED_P for rest in residual.leftovers(fit, inside))
+    assert all(rest.p_value > policy.UNEXPLAINED_P for rest in residual.leftovers(fit, inside))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest_world import RATE_HZ
-from gr_cast.diagnose import align, diagnose, floor, gate, noise, read_case, residual, run
+from gr_cast.diagnose import align, diagnose, floor, gate, noise, policy, read_case, residual, run
 from gr_cast.diagnose.finding import Finding
 from gr_cast.diagnose.fit import off_the_rails
 from gr_cast.diagnose.search import refit, through_the_quantiser
@@ -37,7 +37,7 @@ def _wander(rng, count, memory):
 
 def test_a_jump_of_phase_is_no_phase_noise(world, tmp_path):
     (jump,) = residual.jumps(_followed(world, tmp_path / "case", 0.8 * (world.n >= 7000)))
-    assert jump.p_value < run.UNEXPLAINED_P
+    assert jump.p_value < policy.UNEXPLAINED_P
     assert jump.where["time_s"][0] - 2e-5 <= 7e-3 <= jump.where["time_s"][1] + 2e-5
 
 
@@ -58,7 +58,7 @@ def _faded(world, folder, course, orders=100):
 
 def test_a_tap_that_hops_does_not_fade(world, tmp_path):
     (jump,) = residual.jumps(_faded(world, tmp_path / "case", np.where(world.n < 12_000, 1.0, 0.7)))
-    assert jump.p_value < run.UNEXPLAINED_P
+    assert jump.p_value < policy.UNEXPLAINED_P
     assert jump.where["time_s"][0] - 1e-4 <= 12e-3 <= jump.where["time_s"][1] + 1e-4
 
 
@@ -90,7 +90,7 @@ def test_a_quantiser_grid_of_few_steps_leaves_nothing_unexplained(world, tmp_pat
     ((grid, _),) = gate.discrete(coarse, "cf32_le")
     fit = refit(data, through_the_quantiser(data, model.adding(grid)))
     for rest in residual.leftovers(fit, off_the_rails(fit)):
-        assert rest.p_value > run.UNEXPLAINED_P or rest.nats < run.UNEXPLAINED_NATS
+        assert rest.p_value > policy.UNEXPLAINED_P or rest.nats < policy.UNEXPLAINED_NATS
 
 
 def test_a_quantiser_grid_and_lost_samples_are_all_that_is_found_of_both(world, tmp_path):

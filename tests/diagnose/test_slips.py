@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from conftest_world import RATE_HZ, noise, sent_once
-from gr_cast.diagnose import align, diagnose, pieces, read_case, residual, run, search
+from gr_cast.diagnose import align, diagnose, pieces, policy, read_case, residual, run, search
 from gr_cast.twin.effects import FAMILIES
 from gr_cast.twin.effects.base import start
 
@@ -34,7 +34,7 @@ def test_stretches_end_where_samples_were_lost_between_bursts(lost):
     y = _turned(y, 3e-4) + noise(rng, len(y), 0.03)
     first, second = pieces.segments(y, [told], 57)
     assert (first[0], second[1]) == (0, len(y)) and 57 + 4 * 3000 + 900 <= first[1] == second[0] <= 57 + 5 * 3000 - lost
-    assert abs(first[2] - 57) <= pieces.SPREAD and abs(second[2] - (57 - lost)) <= pieces.SPREAD
+    assert abs(first[2] - 57) <= policy.SPREAD and abs(second[2] - (57 - lost)) <= policy.SPREAD
 
 
 def test_a_clock_that_drifts_and_an_echo_that_takes_over_are_no_jumps():

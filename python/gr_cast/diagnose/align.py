@@ -14,23 +14,25 @@ from ..twin.model import Model, predict
 from ..twin.scene import PAD, Path, Scene, Source, reach
 from . import delays, pieces, presence
 from .fit import Data
-
-LOWEST_LAG, HIGHEST_LAG = (
-    -10,
-    26,
-)  # samples around the taps that a model reaches where a waveform has unknown parts
-LONGEST_WHOLE = 200_000  # samples that are fitted at once; of more, parts
-PART, FEWEST_PARTS, MOST_PARTS = 100_000, 4, 8  # samples of a part; fewer do not tell the course of a gain
-PART_OF_PIECES = 40_000  # known samples of a part of a waveform that is known in pieces, whose fits take more steps
-LONGEST_PART = 1 << 20  # samples from the first to the last of a part of which little is known
-LEAST_PART = 1000  # known samples that make a part worth a look
-LEAST_GATHERED = 4000  # samples of a recording of which some are left out
-MOSTLY = 0.7  # share of the samples from which on none is left out
-LONGEST_SCAN = 1 << 21  # samples in which a waveform that is shorter than the recording is looked for
-MARGIN = 64  # samples kept around what is known of a short recording
-LONGEST_FAST = 1 << 16  # samples, of recording and waveform, up to which a waveform that is sent once is looked for fast turning
-FAST = (-0.03, 0.03, -0.06, 0.06, -0.09, 0.09)  # carriers in cycles per sample, each of which finds those beside it
-EDGE = 24  # samples at either end that a filter's memory makes uncertain
+from .policy import (
+    ALIGN_MARGIN,
+    DELAY_SHORTEST,
+    EDGE,
+    FAST,
+    FEWEST_PARTS,
+    HIGHEST_LAG,
+    LEAST_GATHERED,
+    LEAST_PART,
+    LONGEST_FAST,
+    LONGEST_PART,
+    LONGEST_SCAN,
+    LONGEST_WHOLE,
+    LOWEST_LAG,
+    MOST_PARTS,
+    MOSTLY,
+    PART,
+    PART_OF_PIECES,
+)
 
 
 def _stretch(waveform, amplitude: float, first: int, size: int) -> Source:
@@ -135,7 +137,7 @@ def _trimmed(observation, waves, near) -> tuple:
             known[:begin] = known[end:] = False
             known[begin:end] &= here
     at = np.flatnonzero(known)
-    low, high = (max(0, at[0] - MARGIN), min(n, at[-1] + 1 + MARGIN)) if len(at) else (0, n)
+    low, high = (max(0, at[0] - ALIGN_MARGIN), min(n, at[-1] + 1 + ALIGN_MARGIN)) if len(at) else (0, n)
     return observation.part(int(low), int(high)), (near[0] - int(low), near[1])
 
 
@@ -220,7 +222,7 @@ def looked_at(case, observation) -> tuple[tuple[int, int], float]:
     """((first, last) delay in samples, widest carrier in cycles per sample) at which `locate` looks for what is sent."""
     length, n = max(len(case.waveforms[w].samples) for w, _ in observation.on_air.values()), len(observation.samples)
     if _looped(_on_air(case, observation)[0]):
-        return (0, length - 1), 1 / (2 * delays.SHORTEST)
+        return (0, length - 1), 1 / (2 * DELAY_SHORTEST)
     return (1 - length, n - 1), FAST[-1] if n + length <= LONGEST_FAST else 1 / 80
 
 

@@ -7,14 +7,22 @@ from ..twin.effects import FAMILIES, Effect
 from ..twin.model import Model
 from .fit import Fit
 from .next_recording import Hypothesis, record_next
-from .search import REFITS, candidates, claim_the_same, plausible, refit_or_known, roughness
-
-ALIKE_NATS = 3.0  # in ln L: two fits that differ by less are alike
-ALIKE_TAPS_NATS = 12.0  # in evidence: what the priors of two rows of taps may differ by
-CHOICE = 2  # free numbers that a rival of a mere choice, an effect of no number and no path, may have: one gain
-MOST_OPEN = 3  # families that are told as open, the likeliest
-NEAR_SHARE = 0.3  # or this share of what the effect brings
-NEAR_NATS = 25.0  # predicted evidence within which a rival is worth a fit
+from .policy import (
+    ALIKE_NATS,
+    ALIKE_TAPS_NATS,
+    CHOICE,
+    MOST_OPEN,
+    NEAR_NATS,
+    NEAR_SHARE,
+    REFITS,
+)
+from .search import (
+    candidates,
+    claim_the_same,
+    plausible,
+    refit_or_known,
+    roughness,
+)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,11 +8,12 @@ from ..twin.effects import FAMILIES
 from ..twin.model import predict
 from .finding import Finding, numbers
 from .fit import Fit, invert
-
-SIZE_SIGMA = 3.0  # standard deviations by which a size must differ from nothing
-CANCELLED = 0.03  # of the power of the weaker of two effects: less is left of both together where one only cancels the other
-LITTLE_NATS = 200.0  # below which what has no size is not there, though the numbers behind it are
-BROKEN_SIGMA = 2.5  # standard deviations by which held-out samples must contradict the fitted ones
+from .policy import (
+    BROKEN_SIGMA,
+    CANCELLED,
+    LITTLE_NATS,
+    SIZE_SIGMA,
+)
 
 
 def unsure(fit: Fit) -> int | None:

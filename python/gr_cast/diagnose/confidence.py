@@ -10,22 +10,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-SUREST = 0.98  # of an effect for which all figures speak: families that nobody thought of remain
-WEAKEST, CHANCE_NATS = 0.60, 20.0  # an effect that only just pays its price; nats by which chance is forgotten (bank: .60 to .98)
-VOTE_NATS, VOTE_AT_ZERO = (
-    3.0,
-    10.0,
-)  # models are not exact: three nats on unseen samples count as one; odds at none
-LEAD_NATS = 4.0  # of a runner-up, whose nearest form was fitted but not all its forms: odds by e for each four nats
-# Each further effect of a list may be what the largest one leaves over where its form is not quite right. Such a rest has a small
-# share of its nats; the share enters with its fourth root, for forms that are right leave nothing.
-IMITATION, SHARE_POWER = 0.12, 0.25
-COURSE = 0.9  # a random course fits much of what is not it
-COURSES = 0.5  # for every further course in one recording: two of them imitate almost anything
-OPEN = 0.5  # at most, where another family fits alike
-LEFT = 0.6  # at most, where something is left that nothing explains; less where that is as loud as the effect
-HURRIED = 0.9  # where the time ended the search
-WHOLE = 0.5  # probability of a list from which on it is called the whole truth: likelier right than not
+from .policy import (
+    CHANCE_NATS,
+    COURSE,
+    COURSES,
+    HURRIED,
+    IMITATION,
+    LEAD_NATS,
+    LEFT,
+    OPEN,
+    SHARE_POWER,
+    SUREST,
+    VOTE_AT_ZERO,
+    VOTE_NATS,
+    WEAKEST,
+    WHOLE,
+)
 
 
 @dataclass(frozen=True, kw_only=True)

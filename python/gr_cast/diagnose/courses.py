@@ -6,10 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-SURE_NATS = 20.0  # by which a course must be likelier than none
-LEAST = 1e-3  # nepers, rad or samples that it must change over the recording
-WRONG_P = 1e-4  # a course that leaves less likely remainders is none
-TIMES = np.geomspace(0.03, 1.0, 24)  # time constants that are tried, over the recording
+from .policy import (
+    COURSE_SURE_NATS,
+    COURSE_TIMES,
+    LEAST,
+    WRONG_P,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +49,7 @@ def of_gain(level: Series | None) -> Course | None:
         return None
     at, number, price = level.at, np.arange(len(level.at)), 1.5 * np.log(len(level.at))
     courses = [_fitted(level, at, price - np.log(len(at)))]
-    courses += [_fitted(level, np.expm1(-at / tau) / np.expm1(-1 / tau), price + 2, time=tau) for tau in TIMES]
+    courses += [_fitted(level, np.expm1(-at / tau) / np.expm1(-1 / tau), price + 2, time=tau) for tau in COURSE_TIMES]
     for k in range(len(at) - 1):
         courses.append(_fitted(level, (number > k).astype(float), price, step=k))
         if k + 2 < len(at):
@@ -83,7 +85,7 @@ def _likely(series: Series, courses: list[Course]) -> Course | None:
     left = np.sum(((series.value - best.said) / series.std) ** 2)
     numbers = 2 + (best.time is not None) + (best.share > 0) + (best.bend is not None)
     holds = stats.chi2.sf(left, max(len(series.at) - numbers, 1)) > WRONG_P
-    return best if holds and best.nats > SURE_NATS and np.ptp(best.said) > LEAST else None
+    return best if holds and best.nats > COURSE_SURE_NATS and np.ptp(best.said) > LEAST else None
 
 
 def _fitted(series: Series, shape: np.ndarray, price: float, bent=False, **kind) -> Course:

@@ -8,20 +8,23 @@ import numpy as np
 from scipy import fft as sp_fft
 
 from ..twin.scene import Source
-
-SHORT, SHORT_FACTOR = 128, 2.0  # samples; segments below that must explain so much more: a chirp's delay looks like an offset
-SHORTEST = 8  # samples of the shortest stretch: carriers up to 1/16 of the rate
-TABLE = 1 << 20  # correlations, of every stretch at every delay, that are worked on at once
-LONGER = 8  # times as long are the next ones where the table holds no more
-SURE_NATS = 15.0  # by which chance does not explain as much at the best delay and carrier
-ALIKE = 0.8  # of the most nats, from which on carriers are equals
-CLEAR = 12.0  # standard deviations of the other lags by which a delay stands out
-SEGMENTS = (256, 48)  # samples that are added with their phases: carrier offsets of 1/400 and 1/80 of the rate do no harm
-PIECES, LEAST_PIECE = 1024, 8  # of a waveform that is sent once, and samples in each at least
-WORK = 1 << 28  # lags of all pieces together
-SILENT = 1e-4  # of the mean energy of a piece: one with less is the tail of a link's response, or nothing
-GROWTH = 4  # how much longer the pieces of the next length are
-BEHIND = 64  # samples behind the last path that a link's response is followed
+from .policy import (
+    BEHIND,
+    DELAY_ALIKE,
+    DELAY_CLEAR,
+    DELAY_GROWTH,
+    DELAY_LEAST_PIECE,
+    DELAY_LONGER,
+    DELAY_SEGMENTS,
+    DELAY_SHORT,
+    DELAY_SHORTEST,
+    DELAY_SILENT,
+    DELAY_SURE_NATS,
+    PIECES,
+    SHORT_FACTOR,
+    TABLE,
+    WORK,
+)
 
 
 def response(taps, length: int, rate: float) -> np.ndarray:
@@ -34,15 +37,15 @@ def of_repeated(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: f
     """Delay within the period of the twin's prediction in `y`: with a carrier and a gain for stretches of several lengths, that
     of the longest that holds as much as shorter ones."""
     templates = [sp_fft.fft(s.samples) * response(link, len(s.samples), rate) for s, link in zip(sources, taps, strict=True)]
-    tried, piece, n = [], SHORTEST, 0
+    tried, piece, n = [], DELAY_SHORTEST, 0
     while n < len(y):  # the longer the stretches, the more samples
         n = min(len(y), max(piece, TABLE * piece // len(templates[0])))
         tried += _tried(y[:n], templates, min(piece, n))
-        piece *= LONGER
-    sure = [t for t in tried if t.nats > SURE_NATS] or [max(tried, key=lambda t: t.nats)]
+        piece *= DELAY_LONGER
+    sure = [t for t in tried if t.nats > DELAY_SURE_NATS] or [max(tried, key=lambda t: t.nats)]
     best = None
     for t in sorted(sure, key=lambda t: -t.length):
-        if best is None or t.gain > best.gain * (SHORT_FACTOR if t.length < SHORT and best.gain > 0 else 1.0):
+        if best is None or t.gain > best.gain * (SHORT_FACTOR if t.length < DELAY_SHORT and best.gain > 0 else 1.0):
             best = t
     return best.delay
 
@@ -81,12 +84,14 @@ def _tried(y: np.ndarray, templates: list[np.ndarray], piece: int) -> list[_Try]
         most = share[np.arange(size), at]
         ratio, gains = most / mean, groups * len(templates)
         nats = gains * (ratio - 1 - np.log(ratio)) - np.log(share.size)
-        near = np.abs(sp_fft.fftfreq(size)) + (nats < ALIKE * nats.max())  # of equals the smallest carrier: a chirp's are many
+        near = np.abs(sp_fft.fftfreq(size)) + (
+            nats < DELAY_ALIKE * nats.max()
+        )  # of equals the smallest carrier: a chirp's are many
         k = int(np.argmin(near))
         tried.append(_Try(length=together * piece, gain=float(most[k] - 3 * mean[k]), nats=float(nats[k]), delay=int(at[k])))
         if together >= count:
             return tried
-        together = min(together * GROWTH, count)
+        together = min(together * DELAY_GROWTH, count)
 
 
 def of_sent_once(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: float) -> int:
@@ -101,7 +106,7 @@ def of_sent_once(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: 
     known = np.all([s.known[first:last] for s in sources], axis=0)
     templates = [_filtered(s.samples[first:last] * known, link, rate) for s, link in zip(sources, taps, strict=True)]
     size = max(len(t) for t in templates)
-    count = int(np.clip(WORK // (len(y) + size), 1, min(PIECES, -(-size // LEAST_PIECE))))
+    count = int(np.clip(WORK // (len(y) + size), 1, min(PIECES, -(-size // DELAY_LEAST_PIECE))))
     piece = -(-size // count)
     templates = [np.pad(t, (0, count * piece - len(t))) for t in templates]
     known = np.pad(known, (0, count * piece - len(known)), constant_values=True)  # what late paths bring
@@ -112,7 +117,7 @@ def of_sent_once(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: 
     alike = _alike(templates)
     best = (-np.inf, 0)
     for k, level in enumerate(zip(*(_explained(y, t, piece) for t in templates), strict=True)):
-        q = np.clip(gains / GROWTH**k, 1 / samples, 0.5)
+        q = np.clip(gains / DELAY_GROWTH**k, 1 / samples, 0.5)
         s = np.clip(sum(level) / alike / energy, q, 1 - 1e-6)
         nats = samples * (q * np.log(q / s) + (1 - q) * np.log((1 - q) / (1 - s)))
         d = int(np.argmax(nats))
@@ -123,7 +128,7 @@ def of_sent_once(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: 
 def _audible(template: np.ndarray, piece: int) -> np.ndarray:
     """(pieces,) bool: which pieces of a template are no silence."""
     energy = np.sum(np.abs(template.reshape(-1, piece)) ** 2, axis=1)
-    return energy > SILENT * energy.mean()
+    return energy > DELAY_SILENT * energy.mean()
 
 
 def _alike(templates: list[np.ndarray]) -> float:
@@ -152,7 +157,7 @@ def _explained(y: np.ndarray, template: np.ndarray, piece: int) -> list[np.ndarr
     spectra = sp_fft.fft(frames, axis=1)
     lengths = [1]
     while lengths[-1] < count:
-        lengths.append(lengths[-1] * GROWTH)
+        lengths.append(lengths[-1] * DELAY_GROWTH)
     lags, audible = len(y) + len(template) - 1, _audible(template, piece)
     totals = [np.zeros(lags, np.float32) for _ in lengths]
     sums, energies = [np.zeros(lags, np.complex64) for _ in lengths], [0.0] * len(lengths)
@@ -185,10 +190,10 @@ def _sliding(x: np.ndarray, known: np.ndarray) -> np.ndarray:
 def near(y: np.ndarray, sources: list[Source], centre: int, reach: int):
     """`of_sent_once` by short segments within `reach` of a delay, for waveforms sent once and any carrier offset; and
     whether the delay stands out clearly."""
-    long = _near(y, sources, centre, reach, SEGMENTS[0])
+    long = _near(y, sources, centre, reach, DELAY_SEGMENTS[0])
     if long[2]:
         return long
-    short = _near(y, sources, centre, reach, SEGMENTS[1])
+    short = _near(y, sources, centre, reach, DELAY_SEGMENTS[1])
     return short if short[1] > SHORT_FACTOR * long[1] else long
 
 
@@ -214,4 +219,4 @@ def _near(y: np.ndarray, sources: list[Source], centre: int, reach: int, segment
     d = int(np.argmax(total))
     height = float(total[d] - np.median(total))
     others = np.delete(total, np.arange(max(0, d - reach // 32), min(len(total), d + reach // 32)))
-    return centre + d - reach, height / max(energy, 1e-300), height > CLEAR * others.std()
+    return centre + d - reach, height / max(energy, 1e-300), height > DELAY_CLEAR * others.std()

@@ -4,7 +4,19 @@ score promises far more."""
 
 from ..twin.effects import FAMILIES, Effect
 from .fit import Fit
-from .search import MARGIN, MOST_EFFECTS, candidates, claim_the_same, eliminate, plausible, proven, refit_or_known, roughness
+from .policy import (
+    MOST_EFFECTS,
+    SEARCH_MARGIN,
+)
+from .search import (
+    candidates,
+    claim_the_same,
+    eliminate,
+    plausible,
+    proven,
+    refit_or_known,
+    roughness,
+)
 
 
 def exchanged(fit: Fit, known: list[Fit]) -> Fit:
@@ -34,7 +46,7 @@ def _in_place_of(fit: Fit, index: int, known: list[Fit]) -> list[Fit]:
             break
         if not _is_one(effect, s.effect) and not FAMILIES[s.effect.family].noise_like:
             found.append(refit_or_known(data, bare.model.adding(s.effect), known))
-    return [f for f in found if f.evidence > fit.evidence + MARGIN and plausible(f.model)]
+    return [f for f in found if f.evidence > fit.evidence + SEARCH_MARGIN and plausible(f.model)]
 
 
 def _is_one(a: Effect, b: Effect) -> bool:

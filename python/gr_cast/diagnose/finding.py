@@ -10,9 +10,10 @@ from ..twin.effects.base import RX_FILTER
 from ..twin.model import predict
 from . import heldout
 from .fit import Fit, invert
+from .policy import (
+    LEAST_TOLD,
+)
 from .search import refit_or_known
-
-LEAST_TOLD = 20.0  # nats of an effect without a curvature: a search found it
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,12 +19,13 @@ from ..twin.columns import Dense, Lags, against, gram
 from ..twin.effects import FAMILIES, Role, is_coarse, plays, stage_of
 from ..twin.effects.base import RX_FILTER, RX_GAIN
 from ..twin.model import Model, jacobian, predict
-
-LARGE = 60  # parameters from which a matrix is inverted by Cholesky's method
-DAMPINGS = (0.0, 1e-6, 1e-4, 1e-2, 1.0, 100.0)  # shares of the curvature, tried in turn (Marquardt 1963)
-SMALL = 20_000  # samples up to which a fit of many numbers is carried to its end
-LEAST_HEARD = 100  # samples off the rails, of which a law of the noise is told
-COLOUR_ORDERS = 10  # cepstral coefficients of a receiver's noise colour
+from .policy import (
+    COLOUR_ORDERS,
+    DAMPINGS,
+    LARGE,
+    LEAST_HEARD,
+    SMALL,
+)
 
 
 @dataclass(frozen=True, kw_only=True)

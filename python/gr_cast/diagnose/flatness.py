@@ -12,13 +12,15 @@ from ..twin.effects import is_coarse
 from ..twin.effects.base import at_half_the_rate
 from . import residual
 from .fit import within
-
-TIMES = 48  # cells of time
-LEVELS = 16  # of what is received, as many samples in each
-NEXT = 32  # samples: what is alike within fewer is told by frequency
-LEAST_PAIRS = 400  # samples so far apart, of which what they have in common is normal
-WELL_FILLED, FEWEST_TIMES = 8.0, 4  # samples in a mean cell of a map that is taken whole, and rows that it keeps
-LEAST_IN_CELL = 2.0  # samples: of fewer ln of the mean tells next to nothing
+from .policy import (
+    FEWEST_TIMES,
+    FLATNESS_LEVELS,
+    FLATNESS_TIMES,
+    LEAST_IN_CELL,
+    LEAST_PAIRS,
+    NEXT,
+    WELL_FILLED,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,9 +138,9 @@ def comes_again(fit) -> residual.Leftover:
 
 def along(energy: np.ndarray, level: np.ndarray) -> list[Unevenness]:
     """Of the `energy` of one direction alone (half a complex sample each), in the order of time, over time and `level`."""
-    k = np.arange(len(energy)) * TIMES // len(energy)
-    hits = np.bincount(k, minlength=TIMES)
-    return [uneven("time", np.bincount(k, energy, TIMES) / 2, hits / 2), over_level(energy, level, share=0.5)]
+    k = np.arange(len(energy)) * FLATNESS_TIMES // len(energy)
+    hits = np.bincount(k, minlength=FLATNESS_TIMES)
+    return [uneven("time", np.bincount(k, energy, FLATNESS_TIMES) / 2, hits / 2), over_level(energy, level, share=0.5)]
 
 
 def _held(use: np.ndarray, bins: int) -> float:
@@ -150,6 +152,8 @@ def _held(use: np.ndarray, bins: int) -> float:
 
 def over_level(energy: np.ndarray, level: np.ndarray, share: float = 1.0) -> Unevenness:
     """`energy` of every sample, of so much `share` of a complex one, over the `level` that is received."""
-    edges = np.quantile(level, np.linspace(0, 1, LEVELS + 1)[1:-1])
+    edges = np.quantile(level, np.linspace(0, 1, FLATNESS_LEVELS + 1)[1:-1])
     rank = np.searchsorted(edges, level)
-    return uneven("amplitude", share * np.bincount(rank, energy, LEVELS), share * np.bincount(rank, minlength=LEVELS))
+    return uneven(
+        "amplitude", share * np.bincount(rank, energy, FLATNESS_LEVELS), share * np.bincount(rank, minlength=FLATNESS_LEVELS)
+    )

@@ -9,18 +9,22 @@ from scipy.optimize import minimize_scalar
 
 from ..twin.effects import FAMILIES, Effect, Role, plays, stage_of, with_role
 from ..twin.effects.base import RX_LO, TX_LO, start
-from . import ambiguity, flatness, gate, heldout
+from . import flatness, gate, heldout
 from .finding import Finding, Worth
 from .fit import Fit, gain_of_receiver, in_band, off_the_rails
 from .next_recording import Hypothesis, record_next
-
-FAINT = 0.01  # of the mean power: what is weaker has no direction
-HIDES = 0.1  # power of a grid's own error over the told noise from which the floor cannot be seen
-LEAST_NATS = 8.0  # beyond half a logarithm of the samples, that another level must bring
-# dB by which a floor may differ for other reasons: the twin's figure is rounded; the shape of noise with a law of its own is not
-# known so well; a course of the oscillator, or any other, leaves some of itself over.
-TOLD_DB, SHAPED_DB, WANDERS_DB, COURSE_DB = 0.05, 0.3, 0.2, 1.0
-EVEN_P, EVEN_SHARE = 1e-3, 0.1  # of one level everywhere, below which it is none, unless what is uneven is so small a share of it
+from .policy import (
+    ALIKE_NATS,
+    COURSE_DB,
+    EVEN_P,
+    EVEN_SHARE,
+    FAINT,
+    FLOOR_LEAST_NATS,
+    HIDES,
+    SHAPED_DB,
+    TOLD_DB,
+    WANDERS_DB,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,15 +53,19 @@ def compare(finding: Finding) -> None:
     is heard either has one level or follows the signal."""
     fit = finding.fit
     heard = None if finding.left else _heard(finding)
-    if heard is None or heard.nats < 0.5 * np.log(heard.count) + LEAST_NATS or abs(10 * np.log10(heard.ratio)) < _doubt_db(fit):
+    if (
+        heard is None
+        or heard.nats < 0.5 * np.log(heard.count) + FLOOR_LEAST_NATS
+        or abs(10 * np.log10(heard.ratio)) < _doubt_db(fit)
+    ):
         return
     told, lead = _raised(heard), np.inf
     if heard.ratio > 1 and fit.model.index_of(Role.FOLLOWING) is None:
         other, lead = _following(fit, heard)
-        told = other if lead < -ambiguity.ALIKE_NATS else told
+        told = other if lead < -ALIKE_NATS else told
     if plays(told.effect, Role.FLOOR) and _uneven(heard):
         return
-    if abs(lead) < ambiguity.ALIKE_NATS:
+    if abs(lead) < ALIKE_NATS:
         finding.ambiguous.append(
             {
                 "families": [with_role(role).name for role in (Role.FLOOR, Role.FOLLOWING)],

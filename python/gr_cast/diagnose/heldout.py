@@ -8,10 +8,12 @@ import numpy as np
 
 from ..twin.effects import FAMILIES
 from .fit import Data, Fit
-
-FOLDS = 2
-FOLD_RUN, FOLD_OF = 16, 4  # samples at a stretch that a fold leaves out, and of how many such runs one
-OFF = 16  # samples by which fitted ones may place a moment beside where it is: what they say may be alike before and behind it
+from .policy import (
+    FOLD_OF,
+    FOLD_RUN,
+    FOLDS,
+    OFF,
+)
 
 
 def folds(data: Data) -> list[Data]:

@@ -9,10 +9,11 @@ from scipy import fft as sp_fft
 
 from ..twin.effects import FAMILIES
 from .fit import solve, with_noise
+from .policy import (
+    MAP_FEWEST,
+    MAP_LEVELS,
+)
 from .residual import delay_time
-
-LEVELS = 24  # cells of amplitude
-FEWEST = 20  # samples in a cell
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,12 +78,14 @@ def _transfer(fit):
     said, recorded = fit.chain.y[use], fit.data.y[use]
     level = np.abs(said)
     rms = max(float(np.sqrt(np.mean(level**2))), 1e-30)
-    edges = np.linspace(level.min(), level.max() * (1 + 1e-9), LEVELS + 1)
-    cell = np.clip(np.searchsorted(edges, level, side="right") - 1, 0, LEVELS - 1)
-    hits, energy = np.bincount(cell, minlength=LEVELS), np.bincount(cell, level**2, LEVELS)
+    edges = np.linspace(level.min(), level.max() * (1 + 1e-9), MAP_LEVELS + 1)
+    cell = np.clip(np.searchsorted(edges, level, side="right") - 1, 0, MAP_LEVELS - 1)
+    hits, energy = np.bincount(cell, minlength=MAP_LEVELS), np.bincount(cell, level**2, MAP_LEVELS)
     product = recorded * np.conj(said)
-    gain = (np.bincount(cell, product.real, LEVELS) + 1j * np.bincount(cell, product.imag, LEVELS)) / np.maximum(energy, 1e-300)
-    kept = (hits >= FEWEST) & (energy > 1e-6 * energy.max())
+    gain = (np.bincount(cell, product.real, MAP_LEVELS) + 1j * np.bincount(cell, product.imag, MAP_LEVELS)) / np.maximum(
+        energy, 1e-300
+    )
+    kept = (hits >= MAP_FEWEST) & (energy > 1e-6 * energy.max())
     amplitude = np.sqrt(energy / np.maximum(hits, 1)) / rms
     return amplitude[kept], gain[kept], np.sqrt(fit.sigma2 / 2 / energy[kept])
 

@@ -13,13 +13,14 @@ from ..twin.effects import FAMILIES, Role, plays, with_role
 from ..twin.effects.base import start
 from ..twin.model import Model, predict
 from ..twin.scene import Scene, Source
-
-TELLS_NATS = 20.0  # between what two hypotheses foretell, from which an experiment decides: odds of 10⁸, as models are not exact
-LEAST_NATS = 1.0  # below which an experiment tells nothing
-LONGER = 10.0  # times the recording that a longer one is
-ERRORS = 3.0  # times what two models that fit alike differ by: what the errors of their numbers may do elsewhere
-OFFSET_HZ = 500.0  # of a carrier that is moved a little, the most that the contract asks for
-SOFTER = 0.5  # amplitude of a second power and of a second receiver gain
+from .policy import (
+    ERRORS,
+    NEXT_LEAST_NATS,
+    NEXT_LONGER,
+    OFFSET_HZ,
+    SOFTER,
+    TELLS_NATS,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +44,7 @@ class Hypothesis:
 def record_next(hypotheses: list[Hypothesis]) -> str:
     """The easiest experiment under which every two of the hypotheses differ by more than TELLS_NATS in a recording of the same
     length, else the one under which the nearest two differ most."""
-    best, most = "longer_recording", LEAST_NATS
+    best, most = "longer_recording", NEXT_LEAST_NATS
     for name in EXPERIMENTS:
         nats = min(gained(a, b, name) for a, b in combinations(hypotheses, 2))
         if nats > TELLS_NATS:
@@ -57,7 +58,7 @@ def gained(first: Hypothesis, second: Hypothesis, experiment: str) -> float:
     """Nats by which an experiment separates two hypotheses more than the errors of their numbers do, which show in this
     recording too."""
     if experiment == AS_IT_IS:
-        return LONGER * abs(first.likelihood - second.likelihood)
+        return NEXT_LONGER * abs(first.likelihood - second.likelihood)
     return separation(first, second, experiment) - ERRORS * separation(first, second, AS_IT_IS)
 
 

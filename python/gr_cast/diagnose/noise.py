@@ -7,8 +7,10 @@ from ..twin.effects import FAMILIES, Role, is_coarse
 from ..twin.effects.base import around_circle
 from ..twin.effects.noise_family import NoiseView
 from .fit import off_the_rails, shape_of_receiver
+from .policy import (
+    PASSBAND,
+)
 
-PASSBAND = 0.65  # common share of two bands from which they are one: a filter falls off within the signal's own edges
 TESTED = tuple(f.name for f in FAMILIES.values() if f.noise_like and f.role is not Role.FLOOR)  # laws of the noise, not its level
 
 

@@ -15,15 +15,17 @@ from ..twin.effects import FAMILIES, Role, plays, with_role
 from ..twin.effects.base import start
 from ..twin.model import Model, _run, _start_chain, predict
 from .fit import misfit
-
-LONGEST_STRETCH = 2048  # samples
-PIECE = 256  # samples: stretches that come at regular intervals leave carriers open that only what is within them tells
-EARLY, LATE = -8, 24  # lags around the twin's delay in which a link's energy may lie
-WORST_CLOCK = 30e-6
-CLOCK_STEP = 0.5  # samples over the recording
-CARRIER_STEP = 0.5  # cycles over the recording
-TEETH = 3  # on either side of the likeliest carrier, of the comb that regular stretches make
-LOBES = 0.5  # of a stretch's spectrum, around its peak, in which the carrier is looked for finely
+from .policy import (
+    CARRIER_STEP,
+    CLOCK_STEP,
+    EARLY,
+    LATE,
+    LOBES,
+    LONGEST_STRETCH,
+    OFFSET_PIECE,
+    TEETH,
+    WORST_CLOCK,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +111,7 @@ def stretches(scene, longest: int) -> list[tuple[int, int]]:
 
 def find(scene, base, y: np.ndarray, effects=()) -> list[Offset]:
     """The likeliest offset of the carrier alone, and that of carrier and clock; `y` (n,) zero where it is not used."""
-    signals, whole, pieces = sent(scene, base, effects), stretches(scene, LONGEST_STRETCH), stretches(scene, PIECE)
+    signals, whole, pieces = sent(scene, base, effects), stretches(scene, LONGEST_STRETCH), stretches(scene, OFFSET_PIECE)
     widest = int(np.ceil(WORST_CLOCK * scene.span))
     lags = np.arange(EARLY - widest, LATE + widest + 1)
     coarse = _coarse(y, signals, whole)

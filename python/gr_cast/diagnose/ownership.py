@@ -14,10 +14,15 @@ import numpy as np
 from ..twin.effects import FAMILIES, Effect, Role, plays, stage_of
 from ..twin.effects.base import TX_LO
 from .fit import Fit, invert
-from .search import MARGIN, candidates, refit
-
-SIDES_ALIKE_NATS = 3.0  # in ln L, by recording
-SILENT_NATS = 20.0  # what a recording can say at most against an effect that it should show and does not
+from .policy import (
+    SEARCH_MARGIN,
+    SIDES_ALIKE_NATS,
+    SILENT_NATS,
+)
+from .search import (
+    candidates,
+    refit,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +66,7 @@ def agree_on_wander(findings) -> None:
         bare = refit(fit.data, fit.model.without(offset))
         course = next((s.effect for s in candidates(bare) if plays(s.effect, Role.WANDER)), None)
         other = refit(fit.data, bare.model.adding(course)) if course else fit
-        if other.evidence > fit.evidence - MARGIN:
+        if other.evidence > fit.evidence - SEARCH_MARGIN:
             finding.refitted(other)
 
 

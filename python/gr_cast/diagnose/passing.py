@@ -14,16 +14,20 @@ from ..twin.basis import course_length, grid_of
 from ..twin.effects import FAMILIES, Effect
 from ..twin.effects.noise_family import two_levels
 from .fit import Fit
-from .residual import HEARD, Leftover
-
-SURROGATES = 200  # courses of other signs; the tail of their largest contrast is Gumbel's
-CELLS = 96  # of time at most, in runs of which a stretch is looked for
-LEAST_ORDERS = 12  # cosines: of fewer no stretch can be told
-OFTEN = 2  # cells to a cosine
-GRID = 8  # points of `grid_of` in a cell
-CLEAR = 2.0  # power of a course over the variance of its estimate, from which its cosines are more than noise
-DIFFERENCES = (1, 2)  # over time: of a step, or of a ramp, all that moves is then in one place
-SURE_P = 1e-5  # of the most uneven course of that spectrum, below which it is no random one
+from .policy import (
+    CELLS,
+    DIFFERENCES,
+    GRID,
+    HEARD,
+    LEAST_ORDERS,
+    OFTEN,
+    PASSING_CLEAR,
+    SURE_P,
+    SURROGATES,
+)
+from .residual import (
+    Leftover,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +95,7 @@ def clear_part(coefficients: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """(up to orders,) the coefficients of a course as far as they are more than the `variance` (orders,) of their estimate."""
     count = len(coefficients)
     edges = np.unique(np.geomspace(1, count + 1, 2 + 2 * int(np.log2(count))).astype(int))[:-1] - 1
-    clear = np.add.reduceat(np.abs(coefficients) ** 2, edges) > CLEAR * np.add.reduceat(variance, edges)
+    clear = np.add.reduceat(np.abs(coefficients) ** 2, edges) > PASSING_CLEAR * np.add.reduceat(variance, edges)
     return coefficients if clear.all() else coefficients[: edges[int(np.argmin(clear))]]
 
 

@@ -5,13 +5,17 @@ import numpy as np
 from scipy import fft as sp_fft
 from scipy import ndimage
 
-REACH = 2048  # samples by which a piece may stand elsewhere
-LONGEST_PIECE, LEAST_PIECE = 2048, 64  # samples that are looked for together
-MOST_PIECES = 1000
-STEP_NATS, JUMP_NATS = 2.0, 100.0  # that a piece must bring to stand one sample, or many, from the one before it
-SPREAD = 8  # samples on either side in which another path may be the strongest for a while
-HERE = 1.05  # by which a piece that stands where the whole recording stands is believed more
-FEWEST = 3  # pieces on either side of a jump
+from .policy import (
+    HERE,
+    LONGEST_PIECE,
+    MOST_PIECES,
+    PIECES_FEWEST,
+    PIECES_JUMP_NATS,
+    PIECES_LEAST_PIECE,
+    REACH,
+    SPREAD,
+    STEP_NATS,
+)
 
 
 def segments(samples, waveforms, delay: int) -> list[tuple[int, int, int]]:
@@ -30,8 +34,8 @@ def segments(samples, waveforms, delay: int) -> list[tuple[int, int, int]]:
     lags = _course(ndimage.maximum_filter1d(told, 2 * SPREAD + 1, axis=1))
     jumps = np.flatnonzero(np.abs(np.diff(lags)) > SPREAD)
     ends = np.append(jumps, len(lags) - 1)
-    jumps = jumps[np.diff(np.concatenate([[-1], ends]))[:-1] >= FEWEST]
-    jumps = jumps[len(lags) - 1 - jumps >= FEWEST]
+    jumps = jumps[np.diff(np.concatenate([[-1], ends]))[:-1] >= PIECES_FEWEST]
+    jumps = jumps[len(lags) - 1 - jumps >= PIECES_FEWEST]
     if not len(jumps):
         return [(0, len(samples), delay)]
     edges = [0, *((pieces[k][1] + pieces[k + 1][0] + lags[k] + lags[k + 1]) // 2 + delay for k in jumps), len(samples)]
@@ -46,7 +50,7 @@ def _pieces(x, delay: int, count: int) -> list[tuple[int, int]]:
     pieces = []
     for a, b in cuts.reshape(-1, 2):
         edges = np.linspace(a, b, -(-(b - a) // LONGEST_PIECE) + 1).astype(int)
-        pieces += [(p, q) for p, q in zip(edges, edges[1:], strict=False) if q - p >= LEAST_PIECE and x[p:q].any()]
+        pieces += [(p, q) for p, q in zip(edges, edges[1:], strict=False) if q - p >= PIECES_LEAST_PIECE and x[p:q].any()]
     return pieces[:: -(-len(pieces) // MOST_PIECES) or 1]
 
 
@@ -86,7 +90,7 @@ def _course(told: np.ndarray) -> np.ndarray:
                 total,
                 np.concatenate([[-np.inf], total[:-1]]) - STEP_NATS,
                 np.concatenate([total[1:], [-np.inf]]) - STEP_NATS,
-                np.full(len(total), total[best] - JUMP_NATS),
+                np.full(len(total), total[best] - PIECES_JUMP_NATS),
             ]
         )
         chosen = np.argmax(options, axis=0)

@@ -17,27 +17,29 @@ from scipy import special
 from ..twin.effects import Role, plays
 from ..twin.scene import reach
 from . import offsets
+from .policy import (
+    FARTHEST_NEAR,
+    HALF_OF_NULLS,
+    HALVES,
+    LEAST_NULLS,
+    LEAST_OVERLAP,
+    LEAST_WHOLE,
+    LENGTHS,
+    LIKELIER,
+    NULLS,
+    NULLS_OF_SHORT,
+    PRESENCE_ALIKE,
+    PRESENCE_AROUND,
+    PRESENCE_GROWTH,
+    PRESENCE_PIECE,
+    PRESENCE_SHORT,
+    PRESENCE_SHORTEST,
+    PRESENCE_SILENT,
+    PRESENCE_SURE_NATS,
+    PRESENT_NATS,
+    STEADY,
+)
 from .residual import Leftover
-
-PIECE = 4  # samples of the shortest stretch that is added with its phases: carriers to 1/8 of the rate
-GROWTH = 4  # how much longer the next stretch is
-LENGTHS = (1 << 13, 1 << 16)  # samples that are looked at: few first, more where these leave a doubt
-SURE_NATS = 60.0  # that few samples must say so that more are not asked
-PRESENT_NATS = 14.0  # by which chance would not explain as much at the best of all delays, carriers, lengths: p of 10⁻⁶
-HALVES = 3  # stretches of a short recording that are looked at: all of it, and its halves
-LIKELIER = 1.2  # times the nats of the first of several options that another must have
-AROUND = 16  # samples around the delay that was found in which the waveform may be
-NULLS, NULLS_OF_SHORT = 64, 256  # delays near, and as many far, at which it is not; of a short recording
-SHORT = 4096  # samples of one
-FARTHEST_NEAR = 8 * AROUND
-SILENT = 1e-3  # of the mean energy of the waveform in a stretch: less holds none of it
-LEAST_OVERLAP = 0.25  # of the most energy of the waveform in the recording at any delay: those with less are not compared
-ALIKE = 0.7  # coherence of a waveform with itself, from which on another delay makes no other waveform of it
-SHORTEST = 64  # samples in which something is compared at all
-LEAST_WHOLE = 0.5  # of the recording, in which something is sent that cannot be compared, if it is to be believed
-LEAST_NULLS = 8  # delays that tell a mean and a spread
-STEADY = 4.0  # times the number of gains behind a share, from which it is steady over the delays: a line, or what is never silent
-HALF_OF_NULLS = 0.5  # a median knows a mean as well as the mean of that share of the values
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,12 +75,12 @@ def look(y, signals, inside, period: int = 0, tried: int = 1) -> Presence:
     what repeats, the number of delays that were `tried`."""
     best = Presence(nats=-np.inf)
     for length in LENGTHS:
-        best = max(best, _look(y, signals, inside, period, tried, length, SURE_NATS), key=lambda p: p.nats)
-        if best.nats > SURE_NATS or length >= len(y):
+        best = max(best, _look(y, signals, inside, period, tried, length, PRESENCE_SURE_NATS), key=lambda p: p.nats)
+        if best.nats > PRESENCE_SURE_NATS or length >= len(y):
             break
-    if not best.there and len(y) < SHORT:  # a short frame may hold it in one half alone: samples may be lost between
+    if not best.there and len(y) < PRESENCE_SHORT:  # a short frame may hold it in one half alone: samples may be lost between
         for half in (slice(None, len(y) // 2), slice(len(y) // 2, None)):
-            told = _look(y[half], signals[:, half], inside[half], 0, HALVES * tried, len(y), SURE_NATS)
+            told = _look(y[half], signals[:, half], inside[half], 0, HALVES * tried, len(y), PRESENCE_SURE_NATS)
             best = max(best, told, key=lambda p: p.nats)
     return best
 
@@ -100,7 +102,7 @@ def _look(y, signals, inside, period: int, tried: int, length: int, sure: float)
     """`look` at a stretch of so many samples, until so many nats are there."""
     whole = min(len(y), length)
     y, signals, inside = _on_air(*_fullest(y, signals, inside, length))
-    if len(y) < SHORTEST:
+    if len(y) < PRESENCE_SHORTEST:
         return Presence(nats=np.inf if len(y) > LEAST_WHOLE * whole else -np.inf)
     near, *others = _delays(len(y), period)
     others = [_unlike(signals, inside, delays) for delays in others]
@@ -113,7 +115,9 @@ def _look(y, signals, inside, period: int, tried: int, length: int, sure: float)
     if not elsewhere:  # there is nothing that it could be compared with
         return Presence(nats=np.inf if len(y) > LEAST_WHOLE * whole else -np.inf)
     best, count = Presence(nats=-np.inf), pieces[0][0].shape[1]
-    lengths = sorted({min(GROWTH**k, count) for k in range(1, 2 + int(np.ceil(np.log(count) / np.log(GROWTH))))})
+    lengths = sorted(
+        {min(PRESENCE_GROWTH**k, count) for k in range(1, 2 + int(np.ceil(np.log(count) / np.log(PRESENCE_GROWTH))))}
+    )
     for together in lengths:
         explained, most, gains = (sum(parts) for parts in zip(*(_added(*piece, together) for piece in pieces), strict=True))
         share = explained / np.maximum(most, 1e-300)[:, None]
@@ -122,7 +126,7 @@ def _look(y, signals, inside, period: int, tried: int, length: int, sure: float)
         nats = _nats(here, [share[at] for at in elsewhere], gains) - trials
         d, k = np.unravel_index(int(np.argmax(nats)), nats.shape)
         if nats[d, k] > best.nats:
-            carrier = float(sp_fft.fftfreq(share.shape[1])[k] / PIECE)
+            carrier = float(sp_fft.fftfreq(share.shape[1])[k] / PRESENCE_PIECE)
             best = Presence(nats=float(nats[d, k]), carrier=carrier, delay=int(near[d]), share=float(share[d, k]))
         if best.nats > sure:
             break
@@ -143,7 +147,7 @@ def _on_air(y, signals, inside):
     """The stretch from the first to the last sample that is sent, in which other delays meet the same recording; what is sent
     without its mean there, for any signal with a carrier would explain that as much."""
     power = (np.abs(signals) ** 2).sum(0) * inside
-    sent = np.flatnonzero(power > SILENT * np.mean(power))
+    sent = np.flatnonzero(power > PRESENCE_SILENT * np.mean(power))
     at = slice(sent[0], sent[-1] + 1) if len(sent) else slice(0, 0)
     y, signals, inside = y[at], signals[:, at], inside[at]
     mean = (signals * inside).sum(1) / max(inside.sum(), 1.0)
@@ -153,11 +157,11 @@ def _on_air(y, signals, inside):
 def _delays(n: int, period: int):
     """Whole samples around the delay that was found: where the waveform may be, and near and far where it is not."""
     size = min(n, period or n)
-    reach = min(AROUND, size // 8)
+    reach = min(PRESENCE_AROUND, size // 8)
     near = np.arange(-reach, reach + 1)
     room = size - 4 * reach  # from 2·reach to −2·reach around
     end = min(FARTHEST_NEAR, room // 3)
-    most = NULLS_OF_SHORT if n < SHORT else NULLS
+    most = NULLS_OF_SHORT if n < PRESENCE_SHORT else NULLS
     steps = np.unique(np.linspace(2 * reach, 2 * reach + max(end, 1), min(most // 2, max(end, 1))).astype(int))
     close = np.concatenate([steps, -steps])
     low, high = 2 * reach + end, size - 2 * reach - end
@@ -170,14 +174,14 @@ def _unlike(signals, inside, delays) -> np.ndarray:
     sent = signals * inside
     whole = np.sum(np.abs(sent) ** 2)
     alike = np.array([abs(np.vdot(np.roll(signals, d, axis=1), sent)) for d in delays])
-    return delays[alike < ALIKE * whole]
+    return delays[alike < PRESENCE_ALIKE * whole]
 
 
 def _pieces(y, sent, inside, delays):
     """((delays, pieces) sums of recording × waveform*; (3, delays, pieces) energy of the waveform in each, of the products, and
     samples that are no silence)."""
-    count, y = len(y) // PIECE, y * inside
-    loud = np.abs(sent) ** 2 > SILENT * np.mean(np.abs(sent) ** 2)
+    count, y = len(y) // PRESENCE_PIECE, y * inside
+    loud = np.abs(sent) ** 2 > PRESENCE_SILENT * np.mean(np.abs(sent) ** 2)
     products, energies = np.empty((len(delays), count), complex), np.empty((3, len(delays), count))
     for i, d in enumerate(delays):
         moved = np.roll(sent, d)
@@ -188,7 +192,7 @@ def _pieces(y, sent, inside, delays):
             (energies[1], np.abs(product) ** 2),
             (energies[2], np.roll(loud, d) * inside),
         ):
-            row[i] = x[: count * PIECE].reshape(count, PIECE).sum(1)
+            row[i] = x[: count * PRESENCE_PIECE].reshape(count, PRESENCE_PIECE).sum(1)
     return products, energies
 
 
@@ -200,7 +204,7 @@ def _added(products, energies, together: int):
     fill = ((0, 0), (0, groups * together - count))
     size = sp_fft.next_fast_len(2 * together)
     sent, met, loud = (np.pad(e, fill).reshape(delays, groups, together).sum(2) for e in energies)
-    heard = sent > SILENT * sent.mean(1, keepdims=True)
+    heard = sent > PRESENCE_SILENT * sent.mean(1, keepdims=True)
     weight = heard / np.where(heard, sent, 1.0)
     sums = sp_fft.fft(np.pad(products, fill).reshape(delays, groups, together), size, axis=2)
     explained = np.einsum("dgk,dg->dk", sums.real**2 + sums.imag**2, weight)

@@ -13,17 +13,19 @@ from scipy import stats
 from ..twin.effects import FAMILIES, is_coarse
 from ..twin.effects.base import around_circle, at_half_the_rate
 from .fit import within
+from .policy import (
+    FOREIGN,
+    FOREIGN_CELLS,
+    HEARD,
+    LEAST_CELL,
+    LEAST_IMPULSES,
+    LEAST_WINDOW,
+    LONGEST_IMPULSE,
+    TOGETHER,
+    TWIN_FITS,
+    WINDOWS,
+)
 from .view import View
-
-WINDOWS = 64  # of time, in which impulses are counted
-LEAST_WINDOW = 16  # samples
-LEAST_IMPULSES = 5  # in a window at random, from which their counts spread as χ² has it
-LONGEST_IMPULSE, TOGETHER = 8, 2  # samples: what lasts longer is a burst, and how far apart are those of one impulse
-CROWDED_P = 1e-3  # of impulses in one window of time, below which they do not come at random
-FOREIGN_CELLS, LEAST_CELL = 128, 8  # cells of time, and samples in each at least, in which a stretch is looked for that is not
-# what the twin says
-FOREIGN, TWIN_FITS = 0.5, 0.35  # residual over the mean wanted power, from which a cell is foreign, up to which the twin fits
-HEARD = 0.1  # of the mean wanted power, from which on a course is held by the recording
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,26 +12,41 @@ from ..twin.effects.noise_family import profile
 from . import align, ambiguity, claims, flatness, floor, gate, offsets, presence, residual, slips, slow
 from .exchange import exchanged
 from .finding import Finding, nmse, numbers, worth
-from .fit import COLOUR_ORDERS, Fit, off_the_rails, solve
+from .fit import (
+    Fit,
+    off_the_rails,
+    solve,
+)
 from .ownership import agree_on_sides, agree_on_wander
 from .passing import without_passing
-from .search import MARGIN, beginnings, quantiser_again, refit, search, through_the_quantiser
+from .policy import (
+    BUDGET_S,
+    COLOUR_ORDERS,
+    CROWDED_P,
+    CUT_NATS,
+    FINE_GRID,
+    FIRST_PART,
+    HUNGRY,
+    JITTER_SURE,
+    MOST_FINDINGS,
+    MOST_SWAPS,
+    PICTURES,
+    PROOF,
+    RECORDINGS,
+    SEARCH,
+    SEARCH_MARGIN,
+    UNEXPLAINED_NATS,
+    UNEXPLAINED_P,
+    UNEXPLAINED_SHARE,
+)
+from .search import (
+    beginnings,
+    quantiser_again,
+    refit,
+    search,
+    through_the_quantiser,
+)
 from .verdict import Words, conclude
-
-BUDGET_S = 240.0
-PICTURES = 1.1  # of the budget: what a report still draws after the search ends then
-# Shares of the time that is left: for the recordings, for the first part of a long one, for the search of a part, and for
-# what it found to prove itself.
-RECORDINGS, FIRST_PART, SEARCH, PROOF = 0.8, 0.8, 0.7, 0.9
-HUNGRY = 3.0  # times the mean share that a recording may take of what is left; most need far less
-MOST_FINDINGS = 24  # parts of a recording: what happened between two of 10⁸ samples is halved 12 times until it is found
-MOST_SWAPS = 3  # of what was found for a rival that explains more
-CUT_NATS = 10.0  # by which rails on a grid, or at one end alone, must make a recording likelier
-FINE_GRID = 10.0  # energy of its error over the noise, over the whole recording
-JITTER_SURE = 2.5  # standard deviations by which noise across the signal must exceed noise along it
-UNEXPLAINED_P = 1e-5
-UNEXPLAINED_NATS = 40.0
-UNEXPLAINED_SHARE = 0.01
 
 
 def examine(case, observation, *, deadline: float, progress=lambda where: None) -> list[Finding]:
@@ -201,7 +216,7 @@ def _of_noise_alone(fit: Fit) -> Fit:
         return fit
     at = next(i for i, e in enumerate(model.effects) if e is model.found[0])
     bare = solve(fit.data, model.without(at))
-    return bare if bare.evidence > fit.evidence + COLOUR_ORDERS * np.log(fit.data.count) - MARGIN else fit
+    return bare if bare.evidence > fit.evidence + COLOUR_ORDERS * np.log(fit.data.count) - SEARCH_MARGIN else fit
 
 
 def _until(fit: Fit, deadline: float) -> Fit:
@@ -220,7 +235,7 @@ def _light(finding: Finding, deadline: float) -> None:
 
 def _without_crowds(fit: Fit) -> Fit:
     """The fit without impulses that stand together in one stretch of time: that is something else, and is left."""
-    if residual.crowded_impulses(fit) > residual.CROWDED_P:
+    if residual.crowded_impulses(fit) > CROWDED_P:
         return fit
     return refit(fit.data, fit.model.without(next(i for i, e in enumerate(fit.model.effects) if FAMILIES[e.family].scattered)))
 
@@ -242,7 +257,7 @@ def _compare(finding: Finding) -> Fit | None:
             continue
         bare, rivals = ambiguity.rivals(fit, i, finding.known)
         finding.worths[effect.key] = worth(fit, bare, rivals)
-        nearest += [r for r in rivals[:1] if r.fit is not None and r.evidence < -MARGIN]
+        nearest += [r for r in rivals[:1] if r.fit is not None and r.evidence < -SEARCH_MARGIN]
         if entry := ambiguity.open_beside(fit, effect, rivals):
             finding.ambiguous.append(entry)
     return min(nearest, key=lambda r: r.evidence).fit if nearest else None

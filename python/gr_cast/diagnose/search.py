@@ -15,7 +15,6 @@ from ..twin.effects.base import RX_FILTER, RX_GAIN, RX_LO, start
 from ..twin.model import RIDGE, Model, _run, _start_chain, _steps, effect_columns, predict
 from . import heldout, noise, offsets
 from .fit import (
-    COLOUR_ORDERS,
     Data,
     Fit,
     filters_noise,
@@ -27,28 +26,32 @@ from .fit import (
     solve,
     with_noise,
 )
+from .policy import (
+    BEAM,
+    CLEAR_NATS,
+    CLEAR_SHARE,
+    COLOUR_ORDERS,
+    ELSEWHERE,
+    FAR_SHARE,
+    LEAP_STEPS,
+    LEAST_HELD_OUT,
+    LEAST_OF_NOISE,
+    LEAST_TURN,
+    LOUDEST,
+    MANY,
+    MOST_EFFECTS,
+    NOISIEST,
+    PROOF_STEPS,
+    REFITS,
+    ROUGH_NATS,
+    ROUGH_SHARE,
+    SEARCH_MARGIN,
+    SEARCH_SURE_NATS,
+    SEEN,
+    SETTLED,
+    SOFTENED_STEPS,
+)
 from .view import View
-
-MANY = 200  # parameters with a prior up to which their dependence is taken into account by a score
-MARGIN = 5.0  # nats of evidence that an effect must bring beyond its price
-BEAM = 2
-REFITS = 3
-MOST_EFFECTS = 6  # more are not searched for: a list of so many is hardly ever the whole truth
-LEAST_TURN = 1e-5  # cycles by which late paths must differ for a carrier offset to show its side
-LEAP_STEPS = 3  # of a fit, that score an effect which is elsewhere
-SEEN = 1e-5  # share of a derivative that must be left when what other parameters can do is taken out
-ELSEWHERE = 1e-9  # power by which a start differs from the fit, over that of the fit; less is rounding
-LOUDEST = 1.6  # density of noise that a filter coloured, over its median in the signal's band
-CLEAR_SHARE, FAR_SHARE = 0.1, 0.7  # of the best score: by which starts of one family, and families, must not stay behind it
-CLEAR_NATS = 300.0  # a signal that promises more is fitted before the law of the noise is asked for
-SURE_NATS = 100.0  # evidence from which a simple family needs no other proof
-PROOF_STEPS = 2  # of a fit to three quarters of the samples, from the fit to all
-NOISIEST = 0.3  # of a rail's level, the most noise that softens it: more is a signal not yet found
-SETTLED = 0.1  # relative change of that noise that makes no difference
-SOFTENED_STEPS = 3  # of a fit, when it changed
-LEAST_HELD_OUT = 3.0  # nats on unseen samples that an effect must bring
-LEAST_OF_NOISE = 15.0  # nats of evidence: a law of noise fits what a model of the signal leaves over
-ROUGH_NATS, ROUGH_SHARE = 10.0, 0.05  # by which, and by which share of it, a score may be off
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -415,7 +418,7 @@ def _least(fit: Fit, more: Model) -> float:
     """Nats that a model must bring over a fit that it grew from: as much more as the colour of the noise is priced at, where that
     is a receiver's filter's no longer, for the signal tells most of that colour anyway."""
     given_up = filters_noise(fit.model) and not filters_noise(more)
-    return MARGIN + (COLOUR_ORDERS * np.log(fit.data.count) if given_up else 0.0)
+    return SEARCH_MARGIN + (COLOUR_ORDERS * np.log(fit.data.count) if given_up else 0.0)
 
 
 def beginnings(data: Data, model: Model) -> list[Fit]:
@@ -424,8 +427,8 @@ def beginnings(data: Data, model: Model) -> list[Fit]:
     plain, *mirrored = ways = _ways_round(data.scene, model)
     turning = [other for way in ways for other in _gross_offsets(data, way)]
     fits = [refit(data, plain), *(_on_their_sides(data, refit(data, other)) for other in turning)]
-    fits += [f for f in (refit(data, way) for way in mirrored) if f.evidence > fits[0].evidence + 2 * MARGIN]
-    worth = {id(f): f.evidence - MARGIN * f.model.inverted for f in fits}
+    fits += [f for f in (refit(data, way) for way in mirrored) if f.evidence > fits[0].evidence + 2 * SEARCH_MARGIN]
+    worth = {id(f): f.evidence - SEARCH_MARGIN * f.model.inverted for f in fits}
     fits.sort(key=lambda f: -worth[id(f)])
     return [f for f in fits if worth[id(f)] > worth[id(fits[0])] - 10.0][:BEAM]
 
@@ -469,7 +472,7 @@ def at_their_moments(data: Data, fit: Fit) -> Fit:
         before, after = (np.abs(fit.data.whitened(data.y - predict(scene, model).y)) ** 2 for model in ends)
         cost = np.concatenate([[0.0], np.cumsum(before - after)])
         at = int(np.argmin(cost))
-        if cost[at] < cost[int(np.searchsorted(scene.index, now))] - MARGIN * fit.sigma2:
+        if cost[at] < cost[int(np.searchsorted(scene.index, now))] - SEARCH_MARGIN * fit.sigma2:
             first = np.append(scene.index, scene.index[-1] + 1)[at]
             model = fit.model.replacing(i, family.happening(scene, effect, float(first)))
             fit = max(fit, refit(data, model, near=fit), key=lambda f: f.evidence)
@@ -533,9 +536,9 @@ def _whose_carrier(data: Data, fit: Fit, again: bool) -> Fit:
     sent = offset.aux.get("side") == "tx"
     others = [replace(offset, aux={"side": "rx"})] if sent else _as_sent(scene, offset)
     best = max((refit(data, model.without(at).adding(form)) for form in others), key=lambda f: f.evidence)
-    if best.evidence > fit.evidence + MARGIN:
+    if best.evidence > fit.evidence + SEARCH_MARGIN:
         return best
-    if not sent and fit.evidence > best.evidence + MARGIN and carrier * apart > LEAST_TURN:
+    if not sent and fit.evidence > best.evidence + SEARCH_MARGIN and carrier * apart > LEAST_TURN:
         return replace(fit, model=model.replacing(at, replace(offset, aux={"side": "rx"})))
     return fit
 
@@ -642,7 +645,7 @@ def eliminate(data: Data, fit: Fit, known: list[Fit]) -> Fit:
             if effect.fixed or "read" in effect.aux or data.late:
                 continue
             less = _lesser(data, fit, i, known)
-            if less.evidence > fit.evidence - MARGIN and (worst is None or less.evidence > worst.evidence):
+            if less.evidence > fit.evidence - SEARCH_MARGIN and (worst is None or less.evidence > worst.evidence):
                 worst = less
         if worst is None:
             return fit
@@ -681,7 +684,7 @@ def _doubted(data: Data, fit: Fit, known: list[Fit]) -> dict[int, Fit | None]:
         gain = fit.evidence - less.evidence
         if FAMILIES[effect.family].noise_like and gain < LEAST_OF_NOISE:
             doubted[i] = None
-        elif gain < SURE_NATS or _imitates(effect):
+        elif gain < SEARCH_SURE_NATS or _imitates(effect):
             doubted[i] = less
     return doubted
 

@@ -13,11 +13,13 @@ from ..twin.model import predict
 from . import align, offsets
 from .finding import Finding, Worth
 from .fit import misfit
-
-LEAST_JUMP = 3  # samples; less is a clock's
-HELD = 0.5  # of what the first part's prediction holds: with less, a later part is looked for elsewhere
-AROUND = np.arange(-2.0, 2.5, 0.5)  # samples around the strongest lag
-SURE_NATS = 100.0  # by which it must be likelier there
+from .policy import (
+    HELD,
+    LEAST_JUMP,
+    LEAST_PART,
+    SLIPS_AROUND,
+    SLIPS_SURE_NATS,
+)
 
 
 def place(case, part, located: tuple[int, bool] | None, known: Finding) -> tuple[tuple[float, bool], float]:
@@ -30,10 +32,10 @@ def place(case, part, located: tuple[int, bool] | None, known: Finding) -> tuple
         return expected, 0.0
     middle, inverted = located or align.locate(case, part)
     begin = middle + _gained(known) * len(part.samples) / 2
-    tries = [(*_held(case, part, (begin + d, inverted), known), begin + d) for d in AROUND]
+    tries = [(*_held(case, part, (begin + d, inverted), known), begin + d) for d in SLIPS_AROUND]
     other, data, delay = max(tries, key=lambda t: t[0])
     nats = data.count * np.log((1 - held) / (1 - other))
-    return ((delay, inverted), float(nats)) if nats > SURE_NATS else (expected, 0.0)
+    return ((delay, inverted), float(nats)) if nats > SLIPS_SURE_NATS else (expected, 0.0)
 
 
 def _held(case, part, near, known: Finding):
@@ -76,7 +78,7 @@ def between(findings: list[Finding]) -> None:
 def gap(findings: list[Finding]) -> tuple[int, int] | None:
     """(first, last + 1) samples between two parts, neither of which holds them, between which samples are lost; None: none
     are."""
-    return next((between for *_, between in _jumps(findings) if between[1] - between[0] >= align.LEAST_PART), None)
+    return next((between for *_, between in _jumps(findings) if between[1] - between[0] >= LEAST_PART), None)
 
 
 def _jumps(findings: list[Finding]):

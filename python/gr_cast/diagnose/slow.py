@@ -13,22 +13,25 @@ from ..twin.effects import FAMILIES, Effect, Role, plays, with_role
 from ..twin.effects.base import start
 from ..twin.model import Model
 from . import courses
-from .align import LEAST_PART
 from .courses import Course, Series
 from .finding import Finding, Worth
+from .policy import (
+    FLOOR_DB,
+    LEAST_PART,
+    LEFT_NATS,
+    OPEN_CYCLES,
+    SLOW_ALIKE,
+    SLOW_FEWEST,
+    SURE,
+    TIME_STD,
+    UNSEEN,
+    UNSEEN_CYCLES,
+    WANDER,
+    WORSE_NATS,
+    WRONG_P,
+)
 from .residual import Leftover
 from .search import refit
-
-ALIKE = 1e-4  # nepers, rad or samples by which fits of parts may differ for reasons of their own
-FEWEST = 4  # parts that tell one course from another
-TIME_STD = 0.15  # of a time constant: the grid's step, and what the parts tell of it
-FLOOR_DB, SURE = 0.05, 3.0  # dB, and standard deviations of its own, by which a floor may differ from what a gain makes of it
-WANDER = 6e-3  # nepers (0.05 dB) between parts, without a course, that are left unexplained
-LEFT_NATS = 40.0  # the same
-WORSE_NATS = 3.0  # by which a part may be less likely with what all parts tell of it
-OPEN_CYCLES = 0.1  # from one part to the next: with a larger error of what they turn their phases cannot be joined
-UNSEEN_CYCLES = 0.02  # that a part turns without an offset being found in it, at least,
-UNSEEN = 6.0  # standard deviations of what its phase tells of that
 
 
 def between(findings: list[Finding]) -> None:
@@ -36,7 +39,7 @@ def between(findings: list[Finding]) -> None:
     first one that of the part that was searched."""
     shown = [e for f in findings for e in f.fit.model.found]
     wanders = {what for e in shown for what in FAMILIES[e.family].wanders}
-    if len(findings) < FEWEST or "gain" in wanders or len(findings[0].scene.sources) > 1:
+    if len(findings) < SLOW_FEWEST or "gain" in wanders or len(findings[0].scene.sources) > 1:
         return
     first, in_time = findings[0], _in_time(findings)
     whole_s, whole = first.scene.whole_s, first.scene.whole
@@ -76,7 +79,7 @@ def gap(findings: list[Finding]) -> tuple[int, int] | None:
     """(first, last + 1) samples between two parts, neither of which holds them, between which the gain steps; None: it
     does not."""
     in_time = _in_time(findings)
-    best = courses.of_gain(_levels(in_time)) if len(findings) >= FEWEST and len(findings[0].scene.sources) == 1 else None
+    best = courses.of_gain(_levels(in_time)) if len(findings) >= SLOW_FEWEST and len(findings[0].scene.sources) == 1 else None
     if best is None or best.step is None or best.share:
         return None
     before, after = (f.scene for f in in_time[best.step : best.step + 2])
@@ -102,7 +105,7 @@ def _series(in_time: list[Finding], role: Role, value: Callable, slopes: Callabl
         by = slopes(finding)
         weights = np.array(list(by.values()))
         values.append(value(finding))
-        std.append(np.hypot(np.sqrt(weights @ finding.fit.covariance[np.ix_(list(by), list(by))] @ weights), ALIKE))
+        std.append(np.hypot(np.sqrt(weights @ finding.fit.covariance[np.ix_(list(by), list(by))] @ weights), SLOW_ALIKE))
         at.append((finding.scene.begins + _amidst(finding, role)) / finding.scene.whole)
     return Series(at=np.array(at), value=np.array(values), std=np.array(std))
 
@@ -178,7 +181,7 @@ def _phases(in_time: list[Finding]) -> Series | None:
         unseen.append(max(UNSEEN_CYCLES, UNSEEN * np.sqrt(12) * std / (2 * np.pi)) * lengths)
     mean, doubt = (np.average(turns, weights=weights), 1 / np.sqrt(np.sum(weights))) if turns else (0.0, max(unseen))
     apart = np.sum(np.array(weights) * np.square(np.array(turns) - mean))
-    astray = turns and (len(turns) < len(in_time) / 2 or stats.chi2.sf(apart, len(turns) - 1) < courses.WRONG_P)
+    astray = turns and (len(turns) < len(in_time) / 2 or stats.chi2.sf(apart, len(turns) - 1) < WRONG_P)
     if astray or np.diff(series.at).max() * doubt > OPEN_CYCLES:
         return None
     ramp = 2 * np.pi * mean * series.at

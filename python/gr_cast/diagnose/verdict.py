@@ -13,12 +13,14 @@ from .confidence import Figures, confidence, is_whole
 from .finding import Finding, nmse, numbers
 from .maps import power_of, steps
 from .ownership import kind_of, owner
+from .policy import (
+    REFUSED_NATS,
+    SAME_DELAY_SAMPLES,
+    SURELY_APART,
+    VERDICT_LEAST_NATS,
+)
 from .residual import Leftover
 
-SAME_DELAY_SAMPLES = 0.7
-SURELY_APART = 3.0  # standard deviations
-LEAST_NATS = 8.0  # that an effect must bring over all recordings
-REFUSED_NATS = 40.0  # of an effect that unseen samples speak against, from which it is left unexplained
 LONGER = "longer_recording"  # what tells more of effects that are not sure enough
 
 
@@ -140,7 +142,7 @@ class Told:
 
     @property
     def enough(self) -> bool:
-        return self.nats >= LEAST_NATS or not self.effect.free.any()
+        return self.nats >= VERDICT_LEAST_NATS or not self.effect.free.any()
 
     @property
     def claimed(self) -> bool:

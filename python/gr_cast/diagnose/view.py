@@ -11,18 +11,21 @@ from ..twin.effects import FAMILIES, stage_of
 from ..twin.effects.base import RX_GAIN, RX_LO, at_half_the_rate, peaks
 from ..twin.model import predict
 from ..twin.scene import PAD
-
-SKIRT, AROUND = 6, 64  # half cycles over the recording: what a line reaches itself, and its surroundings
-LEAST_SEGMENT = 40  # samples in which a waveform is looked for alone
-SEGMENTS = 48  # of time in which a jump is looked for, beside shorter ones at the ends
-LONGEST_JUMP = 900  # samples of a waveform that is sent once; of one that repeats every jump is one within its period
-MOST_JUMPS = 6  # in one recording: with more the path of its delay is a slope, or noise
-JUMP_NATS = 10.0  # by which two parts must be likelier than one
-POINTS, SLOW_POINTS = 8192, 1024  # of a gain's course that show a hum's harmonics
-HARMONICS = (1, 2, 3, 5, 8)
-SLOW_HUMS = tuple(np.arange(1.0, 6.0, 0.05))  # cycles over the recording, seen once at least, too few for lines apart
-SHORT_HUM = 200.0  # cycles over the recording up to which a hum is looked for, however short it is
-LINE_NATS = 5.0  # by which a line stands out of the largest of as many peaks of noise
+from .policy import (
+    HARMONICS,
+    LEAST_SEGMENT,
+    LINE_NATS,
+    LONGEST_JUMP,
+    MOST_JUMPS,
+    POINTS,
+    SHORT_HUM,
+    SKIRT,
+    SLOW_HUMS,
+    SLOW_POINTS,
+    VIEW_AROUND,
+    VIEW_JUMP_NATS,
+    VIEW_SEGMENTS,
+)
 
 
 class View:
@@ -132,7 +135,7 @@ class View:
         peaks of a band of noise do not, nor at half the sample rate what interpolation leaves of the signal."""
         span = self.scene.span
         spectrum = np.abs(sp_fft.fft(self.scene.spread(self.residual), 2 * span))
-        around = np.concatenate([np.arange(-AROUND, -SKIRT), np.arange(SKIRT + 1, AROUND + 1)])
+        around = np.concatenate([np.arange(-VIEW_AROUND, -SKIRT), np.arange(SKIRT + 1, VIEW_AROUND + 1)])
         found = []
         for i in peaks(spectrum, count, 4):
             near = (i + around) % len(spectrum)
@@ -319,7 +322,7 @@ class View:
             held = np.abs(part[:-1]) ** 2 / energy[:-1] / self.sigma2
             nats = held - held[:, now : now + 1]  # with a gain of its own either way: a step of gain is no jump
             m, d = np.unravel_index(int(np.argmax(nats)), nats.shape)
-            if nats[m, d] < np.log(nats.size) + JUMP_NATS:
+            if nats[m, d] < np.log(nats.size) + VIEW_JUMP_NATS:
                 continue
             lost = int(lag[d] if later else -lag[d])
             first = int(edges[m + 1 if later else len(edges) - m - 2])
@@ -337,7 +340,7 @@ class View:
             return 0, []
         edges, lag, c, sent = self.lags_over_time
         sent = np.maximum(sent, sent.sum() / self.scene.count * np.diff(edges))  # silence has no delay
-        nats, step = np.abs(c) ** 2 / sent[:, None] / self.sigma2, np.log(c.size) + JUMP_NATS
+        nats, step = np.abs(c) ** 2 / sent[:, None] / self.sigma2, np.log(c.size) + VIEW_JUMP_NATS
         best, came = nats[0], []
         for row in nats[1:]:
             top = int(np.argmax(best))
@@ -381,7 +384,7 @@ class View:
         """Of segments in time in which a jump is looked for: shorter and shorter towards the ends, where it leaves little of
         one part; and the joints that are known."""
         n = self.scene.count
-        length = max(-(-n // SEGMENTS), LEAST_SEGMENT)
+        length = max(-(-n // VIEW_SEGMENTS), LEAST_SEGMENT)
         halves = length >> np.arange(1, int(np.log2(length / LEAST_SEGMENT)) + 1)
         edges = np.concatenate([np.arange(0, n - length // 2, length), [n], halves, n - halves])
         if self.fit.chain.shift is not None:

@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Every threshold of the engine, by the file that asks for it, each with its unit and its reason."""
+
+import numpy as np
+
+# align
+# samples around the taps that a model reaches where a waveform has unknown parts
+LOWEST_LAG, HIGHEST_LAG = -10, 26
+LONGEST_WHOLE = 200_000  # samples that are fitted at once; of more, parts
+PART, FEWEST_PARTS, MOST_PARTS = 100_000, 4, 8  # samples of a part; fewer do not tell the course of a gain
+PART_OF_PIECES = 40_000  # known samples of a part of a waveform that is known in pieces, whose fits take more steps
+LONGEST_PART = 1 << 20  # samples from the first to the last of a part of which little is known
+LEAST_PART = 1000  # known samples that make a part worth a look
+LEAST_GATHERED = 4000  # samples of a recording of which some are left out
+MOSTLY = 0.7  # share of the samples from which on none is left out
+LONGEST_SCAN = 1 << 21  # samples in which a waveform that is shorter than the recording is looked for
+ALIGN_MARGIN = 64  # samples kept around what is known of a short recording
+LONGEST_FAST = 1 << 16  # samples, of recording and waveform, up to which a waveform that is sent once is looked for fast turning
+FAST = (-0.03, 0.03, -0.06, 0.06, -0.09, 0.09)  # carriers in cycles per sample, each of which finds those beside it
+EDGE = 24  # samples at either end that a filter's memory makes uncertain
+
+# ambiguity
+ALIKE_NATS = 3.0  # in ln L: two fits that differ by less are alike
+ALIKE_TAPS_NATS = 12.0  # in evidence: what the priors of two rows of taps may differ by
+CHOICE = 2  # free numbers that a rival of a mere choice, an effect of no number and no path, may have: one gain
+MOST_OPEN = 3  # families that are told as open, the likeliest
+NEAR_SHARE = 0.3  # or this share of what the effect brings
+NEAR_NATS = 25.0  # predicted evidence within which a rival is worth a fit
+
+# claims
+SIZE_SIGMA = 3.0  # standard deviations by which a size must differ from nothing
+CANCELLED = 0.03  # of the power of the weaker of two effects: less is left of both together where one only cancels the other
+LITTLE_NATS = 200.0  # below which what has no size is not there, though the numbers behind it are
+BROKEN_SIGMA = 2.5  # standard deviations by which held-out samples must contradict the fitted ones
+
+# confidence
+SUREST = 0.98  # of an effect for which all figures speak: families that nobody thought of remain
+WEAKEST, CHANCE_NATS = 0.60, 20.0  # an effect that only just pays its price; nats by which chance is forgotten (bank: .60 to .98)
+# models are not exact: three nats on unseen samples count as one; odds at none
+VOTE_NATS, VOTE_AT_ZERO = 3.0, 10.0
+LEAD_NATS = 4.0  # of a runner-up, whose nearest form was fitted but not all its forms: odds by e for each four nats
+# Each further effect of a list may be what the largest one leaves over where its form is not quite right. Such a rest has a small
+# share of its nats; the share enters with its fourth root, for forms that are right leave nothing.
+IMITATION, SHARE_POWER = 0.12, 0.25
+COURSE = 0.9  # a random course fits much of what is not it
+COURSES = 0.5  # for every further course in one recording: two of them imitate almost anything
+OPEN = 0.5  # at most, where another family fits alike
+LEFT = 0.6  # at most, where something is left that nothing explains; less where that is as loud as the effect
+HURRIED = 0.9  # where the time ended the search
+WHOLE = 0.5  # probability of a list from which on it is called the whole truth: likelier right than not
+
+# courses
+COURSE_SURE_NATS = 20.0  # by which a course must be likelier than none
+LEAST = 1e-3  # nepers, rad or samples that it must change over the recording
+WRONG_P = 1e-4  # a course that leaves less likely remainders is none
+COURSE_TIMES = np.geomspace(0.03, 1.0, 24)  # time constants that are tried, over the recording
+
+# delays
+# samples; segments below that must explain so much more: a chirp's delay looks like an offset
+DELAY_SHORT, SHORT_FACTOR = 128, 2.0
+DELAY_SHORTEST = 8  # samples of the shortest stretch: carriers up to 1/16 of the rate
+TABLE = 1 << 20  # correlations, of every stretch at every delay, that are worked on at once
+DELAY_LONGER = 8  # times as long are the next ones where the table holds no more
+DELAY_SURE_NATS = 15.0  # by which chance does not explain as much at the best delay and carrier
+DELAY_ALIKE = 0.8  # of the most nats, from which on carriers are equals
+DELAY_CLEAR = 12.0  # standard deviations of the other lags by which a delay stands out
+DELAY_SEGMENTS = (256, 48)  # samples that are added with their phases: carrier offsets of 1/400 and 1/80 of the rate do no harm
+PIECES, DELAY_LEAST_PIECE = 1024, 8  # of a waveform that is sent once, and samples in each at least
+WORK = 1 << 28  # lags of all pieces together
+DELAY_SILENT = 1e-4  # of the mean energy of a piece: one with less is the tail of a link's response, or nothing
+DELAY_GROWTH = 4  # how much longer the pieces of the next length are
+BEHIND = 64  # samples behind the last path that a link's response is followed
+
+# finding
+LEAST_TOLD = 20.0  # nats of an effect without a curvature: a search found it
+
+# fit
+LARGE = 60  # parameters from which a matrix is inverted by Cholesky's method
+DAMPINGS = (0.0, 1e-6, 1e-4, 1e-2, 1.0, 100.0)  # shares of the curvature, tried in turn (Marquardt 1963)
+SMALL = 20_000  # samples up to which a fit of many numbers is carried to its end
+LEAST_HEARD = 100  # samples off the rails, of which a law of the noise is told
+COLOUR_ORDERS = 10  # cepstral coefficients of a receiver's noise colour
+
+# flatness
+FLATNESS_TIMES = 48  # cells of time
+FLATNESS_LEVELS = 16  # of what is received, as many samples in each
+NEXT = 32  # samples: what is alike within fewer is told by frequency
+LEAST_PAIRS = 400  # samples so far apart, of which what they have in common is normal
+WELL_FILLED, FEWEST_TIMES = 8.0, 4  # samples in a mean cell of a map that is taken whole, and rows that it keeps
+LEAST_IN_CELL = 2.0  # samples: of fewer ln of the mean tells next to nothing
+
+# floor
+FAINT = 0.01  # of the mean power: what is weaker has no direction
+HIDES = 0.1  # power of a grid's own error over the told noise from which the floor cannot be seen
+FLOOR_LEAST_NATS = 8.0  # beyond half a logarithm of the samples, that another level must bring
+# dB by which a floor may differ for other reasons: the twin's figure is rounded; the shape of noise with a law of its own is not
+# known so well; a course of the oscillator, or any other, leaves some of itself over.
+TOLD_DB, SHAPED_DB, WANDERS_DB, COURSE_DB = 0.05, 0.3, 0.2, 1.0
+EVEN_P, EVEN_SHARE = 1e-3, 0.1  # of one level everywhere, below which it is none, unless what is uneven is so small a share of it
+
+# heldout
+FOLDS = 2
+FOLD_RUN, FOLD_OF = 16, 4  # samples at a stretch that a fold leaves out, and of how many such runs one
+OFF = 16  # samples by which fitted ones may place a moment beside where it is: what they say may be alike before and behind it
+
+# maps
+MAP_LEVELS = 24  # cells of amplitude
+MAP_FEWEST = 20  # samples in a cell
+
+# next recording
+TELLS_NATS = 20.0  # between what two hypotheses foretell, from which an experiment decides: odds of 10⁸, as models are not exact
+NEXT_LEAST_NATS = 1.0  # below which an experiment tells nothing
+NEXT_LONGER = 10.0  # times the recording that a longer one is
+ERRORS = 3.0  # times what two models that fit alike differ by: what the errors of their numbers may do elsewhere
+OFFSET_HZ = 500.0  # of a carrier that is moved a little, the most that the contract asks for
+SOFTER = 0.5  # amplitude of a second power and of a second receiver gain
+
+# noise
+PASSBAND = 0.65  # common share of two bands from which they are one: a filter falls off within the signal's own edges
+
+# offsets
+LONGEST_STRETCH = 2048  # samples
+OFFSET_PIECE = 256  # samples: stretches that come at regular intervals leave carriers open that only what is within them tells
+EARLY, LATE = -8, 24  # lags around the twin's delay in which a link's energy may lie
+WORST_CLOCK = 30e-6
+CLOCK_STEP = 0.5  # samples over the recording
+CARRIER_STEP = 0.5  # cycles over the recording
+TEETH = 3  # on either side of the likeliest carrier, of the comb that regular stretches make
+LOBES = 0.5  # of a stretch's spectrum, around its peak, in which the carrier is looked for finely
+
+# ownership
+SIDES_ALIKE_NATS = 3.0  # in ln L, by recording
+SILENT_NATS = 20.0  # what a recording can say at most against an effect that it should show and does not
+
+# passing
+SURROGATES = 200  # courses of other signs; the tail of their largest contrast is Gumbel's
+CELLS = 96  # of time at most, in runs of which a stretch is looked for
+LEAST_ORDERS = 12  # cosines: of fewer no stretch can be told
+OFTEN = 2  # cells to a cosine
+GRID = 8  # points of `grid_of` in a cell
+PASSING_CLEAR = 2.0  # power of a course over the variance of its estimate, from which its cosines are more than noise
+DIFFERENCES = (1, 2)  # over time: of a step, or of a ramp, all that moves is then in one place
+SURE_P = 1e-5  # of the most uneven course of that spectrum, below which it is no random one
+
+# pieces
+REACH = 2048  # samples by which a piece may stand elsewhere
+LONGEST_PIECE, PIECES_LEAST_PIECE = 2048, 64  # samples that are looked for together
+MOST_PIECES = 1000
+STEP_NATS, PIECES_JUMP_NATS = 2.0, 100.0  # that a piece must bring to stand one sample, or many, from the one before it
+SPREAD = 8  # samples on either side in which another path may be the strongest for a while
+HERE = 1.05  # by which a piece that stands where the whole recording stands is believed more
+PIECES_FEWEST = 3  # pieces on either side of a jump
+
+# presence
+PRESENCE_PIECE = 4  # samples of the shortest stretch that is added with its phases: carriers to 1/8 of the rate
+PRESENCE_GROWTH = 4  # how much longer the next stretch is
+LENGTHS = (1 << 13, 1 << 16)  # samples that are looked at: few first, more where these leave a doubt
+PRESENCE_SURE_NATS = 60.0  # that few samples must say so that more are not asked
+PRESENT_NATS = 14.0  # by which chance would not explain as much at the best of all delays, carriers, lengths: p of 10⁻⁶
+HALVES = 3  # stretches of a short recording that are looked at: all of it, and its halves
+LIKELIER = 1.2  # times the nats of the first of several options that another must have
+PRESENCE_AROUND = 16  # samples around the delay that was found in which the waveform may be
+NULLS, NULLS_OF_SHORT = 64, 256  # delays near, and as many far, at which it is not; of a short recording
+PRESENCE_SHORT = 4096  # samples of one
+FARTHEST_NEAR = 8 * PRESENCE_AROUND
+PRESENCE_SILENT = 1e-3  # of the mean energy of the waveform in a stretch: less holds none of it
+LEAST_OVERLAP = 0.25  # of the most energy of the waveform in the recording at any delay: those with less are not compared
+PRESENCE_ALIKE = 0.7  # coherence of a waveform with itself, from which on another delay makes no other waveform of it
+PRESENCE_SHORTEST = 64  # samples in which something is compared at all
+LEAST_WHOLE = 0.5  # of the recording, in which something is sent that cannot be compared, if it is to be believed
+LEAST_NULLS = 8  # delays that tell a mean and a spread
+STEADY = 4.0  # times the number of gains behind a share, from which it is steady over the delays: a line, or what is never silent
+HALF_OF_NULLS = 0.5  # a median knows a mean as well as the mean of that share of the values
+
+# residual
+WINDOWS = 64  # of time, in which impulses are counted
+LEAST_WINDOW = 16  # samples
+LEAST_IMPULSES = 5  # in a window at random, from which their counts spread as χ² has it
+LONGEST_IMPULSE, TOGETHER = 8, 2  # samples: what lasts longer is a burst, and how far apart are those of one impulse
+CROWDED_P = 1e-3  # of impulses in one window of time, below which they do not come at random
+FOREIGN_CELLS, LEAST_CELL = 128, 8  # cells of time, and samples in each at least, in which a stretch is looked for that is not
+# what the twin says
+FOREIGN, TWIN_FITS = 0.5, 0.35  # residual over the mean wanted power, from which a cell is foreign, up to which the twin fits
+HEARD = 0.1  # of the mean wanted power, from which on a course is held by the recording
+
+# run
+BUDGET_S = 240.0
+PICTURES = 1.1  # of the budget: what a report still draws after the search ends then
+# Shares of the time that is left: for the recordings, for the first part of a long one, for the search of a part, and for
+# what it found to prove itself.
+RECORDINGS, FIRST_PART, SEARCH, PROOF = 0.8, 0.8, 0.7, 0.9
+HUNGRY = 3.0  # times the mean share that a recording may take of what is left; most need far less
+MOST_FINDINGS = 24  # parts of a recording: what happened between two of 10⁸ samples is halved 12 times until it is found
+MOST_SWAPS = 3  # of what was found for a rival that explains more
+CUT_NATS = 10.0  # by which rails on a grid, or at one end alone, must make a recording likelier
+FINE_GRID = 10.0  # energy of its error over the noise, over the whole recording
+JITTER_SURE = 2.5  # standard deviations by which noise across the signal must exceed noise along it
+UNEXPLAINED_P = 1e-5
+UNEXPLAINED_NATS = 40.0
+UNEXPLAINED_SHARE = 0.01
+
+# search
+MANY = 200  # parameters with a prior up to which their dependence is taken into account by a score
+SEARCH_MARGIN = 5.0  # nats of evidence that an effect must bring beyond its price
+BEAM = 2
+REFITS = 3
+MOST_EFFECTS = 6  # more are not searched for: a list of so many is hardly ever the whole truth
+LEAST_TURN = 1e-5  # cycles by which late paths must differ for a carrier offset to show its side
+LEAP_STEPS = 3  # of a fit, that score an effect which is elsewhere
+SEEN = 1e-5  # share of a derivative that must be left when what other parameters can do is taken out
+ELSEWHERE = 1e-9  # power by which a start differs from the fit, over that of the fit; less is rounding
+LOUDEST = 1.6  # density of noise that a filter coloured, over its median in the signal's band
+CLEAR_SHARE, FAR_SHARE = 0.1, 0.7  # of the best score: by which starts of one family, and families, must not stay behind it
+CLEAR_NATS = 300.0  # a signal that promises more is fitted before the law of the noise is asked for
+SEARCH_SURE_NATS = 100.0  # evidence from which a simple family needs no other proof
+PROOF_STEPS = 2  # of a fit to three quarters of the samples, from the fit to all
+NOISIEST = 0.3  # of a rail's level, the most noise that softens it: more is a signal not yet found
+SETTLED = 0.1  # relative change of that noise that makes no difference
+SOFTENED_STEPS = 3  # of a fit, when it changed
+LEAST_HELD_OUT = 3.0  # nats on unseen samples that an effect must bring
+LEAST_OF_NOISE = 15.0  # nats of evidence: a law of noise fits what a model of the signal leaves over
+ROUGH_NATS, ROUGH_SHARE = 10.0, 0.05  # by which, and by which share of it, a score may be off
+
+# slips
+LEAST_JUMP = 3  # samples; less is a clock's
+HELD = 0.5  # of what the first part's prediction holds: with less, a later part is looked for elsewhere
+SLIPS_AROUND = np.arange(-2.0, 2.5, 0.5)  # samples around the strongest lag
+SLIPS_SURE_NATS = 100.0  # by which it must be likelier there
+
+# slow
+SLOW_ALIKE = 1e-4  # nepers, rad or samples by which fits of parts may differ for reasons of their own
+SLOW_FEWEST = 4  # parts that tell one course from another
+TIME_STD = 0.15  # of a time constant: the grid's step, and what the parts tell of it
+FLOOR_DB, SURE = 0.05, 3.0  # dB, and standard deviations of its own, by which a floor may differ from what a gain makes of it
+WANDER = 6e-3  # nepers (0.05 dB) between parts, without a course, that are left unexplained
+LEFT_NATS = 40.0  # the same
+WORSE_NATS = 3.0  # by which a part may be less likely with what all parts tell of it
+OPEN_CYCLES = 0.1  # from one part to the next: with a larger error of what they turn their phases cannot be joined
+UNSEEN_CYCLES = 0.02  # that a part turns without an offset being found in it, at least,
+UNSEEN = 6.0  # standard deviations of what its phase tells of that
+
+# verdict
+SAME_DELAY_SAMPLES = 0.7
+SURELY_APART = 3.0  # standard deviations
+VERDICT_LEAST_NATS = 8.0  # that an effect must bring over all recordings
+REFUSED_NATS = 40.0  # of an effect that unseen samples speak against, from which it is left unexplained
+
+# view
+SKIRT, VIEW_AROUND = 6, 64  # half cycles over the recording: what a line reaches itself, and its surroundings
+LEAST_SEGMENT = 40  # samples in which a waveform is looked for alone
+VIEW_SEGMENTS = 48  # of time in which a jump is looked for, beside shorter ones at the ends
+LONGEST_JUMP = 900  # samples of a waveform that is sent once; of one that repeats every jump is one within its period
+MOST_JUMPS = 6  # in one recording: with more the path of its delay is a slope, or noise
+VIEW_JUMP_NATS = 10.0  # by which two parts must be likelier than one
+POINTS, SLOW_POINTS = 8192, 1024  # of a gain's course that show a hum's harmonics
+HARMONICS = (1, 2, 3, 5, 8)
+SHORT_HUM = 200.0  # cycles over the recording up to which a hum is looked for, however short it is
+LINE_NATS = 5.0  # by which a line stands out of the largest of as many peaks of noise
+SLOW_HUMS = tuple(np.arange(1.0, 6.0, 0.05))  # cycles over the recording, seen once at least, too few for lines apart
