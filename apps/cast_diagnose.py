@@ -61,7 +61,7 @@ def main(argv=None) -> int:
     parser.add_argument("cases", nargs="+", type=Path, metavar="CASE", help="folder with a twin.yaml")
     parser.add_argument("--output", required=True, type=Path, metavar="DIR", help="one folder per case goes here")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="cases at the same time (default 1)")
-    parser.add_argument("--budget", type=float, default=240.0, metavar="SECONDS", help="time limit per case (default 240)")
+    parser.add_argument("--budget", type=float, default=240.0, metavar="SECONDS", help="processor time per case (default 240)")
     args = parser.parse_args(argv)
     names = [case.resolve().name for case in args.cases]
     faults = [f"{name}: two cases have this name" for name in sorted({n for n in names if names.count(n) > 1})]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Gains are measured on samples that nothing was fitted to, and time that is over ends the search."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -107,3 +108,9 @@ def test_held_out_samples_around_a_moment_say_nothing_of_it_and_others_do(part):
     there = gained(-100)
     assert there > 100 and gained(first) == pytest.approx(there, rel=1e-9)
     assert gained(far) < there - 100
+
+
+def test_waiting_for_other_programs_takes_nothing_from_a_budget(world, tmp_path):
+    case = read_case(world.write(tmp_path / "case", world.noisy(world.clean())))
+    document = diagnose(case, budget_s=10.0, progress=lambda where: time.sleep(11.0)).document
+    assert document["verdict"] == "no_mismatch" and document["seconds"] > 11.0

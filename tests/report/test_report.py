@@ -78,7 +78,7 @@ def test_an_open_question_is_followed_by_the_recording_that_answers_it(found):
 
 def test_a_page_is_whole_without_the_pictures_that_its_time_does_not_hold(found):
     everything = Page(render(found))
-    hurried = Page(render(replace(found, deadline=time.monotonic())))
+    hurried = Page(render(replace(found, deadline=time.thread_time())))
     assert not hurried.faults and not hurried.open and not hurried.sources
     text = "".join(hurried.text)
     assert "2 pictures are left out" in text and "left out:" not in "".join(everything.text)
@@ -87,18 +87,18 @@ def test_a_page_is_whole_without_the_pictures_that_its_time_does_not_hold(found)
 
 def test_a_picture_is_drawn_only_where_the_longest_before_it_would_still_be_in_time():
     def draw():
-        drawn.append(time.monotonic())
+        drawn.append(time.thread_time())
         time.sleep(0.3)
         return Figure(figsize=(1, 1))
 
-    drawn, album = [], Album(time.monotonic() + 0.5)
+    drawn, album = [], Album(time.thread_time() + 0.5)
     pages = [album.image(draw, "") for _ in range(5)]
     assert len(drawn) == 1 and [bool(page) for page in pages] == [True, False, False, False, False]
     assert "4 pictures are left out" in album.note()
 
 
 def test_steps_that_are_not_told_in_time_are_not_told(found):
-    finding = replace(found.findings[0], steps=None, data=replace(found.findings[0].data, deadline=time.monotonic()))
+    finding = replace(found.findings[0], steps=None, data=replace(found.findings[0].data, deadline=time.thread_time()))
     assert steps(finding) is None
 
 

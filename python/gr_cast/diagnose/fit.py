@@ -41,11 +41,11 @@ class Data:
     variance: np.ndarray | None = None
     spectrum: np.ndarray | None = None
     impulses: tuple | None = None  # (effect, weight of every sample (n,)) where some hold an impulse
-    deadline: float = np.inf  # on time.monotonic(): from then on fits stay where they are
+    deadline: float = np.inf  # on time.thread_time(): from then on fits stay where they are
 
     @property
     def late(self) -> bool:
-        return time.monotonic() > self.deadline
+        return time.thread_time() > self.deadline
 
     def whitened(self, signal: np.ndarray) -> np.ndarray:
         """Signals (…, n) divided by the noise's shape, zero where a sample is not used."""

@@ -55,17 +55,17 @@ def examine(case, observation, *, deadline: float, progress=lambda where: None) 
     parts, findings = align.parts_of(case, observation), []
     for k, (part, near) in enumerate(parts):
         progress(f"{observation.name}, part {k + 1} of {len(parts)}")
-        left = deadline - time.monotonic()
+        left = deadline - time.thread_time()
         if findings and left < 0:
             break
         share = FIRST_PART if k == 0 and len(parts) > 1 else 1 / (len(parts) - k)
         heard = next((f for f in findings if not f.absent), None)
-        findings.append(_examine_part(case, observation, part, near, heard, time.monotonic() + left * share))
+        findings.append(_examine_part(case, observation, part, near, heard, time.thread_time() + left * share))
     findings, silent = [f for f in findings if not f.absent], [f for f in findings if f.absent]
     if not findings:  # one part stands for all
         return silent[:1]
     findings[0].left += [presence.of_a_part(f) for f in silent]
-    while (gap := slips.gap(findings) or slow.gap(findings)) and time.monotonic() < deadline and len(findings) < MOST_FINDINGS:
+    while (gap := slips.gap(findings) or slow.gap(findings)) and time.thread_time() < deadline and len(findings) < MOST_FINDINGS:
         progress(f"{observation.name}, between its parts")
         part = align.around(case, observation, gap, len(findings[0].observation.samples))
         if part is None:
@@ -77,7 +77,7 @@ def examine(case, observation, *, deadline: float, progress=lambda where: None) 
 
 
 def _examine_part(case, whole, part, near, known: Finding | None, deadline: float) -> Finding:
-    begun = time.monotonic()
+    begun = time.thread_time()
     near, elsewhere_nats = (near, 0.0) if known is None else slips.place(case, part, near, known)
     scene, data, model = align.build(case, part, near=near)
     data = replace(data, deadline=begun + SEARCH * (deadline - begun))
@@ -369,7 +369,7 @@ def _foretold(case, observation, deadline: float) -> Fit:
 
 @dataclass(kw_only=True)
 class Diagnosis:
-    """What `write` turns into files: the contract's document and the findings behind it; `deadline`, on time.monotonic(): a
+    """What `write` turns into files: the contract's document and the findings behind it; `deadline`, on time.thread_time(): a
     report draws no picture after it."""
 
     case: object
@@ -379,14 +379,14 @@ class Diagnosis:
 
 
 def diagnose(case, *, budget_s: float = BUDGET_S, progress=lambda where: None) -> Diagnosis:
-    """Diagnose a case within `budget_s` seconds: when they are over, the verdict is `unexplained` with what was found
-    so far. `progress` is called with where the diagnosis stands."""
-    begun = time.monotonic()
+    """Diagnose a case within `budget_s` seconds of processor time, so that a loaded machine says what an idle one says: when they
+    are over, the verdict is `unexplained` with what was found so far. `progress` is called with where the diagnosis stands."""
+    begun, woken = time.thread_time(), time.monotonic()
     fitted = [o for o in case.observations if not o.vault]
     findings = []
     for k, observation in enumerate(fitted):
-        share = (RECORDINGS * budget_s - (time.monotonic() - begun)) / (1 + (len(fitted) - k - 1) / HUNGRY)
-        findings += examine(case, observation, deadline=time.monotonic() + share, progress=progress)
+        share = (RECORDINGS * budget_s - (time.thread_time() - begun)) / (1 + (len(fitted) - k - 1) / HUNGRY)
+        findings += examine(case, observation, deadline=time.thread_time() + share, progress=progress)
         for finding in findings:
             _light(finding, begun + budget_s)
     heard = [f for f in findings if not f.absent]
@@ -397,5 +397,5 @@ def diagnose(case, *, budget_s: float = BUDGET_S, progress=lambda where: None) -
         return [predict_only(case, o, entries, findings, begun + budget_s) for o in case.observations if o.vault]
 
     document = conclude(case, findings, vault)
-    document["seconds"] = round(time.monotonic() - begun, 3)
+    document["seconds"] = round(time.monotonic() - woken, 3)
     return Diagnosis(case=case, document=document, findings=findings, deadline=begun + PICTURES * budget_s)
