@@ -63,3 +63,17 @@ def test_a_law_that_is_likelier_keeps_the_taps_that_hold_the_tail():
     assert len(likelier.p) == len(likelier.prior) == len(likelier.free)
     assert 5 * 8 < len(likelier.p) / 2 < 100  # a few decays, not all that were looked at
     assert likelier.prior[0] / likelier.prior[16] == pytest.approx(np.exp(8 / 8), rel=0.4)  # the taps 0 and 8
+
+
+def test_sums_of_taps_of_which_nothing_was_heard_leave_the_law_as_it_is():
+    """Faint taps under a steep law, seen through a waveform that holds half of the band: rounding leaves information below 0."""
+    rng = np.random.default_rng(2)
+    design, noise_power = rng.normal(size=(32, 64)), 1e-9
+    prior = profile(32, 1e-6, 2.0)
+    covariance = np.linalg.inv(design.T @ design / noise_power + np.diag(1 / prior))
+    covariance *= 1 + 1e-9 * rng.normal(size=covariance.shape)  # what an iteration that ends leaves over
+    recorded = design @ (rng.normal(size=64) * np.sqrt(prior)) + rng.normal(size=32) * np.sqrt(noise_power)
+    mean = covariance @ design.T @ recorded / noise_power
+    told = Told.of(mean, (covariance + covariance.T) / 2, prior)
+    likelihoods = [told.likelihood(profile(32, power, 2.0)) for power in (1e-6, 1.0, 1e6)]
+    assert np.isfinite(likelihoods).all() and np.argmax(likelihoods) == 0

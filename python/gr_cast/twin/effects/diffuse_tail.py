@@ -41,9 +41,12 @@ class Told:
 
     @staticmethod
     def of(p: np.ndarray, covariance: np.ndarray, prior: np.ndarray) -> "Told":
-        """From the posterior mean and covariance under a law of variances `prior`."""
+        """From the posterior mean and covariance under a law of variances `prior`. Where the recording says next to nothing of
+        some sum of taps, rounding may leave less than nothing of it: that is taken as nothing."""
         precision = linalg.inv(covariance)
-        return Told(information=precision - np.diag(1 / np.maximum(prior, 1e-30)), pull=precision @ p)
+        values, vectors = np.linalg.eigh(precision - np.diag(1 / np.maximum(prior, 1e-30)))
+        seen = vectors[:, values > 0]
+        return Told(information=(seen * values[values > 0]) @ seen.T, pull=seen @ (seen.T @ (precision @ p)))
 
     def likelihood(self, law: np.ndarray) -> float:
         """ln of the recording's probability under a law of variances (2k,), over that without any taps."""
