@@ -13,11 +13,12 @@ build "$root/build"
 build "$root/build-sanitize" -DCAST_SANITIZE=ON -DCMAKE_BUILD_TYPE=RelWithDebInfo
 
 # Tools that Debian does not package, apart from GNU Radio's own Python packages.
-tools=$root/build/tools
-if [ ! -x "$tools/bin/ruff" ] || [ ! -x "$tools/bin/mypy" ] || ! "$tools/bin/python" -c 'import sigmf' 2>/dev/null; then
+tools=$root/build/tools lock=$root/apps/requirements/checks.lock
+if ! cmp -s "$lock" "$tools/installed.lock"; then
     say "installing ruff, mypy and sigmf in build/tools"
     /usr/bin/python3 -m venv "$tools"
-    "$tools/bin/pip" install -q ruff mypy sigmf
+    "$tools/bin/python" -m pip install -q --only-binary :all: --require-hashes -r "$lock"
+    cp "$lock" "$tools/installed.lock"
 fi
 
 cd "$root"
