@@ -27,3 +27,11 @@ def test_a_pipe_that_breaks_elsewhere_is_told(capsys):
     with pytest.raises(SystemExit) as leaves:
         _program.run(sends_to_nobody)
     assert leaves.value.code == 2 and capsys.readouterr().err == "error: system: Broken pipe\n"
+
+
+def test_a_flowgraph_runs_where_home_cannot_be_written_to(tmp_path):
+    program = _program.__file__.replace("_program", "cast_sounder")
+    nowhere = {"HOME": "/proc/self", "PATH": "/usr/bin:/bin"}
+    command = [sys.executable, program, "run", "--frames", "20", "--output", str(tmp_path)]
+    done = subprocess.run(command, env=nowhere, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0 and (tmp_path / "result.json").exists(), done.stderr

@@ -35,7 +35,7 @@ python)
     "$work/venv/bin/python" -m pip freeze
     cd "$root"
     # Tests of programs start Debian's Python, and those of blocks need its GNU Radio.
-    mapfile -t tests < <(grep -rLE 'gnuradio|blocks|cmake|apps/|PROGRAM' tests --include='test_*.py' | grep -v tests/apps)
+    mapfile -t tests < <(grep -rLE 'gnuradio|blocks|cmake|apps/|PROGRAM|diagnose_bank' tests --include='test_*.py' | grep -v tests/apps)
     CAST_BUILD=$root "$work/venv/bin/python" -B -m pytest -q -p no:cacheprovider "${tests[@]}" "$@"
     ;;
 debian)

@@ -104,13 +104,13 @@ def test_unknown_instruction_set_is_refused(isa):
         blocks.emulator_kernel(1, 1, isa=isa)
 
 
-def test_a_ramp_that_arrives_at_a_plain_wire_is_no_wire_before():
-    """A single tap of gain 1 is a copy, but not while it is still on its way there."""
+@pytest.mark.parametrize(("begin", "end"), [(0.25, 1.0), (1.0, 0.25)])
+def test_a_wire_that_comes_or_goes_in_a_ramp_is_no_plain_wire_meanwhile(begin, end):
+    """A single tap of gain 1 is a copy, but neither on its way there nor on its way from there."""
     x = complex_noise(np.random.default_rng(1), 1, 600).astype(np.complex64)
-    updates = [LinkUpdate(tx=0, rx=0, at_sample=0, taps=np.array([0.25 + 0j]))]
-    updates.append(LinkUpdate(tx=0, rx=0, at_sample=100, taps=np.array([1.0 + 0j]), ramp_samples=300))
-    kernel = blocks.emulator_kernel(1, 1, 4)
-    kernel.set_sparse_taps(0, 0, [0], [0.25], 0)
-    kernel.set_sparse_taps(0, 0, [0], [1.0], 100, 300)
+    kernel, updates = blocks.emulator_kernel(1, 1, 4), []
+    for gain, at, ramp in ((begin, 0, 0), (end, 100, 300)):
+        kernel.set_sparse_taps(0, 0, [0], [gain], at, ramp)
+        updates.append(LinkUpdate(tx=0, rx=0, at_sample=at, taps=np.array([gain + 0j]), ramp_samples=ramp))
     y = kernel.process(np.concatenate([np.zeros((1, 3), np.complex64), x], axis=1))
     assert y == pytest.approx(emulate(x, updates, 1), abs=1e-5)

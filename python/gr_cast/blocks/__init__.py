@@ -2,3 +2,6 @@
 """The GNU Radio blocks of gr-cast: the only door to GNU Radio in this package."""
 
 from .cast_python import *  # noqa: F403
+from .home import settle_buffers
+
+settle_buffers()

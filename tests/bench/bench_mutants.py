@@ -1,0 +1,228 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How many small faults the tests see: mutants of the code, drawn at random, each run against the tests of its own part.
+
+A mutant is killed when a test fails, or hangs. Works on a copy; nothing here is touched. Python is mutated by Cosmic Ray
+(apps/requirements/mutants.lock), C++ by the few rules below. Places are drawn first, then one of the faults that fit there, so
+that a sum, which has twelve, counts as much as a comparison.
+
+    python3 -m venv --system-site-packages build/mutants
+    build/mutants/bin/python -m pip install --require-hashes -r apps/requirements/mutants.lock
+    build/mutants/bin/python tests/bench/bench_mutants.py --mutants 100
+"""
+
+import argparse
+import ast
+import os
+import random
+import re
+import secrets
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = Path("build/python/gr_cast")
+# Part: what is mutated, what is run. Of kernels the C++ tests run, too.
+PARTS = {
+    "sounder": (["sounding/*.py"], ["tests/sounding"]),
+    "emulator": (["emulation/*.py"], ["tests/emulation"]),
+    "playback": (["twin/playback.py"], ["tests/twin/test_playback.py"]),
+    "scenario": (
+        ["scenario/model.py", "scenario/yaml_file.py", "scenario/colosseum.py", "scenario/mat_file.py", "scenario/catalogue.py"],
+        [f"tests/scenario/test_{name}.py" for name in ("model", "yaml_file", "colosseum", "catalogue")],
+    ),
+    "comparing": (["comparing/*.py"], ["tests/comparing"]),
+    "kernels": (["emulator.cc", "overlap_save.cc", "vector_kernels_body.h"], ["tests/blocks/test_emulator_kernel.py"]),
+}
+FAULTS = [  # of C++: what is found, what stands there instead
+    (r" < ", (" <= ",)),
+    (r" <= ", (" < ",)),
+    (r" > ", (" >= ",)),
+    (r" >= ", (" > ",)),
+    (r" == ", (" != ",)),
+    (r" != ", (" == ",)),
+    (r" && ", (" || ",)),
+    (r" \|\| ", (" && ",)),
+    (r" \+ ", (" - ",)),
+    (r" - ", (" + ",)),
+    (r" \* ", (" / ",)),
+    (r" / ", (" * ",)),
+    (r"\bmin\b", ("max",)),
+    (r"\bmax\b", ("min",)),
+    (r"\btrue\b", ("false",)),
+    (r"\bfalse\b", ("true",)),
+    (r"(?<![\w.])[0-9]+(?![\w.])", ("+1", "-1")),
+]
+
+
+@dataclass(frozen=True)
+class Mutant:
+    path: Path
+    line: int
+    text: str  # of the whole file
+
+    def change(self) -> str:
+        """The line before and after."""
+        before, after = (text.split("\n")[self.line - 1].strip() for text in (self.path.read_text(), self.text))
+        return f"{self.path.name}:{self.line}: {before}  →  {after}"
+
+
+def _annotations(source: str) -> set[tuple[int, int]]:
+    """Starts of what only tells types: (line, column) of every node."""
+    told = []
+    for node in ast.walk(ast.parse(source)):
+        told += [getattr(node, name) for name in ("annotation", "returns") if getattr(node, name, None) is not None]
+    return {(n.lineno, n.col_offset) for tree in told for n in ast.walk(tree) if hasattr(n, "lineno")}
+
+
+def python_mutants(path: Path, rng: random.Random):
+    """One mutant for every place of a file that a fault fits in, in random order."""
+    from cosmic_ray.ast import ast_nodes, get_ast
+    from cosmic_ray.mutating import mutate_code
+    from cosmic_ray.plugins import get_operator, operator_names
+
+    source = path.read_text()
+    types, places = _annotations(source), {}
+    for name in sorted(operator_names()):
+        operator = get_operator(name)
+        if operator.arguments() or name.endswith("NoOp"):
+            continue
+        tree = get_ast(source)
+        found = (place for node in ast_nodes(tree) for place in operator().mutation_positions(node))
+        for occurrence, (start, _) in enumerate(found):
+            places.setdefault(start, []).append((operator, occurrence))
+    drawn = [place for place in places if not any(place[0] == line and place[1] >= column for line, column in types)]
+    rng.shuffle(drawn)
+    for place in drawn:
+        operator, occurrence = rng.choice(places[place])
+        text = mutate_code(source, operator(), occurrence)
+        if text is not None and text != source:
+            changed = next(n for n, (a, b) in enumerate(zip(source.split("\n"), text.split("\n"), strict=False), 1) if a != b)
+            yield Mutant(path, changed, text)
+
+
+def cpp_mutants(path: Path, rng: random.Random):
+    source = path.read_text()
+    lines = source.split("\n")
+    places = [
+        (number, found, fault)
+        for number, line in enumerate(lines, 1)
+        if not line.lstrip().startswith(("#", "//", "constexpr double", "double "))  # costs of the planner are no law
+        for pattern, others in FAULTS
+        for found in re.finditer(pattern, line.split("//")[0])
+        for fault in [rng.choice(others)]
+    ]
+    rng.shuffle(places)
+    for number, found, fault in places:
+        line = lines[number - 1]
+        new = str(int(found[0]) + int(fault)) if fault in ("+1", "-1") else fault
+        text = "\n".join([*lines[: number - 1], line[: found.start()] + new + line[found.end() :], *lines[number:]])
+        yield Mutant(path, number, text)
+
+
+def in_turns(streams):
+    """One of each, until all have ended."""
+    while streams:
+        for stream in list(streams):
+            try:
+                yield next(stream)
+            except StopIteration:
+                streams.remove(stream)
+
+
+class Part:
+    """One part of the code in a copy, and whether its tests pass."""
+
+    def __init__(self, copy: Path, name: str):
+        patterns, self.tests = PARTS[name]
+        self.copy, self.is_cpp = copy, name == "kernels"
+        base = copy / ("lib/kernel" if self.is_cpp else PACKAGE)
+        self.paths = [path for pattern in patterns for path in sorted(base.glob(pattern)) if path.name != "__init__.py"]
+        if self.is_cpp:
+            self._run("cmake", "-S", ".", "-B", "build", "-G", "Ninja", check=True)
+            assert self._built(), "the copy does not build"
+        begin = time.monotonic()
+        assert self.passes(None), "tests fail without any mutant"
+        self.limit_s = 60 + 5 * (time.monotonic() - begin)
+
+    def _run(self, *command, timeout=None, **about):
+        environment = os.environ | {"CAST_BUILD": str(self.copy / "build"), "PYTHONDONTWRITEBYTECODE": "1"}
+        environment |= {"OPENBLAS_NUM_THREADS": "1"}
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        with subprocess.Popen(command, cwd=self.copy, env=environment, start_new_session=True, **quiet) as process:
+            try:
+                status = process.wait(timeout)
+            except subprocess.TimeoutExpired:
+                os.killpg(process.pid, 9)
+                raise
+        if about.get("check") and status:
+            raise subprocess.CalledProcessError(status, command)
+        return status == 0
+
+    def _built(self) -> bool:
+        return self._run("cmake", "--build", "build", "-j1")
+
+    def passes(self, limit_s: float | None) -> bool:
+        pytest = ["/usr/bin/python3", "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--hypothesis-seed=0", *self.tests]
+        try:
+            plain = not self.is_cpp or self._run("ctest", "--test-dir", "build", timeout=limit_s)
+            return plain and self._run(*pytest, timeout=limit_s)
+        except subprocess.TimeoutExpired:
+            return False
+
+    def survives(self, mutant: Mutant) -> bool | None:
+        """None: no mutant, it does not compile."""
+        before = mutant.path.read_text()
+        for compiled in mutant.path.parent.glob(f"__pycache__/{mutant.path.stem}.*"):
+            compiled.unlink()
+        mutant.path.write_text(mutant.text)
+        try:
+            return None if self.is_cpp and not self._built() else self.passes(self.limit_s)
+        finally:
+            mutant.path.write_text(before)
+
+
+def copied(folder: Path) -> Path:
+    """The checkout with what it built, links followed."""
+    ignored = shutil.ignore_patterns("__pycache__", ".git")
+    for name in ("apps", "tests", "docs", "include", "lib", "grc", "python", "build/python"):
+        shutil.copytree(ROOT / name, folder / name, ignore=ignored)
+    for name in ("CMakeLists.txt", "pytest.ini"):
+        shutil.copy(ROOT / name, folder / name)
+    subprocess.run([sys.executable, "-m", "compileall", "-q", "build", "tests"], cwd=folder, check=True)
+    return folder
+
+
+def main(argv=None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
+    parser.add_argument("--mutants", type=int, default=60, help="of every part")
+    parser.add_argument("--seed", type=int, default=secrets.randbelow(10**6), help="without it a fresh one")
+    args = parser.parse_args(argv)
+    print(f"seed {args.seed}", flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        copy = copied(Path(folder))
+        for name in args.parts:
+            rng = random.Random(f"{args.seed} {name}")
+            part = Part(copy, name)
+            drawn = in_turns([(cpp_mutants if part.is_cpp else python_mutants)(path, rng) for path in part.paths])
+            killed, tried = 0, 0
+            for mutant in drawn:
+                if tried == args.mutants:
+                    break
+                change, survived = mutant.change(), part.survives(mutant)
+                tried += survived is not None
+                killed += survived is False
+                if survived:
+                    print(f"survived: {change}", flush=True)
+            print(f"{name}: {killed} of {tried} killed, {100 * killed / max(1, tried):.0f} %", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
