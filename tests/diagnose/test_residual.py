@@ -106,6 +106,15 @@ def test_a_quantiser_grid_and_lost_samples_are_all_that_is_found_of_both(world, 
     assert {e["family"] for e in document["effects"]} == {"sample_loss", "quantization"}
 
 
+def test_a_grid_whose_error_the_noise_hides_is_read_off_the_samples_all_the_same(world, tmp_path):
+    step, world.noise_rms = 1 / 64, 1 / 48
+    y = world.noisy(world.clean() * np.where(world.n < 11_000, 1.0, 0.97))
+    coarse = step * (np.round(y.real / step) + 1j * np.round(y.imag / step))
+    document = diagnose(read_case(world.write(tmp_path / "case", coarse)), budget_s=3000).document
+    assert document["verdict"] == "identified"
+    assert {e["family"]: e["confidence"] > 0.9 for e in document["effects"]} == {"gain_step": True, "quantization": True}
+
+
 def test_the_mean_of_a_tap_that_fades_is_no_cause_of_its_own(world, tmp_path):
     fit = _faded(world, tmp_path / "case", 1 + 0.3 * np.cos(world.n / 800))
     finding = Finding(observation=None, scene=fit.data.scene, data=fit.data, twin=fit, fit=fit)

@@ -14,9 +14,9 @@ def native_step(datatype: str) -> float:
     return 0.0 if datatype == "cf32_le" else 1.0 / full_scale
 
 
-def quantiser_grid(y: np.ndarray, datatype: str) -> tuple[float, float, float] | None:
-    """(step, its standard deviation, level of a grid point in steps) where I and Q lie on a grid
-    coarser than the file's."""
+def quantiser_grid(y: np.ndarray, datatype: str) -> tuple[float, float, float, float] | None:
+    """(step, its standard deviation, level of a grid point in steps, nats) where I and Q lie on a grid coarser than the file's:
+    so much likelier than on as many of the file's own values as lie between two points of it."""
     values = np.concatenate([y.real, y.imag])
     base = native_step(datatype)
     unit = base if base else max(np.abs(values).max(), 1e-30) * 2**-22
@@ -35,7 +35,7 @@ def quantiser_grid(y: np.ndarray, datatype: str) -> tuple[float, float, float] |
         return None
     std = max(np.sqrt(1 / 12) if base else np.std(miss), 1e-4) / np.sqrt(np.sum((k - k.mean()) ** 2) + 1e-30)
     step = slope * unit
-    return step, std * unit, (origin / slope) % 1.0
+    return step, std * unit, (origin / slope) % 1.0, len(values) * float(np.log(slope))
 
 
 def rails(y: np.ndarray, datatype: str, step: float) -> tuple[float, float, int, bool] | None:
@@ -74,10 +74,10 @@ def discrete(y: np.ndarray, datatype: str) -> list[tuple[Effect, dict]]:
     top = rails(y, datatype, step)
     if top:
         level, std, samples, lone = top
-        aux = {"read": True} | ({"lone": True} if lone else {})
+        aux = {"read": 0.0} | ({"lone": True} if lone else {})  # a heap may be the signal's own
         effect = start(with_role(Role.RAILS), [level, 0.0], free=[False] * 2, aux=aux)
         found.append((effect, {"level": std, "samples": samples}))
     if grid:
-        effect = start(with_role(Role.QUANTISER), [step, grid[2], 1.0], free=[False] * 3, aux={"read": True})
+        effect = start(with_role(Role.QUANTISER), [step, grid[2], 1.0], free=[False] * 3, aux={"read": grid[3]})
         found.append((effect, {"step": grid[1]}))
     return found

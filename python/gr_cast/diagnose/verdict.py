@@ -141,13 +141,23 @@ class Told:
         return self.finding.fit.model.effects[self.index]
 
     @property
+    def surely_read(self) -> bool:
+        """Whether the samples themselves show it, whatever it changes of their prediction."""
+        return self.effect.aux.get("read", 0.0) >= VERDICT_LEAST_NATS
+
+    @property
+    def evidence(self) -> float:
+        """Nats for it, by the fits and by what was read."""
+        return self.nats + self.effect.aux.get("read", 0.0)
+
+    @property
     def enough(self) -> bool:
         return self.nats >= VERDICT_LEAST_NATS or not self.effect.free.any()
 
     @property
     def claimed(self) -> bool:
         """No effect is claimed against unseen samples."""
-        return self.enough and (self.held_out is None or self.held_out >= 0)
+        return self.surely_read or self.enough and (self.held_out is None or self.held_out >= 0)
 
     @property
     def refused(self) -> bool:
@@ -188,10 +198,10 @@ def _confidences(told: list[Told], ambiguous: list[dict], complete: bool) -> lis
         beside = [other for other in told if any(f is t.finding for f, _ in other.members)]
         random = FAMILIES[t.effect.family].random
         figures = Figures(
-            evidence=t.nats,
-            held_out=t.held_out,
+            evidence=t.evidence,
+            held_out=None if t.surely_read else t.held_out,
             lead=t.rivals[0].evidence if t.rivals else None,
-            largest=max([other.nats for other in beside if len(other.effect.p)], default=t.nats),
+            largest=max([other.nats for other in beside if len(other.effect.p)], default=t.evidence),
             causes=len(beside),
             courses=sum(FAMILIES[other.effect.family].random for other in beside) if random else 0,
             left=max([rest.nats for rest in t.finding.left], default=0.0),

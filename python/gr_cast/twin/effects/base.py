@@ -84,7 +84,7 @@ AUX = {
     "side": "of what either side may have: tx, rx, or not said",
     "code": "waveform of a transmitter that is not on the air in the twin",
     "held": "a number that the twin tells stands still: another claim than with it free",
-    "read": "read off the samples themselves before anything was searched",
+    "read": "read off the samples themselves before anything was searched: nats by which that is no chance, whatever a fit says",
     "lone": "rails at one end alone",
     "later": "of a slip: the twin's delay is the one behind its joint",
     "gap": "samples between which it happened, where none of them was fitted",
