@@ -10,7 +10,7 @@ from scipy import special, stats
 
 from ..twin.effects import is_coarse
 from ..twin.effects.base import at_half_the_rate
-from . import residual
+from . import hopping, residual
 from .fit import within
 from .policy import (
     FEWEST_TIMES,
@@ -79,13 +79,13 @@ def over_all(fit, inside: np.ndarray) -> list[Unevenness]:
 
 def left(fit, inside: np.ndarray) -> list[residual.Leftover]:
     """What the cells of time and frequency hold together, which has no one place, the stretch of them that differs most from the
-    rest, and what comes again in a waveform that is sent once."""
+    rest, what hops from one to another, and what comes again in a waveform that is sent once."""
     if any(is_coarse(e) for e in fit.model.effects) or not inside.any():
         return []  # behind a coarse quantiser rare steps stand instead of noise
     both, fit = over_all(fit, inside)[0], within(fit, inside)
     told = [residual.Leftover(test=f"{both.test}, all cells together", p_value=both.p_value, nats=both.nats, where={})]
     once = not any(s.repeat for s in fit.data.scene.sources)
-    return [*told, stretch(fit), *([comes_again(fit)] if once else [])]
+    return [*told, stretch(fit), hopping.left(fit), *([comes_again(fit)] if once else [])]
 
 
 def stretch(fit) -> residual.Leftover:

@@ -103,6 +103,14 @@ FOLDS = 2
 FOLD_RUN, FOLD_OF = 16, 4  # samples at a stretch that a fold leaves out, and of how many such runs one
 OFF = 16  # samples by which fitted ones may place a moment beside where it is: what they say may be alike before and behind it
 
+# hopping
+HOP_BINS = (32, 64, 128)  # samples of a block: bands of 1/32 to 1/128 of the rate
+HOP_LEVELS = np.geomspace(0.1, 10.0, 7)  # of the noise, by which a band may have more
+HOP_PACES = (16, 32, 64, 128, 256)  # hops in a recording or a part of one
+HOP_SHORTEST = 4  # blocks of a hop: of fewer the cells of time and frequency tell as much
+HOP_HEARD = 0.5  # of a block, that must be used samples
+HOP_WARMER = 1.05  # power of the likelihood ratio, close to 1, by which its slope is measured
+
 # maps
 MAP_LEVELS = 24  # cells of amplitude
 MAP_FEWEST = 20  # samples in a cell

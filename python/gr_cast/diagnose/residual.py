@@ -66,7 +66,7 @@ def time_frequency(fit, rows: int = 48, bins: int = 32):
 def told_cells(fit):
     """`time_frequency` with what is not told as even as noise is."""
     energy, count, edges = time_frequency(fit)
-    untold = _bands_not_told(fit, energy.shape[1])
+    untold = bands_not_told(fit, np.fft.fftfreq(energy.shape[1]), energy.shape[1])
     energy[:, untold] = count[:, untold]
     return energy, count, edges
 
@@ -114,10 +114,9 @@ def leftovers(fit, inside) -> list[Leftover]:
     return sorted((o for o in out if o is not None), key=lambda o: o.p_value)
 
 
-def _bands_not_told(fit, bins: int) -> np.ndarray:
-    """(bins,) bool: what a found narrowband interference reaches, with skirts of half its width, for how its density
-    falls off there is not part of its law; and half the sample rate."""
-    f = np.fft.fftfreq(bins)
+def bands_not_told(fit, f: np.ndarray, bins: int) -> np.ndarray:
+    """Of bands around `f` (k,), 1/`bins` of the rate wide, (k,) bool: what a found narrowband interference reaches, with skirts
+    of half its width, for how its density falls off there is not part of its law; and half the sample rate."""
     untold = at_half_the_rate(f)
     for e in fit.model.found:
         if band := FAMILIES[e.family].band(e):
