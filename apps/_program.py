@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What every program shares: find gr_cast beside the program, show progress, turn bad input into one line and exit status 2."""
 
+import argparse
 import os
 import select
 import sys
@@ -19,6 +20,7 @@ from gr_cast.core.errors import CastError
 
 interrupts.second_ends()
 
+LOST = 3
 _shown = False  # whether the last line is one of progress, which the next would go on
 
 
@@ -43,9 +45,26 @@ def _is_read_no_more() -> bool:
     return True
 
 
+def second(text: str) -> int:
+    """A second of UTC, as an argument."""
+    from gr_cast.blocks.usrp import second_of
+
+    try:
+        return second_of(text)
+    except CastError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def lost(lines: list[str]) -> int:
+    """Say what radios lost while all else went well; returns the status that a program then ends with."""
+    for line in lines:
+        _say(f"lost: {line}")
+    return LOST if lines else 0
+
+
 def run(main) -> None:
-    """Call `main()` and leave with its status: 2 for refused input (a line per fault), 130 after Ctrl-C, 141 without a word
-    when nobody reads its output any more."""
+    """Call `main()` and leave with its status: 2 for refused input (a line per fault), LOST where a radio lost samples, 130
+    after Ctrl-C, 141 without a word when nobody reads its output any more."""
     try:
         status = main()
         print(end="", flush=True)

@@ -47,6 +47,12 @@ def _report(status: dict) -> None:
         f"\r{status['samples']:>14d} samples  real-time factor {status['real_time_factor']:.2f}  late updates "
         f"{status['late_updates']}  clipped {status['clipped_samples']}  "
         + "".join(f"waiting for {peer}  " for peer in status["waiting_for"])
+        + "".join(
+            f"{count} {kind.replace('_', ' ')}s at {port}  "
+            for port, counts in status["radios"].items()
+            for kind, count in counts.items()
+            if count
+        )
         + "".join(f"{count} samples not finite at {port}, recorded as 0  " for port, count in status["not_finite"].items()),
         end="" if sys.stderr.isatty() else "\n",
         file=sys.stderr,
@@ -54,28 +60,23 @@ def _report(status: dict) -> None:
     )
 
 
-def run(args) -> None:
+def run(args) -> int:
     """Join the nodes of a scenario to their ports and let samples flow until interrupted or a file ends."""
     from gr_cast.blocks.control import ControlServer
     from gr_cast.blocks.emulation import Emulation
     from gr_cast.blocks.ports import Port
-    from gr_cast.blocks.usrp import RadioSettings
     from gr_cast.core.keys import read_key
 
     if args.control_key and not args.control:
         raise CastError("--control-key: got no --control ADDRESS that it could guard")
     rate_hz = _check_rate(args.rate)
     ports = [Port.parse(text) for text in args.port]
-    radios = [port for port in ports if port.kind == "uhd"]
-    if radios and args.frequency is None:
-        raise CastError("--frequency: got nothing, a uhd port needs its carrier in Hz")
-    settings = {
-        (port.node, port.direction): RadioSettings(
-            sample_rate_hz=rate_hz, center_frequency_hz=args.frequency, gain_db=args.gain, device_args=port.where,
-            clock_source=args.clock_source, time_source=args.time_source,
-        )
-        for port in radios
+    defaults = {
+        "sample_rate_hz": rate_hz, "center_frequency_hz": args.frequency, "gain_db": args.gain, "antenna": args.antenna,
+        "subdevice": args.subdevice, "clock_source": args.clock_source, "time_source": args.time_source,
+        "start_at_s": args.start_at,
     }  # fmt: skip
+    settings = {(port.node, port.direction): port.radio(defaults) for port in ports if port.kind == "uhd"}
     key = read_key(args.control_key) if args.control_key else None
     with ControlServer(args.control, tuple(args.allow_load), key) as control:
         emulation = Emulation(
@@ -90,6 +91,7 @@ def run(args) -> None:
             emulation.run_until(ended, _report, args.report)
     _report(emulation.status())
     print(file=sys.stderr)
+    return _program.lost(emulation.lost())
 
 
 def batch(args) -> None:
@@ -263,7 +265,8 @@ def main(argv=None) -> int:
     command.add_argument("--rate", type=float, required=True, help="samples/s of every port")
     command.add_argument(
         "--port", action="append", default=[], metavar="NODE:tx|rx=KIND:WHERE",
-        help="zmq:ADDRESS (as srsRAN's radio), pubsub:ADDRESS, file:STEM, uhd:ARGS, null; repeat for every port",
+        help="zmq:ADDRESS (as srsRAN's radio), pubsub:ADDRESS, file:STEM, uhd:ARGS (with frequency=, gain=, antenna=, "
+        "subdevice=, clock_source=, time_source=, start_at= of its own), null; repeat for every port",
     )  # fmt: skip
     command.add_argument("--control", metavar="ADDRESS", help="answer JSON commands there, such as tcp://*:5555")
     _add_control_key(command)
@@ -273,8 +276,13 @@ def main(argv=None) -> int:
     )  # fmt: skip
     command.add_argument("--frequency", type=float, help="carrier of uhd ports in Hz")
     command.add_argument("--gain", type=float, default=0.0, help="of uhd ports in dB")
+    command.add_argument("--antenna", default="", help="of uhd ports; empty: the device's default")
+    command.add_argument("--subdevice", default="", help="of uhd ports; empty: the device's default")
     command.add_argument("--clock-source", default="internal", help="of uhd ports: internal, external, gpsdo")
     command.add_argument("--time-source", default="internal", help="of uhd ports: internal, external, gpsdo")
+    command.add_argument(
+        "--start-at", type=_program.second, metavar="TIME", help="timed start of uhd ports: Unix seconds or ISO 8601 with a zone"
+    )
     command.add_argument("--threads", type=int, default=0, help="0: one per core")
     command.add_argument("--report", type=float, default=5.0, help="seconds between status lines")
     command.set_defaults(function=run)
@@ -326,8 +334,7 @@ def main(argv=None) -> int:
 
     argv = sys.argv[1:] if argv is None else argv
     args = parser.parse_args(["play", *argv] if "--twin" in argv[:1] else argv)
-    args.function(args)
-    return 0
+    return args.function(args) or 0
 
 
 if __name__ == "__main__":

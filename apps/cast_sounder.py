@@ -6,7 +6,6 @@ import argparse
 import sys
 import time
 from dataclasses import replace
-from datetime import datetime
 from pathlib import Path
 
 import _program
@@ -18,7 +17,7 @@ from gr_cast.core.units import db_from_amplitude
 from gr_cast.report import plot
 from gr_cast.signals import recording
 from gr_cast.signals.waveform import spec_from_text, waveform_from_file, waveform_from_spec, waveform_from_text
-from gr_cast.sounding import calibration, code_comparison, path_loss, result
+from gr_cast.sounding import calibration, code_comparison, path_loss, result, transmission_log
 from gr_cast.sounding.sound import LinkBudget, SoundingOptions, sound
 
 
@@ -61,7 +60,7 @@ def _arguments() -> argparse.ArgumentParser:
     radio.add_argument("--time-source", default="internal", help="internal, external or gpsdo")
     radio.add_argument(
         "--start-at",
-        type=_second,
+        type=_program.second,
         metavar="TIME",
         help="timed start: Unix seconds or ISO 8601 with a zone, alike at both ends",
     )
@@ -86,11 +85,18 @@ def _arguments() -> argparse.ArgumentParser:
 
     tx = command("tx", "send a code with an X310", code, radio)
     tx.add_argument("--amplitude", type=float, default=0.5, help="of full scale")
+    tx.add_argument(
+        "--log", metavar="FILE", help="when it began, and every underrun with its time, as JSON; rx --tx-log reads it"
+    )
+    tx.add_argument(
+        "--restart-aligned", action="store_true", help="after an underrun begin anew in phase: at a whole number of code periods"
+    )
 
     rx = command("rx", "record with an X310, then sound the recording", code, radio, estimate, output)
     rx.add_argument("--transmitter", default="", help="name of the node that sends, kept in the recording")
     rx.add_argument("--format", default="cf32", choices=["cf32", "ci16"], help="samples on disk")
     rx.add_argument("--record-only", action="store_true")
+    rx.add_argument("--tx-log", metavar="FILE", help="the transmitter's --log: its underruns go to the metadata")
 
     process = command("process", "sound a recording: SigMF, or raw samples with their rate", code, estimate, output)
     process.add_argument("recording")
@@ -261,28 +267,16 @@ def _links(args, scenario) -> list[tuple[str, str]]:
     return [link]
 
 
-def _until_done(top, what: str, first_s: float = 0.0) -> None:
+def _until_done(top, what: str, first_s: float = 0.0, look=lambda: None) -> None:
     """Run a flowgraph to its end; Ctrl-C or SIGTERM ends it early and keeps what was recorded."""
     from gr_cast.blocks.running import run_to_end
 
     print(what, flush=True)
     with interrupts.heeded(top.stop) as stopped:
-        run_to_end(top, lambda: top.samples, first_s=first_s, stopped=stopped)
+        run_to_end(top, lambda: top.samples, first_s=first_s, stopped=stopped, look=look)
     if stopped.is_set():
         print("stopped early; a recording holds what came until now", file=sys.stderr)
         raise KeyboardInterrupt
-
-
-def _second(text: str) -> int:
-    try:
-        if text.isdigit():
-            return int(text)
-        moment = datetime.fromisoformat(text.replace("Z", "+00:00"))
-        if moment.tzinfo and not moment.microsecond:
-            return int(moment.timestamp())
-    except ValueError:
-        pass
-    raise argparse.ArgumentTypeError(f"got {text!r}, needs Unix seconds, or whole seconds with a zone: 2026-05-01T12:00:00Z")
 
 
 def _wait_s(args) -> float:
@@ -307,8 +301,9 @@ def _sample_count(args) -> int | None:
     return max(1, round(args.duration * args.rate))
 
 
-def _tx(args) -> None:
-    from gr_cast.blocks.flowgraphs import UsrpTransmitter, waveform_source
+def _tx(args) -> int:
+    from gr_cast.blocks.flowgraphs import UsrpTransmitter
+    from gr_cast.blocks.radio_events import summary
 
     args.code = args.code or "glfsr:8"
     spec, waveform = _spec_and_waveform(args, {})
@@ -317,16 +312,39 @@ def _tx(args) -> None:
     if not np.isfinite(waveform.samples).all():
         raise CastError(f"{waveform.name}: holds NaN; only waveforms known throughout can be sent")
     settings, n_samples = _radio_settings(args), _sample_count(args)
-    top = UsrpTransmitter(settings, waveform_source(waveform, spec), amplitude=args.amplitude, n_samples=n_samples)
+    if args.restart_aligned and not waveform.repeat:
+        raise CastError("--restart-aligned: goes with a repeated waveform; drop --once")
+    if args.log:
+        check_writable(Path(args.log).parent)
+    top = UsrpTransmitter(settings, waveform, amplitude=args.amplitude, n_samples=n_samples, restart_aligned=args.restart_aligned)
+    about = {"waveform": spec, "sample_rate_hz": args.rate, "center_frequency_hz": args.frequency,
+             "time_axis": _time_axis(args)}  # fmt: skip
+    written = None  # how many events the log holds
+
+    def write_log(is_last: bool = False) -> None:
+        nonlocal written
+        events = top.events.events
+        if args.log and (is_last or len(events) != written):
+            transmission_log.write(args.log, about, start_s=top.transmission.start_s, samples=top.samples,
+                                   restarts=top.transmission.restarts, events=events)  # fmt: skip
+            written = len(events)
+
     try:
         _until_done(top, f"sending {waveform.name} at {args.frequency / 1e6:g} MHz, {args.rate / 1e6:g} MS/s; Ctrl-C ends",
-                    _wait_s(args))  # fmt: skip
+                    _wait_s(args), write_log)  # fmt: skip
     except KeyboardInterrupt:
         if args.duration is not None:
             raise
+    finally:
+        write_log(is_last=True)
+    return _program.lost([f"radio: {words}"] if (words := summary(top.events.counts, top.events.events)) else [])
 
 
-def _rx(args) -> None:
+def _time_axis(args) -> str:
+    return "device" if args.start_at is None else "utc"
+
+
+def _rx(args) -> int:
     from gr_cast.blocks.flowgraphs import UsrpReceiver
 
     args.code = args.code or "glfsr:8"
@@ -334,7 +352,7 @@ def _rx(args) -> None:
     settings, n_samples = _radio_settings(args), _sample_count(args)
     fields = {"cast:waveform": spec, "cast:transmitter": args.transmitter, "cast:receiver": args.node,
               "cast:rx_gain_db": args.gain,
-              "cast:time_axis": "device" if args.start_at is None else "utc",
+              "cast:time_axis": _time_axis(args),
               "cast:clock_source": args.clock_source, "cast:time_source": args.time_source, "cast:antenna": args.antenna,
               "cast:subdevice": args.subdevice,
               "core:hw": f"USRP by UHD, arguments {args.args!r}"}  # fmt: skip
@@ -350,15 +368,22 @@ def _rx(args) -> None:
     check_writable(stem.parent)
     datatype = recording.RAW_FORMATS[args.format]
     top = UsrpReceiver(settings, stem, n_samples=n_samples, datatype=datatype, fields=fields)
+    sent = []
     try:
-        _until_done(top, f"recording at {args.frequency / 1e6:g} MHz, {args.rate / 1e6:g} MS/s; Ctrl-C ends", _wait_s(args))
-    except KeyboardInterrupt:
-        if args.duration is not None:
-            raise
+        try:
+            _until_done(top, f"recording at {args.frequency / 1e6:g} MHz, {args.rate / 1e6:g} MS/s; Ctrl-C ends", _wait_s(args))
+        except KeyboardInterrupt:
+            if args.duration is not None:
+                raise
+        if args.tx_log:
+            sent = transmission_log.events(args.tx_log, -np.inf if args.start_at is None else args.start_at)
     finally:
-        top.finish()
+        top.finish({"cast:transmit_events": sent} if sent else None)
     if not args.record_only:
         _sound_file(args, recording.read(stem), stem)
+    gaps = top.recorder.gaps
+    lost = [f"radio: {gaps.count} gaps, {gaps.lost_samples} samples"] if gaps.count else []
+    return _program.lost(lost + ([f"transmitter: {len(sent)} underruns and late packets"] if sent else []))
 
 
 def _process(args) -> None:
@@ -452,8 +477,7 @@ def main(argv=None) -> int:
     if not argv or (argv[0].startswith("-") and argv[0] not in ("-h", "--help")):
         argv = ["run", *argv]
     args = _arguments().parse_args(argv)
-    COMMANDS[args.command](args)
-    return 0
+    return COMMANDS[args.command](args) or 0
 
 
 if __name__ == "__main__":

@@ -91,6 +91,7 @@ class Radio(gr.hier_block2):
 class UsrpSink(Radio):
     def __init__(self, device_args, stream_args, tag=""):
         Radio.__init__(self, 1, 0, device_args, stream_args)
+        self.message_port_register_hier_out("async_msgs")
         Radio.sent = blocks.vector_sink_c()
         self.connect(self, Radio.sent)
 

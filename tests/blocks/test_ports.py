@@ -24,6 +24,7 @@ class FakeRadio(gr.hier_block2):
             self.inner = stock.vector_source_c([1] * 5000)
             self.connect(self.inner, self)
         else:
+            self.message_port_register_hier_out("async_msgs")
             self.inner = stock.vector_sink_c()
             self.connect(self, self.inner)
 
@@ -35,6 +36,9 @@ class FakeRadio(gr.hier_block2):
 
     def get_gain(self, channel):
         return 10.0
+
+    def get_time_now(self, board):
+        return uhd.time_spec(1.0)
 
     def __getattr__(self, name):
         if name.startswith("set_"):

@@ -81,7 +81,7 @@ def test_a_radio_that_stops_delivering_ends_in_one_line_and_what_came_is_kept(ra
 def test_rx_sets_the_radio_up_as_told_and_keeps_what_redoes_the_result(radio, tmp_path, chosen, cpu_format):
     calls = radio(codes.glfsr(8), air_rate=25e6)
     receiving = f"rx --antenna RX2 --duration 0.01 --format {chosen} --node b --transmitter a".split()
-    assert cast_sounder.main([*receiving, "--output", str(tmp_path), *RADIO]) == 0
+    assert cast_sounder.main([*receiving, "--output", str(tmp_path), *RADIO]) == 3, "the air loses samples"
     assert calls == set_up(cpu_format, "RX2")
     read = recording.read(tmp_path / "recording")
     assert len(read.samples) == 250_000
@@ -227,7 +227,7 @@ def test_an_open_ended_recording_that_is_stopped_is_sealed_and_sounded(tmp_path,
     wait_for(tmp_path / "out" / "recording.sigmf-data", 1_000_000, program)
     program.send_signal(how)
     _, told = program.communicate(timeout=120)
-    assert program.returncode == 0 and "stopped early" in told, told
+    assert program.returncode == 3 and "stopped early" in told and "lost: radio: " in told, told
     assert "core:sha512" in recording.read(tmp_path / "out" / "recording").metadata
     assert (tmp_path / "out" / "result.json").is_file()
 

@@ -13,9 +13,12 @@ from ..emulation.reference import FixedPoint, filter_length, fir_taps, scenario_
 from ..scenario import Scenario
 from .cast_python import channel_emulator
 from .network import send_update
-from .ports import Port, connect_sink, source_block
+from .ports import LEAD_S, Port, connect_sink, source_block
+from .radio_events import ReceiveEvents, TransmitEvents, summary
 from .recorder import SigmfRecorder
-from .usrp import RadioSettings
+from .running import STILL_S
+from .transmission import Lead
+from .usrp import RadioSettings, now_s, usrp_sink
 
 _AHEAD_S = 2.0  # scenario time that is queued before its samples come
 _LOOK_S = 0.02  # between looks at what is to be queued
@@ -43,10 +46,10 @@ class Emulation(gr.top_block):
         n_threads: int = 0,
         ends: dict[tuple[str, str], gr.basic_block] | None = None,
     ):
-        super().__init__("Emulation", catch_exceptions=False)
+        settings, ends = settings or {}, ends or {}
+        super().__init__("Emulation", catch_exceptions=bool(settings))  # a radio that dies ends its thread, not the program
         self.nodes, self.sample_rate_hz = scenario.nodes, sample_rate_hz
         _check_ports(scenario, ports)
-        settings, ends = settings or {}, ends or {}
         self.emulator = channel_emulator(
             len(self.nodes),
             len(self.nodes),
@@ -70,6 +73,10 @@ class Emulation(gr.top_block):
         self._on = True
         self._samples, self._moved_at = 0, time.monotonic()
         self._peers = []  # (port, block at it, index of its node)
+        self._leads = []  # a block of Python's lives as long as somebody refers to it
+        self._radios = {}  # name of a uhd port to what goes wrong there
+        self._paces = {}  # the same to how many samples its radio has moved, and when it moved the last
+        self._begins_s = max((s.start_at_s + s.lead_s for s in settings.values() if s.start_at_s), default=0.0)  # of UTC
         self.load(scenario)
         by_place = {(port.node, port.direction): port for port in ports}
         places = [(node, direction) for node in self.nodes for direction in ("tx", "rx")]
@@ -87,9 +94,24 @@ class Emulation(gr.top_block):
         elif end:
             block = end
             self.connect((self.emulator, index), block)
+        elif port.kind == "uhd":
+            block = self._join_transmitter(index, settings)
         else:
-            block = connect_sink(self, self.emulator, index, port, settings, self.sample_rate_hz)
+            block = connect_sink(self, self.emulator, index, port, self.sample_rate_hz)
         self._peers.append((port, block, index))
+        if port.kind == "uhd" and not end:
+            events = ReceiveEvents(self, block, self.sample_rate_hz) if port.direction == "tx" else TransmitEvents(self, block)
+            self._radios[_told(port)] = events
+
+    def _join_transmitter(self, index: int, settings: RadioSettings):
+        """A radio that begins LEAD_S after its first sample came, so that its queue is full by then."""
+        radio = usrp_sink(settings)
+        if settings.start_at_s is not None:  # both ends have a time of their own
+            self.connect((self.emulator, index), radio)
+            return radio
+        self._leads.append(Lead(lambda: now_s(radio), LEAD_S))
+        self.connect((self.emulator, index), self._leads[-1], radio)
+        return radio
 
     def load(self, scenario: Scenario) -> None:
         """Play another scenario of the same nodes from the next sample on."""
@@ -135,11 +157,12 @@ class Emulation(gr.top_block):
         """The emulator's own status, whether links are on, the scenario's clock in s, and which peers hold all up."""
         status = pmt.to_python(self.emulator.status())
         begin = getattr(self, "_begin", 0)
-        waiting_for = self._waiting_for(status["samples"])
+        waiting_for = self._waiting_for()
         return status | {
             "scenario": self.scenario.name,
             "waiting_for": waiting_for,
             "not_finite": self._not_finite(),
+            "radios": {name: events.counts for name, events in self._radios.items()},
             "real_time_factor": 0.0 if waiting_for else status["real_time_factor"],
             "on": self._on,
             "scenario_time_s": (status["samples"] - begin) / self.sample_rate_hz,
@@ -150,43 +173,78 @@ class Emulation(gr.top_block):
     def _not_finite(self) -> dict[str, int]:
         """NODE:rx=STEM to how many samples were NaN or infinite there: who hears the peer that sends them gets them."""
         recorders = [(port, block) for port, block, _ in self._peers if isinstance(block, SigmfRecorder)]
-        return {f"{port.node}:{port.direction}={port.where}": block.not_finite for port, block in recorders if block.not_finite}
+        return {_told(port): block.not_finite for port, block in recorders if block.not_finite}
 
-    def _waiting_for(self, samples: int) -> list[str]:
+    def _waiting_for(self) -> list[str]:
         """NODE:tx=ADDRESS of whom nothing comes, NODE:rx=ADDRESS of who takes nothing, once nothing has moved for a while."""
+        return [_told(port) for port in self._held_up_by()] if self._still_s() >= _STILL_S else []
+
+    def _still_s(self) -> float:
+        """For how long no sample has passed."""
+        samples = self.emulator.nitems_read(0)
         if samples != self._samples:
             self._samples, self._moved_at = samples, time.monotonic()
-        if time.monotonic() - self._moved_at < _STILL_S:
-            return []
+        return time.monotonic() - self._moved_at
+
+    def _held_up_by(self) -> list[Port]:
         held_up = []
         for port, block, index in self._peers:
-            if port.kind not in ("zmq", "pubsub"):
+            if port.kind not in ("zmq", "pubsub", "uhd"):
                 continue
             passed = self.emulator.nitems_read(index)
             brings_nothing = port.direction == "tx" and block.nitems_written(0) == passed
             takes_nothing = port.direction == "rx" and block.nitems_read(0) < passed
             if brings_nothing or takes_nothing:
-                held_up.append(f"{port.node}:{port.direction}={port.where}")
+                held_up.append(port)
         return held_up
 
+    def _check_radios(self) -> None:
+        """Raises CastError where a radio holds all up for too long: a peer may come and go, a radio has died."""
+        now = time.monotonic()
+        for port, block, _ in self._peers:
+            if port.kind == "uhd":
+                count = block.nitems_written(0) if port.direction == "tx" else block.nitems_read(0)
+                before, moved_at = self._paces.get(_told(port), (-1, 0.0))
+                self._paces[_told(port)] = (count, moved_at if count == before else now)
+        silent = [_told(port) for port in self._held_up_by() if port.kind == "uhd"]
+        still_s = max((now - max(self._paces[name][1], self._due) for name in silent), default=0.0)
+        if still_s > STILL_S:
+            count = self.emulator.nitems_read(0)
+            raise CastError(f"radio: {', '.join(silent)}: {count} samples passed, then none for {still_s:.1f} s")
+
+    def lost(self) -> list[str]:
+        """A line for every radio that lost samples or came late."""
+        told = ((name, summary(events.counts, events.events)) for name, events in self._radios.items())
+        return [f"{name}: {words}" for name, words in told if words]
+
     def run_until(self, ended: threading.Event, report=None, report_s: float = 5.0) -> None:
-        """Run until a finite source ends or `ended` is set; `report(status)` is called every `report_s`."""
+        """Run until a finite source ends or `ended` is set; `report(status)` is called every `report_s`. Raises CastError where a
+        radio stops delivering; what was recorded until then is sealed."""
         self.start()
         waiter = threading.Thread(target=self._wait, args=(ended,), daemon=True)
         waiter.start()
         due = report_s
-        begin = time.monotonic()
-        while not ended.wait(_LOOK_S):
-            with self._lock:
-                self._queue()
-            if report and time.monotonic() - begin >= due:
-                due += report_s
-                report(self.status())
+        begin = self._moved_at = time.monotonic()
+        self._due = begin + max(0.0, self._begins_s - time.time())  # before that no radio has to hurry
+        try:
+            while not ended.wait(_LOOK_S):
+                with self._lock:
+                    self._queue()
+                self._check_radios()
+                if report and time.monotonic() - begin >= due:
+                    due += report_s
+                    report(self.status())
+        finally:
+            self._finish(waiter)
+
+    def _finish(self, waiter: threading.Thread) -> None:
+        """Stop and seal recordings, which hold what the radios lost; a radio that does not stop is left behind."""
         self.stop()
-        waiter.join()
+        waiter.join(STILL_S if self._radios else None)
+        lost = {name: events.events for name, events in self._radios.items() if events.events}
         for _, block, _ in self._peers:
             if isinstance(block, SigmfRecorder):
-                block.finish()
+                block.finish({"cast:radio_events": lost} if lost else None)
 
     def _wait(self, ended: threading.Event) -> None:
         self.wait()
@@ -209,6 +267,10 @@ class Emulation(gr.top_block):
         self._queued_s = until_s
         is_whole = until_s > self.scenario.time_s[-1]
         self.emulator.set_horizon(None if is_whole else self._begin + int(until_s * self.sample_rate_hz))
+
+
+def _told(port: Port) -> str:
+    return f"{port.node}:{port.direction}={'uhd:' * (port.kind == 'uhd')}{port.where}"
 
 
 def _check_ports(scenario: Scenario, ports: list[Port]) -> None:

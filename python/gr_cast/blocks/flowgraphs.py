@@ -11,8 +11,10 @@ from ..scenario import Scenario
 from ..signals.waveform import Waveform
 from .cast_python import glfsr_source
 from .network import emulated_network
+from .radio_events import TransmitEvents
 from .recorder import SigmfRecorder
-from .usrp import RadioSettings, usrp_sink, usrp_source
+from .transmission import Transmission
+from .usrp import RadioSettings, now_s, usrp_sink, usrp_source
 
 
 def waveform_source(waveform: Waveform, spec: dict | None = None):
@@ -76,21 +78,37 @@ class EmulatedSounding(gr.top_block):
 
 
 class UsrpTransmitter(gr.top_block):
-    """A waveform on an X310's transmit channel; `n_samples` None sends until stopped."""
+    """A waveform on an X310's transmit channel; `n_samples` None sends until stopped.
 
-    def __init__(self, settings: RadioSettings, source, *, amplitude: float = 0.5, n_samples: int | None = None):
-        super().__init__("UsrpTransmitter", catch_exceptions=False)
-        chain = [source, blocks.multiply_const_cc(amplitude)]
-        if n_samples is not None:
-            chain.append(blocks.head(gr.sizeof_gr_complex, n_samples))
+    With `restart_aligned` an underrun ends the burst and another begins in phase, a whole number of periods after the first.
+    """
+
+    def __init__(
+        self,
+        settings: RadioSettings,
+        waveform: Waveform,
+        *,
+        amplitude: float = 0.5,
+        n_samples: int | None = None,
+        restart_aligned: bool = False,
+    ):
+        super().__init__("UsrpTransmitter", catch_exceptions=True)  # a radio that dies ends its thread, not the program
         self.radio = usrp_sink(settings)
-        self._last = chain[-1]
-        self.connect(*chain, self.radio)
+        self.transmission = Transmission(
+            np.asarray(waveform.samples, np.complex64) * np.float32(amplitude), repeat=waveform.repeat,
+            sample_rate_hz=settings.sample_rate_hz, now_s=lambda: now_s(self.radio), start_at_s=settings.start_at_s,
+            n_samples=n_samples,
+        )  # fmt: skip
+        self.connect(self.transmission, self.radio)
+        self.events = TransmitEvents(self, self.radio, self._restart if restart_aligned else lambda kind: None)
+
+    def _restart(self, kind: str) -> None:
+        self.transmission.restart(is_late=kind == "late_packet")
 
     @property
     def samples(self) -> int:
-        """How many the radio has taken."""
-        return self._last.nitems_written(0)
+        """How many went to the radio."""
+        return self.transmission.nitems_written(0)
 
 
 class UsrpReceiver(gr.top_block):
@@ -105,7 +123,7 @@ class UsrpReceiver(gr.top_block):
         datatype: str = "cf32_le",
         fields: dict | None = None,
     ):
-        super().__init__("UsrpReceiver", catch_exceptions=False)
+        super().__init__("UsrpReceiver", catch_exceptions=True)
         self.radio = usrp_source(settings, "fc32" if datatype == "cf32_le" else "sc16")
         Path(stem).parent.mkdir(parents=True, exist_ok=True)  # a radio that is not there leaves no folder
         last = self.radio
@@ -121,5 +139,5 @@ class UsrpReceiver(gr.top_block):
     def samples(self) -> int:
         return self.recorder.samples
 
-    def finish(self) -> None:
-        self.recorder.finish()
+    def finish(self, fields: dict | None = None) -> None:
+        self.recorder.finish(fields)

@@ -18,9 +18,19 @@ from ..core.errors import CastError
 from ..signals import recording
 from .cast_python import zmq_replier, zmq_requester, zmq_subscriber
 from .recorder import SigmfRecorder
-from .usrp import RadioSettings, usrp_sink, usrp_source
+from .usrp import RadioSettings, second_of, usrp_source
 
 KINDS = ("zmq", "pubsub", "file", "uhd", "null")
+LEAD_S = 0.05  # from a sample's coming to its leaving by a radio: what the radio's queue holds
+_RADIO_WORDS = {  # of a uhd port's own among its device arguments: the setting, and how it is read
+    "frequency": ("center_frequency_hz", float),
+    "gain": ("gain_db", float),
+    "antenna": ("antenna", str),
+    "subdevice": ("subdevice", str),
+    "clock_source": ("clock_source", str),
+    "time_source": ("time_source", str),
+    "start_at": ("start_at_s", second_of),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +56,32 @@ class Port:
             raise CastError(f"{name}: address: got {self.where!r}, needs tcp://HOST:PORT (1 to 65535) or ipc://PATH")
         if self.kind == "file" and not self.where:
             raise CastError(f"{name}: file: got nothing, needs a SigMF stem")
+
+    def radio(self, defaults: dict) -> RadioSettings:
+        """Settings of a uhd port: those of RadioSettings that `defaults` holds for all, and what the port says itself among its
+        device arguments, `uhd:addr=192.168.40.2,gain=20,antenna=RX2`. Raises CastError, all faults at once."""
+        own, arguments, faults = {}, [], []
+        for word in filter(None, self.where.split(",")):
+            key, _, value = word.partition("=")
+            if key not in _RADIO_WORDS:
+                arguments.append(word)
+                continue
+            name, read = _RADIO_WORDS[key]
+            try:
+                own[name] = read(value)
+            except ValueError:
+                faults.append(f"{key}: got {value!r}, needs a number")
+            except CastError as error:
+                faults.append(f"{key}: {error}")
+        told = {key: value for key, value in {**defaults, **own}.items() if value is not None}
+        if "center_frequency_hz" not in told:
+            faults.append("frequency: got nothing, a radio needs its carrier in Hz: frequency=HZ, or --frequency for all")
+        if not faults:
+            try:
+                return RadioSettings(**told, device_args=",".join(arguments), lead_s=LEAD_S if self.direction == "rx" else 0.0)
+            except CastError as error:
+                faults = error.faults
+        raise CastError(*(f"{self.name}: {fault}" for fault in faults))
 
     @classmethod
     def parse(cls, text: str) -> "Port":
@@ -112,8 +148,8 @@ def source_block(port: Port, settings: RadioSettings | None, sample_rate_hz: flo
     return blocks.null_source(gr.sizeof_gr_complex)
 
 
-def connect_sink(top: gr.top_block, source, output: int, port: Port, settings: RadioSettings | None, sample_rate_hz: float):
-    """Join a receiver to its port; returns the recorder of a file, to be finished after the run, or else the block."""
+def connect_sink(top: gr.top_block, source, output: int, port: Port, sample_rate_hz: float):
+    """Join a receiver to a port that is no radio; returns the recorder of a file, to be finished after the run, or the block."""
     if port.kind == "file":
         Path(port.where).parent.mkdir(parents=True, exist_ok=True)
         return SigmfRecorder(
@@ -129,8 +165,6 @@ def connect_sink(top: gr.top_block, source, output: int, port: Port, settings: R
     elif port.kind == "pubsub":
         address = address_to_bind(port.name, port.where)
         sink = _open(port, zeromq.pub_sink, gr.sizeof_gr_complex, 1, address, 100, False, -1, "")
-    elif port.kind == "uhd":
-        sink = usrp_sink(settings)
     else:
         sink = blocks.null_sink(gr.sizeof_gr_complex)
     top.connect((source, output), sink)

@@ -2,15 +2,14 @@
 """A SigMF recording that is readable at any moment, with a capture at every gap that the receiver reports."""
 
 import numpy as np
-import pmt
 from gnuradio import gr
 
 from ..core.errors import CastError
 from ..signals.recording import data_path, meta_path, metadata, sha512_of, write_metadata
 from .finite import FiniteSamples
+from .radio_events import Gaps, times
 
 _ITEM = {"cf32_le": np.complex64, "ci16_le": np.dtype((np.int16, 2))}
-_TIME = pmt.intern("rx_time")
 _DONE = -1  # what work() returns at the end of its stream
 
 
@@ -27,10 +26,9 @@ class _Writer(gr.sync_block):
         self.file = open(path, "wb", buffering=0)  # what is written survives a kill
         self._item_bytes = np.dtype(item).itemsize
         self._captures = captures
-        self._sample_rate_hz = sample_rate_hz
         self._on_gap = on_gap
         self.finite = FiniteSamples()
-        self._mark = None  # (sample, whole seconds, fraction) of the newest rx_time
+        self.gaps = Gaps(sample_rate_hz)
 
     def work(self, input_items, output_items):
         samples = input_items[0]
@@ -41,10 +39,8 @@ class _Writer(gr.sync_block):
             while left:
                 left = left[self.file.write(left) :]
             known = len(self._captures)
-            for tag in self.get_tags_in_window(0, 0, len(samples)):
-                if pmt.equal(tag.key, _TIME) and pmt.is_tuple(tag.value):
-                    seconds, fraction = pmt.tuple_ref(tag.value, 0), pmt.tuple_ref(tag.value, 1)
-                    self._time(tag.offset, pmt.to_uint64(seconds), pmt.to_double(fraction))
+            for sample, seconds, fraction in times(self.get_tags_in_window(0, 0, len(samples))):
+                self._time(sample, seconds, fraction)
             if len(self._captures) > known:
                 self._on_gap()
         except OSError as failure:  # a full disk ends the recording, not the program
@@ -54,20 +50,13 @@ class _Writer(gr.sync_block):
         return len(samples)
 
     def _time(self, sample: int, seconds: int, fraction: float) -> None:
-        if self._mark is None:
-            self._captures[0]["cast:device_time_s"] = [seconds, fraction]
+        time_s = [seconds, fraction]
+        lost = self.gaps.before(sample, seconds, fraction)
+        if lost:
+            gap = {"core:sample_start": sample, "cast:lost_samples": lost, "cast:device_time_s": time_s}
+            self._captures.append(self._captures[0] | gap)
         else:
-            marked, whole, part = self._mark
-            passed = (seconds - whole) * self._sample_rate_hz + (fraction - part) * self._sample_rate_hz
-            lost = round(passed) - (sample - marked)
-            if lost > 0:
-                gap = {
-                    "core:sample_start": sample,
-                    "cast:lost_samples": lost,
-                    "cast:device_time_s": [seconds, fraction],
-                }
-                self._captures.append(self._captures[0] | gap)
-        self._mark = (sample, seconds, fraction)
+            self._captures[0].setdefault("cast:device_time_s", time_s)
 
 
 class SigmfRecorder:
@@ -107,18 +96,23 @@ class SigmfRecorder:
         """How many were NaN or infinite, and are 0 in the recording."""
         return self._writer.finite.count
 
+    @property
+    def gaps(self) -> Gaps:
+        """What the receiver lost so far."""
+        return self._writer.gaps
+
     def _write(self, **more) -> None:
         write_metadata(self.stem, metadata(captures=self.captures, fields=self._fields | more, **self._about))
 
-    def finish(self) -> None:
-        """Close the data and write the metadata with its checksum, or remove a recording without a sample; OSError where the
-        disk refused samples."""
+    def finish(self, fields: dict | None = None) -> None:
+        """Close the data and write the metadata with its checksum and what is known by now (`fields`), or remove a recording
+        without a sample; OSError where the disk refused samples."""
         self._writer.file.close()
         if not self.samples and not self._writer.failure:  # nothing came: the name stays free
             meta_path(self.stem).unlink(missing_ok=True)
             data_path(self.stem).unlink(missing_ok=True)
             return
-        more = {"core:sha512": sha512_of(data_path(self.stem))}
+        more = {"core:sha512": sha512_of(data_path(self.stem))} | (fields or {})
         if self.not_finite:
             more |= {"cast:not_finite_samples": self.not_finite, "cast:first_not_finite": self._writer.finite.first}
         self._write(**more)

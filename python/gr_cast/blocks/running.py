@@ -14,27 +14,34 @@ _LOOK_S = 0.05
 
 
 def run_to_end(
-    top: gr.top_block, passed: Callable[[], int], *, first_s: float = 0.0, stopped: threading.Event | None = None
+    top: gr.top_block,
+    passed: Callable[[], int],
+    *,
+    first_s: float = 0.0,
+    stopped: threading.Event | None = None,
+    look: Callable[[], object] = lambda: None,
 ) -> None:
     """Start `top` and return when it ends, or when `stopped` is set by whoever stops it.
 
-    `passed()` counts the samples so far; the first may come `first_s` late (a timed start). Raises CastError where none has come
-    for STILL_S: the flowgraph is stopped then, and left behind where it does not stop either.
+    `passed()` counts the samples so far; the first may come `first_s` late (a timed start). `look()` is called
+    every 50 ms. Raises CastError where none has come for STILL_S: the flowgraph is stopped then, and left behind where it
+    does not stop either.
     """
     top.start()
     ended = threading.Event()
     waiter = threading.Thread(target=lambda: (top.wait(), ended.set()), daemon=True)
     waiter.start()
     begin = moved = time.monotonic()
-    before, patience_s = passed(), first_s + STILL_S
+    before, due = passed(), begin + first_s  # before that nobody has to hurry
     try:
         while not ended.wait(_LOOK_S):
+            look()
             now, count = time.monotonic(), passed()
             if count != before:
-                before, moved, patience_s = count, now, STILL_S
+                before, moved = count, now
             if stopped and stopped.is_set():
-                patience_s = min(patience_s, STILL_S)  # to come to an end
-            if now - moved > patience_s:
+                due = min(due, now)
+            if now - max(moved, due) > STILL_S:
                 raise CastError(
                     f"radio: {count} samples passed in {now - begin:.1f} s, then none for {now - moved:.1f} s: is it there, is "
                     "its channel (--subdevice) right, do its clock and time come?"

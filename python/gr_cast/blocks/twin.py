@@ -95,7 +95,7 @@ class TwinEmulation(gr.top_block):
             receiver = TwinReceiver(case, observation, live, conditions)
             for i, tx in enumerate(live):
                 self.connect(sources[tx], (receiver, i))
-            self._blocks += [receiver, connect_sink(self, receiver, 0, port, None, case.sample_rate_hz)]
+            self._blocks += [receiver, connect_sink(self, receiver, 0, port, case.sample_rate_hz)]
 
     @property
     def not_finite(self) -> dict[str, int]:

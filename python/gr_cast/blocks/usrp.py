@@ -3,6 +3,7 @@
 
 import time
 from dataclasses import dataclass
+from datetime import datetime
 
 from ..core.errors import CastError
 
@@ -25,6 +26,7 @@ class RadioSettings:
     clock_source: str = "internal"
     time_source: str = "internal"
     start_at_s: int | None = None  # timed start at this second of UTC, counted from 1970; the device's clock is set at a PPS
+    lead_s: float = 0.0  # a timed start so much after that second: samples have come by then that a transmitter can queue
 
     def __post_init__(self):
         faults = []
@@ -41,10 +43,30 @@ class RadioSettings:
         if self.start_at_s is not None and not 0 < self.start_at_s - time.time() <= 86400:
             ahead_s = self.start_at_s - time.time()
             faults.append(f"start at: got {self.start_at_s}, {ahead_s:.0f} s from now, needs a second of the coming 24 hours")
+        if not 0 <= self.lead_s <= 1:
+            faults.append(f"lead: got {self.lead_s} s, needs 0 to 1 s")
         if self.start_at_s is not None and self.time_source == "internal":
             faults.append("start at: got time source 'internal', needs external or gpsdo: a pulse that every radio shares")
         if faults:
             raise CastError(*faults)
+
+
+def second_of(text: str) -> int:
+    """The second of UTC that a text names: Unix seconds, or ISO 8601 with a zone. Raises CastError."""
+    try:
+        if text.isdigit():
+            return int(text)
+        moment = datetime.fromisoformat(text.replace("Z", "+00:00"))
+        if moment.tzinfo and not moment.microsecond:
+            return int(moment.timestamp())
+    except ValueError:
+        pass
+    raise CastError(f"got {text!r}, needs Unix seconds, or whole seconds with a zone: 2026-05-01T12:00:00Z")
+
+
+def now_s(radio) -> float:
+    """The time of the radio's clock."""
+    return radio.get_time_now(0).get_real_secs()
 
 
 def usrp_sink(settings: RadioSettings):
@@ -87,12 +109,12 @@ def _set_up(radio, settings: RadioSettings, uhd) -> None:
         radio.set_time_now(uhd.time_spec(0.0))
         return
     _set_utc_at_pulse(radio, settings, uhd)
-    left_s = settings.start_at_s - radio.get_time_now(0).get_real_secs()
+    left_s = settings.start_at_s - now_s(radio)
     if left_s < LEAST_LEFT_S:
         raise CastError(
             f"start at: {left_s:.1f} s are left when the radio is set up, needs {LEAST_LEFT_S} s: name a later second"
         )
-    radio.set_start_time(uhd.time_spec(float(settings.start_at_s)))
+    radio.set_start_time(uhd.time_spec(settings.start_at_s, settings.lead_s))
 
 
 def _set_utc_at_pulse(radio, settings: RadioSettings, uhd) -> None:
