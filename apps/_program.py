@@ -2,6 +2,7 @@
 """What every program shares: find gr_cast beside the program, show progress, turn bad input into one line and exit status 2."""
 
 import argparse
+import contextlib
 import os
 import select
 import sys
@@ -15,12 +16,26 @@ _PLACES = [_HERE.parent / "build" / "python", _HERE.parent / "python"] + [
 ]
 sys.path[:0] = [str(place) for place in _PLACES if (place / "gr_cast").is_dir()]
 
+from gr_cast import __version__
 from gr_cast.core import interrupts
 from gr_cast.core.errors import CastError
 
 interrupts.second_ends()
 
 LOST = 3
+
+
+def parse(parser: argparse.ArgumentParser, argv=None, namespace=None) -> argparse.Namespace:
+    """The arguments of a program, which then also tells its version, and completes in a shell where argcomplete is installed."""
+    parser.add_argument("--version", action="version", version=f"{parser.prog.removesuffix('.py')} {__version__} (gr-cast)")
+    if "_ARGCOMPLETE" in os.environ:
+        with contextlib.suppress(ImportError):
+            import argcomplete
+
+            argcomplete.autocomplete(parser)
+    return parser.parse_args(argv, namespace)
+
+
 _shown = False  # whether the last line is one of progress, which the next would go on
 
 

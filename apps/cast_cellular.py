@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: GPL-3.0-or-later
+# PYTHON_ARGCOMPLETE_OK
 """Base stations and terminals over a scenario: SINR and what 5 Mbit/s of UDP and TCP get through, over time."""
 
 import argparse
@@ -254,7 +255,7 @@ def main(argv=None) -> int:
         help="with --stack: iperf3's udp (default) or tcp, or MGEN's packets, whose logs also tell loss and latency",
     )  # fmt: skip
     parser.add_argument("--only-write", action="store_true", help="with --stack: write its configuration, and end")
-    args = parser.parse_args(argv)
+    args = _program.parse(parser, argv)
     return over_stack(args) if args.stack else model(args)
 
 

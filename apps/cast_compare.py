@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: GPL-3.0-or-later
+# PYTHON_ARGCOMPLETE_OK
 """Compare two runs: similarity ρ of two series and what ρ does not see, or two impulse responses tap by tap."""
 
 import argparse
@@ -42,7 +43,7 @@ def main(argv=None) -> int:
     parser.add_argument("--link", metavar="TX>RX", help="A or B is a scenario: compare this link's taps")
     parser.add_argument("--time", type=float, default=0.0, metavar="SECONDS", help="of the scenario's taps (default 0)")
     parser.add_argument("--tolerance", type=float, default=20e-9, metavar="SECONDS", help="between paired taps (default 20e-9)")
-    args = parser.parse_args(argv)
+    args = _program.parse(parser, argv)
     both = [_response(name, args.link, args.time) for name in (args.a, args.b)]
     if any(both):
         if not all(both):

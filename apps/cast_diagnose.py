@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: GPL-3.0-or-later
+# PYTHON_ARGCOMPLETE_OK
 """Diagnose cases: where a twin and its recordings differ, what physics was left out, whose it is, and a
 corrected twin."""
 
@@ -62,7 +63,7 @@ def main(argv=None) -> int:
     parser.add_argument("--output", required=True, type=Path, metavar="DIR", help="one folder per case goes here")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="cases at the same time (default 1)")
     parser.add_argument("--budget", type=float, default=240.0, metavar="SECONDS", help="processor time per case (default 240)")
-    args = parser.parse_args(argv)
+    args = _program.parse(parser, argv)
     names = [case.resolve().name for case in args.cases]
     faults = [f"{name}: two cases have this name" for name in sorted({n for n in names if names.count(n) > 1})]
     if args.jobs < 1:

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: GPL-3.0-or-later
+# PYTHON_ARGCOMPLETE_OK
 """The channel emulator between real radios, protocol stacks and recordings; batch work; control of a running one."""
 
 import argparse
@@ -333,7 +334,7 @@ def main(argv=None) -> int:
     command.set_defaults(function=key)
 
     argv = sys.argv[1:] if argv is None else argv
-    args = parser.parse_args(["play", *argv] if "--twin" in argv[:1] else argv)
+    args = _program.parse(parser, ["play", *argv] if "--twin" in argv[:1] else argv)
     return args.function(args) or 0
 
 

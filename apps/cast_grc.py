@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: GPL-3.0-or-later
+# PYTHON_ARGCOMPLETE_OK
 """Open flowgraphs in gnuradio-companion, where the blocks of this built checkout or install are found."""
 
 import argparse
@@ -46,7 +47,7 @@ def main(argv=None) -> int:
         metavar="FLOWGRAPH",
         help="a shipped name or a .grc file (default: loopback)",
     )
-    paths = [flowgraph_path(name) for name in parser.parse_args(argv).flowgraphs]
+    paths = [flowgraph_path(name) for name in _program.parse(parser, argv).flowgraphs]
     companion = shutil.which("gnuradio-companion")
     if companion is None:
         raise CastError("gnuradio-companion: not found on PATH; install GNU Radio with its graphical tools")

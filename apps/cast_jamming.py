@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: GPL-3.0-or-later
+# PYTHON_ARGCOMPLETE_OK
 """Wi-Fi under a jammer, through the emulator: throughput and SINR over time, and how alike a twin's are."""
 
 import argparse
@@ -229,7 +230,7 @@ def main(argv=None) -> int:
     command.add_argument("what", help="wall:north, wall:south, wall:east, wall:west or harmonic")
     command.add_argument("--duration", type=float, default=60.0, metavar="SECONDS", help="of radio time (default 60)")
     command.set_defaults(call=leave_out)
-    args = parser.parse_args(argv)
+    args = _program.parse(parser, argv)
     if not 5 <= args.payload:
         raise CastError(f"--payload: got {args.payload} bytes, needs 5 or more: four number the frame")
     return args.call(args)

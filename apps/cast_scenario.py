@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: GPL-3.0-or-later
+# PYTHON_ARGCOMPLETE_OK
 """Scenarios: list the catalogue, show one, convert between YAML, Colosseum's .mat and Zarr, create one from a place, validate."""
 
 import argparse
@@ -254,7 +255,7 @@ def main(argv=None) -> int:
     command.add_argument("--plot", metavar="PNG", help="the heat map (default: SCENARIO-path-loss.png in this folder)")
     command.set_defaults(call=check)
     argv = sys.argv[1:] if argv is None else argv
-    args = parser.parse_args(argv, argparse.Namespace(argv=argv))
+    args = _program.parse(parser, argv, argparse.Namespace(argv=argv))
     return args.call(args) or 0
 
 

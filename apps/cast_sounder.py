@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: GPL-3.0-or-later
+# PYTHON_ARGCOMPLETE_OK
 """Sound a radio channel: over the embedded emulator, with X310s, or from a recording."""
 
 import argparse
@@ -474,9 +475,9 @@ COMMANDS = {
 
 def main(argv=None) -> int:
     argv = sys.argv[1:] if argv is None else argv
-    if not argv or (argv[0].startswith("-") and argv[0] not in ("-h", "--help")):
+    if not argv or (argv[0].startswith("-") and argv[0] not in ("-h", "--help", "--version")):
         argv = ["run", *argv]
-    args = _arguments().parse_args(argv)
+    args = _program.parse(_arguments(), argv)
     return COMMANDS[args.command](args) or 0
 
 

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: GPL-3.0-or-later
+# PYTHON_ARGCOMPLETE_OK
 """Flows of packets by MGEN, as Colosseum's traffic generator sends them: over a wire, or over modems and the emulator."""
 
 import argparse
@@ -167,7 +168,7 @@ def main(argv=None) -> int:
             command.add_argument("--seed", type=int, default=0, help="of the noise")
         if function is evaluate:
             command.add_argument("--logs", required=True, metavar="DIR", help="NODE.log of every node")
-    args = parser.parse_args(argv)
+    args = _program.parse(parser, argv)
     return args.function(args)
 
 

@@ -9,7 +9,7 @@ export GR_DONT_LOAD_PREFS=1 MPLBACKEND=Agg
 run_packages=(
     gnuradio gnuradio-dev libuhd-dev python3-uhd pybind11-dev libspdlog-dev libsndfile1-dev libgmp-dev libzmq3-dev
     g++ cmake ninja-build
-    python3-numpy python3-scipy python3-matplotlib python3-yaml python3-zmq
+    python3-argcomplete python3-numpy python3-scipy python3-matplotlib python3-yaml python3-zmq
 )
 
 # install_missing PACKAGE…: asks dpkg first, so that a second run needs no network and no rights.

@@ -25,6 +25,20 @@ int64_t floor_mod(int64_t value, int64_t modulus)
     return ((value % modulus) + modulus) % modulus;
 }
 
+void check_average(unsigned average)
+{
+    if (average < 1)
+        throw std::invalid_argument("bpsk_correlator: average: got 0, needs 1 period or more");
+}
+
+void check_sample_rate(double sample_rate_hz)
+{
+    if (!(sample_rate_hz > 0 && std::isfinite(sample_rate_hz)))
+        throw std::invalid_argument("bpsk_correlator: sample_rate_hz: got " +
+                                    std::to_string(sample_rate_hz) +
+                                    ", needs a finite number of Hz above 0");
+}
+
 } // namespace
 
 bpsk_correlator::sptr bpsk_correlator::make(const std::vector<float>& chips,
@@ -32,12 +46,8 @@ bpsk_correlator::sptr bpsk_correlator::make(const std::vector<float>& chips,
                                             double sample_rate_hz)
 {
     kernel::code_correlator::validate(chips, samples_per_chip);
-    if (average < 1)
-        throw std::invalid_argument("bpsk_correlator: average: got 0, needs 1 period or more");
-    if (!(sample_rate_hz > 0 && std::isfinite(sample_rate_hz)))
-        throw std::invalid_argument("bpsk_correlator: sample_rate_hz: got " +
-                                    std::to_string(sample_rate_hz) +
-                                    ", needs a finite number of Hz above 0");
+    check_average(average);
+    check_sample_rate(sample_rate_hz);
     return gnuradio::make_block_sptr<bpsk_correlator_impl>(chips, samples_per_chip, average,
                                                            sample_rate_hz);
 }
@@ -49,11 +59,26 @@ bpsk_correlator_impl::bpsk_correlator_impl(const std::vector<float>& chips,
                 gr::io_signature::make3(1, 3, sizeof(gr_complex) * chips.size() * samples_per_chip,
                                         sizeof(float) * chips.size() * samples_per_chip,
                                         sizeof(float) * chips.size() * samples_per_chip)),
-      d_average(average), d_sample_rate_hz(sample_rate_hz), d_correlator(chips, samples_per_chip),
-      d_sum(d_correlator.period())
+      d_average(average), d_next_average(average), d_sample_rate_hz(sample_rate_hz),
+      d_correlator(chips, samples_per_chip), d_sum(d_correlator.period())
 {
     set_tag_propagation_policy(
         TPP_DONT); // input offsets mean nothing in vectors: tag_run writes its own
+}
+
+void bpsk_correlator_impl::set_average(unsigned average)
+{
+    check_average(average);
+    gr::thread::scoped_lock guard(d_setlock);
+    d_next_average = average;
+}
+
+void bpsk_correlator_impl::set_sample_rate(double sample_rate_hz)
+{
+    check_sample_rate(sample_rate_hz);
+    gr::thread::scoped_lock guard(d_setlock);
+    d_sample_rate_hz = sample_rate_hz;
+    d_mark.reset(); // samples at the old rate say nothing about the time at the new one
 }
 
 // Periods are gathered here, so that codes longer than a scheduler buffer work too.
@@ -124,6 +149,8 @@ int bpsk_correlator_impl::process(const gr_complex* in, int n_in, uint64_t first
             continue;
         }
         const uint64_t item = first_item + used;
+        if (d_position == 0 && d_periods == 0)
+            d_average = d_next_average;
         if (d_average == 1 && d_position == 0 && left >= length) {
             const size_t now = std::min<size_t>(left / length, room - made);
             if (d_run_starts)
@@ -163,6 +190,7 @@ int bpsk_correlator_impl::general_work(int noutput_items, gr_vector_int& ninput_
                                        gr_vector_const_void_star& input_items,
                                        gr_vector_void_star& output_items)
 {
+    gr::thread::scoped_lock guard(d_setlock);
     const auto* in = static_cast<const gr_complex*>(input_items[0]);
     auto* out = static_cast<gr_complex*>(output_items[0]);
     const uint64_t begin = nitems_read(0), end = begin + ninput_items[0];

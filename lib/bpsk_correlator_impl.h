@@ -19,6 +19,9 @@ public:
     size_t period() const override { return d_correlator.period(); }
     int64_t lost_samples() const override { return d_lost; }
 
+    void set_average(unsigned average) override;
+    void set_sample_rate(double sample_rate_hz) override;
+
     void forecast(int noutput_items, gr_vector_int& ninput_items_required) override;
     int general_work(int noutput_items, gr_vector_int& ninput_items,
                      gr_vector_const_void_star& input_items,
@@ -30,8 +33,9 @@ private:
         device_time time;
     };
 
-    const unsigned d_average;
-    const double d_sample_rate_hz;
+    unsigned d_average;
+    unsigned d_next_average; // of the vectors after the one under way
+    double d_sample_rate_hz;
     kernel::code_correlator d_correlator;
 
     std::vector<gr_complex> d_sum; // periods added up so far

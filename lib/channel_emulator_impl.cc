@@ -27,16 +27,21 @@ bool is_stream_tag(const pmt::pmt_t& key)
     return pmt::eq(key, rx_time_key) || pmt::eq(key, rx_rate) || pmt::eq(key, rx_freq);
 }
 
+void check_sample_rate(double sample_rate_hz)
+{
+    if (!(sample_rate_hz > 0 && std::isfinite(sample_rate_hz)))
+        throw std::invalid_argument("channel_emulator: sample_rate_hz: got " +
+                                    std::to_string(sample_rate_hz) +
+                                    ", needs a finite number of Hz above 0");
+}
+
 } // namespace
 
 channel_emulator::sptr channel_emulator::make(int n_inputs, int n_outputs, int n_taps,
                                               double sample_rate_hz, int n_threads,
                                               const std::string& name, uint64_t seed)
 {
-    if (!(sample_rate_hz > 0 && std::isfinite(sample_rate_hz)))
-        throw std::invalid_argument("channel_emulator: sample_rate_hz: got " +
-                                    std::to_string(sample_rate_hz) +
-                                    ", needs a finite number of Hz above 0");
+    check_sample_rate(sample_rate_hz);
     kernel::emulator::config config;
     config.n_inputs = n_inputs;
     config.n_outputs = n_outputs;
@@ -129,6 +134,20 @@ void channel_emulator_impl::set_fixed_point(int bits, int tap_bits, double input
     else
         d_emulator.set_fixed_point(
             kernel::fixed_point{bits, tap_bits, float(input_full_scale), float(output_full_scale)});
+}
+
+void channel_emulator_impl::set_sample_rate(double sample_rate_hz)
+{
+    check_sample_rate(sample_rate_hz);
+    std::lock_guard<std::mutex> lock(d_mutex);
+    d_clock.change_rate(d_emulator.n_processed(), sample_rate_hz);
+    d_sample_rate_hz = sample_rate_hz;
+}
+
+void channel_emulator_impl::set_scenario_name(const std::string& name)
+{
+    std::lock_guard<std::mutex> lock(d_mutex);
+    d_name = name;
 }
 
 std::string channel_emulator_impl::plan() const

@@ -33,6 +33,8 @@ public:
     void set_noise_power(int rx, double power) override;
     void set_fixed_point(int bits, int tap_bits, double input_full_scale,
                          double output_full_scale) override;
+    void set_sample_rate(double sample_rate_hz) override;
+    void set_scenario_name(const std::string& name) override;
     std::string plan() const override;
     pmt::pmt_t status() const override;
     uint64_t late_updates() const override;
@@ -48,8 +50,8 @@ public:
 private:
     using clock = std::chrono::steady_clock;
 
-    const double d_sample_rate_hz;
-    const std::string d_name;
+    double d_sample_rate_hz;
+    std::string d_name;
     mutable std::mutex d_mutex; // between work() and the setters
     kernel::emulator d_emulator;
     uint64_t d_horizon = std::numeric_limits<uint64_t>::max();

@@ -20,6 +20,9 @@ struct stream_clock {
     // Takes the value of an rx_time tag; false where it is malformed.
     bool set(uint64_t at, const pmt::pmt_t& rx_time);
 
+    // Another rate from sample `at` on, which is when it was at the rate before.
+    void change_rate(uint64_t at, double new_rate_hz);
+
     // The sample at the time `named`; before the first sample of all counts as sample 0.
     // Throws std::invalid_argument where it is malformed.
     uint64_t sample_at(const pmt::pmt_t& named) const;

@@ -132,6 +132,16 @@ bool stream_clock::set(uint64_t at, const pmt::pmt_t& rx_time)
     return true;
 }
 
+void stream_clock::change_rate(uint64_t at, double new_rate_hz)
+{
+    const double fraction =
+        time.fraction + double(int64_t(at - offset)) / sample_rate_hz; // of either sign
+    const double whole = std::floor(fraction);
+    time = {time.seconds + uint64_t(int64_t(whole)), fraction - whole};
+    offset = at;
+    sample_rate_hz = new_rate_hz;
+}
+
 uint64_t stream_clock::sample_at(const pmt::pmt_t& named) const
 {
     const auto then = read_device_time(named);

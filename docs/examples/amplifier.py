@@ -19,10 +19,10 @@ import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "build" / "python"))
-from gnuradio import analog, blocks, channels, filter, gr  # noqa: E402
-from gnuradio.filter import firdes  # noqa: E402
-from gr_cast.report.plot import new_figure, save  # noqa: E402
-from gr_cast.signals import recording  # noqa: E402
+from gnuradio import analog, blocks, channels, filter, gr
+from gnuradio.filter import firdes
+from gr_cast.report.plot import new_figure, save
+from gr_cast.signals import recording
 
 RATE_HZ, SAMPLES_PER_SYMBOL, SYMBOLS, COUNT = 4e6, 4, 500, 40_000
 PATHS = [1.0, 0.0, 0.0, 0.3j]  # one tap per sample

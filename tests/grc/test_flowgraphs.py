@@ -53,7 +53,7 @@ def compiled(tmp_path_factory):
 
 def test_every_shipped_flowgraph_validates_and_compiles(compiled):
     home, _ = compiled
-    assert len(FLOWGRAPHS) == 5
+    assert len(FLOWGRAPHS) == 6
     for path in FLOWGRAPHS:
         compile((home / f"{path.stem}.py").read_text(), path.stem, "exec")
 
@@ -66,6 +66,7 @@ def test_the_palette_lists_every_block_in_the_order_of_the_data_flow(compiled):
         "cast_glfsr_source",
         "cast_channel_emulator",
         "cast_scenario_emulator",
+        "cast_twin_receiver",
         "cast_bpsk_correlator",
         "cast_zmq_replier",
         "cast_zmq_requester",

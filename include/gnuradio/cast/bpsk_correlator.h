@@ -39,6 +39,12 @@ public:
     static sptr make(const std::vector<float>& chips, unsigned samples_per_chip, unsigned average,
                      double sample_rate_hz);
 
+    //! Periods averaged into a vector, from the next vector on.
+    virtual void set_average(unsigned average) = 0;
+
+    //! From now on; times are told again from the next rx_time tag on.
+    virtual void set_sample_rate(double sample_rate_hz) = 0;
+
     //! Samples of one period: the length of an output vector.
     virtual size_t period() const = 0;
 

@@ -99,6 +99,12 @@ public:
     virtual void set_fixed_point(int bits, int tap_bits = 16, double input_full_scale = 1.0,
                                  double output_full_scale = 1.0) = 0;
 
+    //! From now on: what real time means, and times that updates name.
+    virtual void set_sample_rate(double sample_rate_hz) = 0;
+
+    //! What log and status call the scenario.
+    virtual void set_scenario_name(const std::string& name) = 0;
+
     //! How the network is computed, in words.
     virtual std::string plan() const = 0;
 

@@ -141,6 +141,10 @@ void bind_channel_emulator(py::module& m)
              py::arg("tap_bits") = 16, py::arg("input_full_scale") = 1.0,
              py::arg("output_full_scale") = 1.0, release(),
              "Compute in fixed point; bits 0: in floating point again.")
+        .def("set_sample_rate", &channel_emulator::set_sample_rate, py::arg("sample_rate_hz"),
+             release(), "What real time means from now on, and times that updates name.")
+        .def("set_scenario_name", &channel_emulator::set_scenario_name, py::arg("name"), release(),
+             "What log and status call the scenario.")
         .def("clipped_samples", &channel_emulator::clipped_samples, release(),
              "Samples that a fixed-point full scale cut off.")
         .def("plan", &channel_emulator::plan, release(), "How the network is computed, in words.")

@@ -4,6 +4,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pmt
 
 from ..core.errors import CastError
 from ..emulation.reference import LinkUpdate, filter_length, scenario_updates, split_delay
@@ -23,7 +24,18 @@ def send_update(emulator: channel_emulator | emulator_kernel, update: LinkUpdate
 def emulated_network(
     scenario: Scenario, transmitters: list[str], receivers: list[str], sample_rate_hz: float, n_threads: int = 0
 ) -> channel_emulator:
-    """A `channel_emulator` with the links of the scenario among these nodes, base loss included.
+    """A `channel_emulator` with the links of the scenario among these nodes, base loss included. Raises CastError."""
+    emulator = channel_emulator(
+        len(transmitters), len(receivers), filter_length(sample_rate_hz), sample_rate_hz, n_threads, scenario.name
+    )
+    play_on(emulator, scenario, transmitters, receivers, sample_rate_hz)
+    return emulator
+
+
+def play_on(
+    emulator: channel_emulator, scenario: Scenario, transmitters: list[str], receivers: list[str], sample_rate_hz: float
+) -> None:
+    """Have the emulator play the scenario from its beginning, from the next sample on, and nothing of what it played before.
 
     Delays must fall on whole samples, for a code may fill the whole band: CastError names the link otherwise.
     """
@@ -37,13 +49,30 @@ def emulated_network(
                 f"{scenario.name}: link {link_name(key)}: tap {tap + 1}: delay {taps.delay_s[row, tap]:.6g} s is "
                 f"{whole[row, tap] + fraction[row, tap]:.4f} samples at {sample_rate_hz:g} Hz; choose another rate"
             )
-    emulator = channel_emulator(
-        len(transmitters), len(receivers), filter_length(sample_rate_hz), sample_rate_hz, n_threads, scenario.name
-    )
+    emulator.set_horizon(0)  # nothing passes until its first taps are there
+    emulator.clear()
+    emulator.set_scenario_name(scenario.name)
+    begin = pmt.to_python(emulator.status())["samples"]
     for update in scenario_updates(replace(scenario, links=links), sample_rate_hz):
         tx, rx = transmitters.index(scenario.nodes[update.tx]), receivers.index(scenario.nodes[update.rx])
-        send_update(emulator, replace(update, tx=tx, rx=rx))
-    return emulator
+        send_update(emulator, replace(update, tx=tx, rx=rx), begin)
+    emulator.set_horizon(None)
+
+
+def set_links(emulator: channel_emulator, links: dict) -> None:
+    """Give the emulator these links, {(tx, rx): taps}, taps[d] at a delay of d samples, and no other from the next sample on."""
+    n_inputs, n_outputs = emulator.input_signature().max_streams(), emulator.output_signature().max_streams()
+    for tx, rx in links:
+        if not (0 <= tx < n_inputs and 0 <= rx < n_outputs):
+            raise CastError(f"links: got ({tx}, {rx}), has {n_inputs} transmitters and {n_outputs} receivers, counted from 0")
+    for link in np.ndindex(n_inputs, n_outputs):
+        emulator.set_taps(*link, list(links.get(link, [])))
+
+
+def set_noise(emulator: channel_emulator, power: float) -> None:
+    """Every receiver's noise power from now on, in units of the samples squared."""
+    for receiver in range(emulator.output_signature().max_streams()):
+        emulator.set_noise_power(receiver, power)
 
 
 def scenario_kernel(

@@ -7,7 +7,7 @@ import numpy as np
 from gnuradio import gr
 
 from ..core.errors import CastError, Faults
-from ..twin.document import Case, Observation
+from ..twin.document import Case, Observation, read_twin
 from ..twin.playback import Conditions, Grid, Playback, Tape
 from .finite import FiniteSamples
 from .ports import Port, connect_sink, source_block
@@ -65,6 +65,16 @@ class TwinReceiver(gr.basic_block):
         out[:n] = self._left[:n]
         self._left = self._left[n:]
         return n
+
+
+def twin_receiver(twin: str, recording: str, live, noise: bool = True, seed: int = 0) -> TwinReceiver:
+    """The TwinReceiver of a twin's file; `recording` "" is its first. Raises CastError."""
+    case = read_twin(twin)
+    observations = {o.name: o for o in case.observations}
+    if recording and recording not in observations:
+        raise CastError(f"{twin}: recording: got {recording!r}, the twin has {', '.join(observations)}")
+    conditions = Conditions(noise_power_db=None if noise else -np.inf, seed=seed)
+    return TwinReceiver(case, observations[recording] if recording else case.observations[0], tuple(live), conditions)
 
 
 class TwinEmulation(gr.top_block):
