@@ -51,7 +51,6 @@ def play_on(
             )
     emulator.set_horizon(0)  # nothing passes until its first taps are there
     emulator.clear()
-    emulator.set_scenario_name(scenario.name)
     begin = pmt.to_python(emulator.status())["samples"]
     for update in scenario_updates(replace(scenario, links=links), sample_rate_hz):
         tx, rx = transmitters.index(scenario.nodes[update.tx]), receivers.index(scenario.nodes[update.rx])

@@ -47,6 +47,7 @@ class ScenarioEmulator(gr.hier_block2):
         """Play another scenario of these nodes from the next sample on."""
         found = self._load(scenario)
         play_on(self.emulator, found, *self._nodes, self._sample_rate_hz)
+        self.emulator.set_scenario_name(found.name)
         self._scenario = found
 
     def set_sample_rate(self, sample_rate_hz: float) -> None:
