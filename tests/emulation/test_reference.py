@@ -12,6 +12,7 @@ from gr_cast.emulation.reference import (
     emulate,
     filter_length,
     fir_taps,
+    quantize,
     receiver_noise,
     scenario_bulk_delay,
     scenario_updates,
@@ -107,6 +108,56 @@ def test_noise_is_white_circular_gaussian_and_independent_between_receivers():
 def test_noise_of_a_sample_depends_on_its_number_alone():
     whole = receiver_noise(9, 3, 1000)
     assert np.array_equal(whole[333:777], receiver_noise(9, 3, 444, first_sample=333))
+
+
+def philox4x32(counter, key):
+    """Ten rounds, word by word, as Salmon et al. write them (SC11)."""
+    c, k = list(counter), list(key)
+    for _ in range(10):
+        high0, low0 = divmod(0xD2511F53 * c[0], 2**32)
+        high1, low1 = divmod(0xCD9E8D57 * c[2], 2**32)
+        c = [high1 ^ c[1] ^ k[0], low1, high0 ^ c[3] ^ k[1], low0]
+        k = [(k[0] + 0x9E3779B9) % 2**32, (k[1] + 0xBB67AE85) % 2**32]
+    return c
+
+
+@pytest.mark.parametrize("first_pair", [0, 1000, 2**32 - 2, 2**40])
+def test_noise_is_philox_by_box_and_muller_keyed_by_seed_receiver_and_number(first_pair):
+    # The authors' known answers.
+    assert philox4x32([0] * 4, [0] * 2) == [0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8]
+    assert philox4x32([2**32 - 1] * 4, [2**32 - 1] * 2) == [0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD]
+    seed, expected = (5 << 32) + 7, []
+    for pair in range(first_pair, first_pair + 4):
+        words = philox4x32([pair % 2**32, pair >> 32, 3, 0], [7, 5])
+        for u, t in (words[:2], words[2:]):
+            radius = np.sqrt(-np.log(((u >> 8) + 0.5) / 2**24))
+            expected.append(radius * np.exp(2j * np.pi * t / 2**32))
+    np.testing.assert_allclose(receiver_noise(seed, 3, 8, 2 * first_pair), expected, rtol=1e-12)
+
+
+def test_a_receivers_noise_is_added_with_its_power():
+    y = emulate(np.ones((1, 50)), [LinkUpdate(tx=0, rx=1, taps=[1])], 2, noise_power=(0.0, 4.0), seed=3)
+    assert not y[0].any()
+    np.testing.assert_allclose(y[1], 1 + 2 * receiver_noise(3, 1, 50), rtol=1e-12)
+
+
+@pytest.mark.parametrize("bits", [2, 5, 16])
+def test_rounding_goes_to_the_nearest_step_and_ends_at_full_scale(bits):
+    step = 3.0 / 2 ** (bits - 1)
+    values = complex_noise(1, 400)
+    rounded = quantize(values, 3.0, bits)
+    for got, wanted in ((rounded.real, values.real), (rounded.imag, values.imag)):
+        held = np.clip(wanted, -3.0, 3.0 - step)
+        assert np.max(np.abs(got - held)) <= step / 2 * (1 + 1e-12)
+        np.testing.assert_allclose(got / step, np.round(got / step), atol=1e-9)
+    assert quantize(np.array([100 - 100j]), 3.0, bits)[0] == pytest.approx(3.0 - step - 3.0j, rel=1e-12)
+
+
+def test_a_tap_of_no_gain_delays_nothing():
+    for gain, late in ((0.0, False), (-1.0, True)):
+        link = LinkTaps(delay_s=np.array([[0.0, 0.5e-6]]), gain=np.array([[1.0, gain]]))
+        scenario = Scenario(name="s", nodes=("a",), links={("a", "a"): link}, time_s=[0])
+        assert (scenario_bulk_delay(scenario, 1e6) > 0) == late
 
 
 @pytest.mark.parametrize("bits", [8, 12, 16])
