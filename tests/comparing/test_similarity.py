@@ -172,6 +172,39 @@ def test_independent_samples_are_those_of_autoregressive_series(memory):
     assert np.median(found) == pytest.approx(law, rel=0.2)
 
 
+def test_independent_samples_of_a_short_wave_are_bartletts_double_sum():
+    """n² / Σ_ij ρ_a(i − j) ρ_b(i − j) over pairs up to half the series apart: far ones are fewer, hence the taper."""
+    n = 64
+    a, b = wave(2, n), wave(2, n, 0.4)
+
+    def correlogram(x):
+        full = np.correlate(x - x.mean(), x - x.mean(), "full")[n - 1 :]
+        return full / full[0]
+
+    apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+    total = np.sum((correlogram(a) * correlogram(b))[apart] * (apart <= n // 2)) / n
+    assert 2 < n / total < 10
+    assert cmp.independent_samples(a, b) == pytest.approx(n / total, rel=1e-9)
+
+
+@pytest.mark.parametrize("memory", [0.5, 0.8])
+def test_blocks_of_autoregressive_series_are_as_long_as_politis_and_white_say(memory):
+    """(2 g² / d · n)^(1/3) in closed form; without the flat-top taper it scatters, with another it is too short."""
+    n, rng = 4000, np.random.default_rng(11)
+    found = np.array([cmp.block_length(autoregressive(rng, memory, n)) for _ in range(60)])
+    law = (1.5 * (2 * memory / (1 - memory**2)) ** 2 * n) ** (1 / 3)
+    assert np.mean(found) == pytest.approx(law, rel=0.06)
+    assert np.std(found) < 0.2 * law
+
+
+def test_few_independent_samples_are_told_and_many_are_not():
+    slow = cmp.compare(series(wave(1, 200)), series(wave(1, 200, 0.3)))
+    noise = np.random.default_rng(3).normal(size=(2, 2000))
+    quick = cmp.compare(series(noise[0]), series(noise[0] + 0.1 * noise[1]))
+    assert slow.independent_samples < 10 and any(line.startswith("memory") for line in slow.blind_spots)
+    assert quick.independent_samples > 1000 and not any(line.startswith("memory") for line in quick.blind_spots)
+
+
 @pytest.mark.parametrize("memory", [0.0, 0.7])
 @pytest.mark.parametrize("rho", [0.3, 0.95])
 def test_the_interval_covers_the_true_correlation(memory, rho):

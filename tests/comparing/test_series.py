@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Series as they come from files: every number in its place, and nothing where there was none."""
+
+import json
+
+import numpy as np
+import pytest
+from gr_cast.comparing.series import Series, read, resampled, write_csv
+from gr_cast.core.errors import CastError
+
+TIME_S, VALUE = [0.0, 0.5, 1.0, 1.5], [1.25, np.nan, -3.0, 2e6]
+
+
+def test_what_is_written_is_read_again(tmp_path):
+    write_csv(tmp_path / "s.csv", {"time_s": TIME_S, "value": VALUE, "other": [1, 2, 3, 4]})
+    assert (tmp_path / "s.csv").read_text().splitlines()[2] == "0.5,,2"
+    found = read(tmp_path / "s.csv")
+    assert np.array_equal(found.time_s, TIME_S) and np.array_equal(found.value, VALUE, equal_nan=True)
+    assert np.array_equal(read(tmp_path / "s.csv", "other").value, [1, 2, 3, 4])
+
+
+@pytest.mark.parametrize("as_rows", [False, True])
+def test_json_comes_as_lists_by_name_or_as_a_list_of_objects(tmp_path, as_rows):
+    value = [None if v != v else v for v in VALUE]
+    rows = [{"time_s": t, "value": v} for t, v in zip(TIME_S, value, strict=True)]
+    (tmp_path / "s.json").write_text(json.dumps(rows if as_rows else {"time_s": TIME_S, "value": value, "note": "x"}))
+    found = read(tmp_path / "s.json")
+    assert np.array_equal(found.time_s, TIME_S) and np.array_equal(found.value, VALUE, equal_nan=True)
+
+
+def test_every_row_that_is_no_number_is_told_with_its_place(tmp_path):
+    (tmp_path / "s.csv").write_text("time_s,value\n0,1\n1,up\n2,3\n3,down\n")
+    with pytest.raises(CastError) as refused:
+        read(tmp_path / "s.csv")
+    assert [fault.split(": ")[1] for fault in refused.value.faults] == ["row 2", "row 4"]
+
+
+def test_a_step_holds_the_mean_of_what_was_measured_in_it_and_empty_ones_are_interpolated():
+    uneven = Series(name="s", time_s=np.array([2.0, 2.1, 2.2, 3.0, 5.0, 5.9]), value=np.array([1.0, np.nan, 3.0, 5.0, 9.0, 11.0]))
+    found = resampled(uneven, 1.0)
+    assert np.array_equal(found.time_s, [2, 3, 4, 5]) and np.array_equal(found.value, [2, 5, 7.5, 10])
+    assert found.is_uniform and found.step_s == 1 and not uneven.is_uniform
