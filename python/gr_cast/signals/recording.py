@@ -317,3 +317,15 @@ def write(path: str | Path, samples: np.ndarray, *, sample_rate_hz: float, datat
         aside.write_bytes(raw)
     write_metadata(path, document)
     return stem_of(path)
+
+
+def write_recording(path: str | Path, recorded: Recording) -> Path:
+    """`write` of a Recording with all that it knows, so that `read` gives it back; returns the stem."""
+    if recorded.sample_rate_hz is None:
+        raise CastError(f"{path}: sample rate: got none, needs one to be written")
+    own = ("core:datatype", "core:sample_rate", "core:version", "core:recorder", "core:extensions", "core:sha512")
+    return write(
+        path, recorded.samples, sample_rate_hz=recorded.sample_rate_hz, datatype=recorded.datatype,
+        center_frequency_hz=recorded.center_frequency_hz, captures=recorded.captures, annotations=recorded.annotations,
+        fields={key: value for key, value in recorded.metadata.items() if key not in own},
+    )  # fmt: skip
