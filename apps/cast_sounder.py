@@ -40,6 +40,12 @@ def _arguments() -> argparse.ArgumentParser:
         "--max-offset", type=float, metavar="HZ", help="carrier offset searched; default 10 ppm, 25 kHz at least"
     )
     estimate.add_argument("--no-offset-correction", action="store_true")
+    estimate.add_argument(
+        "--carrier-offset",
+        type=float,
+        metavar="HZ",
+        help="known, 0 for radios on one clock: what turns beyond it is Doppler; default: the recording's own, else estimated",
+    )
     estimate.add_argument("--max-spread", type=float, default=5.12e-6, metavar="S", help="longest excess delay expected")
     estimate.add_argument("--tx-power", type=float, metavar="DBM", help="transmitted at full scale and 0 dB of gain")
     estimate.add_argument(
@@ -140,6 +146,8 @@ def _spec_and_waveform(args, metadata: dict):
 def _options(args, metadata: dict, base_loss_db: float) -> SoundingOptions:
     def known(argument, field, default=0.0):
         value = argument if argument is not None else metadata.get(f"cast:{field}", default)
+        if value is None:
+            return None
         if not isinstance(value, (int, float)) or not np.isfinite(value):
             raise CastError(f"{field}: got {value!r}, needs a finite number")
         return float(value)
@@ -153,6 +161,7 @@ def _options(args, metadata: dict, base_loss_db: float) -> SoundingOptions:
         max_taps=args.max_taps,
         max_offset_hz=args.max_offset,
         correct_offset=not args.no_offset_correction,
+        carrier_offset_hz=known(args.carrier_offset, "carrier_offset_hz", None),
         max_spread_s=args.max_spread,
         budget=LinkBudget(
             tx_power_dbm=known(args.tx_power, "tx_power_dbm") + float(db_from_amplitude(amplitude)),
@@ -233,6 +242,8 @@ def _run(args) -> None:
     fields = {"cast:waveform": spec, "cast:scenario": args.scenario, "cast:noise_power_db": args.noise, "cast:seed": args.seed,
               "cast:emulated_offset_hz": args.offset,
               "core:hw": "embedded emulator"}  # fmt: skip
+    if not scenario.is_static:  # the emulator knows its carrier: what moving nodes turn is Doppler
+        fields["cast:carrier_offset_hz"] = args.offset
     began = time.monotonic()
     for transmitter in sorted({tx for tx, _ in links}, key=path_loss.natural_order):
         heard = {rx: stems[(tx, rx)] for tx, rx in links if tx == transmitter}

@@ -47,6 +47,17 @@ def test_the_default_run_sounds_the_four_taps_and_leaves_everything(tmp_path):
     assert len((tmp_path / "out" / "frames.csv").read_text().splitlines()) == 1501
 
 
+def test_what_a_car_turns_is_its_doppler_and_no_carrier_offset(tmp_path):
+    taps = "{delay_s: 1.0e-6, gain_db: -70, doppler_hz: 110}, {delay_s: 3.0e-6, gain_db: -85, doppler_hz: -60}"
+    (tmp_path / "car.yaml").write_text(f"cast_scenario: 1\nnodes: 2\nduration_s: 1\nall_links: {{taps: [{taps}]}}\n")
+    done("run", "--scenario", tmp_path / "car.yaml", "--rate", "10e6", "--frames", 2000, "--output", tmp_path / "out")
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert result["moving"] and result["carrier_offset_hz"] == 0 and result["carrier_offset_known"]
+    assert [tap["delay_s"] for tap in result["taps"]] == pytest.approx([1e-6, 3e-6], abs=1e-9)
+    assert [tap["doppler_hz"] for tap in result["taps"]] == pytest.approx([110, -60], abs=3)
+    assert min(tap["gain_db"] for tap in result["taps"]) > result["smallest_detectable_gain_db"]
+
+
 def test_a_recording_says_what_is_needed_to_redo_its_result(tmp_path):
     done("run", "--frames", 50, "--output", tmp_path / "one")
     again = done("process", tmp_path / "one" / "recordings" / "tx1_rx2", "--output", tmp_path / "two", "--average", 1)

@@ -109,3 +109,24 @@ def test_blocks_that_fade_on_their_own_are_averaged_in_power():
     taps = estimate_taps(received, template, noise_variance=9.0)
     assert taps.delay_samples == pytest.approx([30.25], abs=0.02)
     assert taps.power[0] == pytest.approx(np.mean(np.abs(fading) ** 2), rel=0.02)
+
+
+@pytest.mark.parametrize("blocks", [1, 40])
+def test_the_stated_limit_is_where_taps_begin_to_be_seen_and_none_below_it_is_reported(blocks):
+    random = np.random.default_rng(blocks)
+    code = codes.glfsr(8)
+    template = Template(code)
+    noise = 0.1
+    limit = estimate_taps(white_noise(random, 255, blocks) * np.sqrt(noise), template, noise_variance=noise).smallest_power
+    seen = {}
+    for over_db in (-3.0, 3.0):
+        amplitude = np.sqrt(limit * 10 ** (over_db / 10))
+        counts = 0
+        for _ in range(40):
+            phases = np.exp(2j * np.pi * random.random(blocks))
+            observed = np.outer(np.roll(code, 70), amplitude * phases) + np.sqrt(noise) * white_noise(random, 255, blocks)
+            taps = estimate_taps(observed, template, noise_variance=noise)
+            assert (taps.power >= taps.smallest_power).all()
+            counts += any(abs(taps.delay_samples - 70) < 1)
+        seen[over_db] = counts / 40
+    assert seen[-3.0] < 0.35 and seen[3.0] > 0.9

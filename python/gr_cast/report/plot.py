@@ -14,11 +14,13 @@ from .. import scenario as sc
 from ..comparing.responses import ResponseComparison
 from ..comparing.series import Series
 from ..comparing.similarity import SeriesComparison
+from ..core.figures import fixed
 from ..core.files import written_aside
 from ..core.units import db_from_amplitude, db_from_power
 from ..experiments.cellular.experiment import QUANTITIES, Course
 from ..experiments.traffic import log
 from ..sounding.sound import Sounding
+from . import labels
 
 MEASURED, MODELLED, FLOOR = "#1f5fa8", "#d1701f", "#8a8a8a"
 
@@ -40,6 +42,7 @@ def sounding_figure(sounding: Sounding, title: str, modelled_taps=()) -> Figure:
     _draw_cir(top, sounding, modelled_taps)
     top.set_title(title, loc="left", fontsize=11)
     _draw_frames(bottom, sounding)
+    _label_taps(figure, top, sounding)
     return figure
 
 
@@ -58,17 +61,36 @@ def _draw_cir(axes, sounding: Sounding, modelled_taps) -> None:
     axes.plot(tap_us, tap_db, "o", color=MEASURED, ms=6, label="taps found")
     if len(modelled_taps):
         x, y = np.transpose(modelled_taps)
-        axes.plot(x * 1e6, y, "s", ms=12, mfc="none", mec=MODELLED, mew=1.8, label="taps modelled")
+        axes.plot(
+            x * 1e6,
+            y,
+            "s",
+            ms=12,
+            mfc="none",
+            mec=MODELLED,
+            mew=1.8,
+            label="modelled, at 0 s" if sounding.is_moving else "modelled",
+        )
     axes.axhline(floor_db, color=FLOOR, lw=1, ls=":", label="noise in the CIR")
     if np.isfinite(sounding.smallest_path_gain_db):
         axes.axhline(sounding.smallest_path_gain_db, color=FLOOR, lw=1, ls="--", label="detection threshold")
     top_db = max(np.max(response_db), floor_db, *tap_db, *(gain for _, gain in modelled_taps))
     axes.set_ylim(bottom_db, top_db + 0.08 * (top_db - bottom_db) + 1)
-    for x, y in list(zip(tap_us, tap_db, strict=True))[:12]:
-        axes.annotate(f"{x:.3f} µs, {y:.2f} dB", (x, y), (9, 6), textcoords="offset points", fontsize=8)
     axes.set(xlabel="delay (µs)", ylabel="gain (dB)")
     axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=6, frameon=False)
     axes.grid(alpha=0.25)
+
+
+def _label_taps(figure: Figure, axes, sounding: Sounding) -> None:
+    """Delay, gain and, of a moving channel, Doppler of every tap, the strongest first."""
+    taps = sounding.taps
+    order = np.argsort(-taps.power)
+    delay_us, gain_db = 1e6 * taps.delay_samples / sounding.sample_rate_hz, db_from_power(taps.power)
+    texts = [f"{fixed(delay_us[k], 3)} µs, {fixed(gain_db[k], 2)} dB" for k in order]
+    for place, k in enumerate(order):
+        if sounding.is_moving and sounding.doppler[k] is not None:
+            texts[place] += f", {fixed(sounding.doppler[k].mean * sounding.sample_rate_hz, 1)} Hz"
+    labels.label(figure, axes, delay_us[order], gain_db[order], texts)
 
 
 def _draw_frames(axes, sounding: Sounding) -> None:

@@ -17,12 +17,14 @@ _MAX_HYPOTHESES = 4001
 
 @dataclass(frozen=True, kw_only=True)
 class CarrierOffset:
-    """Offset in cycles per sample with its standard deviation; `found` is False, and the offset 0, without a signal."""
+    """Offset in cycles per sample with its standard deviation; `found` is False, and the offset 0, without a signal. One that
+    is `known` was not estimated."""
 
     cycles_per_sample: float
     std_cycles_per_sample: float
     found: bool
     searched: float  # cycles per sample to either side
+    known: bool = False
 
 
 NO_OFFSET = CarrierOffset(cycles_per_sample=0.0, std_cycles_per_sample=np.inf, found=False, searched=np.inf)

@@ -29,7 +29,7 @@ class Taps:
     gain_std: np.ndarray  # of |gain|, per block
     phase_std_rad: np.ndarray
     noise_variance: float  # per sample of a block, as used
-    threshold: float  # of the detection statistic
+    smallest_power: float  # the limit: no tap below it is reported
 
     @property
     def power(self) -> np.ndarray:
@@ -82,6 +82,8 @@ def _normal_matrix(template, delays, gain):
 def _refit(template, observed, delays, limit=0.5, iterations=25):
     """Joint least squares of all delays and amplitudes by variable projection; delays move `limit` samples a step."""
     gain = _amplitudes(template.columns(delays), observed)
+    if not len(delays):
+        return delays, gain
     for _ in range(iterations):
         columns, clear, normal = _normal_matrix(template, delays, gain)
         rest = observed - columns @ gain
@@ -143,10 +145,25 @@ def _standard_deviations(template, delays, gain, noise_variance):
     )
 
 
-def _median_noise(template: Template, rest: np.ndarray, span: int) -> float:
-    """Noise variance per sample from the median of the matched filter over all delays: a few taps in it do not count."""
-    power = np.sum(np.abs(template.matched_filter(rest)[:span]) ** 2, axis=1) / template.energy
-    return float(np.median(power) / gamma.median(rest.shape[1]))
+def _powers(template: Template, rest: np.ndarray, span: int) -> np.ndarray:
+    """Σ_blocks |matched filter|²/energy at every delay, (span,): in noise of variance 1 a gamma variable of as many blocks."""
+    return np.sum(np.abs(template.matched_filter(rest)[:span]) ** 2, axis=1) / template.energy
+
+
+def _unsteady(template: Template, rest: np.ndarray, span: int, noise: float) -> float:
+    """Variance per sample, beyond the noise, of what blocks of a moving channel leave at every delay; 0 where it is chance.
+
+    Taps that change within a period do not add up to its code: the rest has one pattern over the delays in all blocks, whose
+    powers are taken as exponential. It shows in their median, and in their quartiles where it has passed for noise.
+    """
+    blocks = rest.shape[1]
+    if blocks == 1:
+        return 0.0
+    low, median, high = np.percentile(_powers(template, rest, span), (25, 50, 75)) / blocks
+    chance = 3 * noise / np.sqrt(blocks * _MEDIAN_EFFICIENCY * span)
+    level = median - noise * gamma.median(blocks) / blocks
+    width = high - low - noise * np.diff(gamma.ppf((0.25, 0.75), blocks))[0] / blocks
+    return max(level / np.log(2) if level > chance else 0.0, width / np.log(3) if width > 2 * chance else 0.0)
 
 
 def estimate_taps(
@@ -164,7 +181,8 @@ def estimate_taps(
 
     observed: (window,) or (window, blocks) complex, blocks sharing delays but not amplitudes. noise_variance: of a
     complex sample of a block, known with `noise_freedom` complex degrees of freedom; None reads it off the delays without taps.
-    No two taps are closer than `separation_samples`. `delays_searched` bounds the delays of a waveform sent once.
+    No two taps are closer than `separation_samples`, none is below the stated limit (`smallest_power`). `delays_searched`
+    bounds the delays of a waveform sent once.
     """
     observed = observed.reshape(len(observed), -1).astype(np.complex128)
     blocks = observed.shape[1]
@@ -173,17 +191,32 @@ def estimate_taps(
     if not known_noise:
         noise_freedom = _MEDIAN_EFFICIENCY * span * blocks
     threshold = detection_threshold(false_alarm_rate, span, template.rms_bandwidth_rad, blocks, noise_freedom)
+    one_block = detection_threshold(false_alarm_rate, span, template.rms_bandwidth_rad)
     least_noise = FLOAT32_ROUNDING * float(np.mean(np.abs(observed) ** 2))
     delays = np.empty(0)
     gain = np.empty((0, blocks), complex)
     rest = observed
     while True:
-        noise = noise_variance if known_noise else max(_median_noise(template, rest, span), least_noise)
+        noise = (
+            noise_variance if known_noise else max(np.median(_powers(template, rest, span)) / gamma.median(blocks), least_noise)
+        )
+        unsteady = one_block * _unsteady(template, rest, span, noise)
         found = _strongest(template, rest, delays, separation_samples, span)
-        if found is None or len(delays) >= max_taps or not found[1] > threshold * noise:
+        if found is None or len(delays) >= max_taps or not found[1] > threshold * noise + blocks * unsteady:
             break
         delays, gain = _refit(template, observed, np.append(delays, found[0]))
         rest = observed - template.columns(delays) @ gain
+    # Powers of several blocks are reported without their noise, that of one block with it.
+    surplus = threshold if blocks == 1 else (threshold - blocks) / blocks
+    limit = (surplus * noise + unsteady) / template.energy
+    taps = _in_order(template, delays, gain, noise, limit)
+    while len(taps.delay_samples) and taps.power.min() < limit:  # together they may be weaker than one by one
+        delays, gain = _refit(template, observed, np.delete(taps.delay_samples, np.argmin(taps.power)))
+        taps = _in_order(template, delays, gain, noise, limit)
+    return taps
+
+
+def _in_order(template: Template, delays, gain, noise: float, limit: float) -> Taps:
     if template.circular:
         delays = np.mod(delays + 0.5, template.grid) - 0.5  # a tap at zero stays there when noise makes it early
     order = np.argsort(delays)
@@ -197,5 +230,5 @@ def estimate_taps(
         gain_std=stds[1],
         phase_std_rad=stds[2],
         noise_variance=float(noise),
-        threshold=float(threshold),
+        smallest_power=float(limit),
     )

@@ -3,8 +3,11 @@
 
 import numpy as np
 from scipy.fft import fft, fftfreq, ifft, next_fast_len
+from scipy.ndimage import uniform_filter1d
 
 OVERSAMPLING = 4  # delays per sample that a search visits: at most 0.2 dB below a peak between them
+
+_IN_BAND = 0.1  # of the spectrum's largest density
 
 
 class Template:
@@ -44,9 +47,10 @@ class Template:
         return ifft(self.spectrum[:, None] * turns, axis=0)[self._seen]
 
     def gram(self, delays) -> np.ndarray:
-        """Inner products of the waveform at each two delays, relative to its energy: (k, k) complex128, 1 on the diagonal."""
-        delayed = self.spectrum[:, None] * self._turns(delays)
-        return delayed.conj().T @ delayed / (self.grid * self.energy)
+        """Inner products of two unit echoes over the waveform's band, taken as flat: (k, k) complex128, 1 on the diagonal."""
+        power = uniform_filter1d(np.abs(self.spectrum) ** 2, max(3, self.grid // 50), mode="wrap")  # across single nulls
+        turns = self._turns(delays)[power > _IN_BAND * power.max()]
+        return turns.conj().T @ turns / len(turns)
 
     def matched_filter(self, samples: np.ndarray, oversampling: int = 1) -> np.ndarray:
         """Σ_n r[n]·s*(n − τ) for τ = 0, 1/oversampling, … < grid; input (window, …), output (grid·oversampling, …)."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from .. import __version__
 from ..core.errors import CastError
+from ..core.figures import with_error
 from ..core.files import write_json, write_text
 from ..core.units import db_from_amplitude, db_from_power
 from .sound import Sounding
@@ -27,6 +28,7 @@ def as_document(sounding: Sounding, about: dict) -> dict:
             "delay_std_s": float(taps.delay_std_samples[k] / rate),
             "gain_std_db": float(taps.gain_std_db[k]),
             "phase_std_rad": float(taps.phase_std_rad[k]),
+            **_doppler_hz(sounding, k),
         }
         for k in range(len(taps.delay_samples))
     ]
@@ -38,6 +40,8 @@ def as_document(sounding: Sounding, about: dict) -> dict:
         "sample_rate_hz": rate,
         "period_samples": sounding.period_samples,
         "periods_per_frame": sounding.periods_per_frame,
+        "moving": sounding.is_moving,
+        "blocks": sounding.blocks,
         "frames": sounding.frames,
         "frames_missing": int(np.sum(~sounding.frame_detected)),
         "taps": entries,
@@ -49,11 +53,19 @@ def as_document(sounding: Sounding, about: dict) -> dict:
         "noise_floor_db": float(db_from_power(max(sounding.noise_power, 1e-30))),
         "carrier_offset_hz": sounding.offset.cycles_per_sample * rate if found else None,
         "carrier_offset_std_hz": sounding.offset.std_cycles_per_sample * rate if found else None,
+        "carrier_offset_known": sounding.offset.known,
         "residual_db": sounding.residual_db,
         "gaps": [{"time_s": time_s, "lost_samples": lost} for time_s, lost in sounding.gaps],
         "code_jumps": [{"time_s": time_s, "later_samples": shift} for time_s, shift in sounding.jumps],
         "warnings": list(sounding.warnings),
     }
+
+
+def _doppler_hz(sounding: Sounding, tap: int) -> dict[str, float | None]:
+    """Doppler of one tap for result.json; null where the noise does not let it be told."""
+    found = sounding.doppler[tap]
+    names = {"doppler_hz": "mean", "doppler_std_hz": "std", "doppler_spread_hz": "spread"}
+    return {name: getattr(found, own) * sounding.sample_rate_hz if found else None for name, own in names.items()}
 
 
 def frame_gain_db(sounding: Sounding) -> np.ndarray:
@@ -82,19 +94,31 @@ def frames_csv(sounding: Sounding) -> str:
 
 
 def as_table(document: dict) -> str:
-    """The result for the screen."""
-    lines = ["   delay (µs)      gain (dB)      phase (rad)"]
-    lines += [
-        f"{tap['delay_s'] * 1e6:9.4f} ± {tap['delay_std_s'] * 1e6:.4f}"
-        f"{tap['gain_db']:9.2f} ± {tap['gain_std_db']:.2f}{tap['phase_rad']:9.2f} ± {tap['phase_std_rad']:.2f}"
-        for tap in document["taps"]
-    ] or ["   (none)"]
+    """The result for the screen; every number has as many digits as its error."""
+    moving = document["moving"]
+    lines = [f"{'delay (µs)':>24}{'gain (dB)':>22}{'phase (rad)':>20}" + (f"{'Doppler (Hz)':>22}" if moving else "")]
+    for tap in document["taps"]:
+        cells = [
+            f"{with_error(1e6 * tap['delay_s'], 1e6 * tap['delay_std_s'], 6):>24}",
+            f"{with_error(tap['gain_db'], tap['gain_std_db']):>22}",
+            f"{with_error(tap['phase_rad'], tap['phase_std_rad']):>20}",
+        ]
+        if moving and tap["doppler_hz"] is not None:
+            cells.append(f"{with_error(tap['doppler_hz'], tap['doppler_std_hz']):>22}")
+            cells.append(f", spread {tap['doppler_spread_hz']:.2g}" if tap["doppler_spread_hz"] else "")
+        lines.append("".join(cells))
+    if not document["taps"]:
+        lines.append("   (none)")
 
     def show(label, value, unit, std=None):
-        if value is None:
-            return f"{label:<22}–"
-        return f"{label:<22}{value:.2f}{'' if std is None else f' ± {std:.2f}'} {unit}"
+        return f"{label:<22}{'–' if value is None else f'{with_error(value, std)} {unit}'}"
 
+    carrier = "Hz"
+    if document["carrier_offset_known"]:
+        carrier += ", as told"
+    elif moving and document["carrier_offset_hz"] is not None:
+        carrier += ", Doppler of the strongest path included (--carrier-offset 0 where both radios share a clock)"
+    std_hz = None if document["carrier_offset_known"] else document["carrier_offset_std_hz"]
     lines += [
         "",
         show("path gain", document["path_gain_db"], "dB", document["path_gain_std_db"]),
@@ -102,8 +126,9 @@ def as_table(document: dict) -> str:
         show("path loss", document["path_loss_db"], "dB"),
         show("noise floor", document["noise_floor_db"], "dB of full scale per sample"),
         show("smallest gain seen", document["smallest_detectable_gain_db"], "dB"),
-        show("carrier offset", document["carrier_offset_hz"], "Hz", document["carrier_offset_std_hz"]),
+        show("carrier offset", document["carrier_offset_hz"], carrier, std_hz),
         f"{'frames':<22}{document['frames']}, of which {document['frames_missing']} missing",
+        *([f"{'channel':<22}moves: sounded in {document['blocks']} blocks, every tap with its Doppler"] if moving else []),
     ]
     return "\n".join(lines + [f"warning: {warning}" for warning in document["warnings"]])
 

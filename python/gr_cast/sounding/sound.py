@@ -13,12 +13,16 @@ from ..signals.waveform import Waveform
 from .carrier import NO_OFFSET, CarrierOffset, find_offset, find_offset_once
 from .cir import DB_PER_NEPER, FLOAT32_ROUNDING, Taps, estimate_taps
 from .correlate import Template
+from .doppler import Doppler, tap_doppler
 from .jumps import code_jumps, is_steady, longest_run
 from .receive import Periods, clipped_fraction, contiguous_runs, remove_offset, whole_periods
 
 MAX_SPREAD_S = 5.12e-6  # excess delay that a Colosseum scenario may have (512 taps of 10 ns)
 CARRIER_TOLERANCE_PPM = 10.0  # of two free-running radios together
 MIN_OFFSET_SEARCH_HZ = 25e3
+_DOPPLER_BLOCKS = 64  # at least, where there are as many periods: taps may turn faster than the strongest path
+_TRACKS, _TRACKED, _TRACK_BLOCKS = 16, 1e-3, 512  # delays looked at for movement, down to −30 dB, in so many blocks
+_MOVES_SIGMA = 5.0  # standard deviations by which a tap must turn otherwise than the strongest one
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,13 +44,17 @@ class LinkBudget:
 
 @dataclass(frozen=True, kw_only=True)
 class SoundingOptions:
-    """How a recording is sounded. `average`: code periods per frame, 0 chooses; offsets in Hz, spread in seconds."""
+    """How a recording is sounded. `average`: code periods per frame, 0 chooses; offsets in Hz, spread in seconds.
+
+    A carrier offset that is known (0 between radios on one clock) is taken as it is, and what turns beyond it is Doppler.
+    """
 
     average: int = 0
     false_alarm_rate: float = 1e-3
     max_taps: int = 32
     max_offset_hz: float | None = None
     correct_offset: bool = True
+    carrier_offset_hz: float | None = None
     max_spread_s: float = MAX_SPREAD_S
     budget: LinkBudget = field(default_factory=LinkBudget)
 
@@ -59,6 +67,8 @@ class SoundingOptions:
             raise CastError(f"max taps: got {self.max_taps}, needs 1 to 512")
         if self.max_offset_hz is not None and not 0 <= self.max_offset_hz < np.inf:
             raise CastError(f"max offset: got {self.max_offset_hz} Hz, needs a finite number, 0 or more")
+        if self.carrier_offset_hz is not None and not np.isfinite(self.carrier_offset_hz):
+            raise CastError(f"carrier offset: got {self.carrier_offset_hz} Hz, needs a finite number")
         if not 0 < self.max_spread_s < np.inf:
             raise CastError(f"max spread: got {self.max_spread_s} s, needs a finite number above 0")
 
@@ -69,6 +79,7 @@ class Sounding:
 
     sample_rate_hz: float
     taps: Taps
+    doppler: tuple[Doppler | None, ...]  # of every tap beyond the carrier offset, cycles per sample
     offset: CarrierOffset
     noise_power: float  # per complex sample, full scale 1
     period_samples: int
@@ -82,7 +93,7 @@ class Sounding:
     residual_response: np.ndarray  # the same after the taps are taken out
     response_noise_power: float
     response_start: int
-    path_gain_db: float | None  # power received over power sent, in the waveform's band
+    path_gain_db: float | None  # of the power in the waveform's band
     path_gain_std_db: float | None
     tap_sum_db: float | None  # sum of |tap|^2: another figure where taps are not whole samples apart
     path_loss_db: float | None
@@ -95,6 +106,21 @@ class Sounding:
     @property
     def frames(self) -> int:
         return len(self.frame_time_s)
+
+    @property
+    def blocks(self) -> int:
+        """Stretches with gains of their own that the recording was sounded in: more than one where the channel moves."""
+        return self.taps.gain.shape[1]
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the channel changes: it fades, or a tap turns otherwise than the strongest one, or than a known carrier."""
+        told = [doppler for doppler in self.doppler if doppler is not None]
+        strongest = self.doppler[int(np.argmax(self.taps.power))] if told else None
+        still = Doppler(mean=0.0, std=0.0, spread=0.0) if self.offset.known else strongest
+        return self.blocks > 1 or any(
+            one.spread > 0 or (still and abs(one.mean - still.mean) > _MOVES_SIGMA * np.hypot(one.std, still.std)) for one in told
+        )
 
 
 def sound(recording: Recording, waveform: Waveform, options: SoundingOptions | None = None) -> Sounding:
@@ -132,30 +158,29 @@ def _max_offset(recording: Recording, options: SoundingOptions) -> float:
 
 
 def _noise_of_differences(samples: np.ndarray) -> float | None:
-    """Noise power from consecutive periods: what a channel does slowly cancels. None for fewer than four periods.
+    """Noise power from second differences of periods: what turns steadily cancels too. None for fewer than four periods.
 
-    The median over the pairs, so that a switch-on or a burst does not count; for n samples it is 1 − 1/(3n) of the mean.
+    The median over them, so that a switch-on or a burst does not count; for n samples it is 1 − 1/(3n) of the mean.
     """
     on = samples[np.any(samples, axis=1)]  # digital silence is no noise
     if len(on) < 4:
         return None
-    pairs = np.mean(np.abs(np.diff(on, axis=0)) ** 2, axis=1) / 2
+    second = np.mean(np.abs(on[:-2] - 2 * on[1:-1] + on[2:]) ** 2, axis=1) / 6
     rounding = FLOAT32_ROUNDING * float(np.mean(np.abs(samples) ** 2))
-    return max(float(np.median(pairs) / (1 - 1 / (3 * samples.shape[1]))), rounding)
+    return max(float(np.median(second) / (1 - 1 / (3 * samples.shape[1]))), rounding)
 
 
-def _coherent_blocks(track: np.ndarray, noise: float) -> int:
-    """The fewest blocks whose coherent means keep 99 % of the power of `track` (periods,), noise power `noise`."""
-    power = np.mean(np.abs(track) ** 2) - noise
+def _coherent_blocks(tracks: np.ndarray, noise: float) -> int:
+    """The fewest blocks whose coherent means keep 99 % of the power of each of `tracks` (periods, delays) in noise."""
+    power = np.mean(np.abs(tracks) ** 2, axis=0) - noise
+    chance = 3 * noise / np.sqrt(len(tracks))
     count = 1
-    while power > 0 and count < len(track):
-        blocks = [np.mean(part) for part in np.array_split(track, count)]
-        kept = np.mean(np.abs(blocks) ** 2) - noise * count / len(track)
-        uncertainty = 3 * noise / np.sqrt(len(track))
-        if kept > 0.99 * power - uncertainty:
+    while count < len(tracks):
+        kept = np.mean(np.abs(_block_means(tracks, count)) ** 2, axis=1) - noise * count / len(tracks)
+        if (kept > 0.99 * power - chance).all():
             break
         count *= 2
-    return min(count, len(track))
+    return min(count, len(tracks))
 
 
 def _block_means(samples: np.ndarray, count: int) -> np.ndarray:
@@ -187,18 +212,19 @@ def _sound_periodic(recording: Recording, waveform: Waveform, options: SoundingO
         profiles = _delay_profiles(samples, template)
 
     noise = _noise_of_differences(samples)
-    track = _response_at(int(np.argmax(profiles.sum(axis=1))), samples, template)
-    blocks = 1 if noise is None else _coherent_blocks(track, noise / template.energy)
+    tracks = _tracks(samples, template)
+    blocks = 1 if noise is None else _coherent_blocks(tracks, noise / template.energy)
     observed = _block_means(samples, blocks)
     taps = estimate_taps(
         observed,
         template,
         noise_variance=None if noise is None else noise / (count // blocks),
-        noise_freedom=np.inf if noise is None else length * (count - 1) / 1.5,  # differences share their periods
+        noise_freedom=np.inf if noise is None else length * (count - 2) / 1.94,  # differences share their periods
         false_alarm_rate=options.false_alarm_rate,
         max_taps=options.max_taps,
     )
     noise = taps.noise_variance * (count // blocks) if noise is None else noise
+    doppler = _dopplers(samples, periods.start_sample, template, taps, noise, min(count, max(4 * blocks, _DOPPLER_BLOCKS)))
 
     frames = count // average
     frame_samples = _block_means(samples[: frames * average], frames)
@@ -209,7 +235,7 @@ def _sound_periodic(recording: Recording, waveform: Waveform, options: SoundingO
             f"delays up to {options.max_spread_s * 1e6:.4g} µs alias; take a longer code"
         )
     if average > 1 and len(taps.delay_samples):
-        loss_db = _averaging_loss_db(track, average, noise / template.energy)
+        loss_db = _averaging_loss_db(tracks[:, 0], average, noise / template.energy)
         if loss_db > 0.1:
             warnings.append(
                 f"averaging {average} periods loses {loss_db:.1f} dB: the carrier or the channel turns within a frame; "
@@ -220,6 +246,7 @@ def _sound_periodic(recording: Recording, waveform: Waveform, options: SoundingO
         options,
         template=template,
         taps=taps,
+        doppler=doppler,
         offset=offset,
         noise_power=noise,
         periods_per_frame=average,
@@ -233,8 +260,25 @@ def _sound_periodic(recording: Recording, waveform: Waveform, options: SoundingO
 
 def _without_offset(periods: Periods, template: Template, recording: Recording, options: SoundingOptions):
     """(samples of the periods, their carrier offset, which is taken out of them)."""
+    if options.carrier_offset_hz is not None and options.correct_offset:
+        cycles = options.carrier_offset_hz / recording.sample_rate_hz
+        known = CarrierOffset(cycles_per_sample=cycles, std_cycles_per_sample=0.0, found=True, searched=np.inf, known=True)
+        return remove_offset(periods.samples, cycles, periods.start_sample), known
     offset = find_offset(periods, template, max_offset=_max_offset(recording, options)) if options.correct_offset else NO_OFFSET
     return remove_offset(periods.samples, offset.cycles_per_sample, periods.start_sample), offset
+
+
+def _dopplers(
+    samples: np.ndarray, start: np.ndarray, template: Template, taps: Taps, noise: float, blocks: int
+) -> tuple[Doppler | None, ...]:
+    """Doppler of every tap from its gains in short blocks of periods, which begin at samples `start` (periods,)."""
+    rows = np.linalg.pinv(template.columns(taps.delay_samples))
+    size = len(samples) // blocks
+    time = start[: size * blocks].reshape(blocks, size).mean(axis=1)
+    variance = noise / size * np.sum(np.abs(rows) ** 2, axis=1)
+    return tuple(
+        tap_doppler(track, power, time) for track, power in zip(rows @ _block_means(samples, blocks), variance, strict=True)
+    )
 
 
 def _jump_warnings(jumps: list[tuple[float, int]], kept_s: float) -> list[str]:
@@ -247,14 +291,17 @@ def _jump_warnings(jumps: list[tuple[float, int]], kept_s: float) -> list[str]:
     ]
 
 
-def _delay_profiles(samples: np.ndarray, template: Template) -> np.ndarray:
-    """Power at every delay in up to 64 blocks of periods, (delays, blocks)."""
-    return np.abs(template.matched_filter(_block_means(samples, min(len(samples), 64)))) ** 2
+def _delay_profiles(samples: np.ndarray, template: Template, blocks: int = 64) -> np.ndarray:
+    """Power at every delay in up to `blocks` blocks of periods, (delays, blocks)."""
+    return np.abs(template.matched_filter(_block_means(samples, min(len(samples), blocks)))) ** 2
 
 
-def _response_at(delay: int, samples: np.ndarray, template: Template) -> np.ndarray:
-    """Complex response of every period at a delay, (periods,)."""
-    return samples @ np.conj(template.columns([delay])[:, 0]) / template.energy
+def _tracks(samples: np.ndarray, template: Template) -> np.ndarray:
+    """Complex response of every period at the strongest delays, the strongest first, (periods, delays)."""
+    power = _delay_profiles(samples, template, _TRACK_BLOCKS).sum(axis=1)
+    delays = np.argsort(-power)[:_TRACKS]
+    delays = delays[power[delays] > _TRACKED * power[delays[0]]]
+    return samples @ np.conj(template.columns(delays)) / template.energy
 
 
 def _averaging_loss_db(track: np.ndarray, average: int, noise: float) -> float:
@@ -313,7 +360,7 @@ def _sound_once(recording: Recording, waveform: Waveform, options: SoundingOptio
 
 def _result(
     recording, options, *, template, taps, offset, noise_power, periods_per_frame, frame_time_s, frame_samples, observed,
-    warnings, searched=None, response_start=0, jumps=(),
+    warnings, searched=None, response_start=0, jumps=(), doppler=None,
 ) -> Sounding:  # fmt: skip
     """What periodic and sent-once sounding share: frames at the found delays, path gain and loss, warnings."""
     columns = template.columns(taps.delay_samples)
@@ -326,11 +373,12 @@ def _result(
         energy = np.sum(np.abs(columns @ frame_gain.T) ** 2, axis=0)
         detected = energy > frame_noise * gamma.isf(options.false_alarm_rate, found)
     gram = template.gram(taps.delay_samples)
-    # E[ĝᴴGĝ] is gᴴGg and the noise of one waveform's energy for every tap; the estimate's own tangent holds the signal, so
-    # that its variance is that of white noise along it.
-    block_noise, blocks = taps.noise_variance / template.energy, taps.gain.shape[1]
-    power = _in_band(taps.gain.T, gram).mean() - (found * block_noise if blocks > 1 else 0.0) if found else 0.0
-    power = max(power, found * block_noise)
+    blocks = taps.gain.shape[1]
+    scatter = gram @ np.linalg.pinv(columns.conj().T @ columns)  # times the noise, what it puts on top of gᴴGg is the trace
+    bias = float(np.trace(scatter).real)
+    power = _in_band(taps.gain.T, gram).mean() - taps.noise_variance * bias * (blocks > 1) if found else 0.0
+    power = max(power, taps.noise_variance * bias)
+    power_std = np.sqrt(2 * taps.noise_variance * _in_band(taps.gain.T, scatter @ gram).mean() / blocks) if found else 0.0
     gain_db = float(db_from_power(power)) if found else None
     # Phases are those at the first sample: an offset that is a little off turns them from the middle of the recording on.
     middle = frame_time_s.mean() * recording.sample_rate_hz + len(frame_samples) / 2
@@ -342,13 +390,14 @@ def _result(
         taps=replace(
             taps, delay_samples=taps.delay_samples + response_start, phase_std_rad=np.hypot(taps.phase_std_rad, turned_rad)
         ),
+        doppler=doppler if doppler is not None else (None,) * found,
         offset=offset,
         noise_power=noise_power,
         period_samples=template.window if template.circular else len(frame_samples),
         periods_per_frame=periods_per_frame,
         frame_time_s=frame_time_s,
         frame_gain=frame_gain,
-        frame_power=_in_band(frame_gain, gram) - found * frame_noise / template.energy,
+        frame_power=_in_band(frame_gain, gram) - bias * frame_noise,
         frame_noise_power=frame_noise / template.energy,
         frame_detected=detected,
         response=_response(template, observed)[:searched],
@@ -356,10 +405,10 @@ def _result(
         response_noise_power=taps.noise_variance / template.energy,
         response_start=response_start,
         path_gain_db=gain_db,
-        path_gain_std_db=float(DB_PER_NEPER / 2 * np.sqrt(2 * block_noise / (power * blocks))) if found else None,
+        path_gain_std_db=float(DB_PER_NEPER / 2 * power_std / power) if found else None,
         tap_sum_db=float(db_from_power(taps.power.sum())) if found else None,
         path_loss_db=None if gain_db is None else float(options.budget.path_loss_db(gain_db)),
-        smallest_path_gain_db=float(db_from_power(taps.threshold * taps.noise_variance / template.energy)),
+        smallest_path_gain_db=float(db_from_power(taps.smallest_power)),
         residual_db=float(db_from_power(max(residual, 1e-30))),
         gaps=tuple((start / recording.sample_rate_hz, lost) for start, lost in recording.gaps),
         jumps=tuple(jumps),
@@ -368,7 +417,7 @@ def _result(
 
 
 def _in_band(gain: np.ndarray, gram: np.ndarray) -> np.ndarray:
-    """Power of the waveform through taps `gain` (n, k) over the power sent, (n,)."""
+    """Power in the band through taps `gain` (n, k), (n,)."""
     return np.einsum("np,pq,nq->n", gain.conj(), gram, gain, optimize=True).real
 
 
