@@ -15,6 +15,7 @@ from gr_cast import scenario as sc
 from gr_cast.blocks.network import play
 from gr_cast.comparing.series import write_csv
 from gr_cast.core.errors import CastError
+from gr_cast.core.figures import fixed
 from gr_cast.core.files import write_json
 from gr_cast.experiments import paper
 from gr_cast.experiments.cellular import downlink as downlink_model
@@ -91,6 +92,7 @@ def model(args) -> int:
             break
         courses.append(experiment.course(name, cells, radio, time_s, sinrs, args.offered))
         files += experiment.write_series(output / (name if len(scenarios) > 1 else "series"), courses[-1])
+        write_json(output / "cellular.json", _document(args, scenarios, cells, radio, courses, [], files))
         if len(sinrs) < len(time_s):
             break
         if len(cells) > 1:
@@ -193,28 +195,41 @@ def _report(args, output: Path, scenarios, cells, radio, courses, checks, files,
     print(f"{'run':>8s} {'terminal':>8s} {'SINR mean':>9s} {'min':>6s} {'max':>6s} {'CQI':>4s} {'UDP Mbit/s':>10s} {'loss %':>6s}"
           f" {'TCP Mbit/s':>10s}")  # fmt: skip
     for row in rows:
-        print(f"{row['run'][:8]:>8s} {row['terminal']:>8s} {row['sinr_db_mean']:9.2f} {row['sinr_db_min']:6.2f}"
-              f" {row['sinr_db_max']:6.2f} {row['cqi_median']:4.0f} {row['udp_bps_mean'] / 1e6:10.3f}"
-              f" {100 * row['udp_loss']:6.1f} {row['tcp_bps_mean'] / 1e6:10.3f}")  # fmt: skip
+        sinr = [_figure(row[f"sinr_db_{which}"]) for which in ("mean", "min", "max")]
+        print(f"{row['run'][:8]:>8s} {row['terminal']:>8s} {sinr[0]:>9s} {sinr[1]:>6s} {sinr[2]:>6s} {row['cqi_median']:4.0f}"
+              f" {row['udp_bps_mean'] / 1e6:10.3f} {100 * row['udp_loss']:6.1f} {row['tcp_bps_mean'] / 1e6:10.3f}")  # fmt: skip
+    for row in rows:
+        if row["reason"]:
+            print(f"{row['run']}: {row['terminal']}: {row['reason']}")
     worst_db = max((abs(row["interference_and_noise_db"] - row["sum_of_parts_db"]) for row in checks), default=None)
     if worst_db is not None:
         print(f"\nall stations at once: interference and noise within {worst_db:.2f} dB of the sum of their parts")
     similar = experiment.similarities(*courses) if complete and len(courses) == 2 and len(courses[0].time_s) > 1 else []
     if similar:
         _print_similarities(similar, [name for name, _ in scenarios], paper.cellular_rho(cells))
-    document = {
+    write_json(output / "cellular.json", _document(args, scenarios, cells, radio, courses, checks, files, similar, complete))
+    title = f"{' and '.join(cell.station for cell in cells)}: modelled downlink, {args.offered / 1e6:g} Mbit/s offered"
+    plot.save(plot.cellular_figure(courses, title, args.offered), output / "cellular.png")
+    print(f"picture: {output / 'cellular.png'}, figures: {output / 'cellular.json'}")
+
+
+def _document(args, scenarios, cells, radio, courses, checks, files, similar=(), complete=False) -> dict:
+    """The content of cellular.json, of as many courses as there are."""
+    return {
         "cast_cellular": 1, "modelled": True, "model": experiment.MODEL, "complete": complete,
         "scenarios": [{"run": name, "scenario": scenario.name, "about": scenario.description} for name, scenario in scenarios],
         "cells": [{"station": cell.station, "terminals": list(cell.terminals)} for cell in cells],
         "radio": {"resource_blocks": radio.blocks, "tx_power_dbm": radio.tx_power_dbm,
                   "noise_figure_db": radio.noise_figure_db, "setup_loss_db": args.setup_loss_db},
-        "offered_bps": args.offered, "seed": args.seed, "terminals": rows, "superposition": checks, "similarity": similar,
+        "offered_bps": args.offered, "seed": args.seed,
+        "terminals": [row for course in courses for row in experiment.summary(course, args.offered)],
+        "superposition": checks, "similarity": list(similar),
         "similarity_in_the_paper": paper.cellular_rho(cells), "series": files,
     }  # fmt: skip
-    write_json(output / "cellular.json", document)
-    title = f"{' and '.join(cell.station for cell in cells)}: modelled downlink, {args.offered / 1e6:g} Mbit/s offered"
-    plot.save(plot.cellular_figure(courses, title, args.offered), output / "cellular.png")
-    print(f"picture: {output / 'cellular.png'}, figures: {output / 'cellular.json'}")
+
+
+def _figure(value: float | None, digits: int = 2) -> str:
+    return "–" if value is None else fixed(value, digits)
 
 
 def _print_similarities(rows: list[dict], names: list[str], published: dict) -> None:
@@ -222,12 +237,13 @@ def _print_similarities(rows: list[dict], names: list[str], published: dict) -> 
     print(f"{'terminal':>10s} {'of':>8s} {'rho':>6s} {'95 %':>14s} {'paper':>6s} {'bias':>8s} {'rmse':>8s}")
     for row in rows:
         scale, unit = (1, "dB") if row["quantity"] == "sinr_db" else (1e-6, "Mbit/s")
+        bias, rmse = (_figure(None if row[key] is None else scale * row[key], 3) for key in ("bias", "rmse"))
         rho = "–" if row["rho"] is None else f"{row['rho']:.3f}"
         told = published.get(row["terminal"], {}).get(row["quantity"])
         told = "–" if told is None else f"{told:.3f}"
         interval = "{:.3f} … {:.3f}".format(*row["rho_interval"]) if row["rho_interval"] else ""
         print(f"{row['terminal']:>10s} {row['quantity']:>8s} {rho:>6s} {interval:>14s} {told:>6s}"
-              f" {scale * row['bias']:8.3f} {scale * row['rmse']:8.3f}   {unit}")  # fmt: skip
+              f" {bias:>8s} {rmse:>8s}   {unit}")  # fmt: skip
 
 
 def main(argv=None) -> int:

@@ -41,6 +41,17 @@ def test_a_scenario_of_the_catalogue_is_played_instead(tmp_path):
     assert (tmp_path / "series/sinr_db_2.csv").is_file()
 
 
+def test_a_terminal_out_of_reach_is_null_with_its_reason_and_the_rest_stays(tmp_path):
+    link = "{{tx: '1', rx: '{}', base_loss_db: {}, taps: [{{delay_s: 0, gain_db: 0}}]}}"
+    links = ", ".join(link.format(*about) for about in ((2, 60), (3, 400)))
+    (tmp_path / "far.yaml").write_text(f"cast_scenario: 1\nnodes: 3\nlinks: [{links}]\n")
+    done = run("--output", tmp_path, "--duration", 0.3, "--scenario", tmp_path / "far.yaml", "--cells", "1:2,3", "--blocks", 6)
+    assert done.returncode == 0, done.stderr
+    near, far = json.loads((tmp_path / "cellular.json").read_text())["terminals"]
+    assert near["sinr_db_mean"] > 0 and near["reason"] is None
+    assert far["sinr_db_mean"] is None and "3 of 3 instants" in far["reason"] and "3: nothing of its station" in done.stdout
+
+
 @pytest.mark.parametrize(
     "arguments",
     [("--cells", "99:1"), ("--scenario", "nowhere"), ("--blocks", "7"), ("--step", "0.5", "--duration", "0.1"),

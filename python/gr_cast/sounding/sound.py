@@ -173,7 +173,8 @@ def _noise_of_differences(samples: np.ndarray) -> float | None:
 def _coherent_blocks(tracks: np.ndarray, noise: float) -> int:
     """The fewest blocks whose coherent means keep 99 % of the power of each of `tracks` (periods, delays) in noise."""
     power = np.mean(np.abs(tracks) ** 2, axis=0) - noise
-    chance = 3 * noise / np.sqrt(len(tracks))
+    chance = _MOVES_SIGMA * noise / np.sqrt(len(tracks))
+    tracks, power = tracks[:, power > chance], power[power > chance]
     count = 1
     while count < len(tracks):
         kept = np.mean(np.abs(_block_means(tracks, count)) ** 2, axis=1) - noise * count / len(tracks)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The modelled downlink against closed forms, through the emulator and the sounder."""
 
+import json
+
 import numpy as np
 import pytest
 from gr_cast import scenario as sc
@@ -60,6 +62,21 @@ def test_interference_of_other_stations_adds_to_the_noise():
         assert abs(measured_db - summed_db) < 0.3
     alone = Downlink(static({("a", "u"): links["a", "u"]}, 95.0), cells[:1], RADIO, play).sinr(0.0)["u"]
     assert db(alone.mean()) > db(sinr["u"].mean()) + 10
+
+
+def test_a_terminal_that_hears_nothing_of_its_station_has_no_figure_and_a_reason():
+    cells = [Cell(station="a", terminals=("u", "v"))]
+    faint = {"u": np.zeros(180), "v": np.full(180, 100.0)}
+    run = experiment.course("test", cells, RADIO, np.arange(4) * 0.1, [faint, faint | {"u": np.ones(180)}, faint, faint], 5e6)
+    never = experiment.course("test", cells, RADIO, np.arange(2) * 0.1, [faint, faint], 5e6)
+    u, v = experiment.summary(run, 5e6)
+    assert (u["sinr_db_mean"], u["reason"]) == (0.0, "nothing of its station was heard at 3 of 4 instants")
+    assert (v["sinr_db_mean"], v["reason"]) == (20.0, None)
+    assert experiment.summary(never, 5e6)[0]["sinr_db_min"] is None
+    rows = {(row["terminal"], row["quantity"]): row for row in experiment.similarities(run, run)}
+    assert rows["u", "sinr_db"]["rho"] is None and "3 of 4" in rows["u", "sinr_db"]["reason"]
+    assert rows["v", "sinr_db"]["reason"] is None and rows["v", "sinr_db"]["bias"] == 0
+    json.dumps([u, v, *experiment.summary(never, 5e6), *rows.values()], allow_nan=False)
 
 
 def test_cqi_and_rate_at_the_points_of_the_table():

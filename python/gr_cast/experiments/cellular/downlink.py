@@ -130,8 +130,10 @@ class Downlink:
         return sound(recording, self._code, SoundingOptions(correct_offset=False, max_taps=1))
 
     def _gain(self, sounding: Sounding) -> np.ndarray:
-        """|H(f)|² at all bins, (fft,), without the noise that is in it."""
+        """|H(f)|² at all bins, (fft,), without the noise that is in it; 0 where the sounder sees no signal."""
         bins = len(self._code.samples)
+        if not len(sounding.taps.delay_samples):
+            return np.zeros(bins)
         power = np.abs(np.fft.fft(sounding.response)) ** 2
         return np.maximum(power - bins * sounding.response_noise_power, 0.0)
 

@@ -25,7 +25,8 @@ QUANTITIES = {"sinr_db": "SINR (dB)", "udp_bps": "UDP (bit/s)", "tcp_bps": "TCP 
 
 @dataclass(frozen=True, kw_only=True)
 class Course:
-    """How a network fared: `time_s` (T,), and per terminal, (T, n): SINR averaged over subcarriers, CQI, bits per s."""
+    """How a network fared: `time_s` (T,), and per terminal, (T, n): SINR averaged over subcarriers (NaN where nothing of the
+    serving station was heard), CQI, bits per s."""
 
     name: str
     terminals: tuple[str, ...]
@@ -83,7 +84,8 @@ def course(
     """What the terminals of each cell get, from the SINR of their subcarriers at the instants `time_s` (evenly spaced)."""
     terminals = tuple(terminal for cell in cells for terminal in cell.terminals)
     time_s = time_s[: len(sinrs)]
-    sinr_db = np.array([[db_from_power(sinr[terminal].mean()) for terminal in terminals] for sinr in sinrs])
+    mean = np.array([[sinr[terminal].mean() for terminal in terminals] for sinr in sinrs])
+    sinr_db = db_from_power(np.where(mean > 0, mean, np.nan))
     cqi = np.array([[adaptation.cqi(sinr[terminal]) for terminal in terminals] for sinr in sinrs])
     rate_bps = np.array([[adaptation.rate_bps(index, radio.blocks) for index in row] for row in cqi])
     step_s = time_s[1] - time_s[0] if len(time_s) > 1 else 1.0
@@ -110,26 +112,38 @@ def write_series(folder: Path, run: Course) -> list[str]:
 
 
 def similarities(a: Course, b: Course) -> list[dict]:
-    """ρ of every terminal's series in two courses and what ρ hides, a row each; ρ None where a series is constant."""
+    """ρ of every terminal's series in two courses and what ρ hides, a row each; ρ None where a series is constant, and all
+    None, with a reason, where one has instants without a value."""
+    kept = ("rho", "rho_interval", "lag", "bias", "rmse", "slope", "independent_samples", "blind_spots")
     rows = []
     for column, terminal in enumerate(a.terminals):
         for quantity in QUANTITIES:
             pair = [Series(name=c.name, time_s=c.time_s, value=getattr(c, quantity)[:, column]) for c in (a, b)]
-            found = as_document(compare(*pair, max_lag=min(MAX_LAG, len(a.time_s) - 1)))
-            kept = ("rho", "rho_interval", "lag", "bias", "rmse", "slope", "independent_samples", "blind_spots")
-            rows.append({"terminal": terminal, "quantity": quantity} | {key: found[key] for key in kept})
+            unheard = next((reason for reason in (_unheard(series.value) for series in pair) if reason), None)
+            found = dict.fromkeys(kept) | {"reason": unheard}
+            if not unheard:
+                found |= as_document(compare(*pair, max_lag=min(MAX_LAG, len(a.time_s) - 1)))
+            rows.append({"terminal": terminal, "quantity": quantity} | {key: found[key] for key in (*kept, "reason")})
     return rows
 
 
 def summary(run: Course, offered_bps: float) -> list[dict]:
-    """A row of figures per terminal."""
+    """A row of figures per terminal, over the instants at which its station was heard; None, with the reason, where never."""
     rows = []
     for column, terminal in enumerate(run.terminals):
         sinr_db, udp_bps, tcp_bps = (getattr(run, quantity)[:, column] for quantity in QUANTITIES)
+        heard = sinr_db[np.isfinite(sinr_db)]
+        mean, low, high = (float(pick(heard)) if heard.size else None for pick in (np.mean, np.min, np.max))
         rows.append({
-            "run": run.name, "terminal": terminal, "sinr_db_mean": float(sinr_db.mean()), "sinr_db_min": float(sinr_db.min()),
-            "sinr_db_max": float(sinr_db.max()), "cqi_median": float(np.median(run.cqi[:, column])),
+            "run": run.name, "terminal": terminal, "sinr_db_mean": mean, "sinr_db_min": low, "sinr_db_max": high,
+            "reason": _unheard(sinr_db), "cqi_median": float(np.median(run.cqi[:, column])),
             "udp_bps_mean": float(udp_bps.mean()), "udp_loss": float(1 - udp_bps.mean() / offered_bps),
             "tcp_bps_mean": float(tcp_bps.mean()),
         })  # fmt: skip
     return rows
+
+
+def _unheard(values: np.ndarray) -> str | None:
+    """Why values are missing: a sentence, None where none is."""
+    missing = int(np.isnan(values).sum())
+    return f"nothing of its station was heard at {missing} of {values.size} instants" if missing else None
