@@ -8,7 +8,7 @@ set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 part=${1:-}
 shift || true
-work=$(mktemp -d "${TMPDIR:-/tmp}/gr cast.XXXXXX")
+work=$(mktemp -d "${TMPDIR:-/tmp}/gr_cast.XXXXXX")
 trap 'rm -rf --one-file-system "$work"' EXIT
 
 as_user() { # without root's rights, in a home that nothing can be written to
@@ -42,14 +42,16 @@ debian)
     suite=${1:?SUITE is missing, such as trixie}
     shift
     system=$work/system
-    trap 'umount "$work/system/proc" 2>/dev/null; rm -rf --one-file-system "$work"' EXIT
-    debootstrap --variant=minbase "$suite" "$system"
+    trap 'umount "$system/proc" "$system/dev" 2>/dev/null || true; rm -rf --one-file-system "$work"' EXIT
+    debootstrap --variant=minbase "$suite" "$system" >/dev/null
     mount -t proc proc "$system/proc"
-    git clone -q "$root" "$system/root/gr cast"
+    mount --bind /dev "$system/dev"
+    git clone -q "$root" "$system/root/a checkout"
     source "$root/apps/setup.sh"
     more=(python3-pytest python3-hypothesis python3-pytest-timeout python3-pytest-xdist git)
+    chroot "$system" apt-get update -qq
     chroot "$system" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${run_packages[@]}" "${more[@]}" >/dev/null
-    chroot "$system" bash -c 'cd "/root/gr cast" && source apps/setup.sh && build "$root/build" && /usr/bin/python3 -m pytest -q "$@"' - "$@"
+    chroot "$system" bash -c 'cd "/root/a checkout" && source apps/setup.sh && build "$root/build" && /usr/bin/python3 -m pytest -q "$@"' - "$@"
     ;;
 *)
     sed -n 's/^# \?//;4,6p' "${BASH_SOURCE[0]}" >&2

@@ -40,3 +40,24 @@ def test_a_step_holds_the_mean_of_what_was_measured_in_it_and_empty_ones_are_int
     found = resampled(uneven, 1.0)
     assert np.array_equal(found.time_s, [2, 3, 4, 5]) and np.array_equal(found.value, [2, 5, 7.5, 10])
     assert found.is_uniform and found.step_s == 1 and not uneven.is_uniform
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("time_s,value,value\n0,1,2\n1,2,3\n", "two columns are named value"),
+        ("time_s,values\n0,1\n1,2\n", "no column value; has time_s, values"),
+        ("time_s,value\n0,1\n1,2,3\n", "row 2: got 3 cells, the header has 2"),
+        ("", "is empty"),
+        ("time_s,value\n0,1\n", "got 1 samples, needs 2 or more"),
+        ("time_s,value\n0,1\n0,2\n", "got 0 s after 0 s, needs to ascend"),
+        ("time_s,value\n0,1\n,2\n", "sample 1 is not a finite number of s"),
+        ("time_s,value\n0,1\n1,inf\n", "value at 1 s is infinite"),
+    ],
+)
+def test_what_is_no_series_is_refused_and_its_fault_is_named(tmp_path, text, says):
+    (tmp_path / "s.csv").write_text(text)
+    with pytest.raises(CastError, match=says):
+        read(tmp_path / "s.csv")
+    (tmp_path / "good.csv").write_text("time_s,value,note,note\n0,1,a,b\n1,2,c,d\n")  # a name that nobody asks for may be there twice
+    assert np.array_equal(read(tmp_path / "good.csv").value, [1, 2])
