@@ -46,6 +46,20 @@ def progress(what: str, done: int, total: int) -> None:
     print(f"\r{what}: {done} of {total}", end="" if _shown else "\n", file=sys.stderr, flush=True)
 
 
+def check_ranges(args, ranges: dict) -> None:
+    """Options within what they can mean, {name: (low, high, unit)}; those that were not given pass, NaN does not.
+
+    Raises CastError, a line per option.
+    """
+    faults = [
+        f"--{name.replace('_', '-')}: got {value}, needs {low:g} to {high:g} {unit}".rstrip()
+        for name, (low, high, unit) in ranges.items()
+        if (value := getattr(args, name, None)) is not None and not low <= value <= high
+    ]
+    if faults:
+        raise CastError(*faults)
+
+
 def _say(line: str) -> None:
     print("\n" * _shown + line, file=sys.stderr)
 

@@ -20,6 +20,16 @@ from gr_cast.signals import recording
 from gr_cast.twin.document import Waveform, read_twin
 from gr_cast.twin.playback import Conditions, Playback
 
+_RANGES = {
+    "seed": (0, 2**64 - 1, ""),
+    "noise_power_db": (-400, 400, "dB"),
+    "snr_db": (-400, 400, "dB"),
+    "gain_db": (-400, 400, "dB"),
+    "threads": (0, 1024, "threads"),
+    "report": (0.01, 1e6, "s"),
+    "carrier_offset": (-1e12, 1e12, "Hz"),
+}
+
 
 def _noise_power(args) -> float:
     if args.snr_db is not None:
@@ -335,6 +345,7 @@ def main(argv=None) -> int:
 
     argv = sys.argv[1:] if argv is None else argv
     args = _program.parse(parser, ["play", *argv] if "--twin" in argv[:1] else argv)
+    _program.check_ranges(args, _RANGES)
     return args.function(args) or 0
 
 

@@ -21,6 +21,13 @@ from gr_cast.signals.waveform import spec_from_text, waveform_from_file, wavefor
 from gr_cast.sounding import calibration, code_comparison, path_loss, result, transmission_log
 from gr_cast.sounding.sound import LinkBudget, SoundingOptions, sound
 
+_RANGES = {
+    "seed": (0, 2**64 - 1, ""),
+    "noise": (-400, 400, "dB"),
+    "offset": (-1e12, 1e12, "Hz"),
+    "max_spread": (0, 0.1, "s"),
+}
+
 
 def _arguments() -> argparse.ArgumentParser:
     formatter = argparse.ArgumentDefaultsHelpFormatter
@@ -224,8 +231,6 @@ def _run(args) -> None:
     scenario = scenarios.load(args.scenario)
     links = _links(args, scenario)
     _options(args, {}, 0.0)
-    if args.seed < 0:
-        raise CastError(f"--seed: got {args.seed}, needs 0 or more")
     for transmitter in {tx for tx, _ in links}:  # refused before anything is replaced
         emulated_network(scenario, [transmitter], [rx for tx, rx in links if tx == transmitter], args.rate)
     folder = result.output_folder(args.output)
@@ -489,6 +494,7 @@ def main(argv=None) -> int:
     if not argv or (argv[0].startswith("-") and argv[0] not in ("-h", "--help", "--version")):
         argv = ["run", *argv]
     args = _program.parse(_arguments(), argv)
+    _program.check_ranges(args, _RANGES)
     return COMMANDS[args.command](args) or 0
 
 

@@ -259,6 +259,8 @@ def test_a_scenario_that_moves_is_played_to_the_sample_however_fast_its_recordin
     ("arguments", "says"),
     [
         (["--rate", "0"], "--rate"),
+        (["--rate", "1e6", "--threads", "-1", "--seed", "-1"], "--seed: got -1"),
+        (["--rate", "1e6", "--noise-power-db", "nan"], "needs -400 to 400 dB"),
         (["--rate", "1e6", "--control-key", "absent"], "no --control ADDRESS"),
         (["--rate", "1e6", "--control", "ipc://c", "--control-key", "absent"], "absent"),
         (["--rate", "1e6", "--port", "zz:tx=null"], "no such node"),

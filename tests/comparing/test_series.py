@@ -59,5 +59,7 @@ def test_what_is_no_series_is_refused_and_its_fault_is_named(tmp_path, text, say
     (tmp_path / "s.csv").write_text(text)
     with pytest.raises(CastError, match=says):
         read(tmp_path / "s.csv")
-    (tmp_path / "good.csv").write_text("time_s,value,note,note\n0,1,a,b\n1,2,c,d\n")  # a name that nobody asks for may be there twice
+    (tmp_path / "good.csv").write_text(
+        "time_s,value,note,note\n0,1,a,b\n1,2,c,d\n"
+    )  # a name that nobody asks for may be there twice
     assert np.array_equal(read(tmp_path / "good.csv").value, [1, 2])

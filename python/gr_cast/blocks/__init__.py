@@ -2,6 +2,6 @@
 """The GNU Radio blocks of gr-cast: the only door to GNU Radio in this package."""
 
 from .cast_python import *  # noqa: F403
-from .home import settle_buffers
+from .home import settle
 
-settle_buffers()
+settle()

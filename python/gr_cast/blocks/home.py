@@ -1,29 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """GNU Radio where HOME cannot be written to."""
 
+import atexit
 import os
+import shutil
 import tempfile
 from pathlib import Path
 
-from gnuradio import blocks, gr
 
-
-def settle_buffers() -> None:
-    """Let GNU Radio choose its kind of buffer now where HOME cannot be written to.
-
-    It does so once in a process and notes it in HOME/.gnuradio; where it cannot, the first flowgraph ends with an error.
-    """
+def settle() -> None:
+    """Give GNU Radio a HOME that it can write to: it keeps notes and locks there, and without them ends its first flowgraph or
+    transform with an error. What lies in the user's own data folder is still found there."""
     home = os.environ.get("HOME")
     if not home or _takes_notes(Path(home) / ".gnuradio"):
         return
-    with tempfile.TemporaryDirectory() as elsewhere:
-        os.environ["HOME"] = elsewhere
-        try:
-            top = gr.top_block()
-            top.connect(blocks.null_source(1), blocks.head(1, 1), blocks.null_sink(1))
-            top.run()
-        finally:
-            os.environ["HOME"] = home
+    elsewhere = tempfile.mkdtemp(prefix="gr_cast-home-")
+    atexit.register(shutil.rmtree, elsewhere, ignore_errors=True)
+    os.environ["XDG_DATA_HOME"] = os.environ.get("XDG_DATA_HOME") or f"{home}/.local/share"
+    os.environ["HOME"] = elsewhere
 
 
 def _takes_notes(folder: Path) -> bool:
@@ -31,4 +25,4 @@ def _takes_notes(folder: Path) -> bool:
         folder.mkdir(exist_ok=True)
     except OSError:
         return False
-    return os.access(folder, os.W_OK | os.X_OK)
+    return os.access(folder, os.W_OK | os.X_OK) and os.access(folder.parent, os.W_OK | os.X_OK)

@@ -24,6 +24,7 @@ from .scene import Path, Scene, Source
 
 LONGEST_PERIOD = 1 << 16  # up to here a repeated waveform is taken as a circle, exactly
 STREAMS = 16  # noise streams of one effect
+MOST_SAMPLES = 1 << 53  # so far a double counts them
 FAR = 1 << 40  # first number of the noise, so that ends before the first sample have some
 
 
@@ -156,8 +157,8 @@ class Playback:
         self, case: Case, observation: Observation, count: int, conditions: Conditions | None = None, grid: Grid | None = None
     ):
         conditions, self.grid = conditions or Conditions(), grid or Grid()
-        if count < 1:
-            raise CastError(f"duration: got {count} samples, needs 1 or more")
+        if not 1 <= count <= MOST_SAMPLES:
+            raise CastError(f"duration: got {count:g} samples, needs 1 to {MOST_SAMPLES:g}")
         self.case, self.observation, self.count, self.conditions = case, observation, count, conditions
         here = {id(e) for e in twin_effects(case, observation)}
         self.entries = [(k, e) for k, e in enumerate(case.effects) if id(e) in here]
