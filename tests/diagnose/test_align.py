@@ -8,6 +8,7 @@ import pytest
 import yaml
 from conftest_world import RATE_HZ, noise, sent_once
 from gr_cast.diagnose import align, policy, read_case
+from gr_cast.diagnose.search import refit
 from gr_cast.signals import recording
 from gr_cast.twin import document
 
@@ -148,3 +149,66 @@ def test_a_waveform_that_is_sent_once_is_found_under_a_carrier_of_a_tenth_of_the
     y[137 : 137 + len(x)] += x * np.exp(2j * np.pi * carrier * np.arange(len(x)))
     found = burst(np.conj(y) if inverted else y, x)
     assert align.locate(found, found.observations[0]) == (137, inverted)
+
+
+def test_what_is_like_itself_is_not_taken_for_the_beginning_of_a_burst(burst):
+    rng = np.random.default_rng(31)
+    symbol, x = noise(rng, 100), noise(rng, 6_000)
+    x += np.tile(symbol, 60)  # and so it is once more, half as well, after every 100 samples
+    y, at = noise(rng, 5_900, 0.1), 2_218  # later than what is looked at first
+    y[at:] += 0.2 * x[: len(y) - at] * np.exp(0.4j)
+    found = burst(y, x)
+    assert align.locate(found, found.observations[0]) == (at, False)
+
+
+def carrying(world, tmp_path, hz, entries):
+    """The fit of a twin that tells `entries`, [(family, parameter, value, std)], to a recording that turns with `hz`."""
+    twin = world.twin() | {
+        "effects": [
+            {"family": family, "owner": {"level": "rx", "name": "rx1"}, "parameters": {name: {"value": value, "std": std}}}
+            for family, name, value, std in entries
+        ]
+    }
+    world.twin = lambda: twin
+    y = world.noisy(world.clean() * np.exp(2j * np.pi * hz * world.n / RATE_HZ))
+    case = read_case(world.write(tmp_path / "case", y))
+    _, data, model = align.build(case, case.observations[0])
+    return refit(data, model)
+
+
+@pytest.mark.parametrize("sigmas", [-1.7, 0.3, 2.5])
+def test_a_twins_carrier_is_where_the_recording_has_it_within_what_the_twin_leaves_open(world, tmp_path, sigmas):
+    fit = carrying(world, tmp_path, 900.0 + 150.0 * sigmas, [("carrier_frequency_offset", "offset_hz", 900.0, 150.0)])
+    assert fit.sigma2 < 1.1 * world.noise_rms**2
+
+
+def test_a_twins_carrier_is_not_where_the_twin_says_it_cannot_be(world, tmp_path):
+    fit = carrying(world, tmp_path, 900.0 + 10 * 150.0, [("carrier_frequency_offset", "offset_hz", 900.0, 150.0)])
+    assert fit.sigma2 > 5 * world.noise_rms**2
+
+
+def test_a_carrier_beside_a_fast_clock_may_be_told_in_the_seconds_of_either(world, tmp_path):
+    carrier, clock = 90e3, 200e-6  # as told; seen by that clock it lies 18 Hz off
+    told = [("carrier_frequency_offset", "offset_hz", carrier, 0.0), ("sample_clock_offset", "offset_ppm", 1e6 * clock, 0.0)]
+    lines, period = np.fft.fft(world.x) / len(world.x), len(world.x)
+    tones = [(a, np.fft.fftfreq(period)[k]) for k, a in enumerate(lines) if k != period // 2]
+    world.path = lambda delay: sum(a * np.exp(2j * np.pi * f * (world.n * (1 + clock) - delay - 37)) for a, f in tones)
+    fit = carrying(world, tmp_path, carrier * (1 + clock), told)
+    assert fit.sigma2 < 1.5 * world.noise_rms**2
+
+
+@pytest.mark.parametrize("late", [0, 100, 777])
+def test_of_a_repeated_waveform_nothing_is_fitted_where_it_is_not_known(tmp_path, late):
+    rng = np.random.default_rng(41)
+    x = noise(rng, 1_000)
+    recording.write(
+        tmp_path / "recording", np.resize(np.roll(x, late), 20_000) + noise(rng, 20_000, 0.01), sample_rate_hz=RATE_HZ
+    )
+    x[400:700] = np.nan
+    found = sent_once(tmp_path, np.resize(np.roll(np.nan_to_num(x), late), 20_000), x)
+    twin = (tmp_path / "twin.yaml").read_text().replace("repeat: false", "repeat: true")
+    (tmp_path / "twin.yaml").write_text(twin)
+    found = read_case(tmp_path)
+    _, data, _ = align.build(found, found.observations[0])
+    fitted = (np.flatnonzero(data.use) - late) % 1_000
+    assert len(fitted) > 8_000 and not ((fitted >= 400) & (fitted < 700)).any()

@@ -9,10 +9,10 @@ from scipy import fft as sp_fft
 
 from ..twin.effects import FAMILIES, Role, with_role
 from ..twin.effects.base import start
-from ..twin.entries import effect_of, lost_before, plain, source_of, told_noise_db, twin_effects
+from ..twin.entries import effect_of, in_either_seconds, lost_before, plain, source_of, told_noise_db, twin_effects
 from ..twin.model import Model, predict
 from ..twin.scene import PAD, Path, Scene, Source, reach
-from . import delays, pieces, presence
+from . import delays, offsets, pieces, presence
 from .fit import Data
 from .policy import (
     ALIGN_MARGIN,
@@ -23,6 +23,7 @@ from .policy import (
     HIGHEST_LAG,
     LEAST_GATHERED,
     LEAST_PART,
+    LONGEST_EVERYWHERE,
     LONGEST_FAST,
     LONGEST_PART,
     LONGEST_SCAN,
@@ -30,6 +31,7 @@ from .policy import (
     LOWEST_LAG,
     MOST_PARTS,
     MOSTLY,
+    NEAR_MOST,
     PART,
     PART_OF_PIECES,
 )
@@ -178,23 +180,23 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
     signals = [np.conj(y) * turn] if told else [y * turn, np.conj(y) * turn]
     if about:
         return delays.near(signals[about[1]], sources, low + about[0], reach=64)[0] - low, about[1]
-    near = []
-    if not sources[0].repeat and len(sources[0].samples) >= n and n > 4000:
-        near = [delays.near(signal, sources, low - observation.first, reach=2048) for signal in signals]
-    if any(clear for *_, clear in near):
-        found = [delay for delay, *_ in near]
-    else:
-        find = delays.of_repeated if sources[0].repeat else delays.of_sent_once
-        found = [find(signal, sources, taps, rate) for signal in signals]
     period = len(sources[0].samples) if sources[0].repeat else 0
-    tried = period or n + len(sources[0].samples)
+    tried, find = period or n + len(sources[0].samples), delays.of_repeated if period else delays.of_sent_once
+    near = []
+    if not period and len(sources[0].samples) >= n and n > 4000:
+        near = [delays.near(signal, sources, low - observation.first, reach=2048) for signal in signals]
+    clear = any(clear for *_, clear in near)
+    most = clear and max(share for _, share, clear in near if clear) > NEAR_MOST
 
     def likelier(signals, found) -> int | None:
         return presence.likelier(
             [(s, *_sent_at(sources, taps, rate, d, n)) for s, d in zip(signals, found, strict=True)], period, tried
         )
 
-    best = likelier(signals, found)
+    found = [delay for delay, *_ in near] if clear else []
+    if not most and (not clear or tried <= LONGEST_EVERYWHERE):  # what is like itself stands out at a wrong delay too
+        found += [find(signal, sources, taps, rate) for signal in signals]
+    best = likelier([*signals, *signals][: len(found)], found)
     for carrier in FAST if best is None and not period and tried <= LONGEST_FAST else ():
         turned = [s * np.exp(-2j * np.pi * carrier * np.arange(n)) for s in signals]
         elsewhere = [delays.of_sent_once(s, sources, taps, rate) for s in turned]
@@ -202,7 +204,7 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
         if best is not None:
             found = elsewhere
             break
-    return found[best or 0] - low, best == 1
+    return found[best or 0] - low, (best or 0) % 2 == 1
 
 
 def _sent_at(sources, taps, rate: float, delay: int, n: int):
@@ -278,7 +280,7 @@ def build(case, observation, *, near: tuple[float, bool] | None = None):
         for w in case.waveforms.values()
         if w.name not in on_air and not _is_on_air(case, w.name)
     }
-    data = _known_alone(_data(case, observation, scene, y))
+    data = _known_alone(_data(case, observation, scene, y, delay if repeat else 0))
     scene, y = data.scene, data.y
     scene.rms = float(np.sqrt(np.mean(np.abs(y) ** 2)))
     scene.floor = data.noise_power or scene.floor
@@ -286,8 +288,10 @@ def build(case, observation, *, near: tuple[float, bool] | None = None):
     model = Model(base=base)
     for entry in twin:
         model = model.adding(effect_of(scene, entry))
+    model = replace(model, effects=in_either_seconds(scene, model.effects))
     if flip:
         model = model.adding(start(with_role(Role.ORIENTATION), []))
+    model = offsets.within_told(data, model)
     chain = predict(scene, model)
     w = data.root
     overlap = np.vdot(chain.y * w, y * w) / max(np.vdot(chain.y * w, chain.y * w).real, 1e-30)
@@ -295,7 +299,7 @@ def build(case, observation, *, near: tuple[float, bool] | None = None):
         overlap = np.conj(overlap)
     if abs(overlap) < 1e-9:
         overlap = np.sqrt(np.mean(np.abs(y) ** 2) / max(np.mean(np.abs(chain.y) ** 2), 1e-30)) * 1e-3
-    model = Model(base=np.concatenate([[base[0], overlap.real, overlap.imag], base[3:]]), effects=model.effects)
+    model = replace(model, base=np.concatenate([[model.base[0], overlap.real, overlap.imag], model.base[3:]]))
     return scene, data, model
 
 
@@ -366,10 +370,10 @@ def split(valid: np.ndarray, seed: int = 1) -> np.ndarray:
     return valid & (number % 8 == chosen[number // 8])
 
 
-def _data(case, observation, scene, y) -> Data:
+def _data(case, observation, scene, y, delay: float) -> Data:
     n = len(y)
     spread = max(p.delay for p in scene.taps)
-    valid = reach(scene, LOWEST_LAG - 8, int(np.ceil(spread)) + HIGHEST_LAG + 8)
+    valid = reach(scene, LOWEST_LAG - 8, int(np.ceil(spread)) + HIGHEST_LAG + 8, delay)
     edge = min(EDGE, n // 40)
     valid[:edge] = valid[n - edge :] = False
     vault = np.ones(n, bool) if observation.vault else split(valid)

@@ -24,6 +24,7 @@ from .policy import (
     LONGEST_STRETCH,
     OFFSET_PIECE,
     TEETH,
+    TOLD_SIGMA,
     WORST_CLOCK,
 )
 
@@ -51,6 +52,33 @@ def models(data, model: Model) -> list[Model]:
             other = other.adding(start(with_role(Role.CLOCK), [_of_one_oscillator(scene, offset)], trials=20))
         out.append(_best_tooth(data, other))
     return out
+
+
+def turning(data, model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """(cycles over the recording, magnitude) of the spectrum in which a recording turns against a model."""
+    product = data.scene.spread(data.y * np.conj(predict(data.scene, model).wanted) * data.use)
+    product = np.conj(product) if model.inverted else product
+    size = sp_fft.next_fast_len(4 * len(product))
+    return sp_fft.fftfreq(size) * len(product), np.abs(sp_fft.fft(product, size))
+
+
+def within_told(data, model: Model) -> Model:
+    """The model where the recording has the twin's own oscillators: its delay anywhere that a clock which the twin knows moves it
+    to over the recording, its carrier as far off as the twin's standard deviation allows. Nearer, a fit finds both."""
+    at = model.index_of(Role.CARRIER)
+    told = 0.0 if at is None else TOLD_SIGMA * model.effects[at].aux.get("_told", [0.0])[0]
+    gained = sum(e.p[0] for e in model.effects if plays(e, Role.CLOCK))
+    if abs(gained) < 1.0 and told < CARRIER_STEP:
+        return model
+    late = np.arange(-1, np.ceil(abs(gained)) + 2) * np.sign(gained) if abs(gained) >= 1.0 else [0.0]
+    models = [replace(model, base=np.concatenate([[model.base[0] + d], model.base[1:]])) for d in late]
+    model = max(models, key=lambda m: turning(data, m)[1].max())
+    if told < CARRIER_STEP:
+        return model
+    cycles, magnitude = turning(data, model)
+    moved = cycles[int(np.argmax(np.where(np.abs(cycles) <= told, magnitude, 0.0)))]
+    own = model.effects[at]
+    return model.replacing(at, own.moved(own.p + moved * (np.arange(len(own.p)) == 0)))
 
 
 def _best_tooth(data, model: Model) -> Model:

@@ -17,6 +17,8 @@ LONGEST_SCAN = 1 << 21  # samples in which a waveform that is shorter than the r
 ALIGN_MARGIN = 64  # samples kept around what is known of a short recording
 LONGEST_FAST = 1 << 16  # samples, of recording and waveform, up to which a waveform that is sent once is looked for fast turning
 FAST = (-0.03, 0.03, -0.06, 0.06, -0.09, 0.09)  # carriers in cycles per sample, each of which finds those beside it
+NEAR_MOST = 0.5  # of the energy, that a delay near the beginning must hold: then it has no better one elsewhere
+LONGEST_EVERYWHERE = 1 << 20  # samples, of recording and waveform, up to which a better one is looked for
 EDGE = 24  # samples at either end that a filter's memory makes uncertain
 
 # ambiguity
@@ -133,6 +135,7 @@ EARLY, LATE = -8, 24  # lags around the twin's delay in which a link's energy ma
 WORST_CLOCK = 30e-6
 CLOCK_STEP = 0.5  # samples over the recording
 CARRIER_STEP = 0.5  # cycles over the recording
+TOLD_SIGMA = 4.0  # standard deviations of a twin's carrier within which it is the twin's own: more is chance once in 10⁴ twins
 TEETH = 3  # on either side of the likeliest carrier, of the comb that regular stretches make
 LOBES = 0.5  # of a stretch's spectrum, around its peak, in which the carrier is looked for finely
 

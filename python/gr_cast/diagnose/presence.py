@@ -63,7 +63,7 @@ def judge(data, model) -> Presence:
     y, effects = scene.spread(data.y), model.effects
     if model.inverted:  # oscillators are in front of the inversion
         y, effects = np.conj(y), tuple(e for e in effects if not plays(e, Role.ORIENTATION))
-    inside = scene.spread(reach(scene, 0, int(np.ceil(max(p.delay for p in scene.taps)))).astype(float))
+    inside = scene.spread(reach(scene, 0, int(np.ceil(max(p.delay for p in scene.taps))), model.base[0]).astype(float))
     signals = np.array([scene.spread(s) for s in offsets.sent(scene, model.base, effects)])
     source = scene.sources[0]
     period = len(source.samples) if source.repeat else 0

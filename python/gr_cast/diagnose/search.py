@@ -616,18 +616,12 @@ def _gross_offsets(data: Data, model: Model) -> list[Model]:
     scene = data.scene
     if scene.at is not None:
         return offsets.models(data, model)
-    chain = predict(scene, model)
-    y, wanted = data.y, chain.wanted
-    if model.inverted:
-        y, wanted = np.conj(y), np.conj(wanted)
-    product = y * np.conj(wanted) * data.use
-    size = sp_fft.next_fast_len(4 * len(product))
-    spectrum = np.abs(sp_fft.fft(product, size))
+    turns, spectrum = offsets.turning(data, model)
     k = int(np.argmax(spectrum))
-    cycles = (k if k < size // 2 else k - size) * len(product) / size
+    cycles = turns[k]
     if abs(cycles) < 1.0 or spectrum[k] < 2 * spectrum[0]:
         return []
-    offset = start(with_role(Role.CARRIER), [cycles, 0.0], trials=len(product))
+    offset = start(with_role(Role.CARRIER), [cycles, 0.0], trials=scene.span)
     offset = replace(offset, free=FAMILIES[offset.family].settled(scene, offset))
     found = [model.adding(offset)]
     if scene.carrier_hz:

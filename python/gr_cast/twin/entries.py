@@ -61,11 +61,30 @@ def effect_of(scene, entry):
     family = FAMILIES[entry["family"]]
     values = {k: plain(v, scene.name) for k, v in entry["parameters"].items()}
     values = {k: v for k, v in values.items() if v is not None}
-    effect = family.parse(scene, values, {**(entry.get("model") or {}), **_owned(scene, entry["owner"])})
-    effect = family.in_its_part(scene, effect)
-    stds = [v.get("std") or 0.0 for v in entry["parameters"].values() if isinstance(v, dict) and "value" in v]
-    free = effect.free & (family.random or any(s > 0 for s in stds))
-    return replace(effect, fixed=True, free=free)
+    model = {**(entry.get("model") or {}), **_owned(scene, entry["owner"])}
+    read = lambda told: family.in_its_part(scene, family.parse(scene, told, model))  # noqa: E731
+    effect = read(values)
+    told = {k: v.get("std") or 0.0 for k, v in entry["parameters"].items() if isinstance(v, dict) and "value" in v}
+    stds = {k: std for k, std in told.items() if std > 0 and k in values}
+    free = effect.free & (family.random or bool(stds))
+    off = [read({**values, k: values[k] + std}).p for k, std in stds.items() if family.role is Role.CARRIER]
+    aux = {**effect.aux, "_told": np.linalg.norm(np.array(off) - effect.p, axis=0)} if off else effect.aux
+    return replace(effect, fixed=True, free=free, aux=aux)
+
+
+def in_either_seconds(scene, effects: tuple) -> tuple:
+    """A twin's effects with its carrier open by carrier × clock, where it tells both: its Hz may be those of the receiver's clock
+    or of one that is right."""
+    gained = sum(e.p[0] for e in effects if FAMILIES[e.family].role is Role.CLOCK)
+    return tuple(_open_by(scene, e, gained) if gained and FAMILIES[e.family].role is Role.CARRIER else e for e in effects)
+
+
+def _open_by(scene, carrier, gained: float):
+    """A twin's carrier whose cycles may be off by as much as a clock that gains so many samples makes of them."""
+    told = np.array(carrier.aux.get("_told", np.zeros(len(carrier.p))))
+    told[0] = np.hypot(told[0], carrier.p[0] * gained / scene.span)
+    free = carrier.free | (np.arange(len(carrier.p)) == 0)
+    return replace(carrier, free=free, aux={**carrier.aux, "_told": told})
 
 
 def _owned(scene, owner: dict) -> dict:

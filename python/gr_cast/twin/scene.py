@@ -198,9 +198,9 @@ def resampled_spectrum(samples: np.ndarray, size: int = BINS) -> np.ndarray:
     return sp_fft.ifft(np.sqrt(np.mean(np.abs(sp_fft.fft(blocks * np.hanning(size), axis=1)) ** 2, axis=0)))
 
 
-def reach(scene: Scene, low: int, high: int) -> np.ndarray:
-    """(count,) bool: recorded samples for which every waveform sample from `low` to `high` samples back is
-    known."""
+def reach(scene: Scene, low: int, high: int, delay: float = 0.0) -> np.ndarray:
+    """(count,) bool: recorded samples for which every waveform sample from `low` to `high` samples back is known, once what was
+    sent is `delay` samples late."""
     valid = np.ones(scene.count, bool)
     for source in scene.sources:
         bad = ~source.known
@@ -214,7 +214,7 @@ def reach(scene: Scene, low: int, high: int) -> np.ndarray:
         count = np.concatenate([[0], np.cumsum(line)])
         hit = count[high - low + 1 :] - count[: -(high - low + 1)] > 0
         if source.repeat:
-            valid &= ~hit[scene.wrap(len(bad))]
-        else:
+            valid &= ~np.roll(hit, round(delay))[scene.wrap(len(bad))]
+        else:  # its window begins with what the recording's first sample is
             valid &= ~hit[PAD : PAD + scene.count]
     return valid

@@ -92,6 +92,7 @@ AUX = {
     "whole": "told by all parts of a recording together",
     "nats": "evidence that was measured otherwise than by fits with and without it",
     "entry": "number of the twin's entry that it plays",
+    "_told": "standard deviations of the numbers that the twin tells of them",
     "_std": "standard deviations of the numbers, found by a search",
     "_stds": "standard deviations of the contract's parameters, found otherwise than by a fit",
     "_variance": "variances of the numbers of a course around its estimate",
