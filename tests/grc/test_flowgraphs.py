@@ -64,10 +64,12 @@ def test_the_palette_lists_every_block_in_the_order_of_the_data_flow(compiled):
     ordered = sorted(palette, key=lambda key: (palette[key], key))
     assert ordered == [
         "cast_glfsr_source",
+        "cast_usrp_sink",
         "cast_channel_emulator",
         "cast_scenario_emulator",
         "cast_twin_receiver",
         "cast_bpsk_correlator",
+        "cast_usrp_source",
         "cast_zmq_replier",
         "cast_zmq_requester",
     ]
@@ -156,21 +158,23 @@ import json
 import fake_usrp
 from gr_cast.signals import codes
 
-calls = fake_usrp.plug_in(codes.glfsr(9), air_rate=25e6)
+import time
+
+calls = fake_usrp.plug_in(codes.glfsr(9), air_rate=25e6, **json.loads(sys.argv[2]))
 told = dict(device="addr=192.168.40.2", frequency=2.4e9, samp_rate=25e6, gain=15, antenna="RX1",
-            subdevice="B:0", clock_source="external", time_source="gpsdo", start_s=2)
+            subdevice="B:0", clock_source="external", time_source="gpsdo")
 """
 TRANSMIT = """
-import time
 import x310_transmitter
 
-top = x310_transmitter.x310_transmitter(**told, amplitude=0.25)
+at = int(time.time()) + 8
+top = x310_transmitter.x310_transmitter(**told, start_at=str(at), amplitude=0.25)
 top.start()
 while len(fake_usrp.Radio.sent.data()) < 2000:
     time.sleep(0.01)
 top.stop()
 top.wait()
-print("CALLS", json.dumps([calls, [x.real for x in fake_usrp.Radio.sent.data()[:1022]]]))
+print("CALLS", json.dumps([at, calls, [x.real for x in fake_usrp.Radio.sent.data()[:1022]]]))
 """
 RECEIVE = """
 from gnuradio import blocks
@@ -178,7 +182,8 @@ from PyQt5 import Qt
 import x310_receiver
 
 app = Qt.QApplication(sys.argv)
-top = x310_receiver.x310_receiver(**told)
+at = int(time.time()) + 8
+top = x310_receiver.x310_receiver(**told, start_at=str(at))
 sink, head = blocks.vector_sink_f(511), blocks.head(4 * 511, 50)
 top.connect((top.correlator, 1), head, sink)
 top.start()
@@ -187,37 +192,47 @@ Qt.QTimer.singleShot(2000, app.quit)
 app.exec_()
 top.stop()
 top.wait()
-print("CALLS", json.dumps([calls, list(sink.data())]))
+print("CALLS", json.dumps([at, calls, list(sink.data())]))
 """
-SET_UP = [  # the comma in front is GNU Radio Companion's: address and arguments joined
-    ["make", ",addr=192.168.40.2", "fc32", "sc16", [0]],
-    ["set_clock_source", "external", 0],
-    ["set_time_source", "gpsdo", 0],
-    ["set_subdev_spec", "B:0", 0],
-    ["set_samp_rate", 25e6],
-    ["set_time_unknown_pps", 0.0],
-    ["set_center_freq", 2.4e9, 0],
-    ["set_antenna", "RX1", 0],
-    ["set_gain", 15, 0],
-    ["set_start_time", 2.0],
-]
 
 
-def with_fake_radio(home, program):
-    command = ["/usr/bin/python3", "-c", RADIO + program, str(ROOT / "tests" / "blocks")]
-    done = run(command, home, QT_QPA_PLATFORM="offscreen")
-    return json.loads(re.search(r"CALLS (.*)", done.stdout)[1])
+def set_up(at):
+    """What the radio is told, but for the second of the pulse at which its clock is set."""
+    return [
+        ["make", "addr=192.168.40.2", "fc32", "sc16", [0]],
+        ["set_clock_source", "external", 0],
+        ["set_time_source", "gpsdo", 0],
+        ["set_subdev_spec", "B:0", 0],
+        ["set_samp_rate", 25e6],
+        ["set_center_freq", 2.4e9, 0],
+        ["set_gain", 15, 0],
+        ["set_antenna", "RX1", 0],
+        ["set_start_time", at],
+    ]
+
+
+def with_fake_radio(home, program, **answers):
+    command = ["/usr/bin/python3", "-c", RADIO + program, str(ROOT / "tests" / "blocks"), json.dumps(answers)]
+    env = cast_grc.environment(os.environ) | {"HOME": str(home), "GR_DONT_LOAD_PREFS": "1", "QT_QPA_PLATFORM": "offscreen"}
+    return subprocess.run(command, env=env, cwd=home, capture_output=True, text=True, timeout=240)
+
+
+def told_by(done):
+    assert done.returncode == 0, done.stdout + done.stderr
+    at, calls, seen = json.loads(re.search(r"CALLS (.*)", done.stdout)[1])
+    ((_, pulse),) = [call for call in calls if call[0] == "set_time_next_pps"]
+    assert at - 8 <= pulse < at
+    assert [call for call in calls if call[0] != "set_time_next_pps"] == set_up(at)
+    return seen
 
 
 def test_the_x310_transmitter_sets_the_radio_up_and_sends_the_code(compiled):
-    calls, sent = with_fake_radio(compiled[0], TRANSMIT)
-    assert calls == SET_UP
+    sent = told_by(with_fake_radio(compiled[0], TRANSMIT))
     assert np.array_equal(sent, np.tile(0.25 * codes.glfsr(9), 2))
 
 
 def test_the_x310_receiver_sets_the_radio_up_and_shows_the_tap(compiled):
-    calls, shown = with_fake_radio(compiled[0], RECEIVE)
-    assert calls == SET_UP
+    shown = told_by(with_fake_radio(compiled[0], RECEIVE))
     magnitude = np.reshape(shown, (-1, 511))
     # Half scale, 5 samples late: at no other delay more than a sidelobe of the m-sequence.
     assert len(magnitude) == 50 and np.allclose(magnitude[:, 5], 0.5, atol=1e-5)
@@ -230,8 +245,26 @@ def test_a_radio_flowgraph_without_a_radio_says_so(compiled, name):
     env = cast_grc.environment(os.environ) | {"HOME": str(home), "QT_QPA_PLATFORM": "offscreen"}
     command = ["/usr/bin/python3", f"{name}.py", "-a", "addr=192.0.2.1"]
     done = subprocess.run(command, env=env, cwd=home, capture_output=True, text=True, timeout=120)
-    assert done.returncode != 0
-    assert "No devices found" in done.stderr
+    assert done.returncode == 2
+    (line,) = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert (
+        "Traceback" not in done.stderr
+        and line.startswith("error: device: got arguments 'addr=192.0.2.1'")
+        and "No devices found" in line
+    )
+
+
+@pytest.mark.parametrize(
+    ("program", "answers", "words"),
+    [(TRANSMIT, {"samp_rate": 25.6e6}, "master clock"), (RECEIVE, {"gain": 11.5}, "11.5 dB"),
+     (TRANSMIT, {"ref_locked": False}, "does not lock")],
+    ids=["rate", "gain", "lock"],
+)  # fmt: skip
+def test_a_radio_flowgraph_reads_back_what_the_device_does(compiled, program, answers, words):
+    done = with_fake_radio(compiled[0], program, **answers)
+    assert done.returncode == 2
+    (line,) = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert words in line and "Traceback" not in done.stderr
 
 
 def test_an_unknown_flowgraph_is_refused_with_the_names_of_the_shipped_ones():

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """USRP X310s by gr-uhd: one place that sets a radio up, for transmitting and receiving alike."""
 
+import sys
 import time
 from dataclasses import dataclass
 from datetime import datetime
@@ -81,6 +82,15 @@ def usrp_source(settings: RadioSettings, cpu_format: str = "fc32"):
     from gnuradio import uhd
 
     return _configured(uhd.usrp_source, settings, cpu_format, uhd)
+
+
+def for_flowgraph(make, *, start_at: str = "", **settings):
+    """`make(RadioSettings(…))` of a generated flowgraph, which ends with what is refused, a line each, and status 2."""
+    try:
+        return make(RadioSettings(start_at_s=second_of(start_at) if start_at else None, **settings))
+    except CastError as error:
+        print(*(f"error: {fault}" for fault in error.faults), sep="\n", file=sys.stderr)
+        sys.exit(2)
 
 
 def _configured(block, settings: RadioSettings, cpu_format: str, uhd):
