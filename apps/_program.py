@@ -4,6 +4,7 @@
 import argparse
 import contextlib
 import os
+import re
 import select
 import sys
 from pathlib import Path
@@ -34,6 +35,33 @@ def parse(parser: argparse.ArgumentParser, argv=None, namespace=None) -> argpars
 
             argcomplete.autocomplete(parser)
     return parser.parse_args(argv, namespace)
+
+
+_UNITS = {"": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
+_FREQUENCY = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)([kMG]?)(Hz|S/s)?")
+
+
+def _frequency(text: str, least_hz: float, what: str) -> float:
+    match = _FREQUENCY.fullmatch(text)
+    try:
+        value = float(match[1]) * _UNITS[match[2]]
+    except (TypeError, ValueError):
+        raise argparse.ArgumentTypeError(f"got {text!r}, needs a number of Hz, such as 20e6, 20M or 30.72M") from None
+    if 0 < value < least_hz and not match[3]:
+        raise argparse.ArgumentTypeError(
+            f"got {text}, {value:g} Hz: is {match[1]}M meant? {what} below {least_hz:g} Hz needs its unit: {text}Hz"
+        )
+    return value
+
+
+def rate(text: str) -> float:
+    """A sample rate, argparse's type: `20e6`, `20M`, `30.72MS/s`; some hundred samples a second are questioned."""
+    return _frequency(text, 1e3, "a rate")
+
+
+def carrier(text: str) -> float:
+    """A carrier, argparse's type: `2.4e9`, `2.4G`, `2400M`; kilohertz are questioned."""
+    return _frequency(text, 1e6, "a carrier")
 
 
 _shown = False  # whether the last line is one of progress, which the next would go on

@@ -16,7 +16,7 @@ from gr_cast.core.documents import json_text
 from gr_cast.core.errors import CastError
 from gr_cast.emulation.reference import FixedPoint, noise_power_from_snr
 from gr_cast.scenario import load
-from gr_cast.signals import recording
+from gr_cast.signals import on_air, recording
 from gr_cast.twin.document import Waveform, read_twin
 from gr_cast.twin.playback import Conditions, Playback
 
@@ -45,6 +45,11 @@ def _fixed_point(args) -> FixedPoint | None:
     if args.fixed_point is None:
         return None
     return FixedPoint(bits=args.fixed_point, input_full_scale=args.full_scale, output_full_scale=args.output_full_scale)
+
+
+def _told(args) -> dict:
+    """What an emulated recording says of its channel."""
+    return {"cast:scenario": args.scenario, "core:hw": "channel emulator"}
 
 
 def _check_rate(rate_hz: float) -> float:
@@ -92,7 +97,8 @@ def run(args) -> int:
     with ControlServer(args.control, tuple(args.allow_load), key) as control:
         emulation = Emulation(
             load(args.scenario), ports, rate_hz, noise_power=_noise_power(args), seed=args.seed,
-            fixed_point=_fixed_point(args), settings=settings, n_threads=args.threads,
+            fixed_point=_fixed_point(args), settings=settings, n_threads=args.threads, fields=_told(args),
+            cycle=args.cycle,
         )  # fmt: skip
         bulk = emulation.status()["bulk_delay_samples"]
         if bulk:
@@ -113,14 +119,14 @@ def batch(args) -> None:
     for text in args.transmit:
         node, equals, stem = text.partition("=")
         if not (equals and node and stem):
-            raise CastError(f"transmit: got {text!r}, needs NODE=RECORDING")
+            raise CastError(f"transmit: got {text!r}, needs NODE=RECORDING or NODE=CODE, such as a=glfsr:10")
         if node in recordings:
             raise CastError(f"transmit: node {node} is given twice")
         recordings[node] = stem
     run_batch(
-        load(args.scenario), recordings, Path(args.output), receivers=args.receivers, chunk_samples=args.chunk,
-        noise_power=_noise_power(args), seed=args.seed, fixed_point=_fixed_point(args), dask=args.dask,
-        workers=args.workers, progress=lambda done, total: print(
+        load(args.scenario), recordings, Path(args.output), rate_hz=args.rate, duration_s=args.duration, receivers=args.receivers,
+        chunk_samples=args.chunk, noise_power=_noise_power(args), seed=args.seed, fixed_point=_fixed_point(args), dask=args.dask,
+        workers=args.workers, fields=_told(args), cycle=args.cycle, progress=lambda done, total: print(
             f"\r{done}/{total} chunks", end="" if done < total else "\n", file=sys.stderr, flush=True),
     )  # fmt: skip
 
@@ -160,8 +166,23 @@ def play(args) -> None:
         recording.write_stream(
             stems[name], _shown(playback, name), sample_rate_hz=twin.sample_rate_hz,
             center_frequency_hz=args.carrier or observations[name].center_frequency_hz,
-            fields={"cast:twin": Path(args.twin).name, "cast:receiver": observations[name].receiver, "cast:seed": args.seed},
+            fields=_played(twin, observations[name], args),
         )  # fmt: skip
+
+
+def _played(twin, observation, args) -> dict:
+    """What a played recording says of itself."""
+    other = dict(text.split("=", 1) for text in args.transmit)
+    told = {
+        tx: {"file": str(Path(other[tx]).resolve()), "repeat": False} if tx in other else entry
+        for tx, entry in twin.sent(observation).items()
+    }
+    return {
+        "cast:twin": Path(args.twin).name,
+        "cast:receiver": observation.receiver,
+        "cast:seed": args.seed,
+        **on_air.fields(told),
+    }
 
 
 def _conditions(args, twin) -> Conditions:
@@ -258,6 +279,9 @@ def _add_control_key(command) -> None:
 
 def _add_common(command) -> None:
     command.add_argument("scenario", help="catalogue name or file (YAML, Colosseum .mat, Zarr)")
+    command.add_argument(
+        "-c", "--cycle", action="store_true", help="begin the scenario again whenever it ends, as colosseumcli rf start -c does"
+    )
     command.add_argument("--seed", type=int, default=0, help="of the receivers' noise")
     command.add_argument("--noise-power-db", type=float, help="of every receiver, dB re 1 (samples squared)")
     command.add_argument("--snr-db", type=float, help="noise so far below --reference-power")
@@ -273,7 +297,7 @@ def main(argv=None) -> int:
 
     command = commands.add_parser("run", help=run.__doc__, description=run.__doc__)
     _add_common(command)
-    command.add_argument("--rate", type=float, required=True, help="samples/s of every port")
+    command.add_argument("--rate", type=_program.rate, required=True, help="samples/s of every port")
     command.add_argument(
         "--port", action="append", default=[], metavar="NODE:tx|rx=KIND:WHERE",
         help="zmq:ADDRESS (as srsRAN's radio), pubsub:ADDRESS, file:STEM, uhd:ARGS (with frequency=, gain=, antenna=, "
@@ -285,7 +309,7 @@ def main(argv=None) -> int:
         "--allow-load", action="append", type=Path, default=[], metavar="DIR",
         help="whose scenarios `load` may take from another machine, beside the catalogue; repeat",
     )  # fmt: skip
-    command.add_argument("--frequency", type=float, help="carrier of uhd ports in Hz")
+    command.add_argument("--frequency", type=_program.carrier, help="carrier of uhd ports in Hz")
     command.add_argument("--gain", type=float, default=0.0, help="of uhd ports in dB")
     command.add_argument("--antenna", default="", help="of uhd ports; empty: the device's default")
     command.add_argument("--subdevice", default="", help="of uhd ports; empty: the device's default")
@@ -300,7 +324,12 @@ def main(argv=None) -> int:
 
     command = commands.add_parser("batch", help=batch.__doc__, description=batch.__doc__)
     _add_common(command)
-    command.add_argument("--transmit", action="append", default=[], metavar="NODE=RECORDING", required=True)
+    command.add_argument(
+        "--transmit", action="append", default=[], metavar="NODE=RECORDING|CODE", required=True,
+        help="what a node sends: a SigMF recording, or a code again and again, such as a=glfsr:10; repeat for every node",
+    )  # fmt: skip
+    command.add_argument("--rate", type=_program.rate, metavar="HZ", help="samples/s, where all nodes send codes")
+    command.add_argument("--duration", type=float, metavar="S", help="default: as long as the longest recording")
     command.add_argument("--output", required=True, help="folder of the received recordings")
     command.add_argument("--receivers", nargs="+", help="nodes to receive; all without it")
     command.add_argument("--chunk", type=int, default=1 << 20, help="samples that one worker does at a time")
@@ -323,7 +352,9 @@ def main(argv=None) -> int:
     command.add_argument(
         "--transmit", action="append", default=[], metavar="NODE=RECORDING", help="sent once, for the twin's own waveform"
     )
-    command.add_argument("--carrier", type=float, metavar="HZ", help="another carrier: offsets and Dopplers grow with it")
+    command.add_argument(
+        "--carrier", type=_program.carrier, metavar="HZ", help="another carrier: offsets and Dopplers grow with it"
+    )
     command.add_argument(
         "--carrier-offset", type=float, default=0.0, metavar="HZ", help="the transmitter tuned so far from the receiver"
     )

@@ -18,6 +18,7 @@ from gr_cast.report import plot
 from gr_cast.scenario import colosseum
 from gr_cast.scenario.create import p2m, pipeline
 from gr_cast.scenario.create.spec import read as read_spec
+from gr_cast.scenario.reduced import reduced
 
 MAX_ROWS = 40  # of a table on screen; --all shows the rest
 
@@ -84,18 +85,47 @@ def convert(args) -> None:
     scenario = sc.load(args.source)
     if args.every_ms is not None:
         scenario = sc.resampled(scenario, args.every_ms / 1e3)
+    if args.reduce is not None:
+        scenario, nmse_db = reduced(scenario, args.reduce)
+        for key, lost_db in nmse_db.items():
+            print(f"{sc.link_name(key)}: four taps in the place of more: NMSE {lost_db:.1f} dB over {args.reduce / 1e6:g} MHz")
+    srn_of = _srns(args.srn, scenario)
+    weak = colosseum.weak_taps(scenario) if ".mat" in (Path(args.target).suffix, Path(args.source).suffix) else []
+    if weak and args.strict:
+        raise CastError(*(f"{args.target}: {line}" for line in weak))
+    for line in weak:
+        print(f"warning: {line}", file=sys.stderr)
     options = {"form": "static"} if args.static else {}
     if args.static and Path(args.target).suffix != ".mat":
         raise CastError(f"{args.target}: --static is a form of .mat files")
     sc.save(args.target, scenario, **options)
-    numbers = range(1, len(scenario.nodes) + 1)
     if args.radio_map:
-        colosseum.write_radio_map(args.radio_map, {str(n): {"SRN": n, "RadioA": 1, "RadioB": 2} for n in numbers})
+        radios = {n: srn and {"SRN": srn, "RadioA": 1, "RadioB": 2} for n, srn in srn_of.items()}
+        colosseum.write_radio_map(args.radio_map, radios)
     if args.node_map:
-        colosseum.write_node_map(args.node_map, {str(n): n for n in numbers})
+        colosseum.write_node_map(args.node_map, {n: srn for n, srn in srn_of.items() if srn})
     if Path(args.target).suffix == ".mat" and (scenario.base_loss_db or scenario.link_base_loss_db):
         print(f"base losses ({scenario.base_loss_db:.2f} dB) belong to the set-up and are not in the .mat file")
     print(f"{args.target}: {len(scenario.nodes)} nodes, {len(scenario.links)} links")
+
+
+def _srns(pairs: list[str], scenario: sc.Scenario) -> dict[str, int | None]:
+    """Number of every node, as Colosseum counts, to its SRN: its own number, or what `pairs` say; None is unused."""
+    srn_of, faults = {str(n): n for n in range(1, len(scenario.nodes) + 1)}, []
+    number = {node: str(n) for n, node in enumerate(scenario.nodes, 1)}
+    for text in pairs:
+        node, _, srn = text.partition("=")
+        if node not in number or not (srn == "none" or (srn.isdecimal() and 1 <= int(srn) <= colosseum.MAX_SRN)):
+            faults.append(
+                f"--srn: got {text!r}, needs NODE=SRN or NODE=none, SRN 1 to {colosseum.MAX_SRN}, of {', '.join(number)}"
+            )
+            continue
+        srn_of[number[node]] = None if srn == "none" else int(srn)
+    used = [srn for srn in srn_of.values() if srn]
+    faults += [f"--srn: SRN {srn} serves two nodes, each has one of its own" for srn in {s for s in used if used.count(s) > 1}]
+    if faults:
+        raise CastError(*faults)
+    return srn_of
 
 
 def import_paths(args) -> None:
@@ -229,8 +259,15 @@ def main(argv=None) -> int:
     command.add_argument("source", help="catalogue id or file (.yaml, .mat, .zarr)")
     command.add_argument("target", help="file (.yaml, .mat, .zarr)")
     command.add_argument("--every-ms", type=float, metavar="N", help="an instant every N ms (a .mat holds every cell in full)")
-    command.add_argument("--radio-map", metavar="JSON", help="also write a radio map: node n on SRN n, to be edited")
-    command.add_argument("--node-map", metavar="JSON", help="also write a node map: node n on SRN n, to be edited")
+    command.add_argument(
+        "--reduce", type=_program.rate, metavar="HZ", help="four taps where a link has more, fitted over this band"
+    )
+    command.add_argument("--strict", action="store_true", help="refuse taps below Colosseum's documented -43 dB, not only warn")
+    command.add_argument("--radio-map", metavar="JSON", help="also write a radio map: node n on SRN n, or as --srn says")
+    command.add_argument("--node-map", metavar="JSON", help="also write a node map: node n on SRN n, or as --srn says")
+    command.add_argument(
+        "--srn", action="append", default=[], metavar="NODE=SRN", help="of the maps; NODE=none for one that is unused; repeat"
+    )
     command.add_argument("--static", action="store_true", help=".mat as N x N path gains in dB")
     command.set_defaults(call=convert)
     command = commands.add_parser("import", help="four taps from Wireless InSite impulse responses (.cir.….p2m)")

@@ -16,8 +16,8 @@ from gr_cast.core.errors import CastError
 from gr_cast.core.files import check_writable, write_json, write_text
 from gr_cast.core.units import db_from_amplitude
 from gr_cast.report import plot
-from gr_cast.signals import recording
-from gr_cast.signals.waveform import spec_from_text, waveform_from_file, waveform_from_spec, waveform_from_text
+from gr_cast.signals import on_air, recording
+from gr_cast.signals.waveform import entry_from_text, waveform_from_entry
 from gr_cast.sounding import calibration, code_comparison, path_loss, result, transmission_log
 from gr_cast.sounding.sound import LinkBudget, SoundingOptions, sound
 
@@ -54,6 +54,9 @@ def _arguments() -> argparse.ArgumentParser:
         help="known, 0 for radios on one clock: what turns beyond it is Doppler; default: the recording's own, else estimated",
     )
     estimate.add_argument("--max-spread", type=float, default=5.12e-6, metavar="S", help="longest excess delay expected")
+    estimate.add_argument(
+        "--band-share", type=float, metavar="SHARE", help="of the band that is looked at; default: the recording's own, else 1"
+    )
     estimate.add_argument("--tx-power", type=float, metavar="DBM", help="transmitted at full scale and 0 dB of gain")
     estimate.add_argument(
         "--tx-amplitude", type=float, metavar="A", help="of full scale, as tx --amplitude; default: the recording's own, else 1"
@@ -65,8 +68,8 @@ def _arguments() -> argparse.ArgumentParser:
 
     radio = argparse.ArgumentParser(add_help=False)
     radio.add_argument("--args", default="", help="UHD device arguments, such as addr=192.168.40.2")
-    radio.add_argument("--rate", type=float, default=1e6, metavar="HZ")
-    radio.add_argument("--frequency", type=float, default=1e9, metavar="HZ")
+    radio.add_argument("--rate", type=_program.rate, default=1e6, metavar="HZ")
+    radio.add_argument("--frequency", type=_program.carrier, default=1e9, metavar="HZ")
     radio.add_argument("--gain", type=float, default=0.0, metavar="DB")
     radio.add_argument("--antenna", default="", help="TX/RX, RX2; empty: the device's default")
     radio.add_argument("--subdevice", default="", help="A:0, B:0; empty: the device's default")
@@ -89,9 +92,10 @@ def _arguments() -> argparse.ArgumentParser:
 
     run = command("run", "sound a scenario over the embedded emulator: no radio (the default command)", code, estimate, output)
     run.add_argument("--scenario", default="four_tap", help="catalogue id or file")
+    run.add_argument("--at", type=float, default=0.0, metavar="S", help="of the scenario, at which the recording begins")
     run.add_argument("--link", metavar="TX>RX", help="default: the scenario's first link")
     run.add_argument("--all-links", action="store_true", help="every link of the scenario, and their heat map")
-    run.add_argument("--rate", type=float, default=50e6, metavar="HZ")
+    run.add_argument("--rate", type=_program.rate, default=50e6, metavar="HZ")
     run.add_argument("--frames", type=int, default=1500, metavar="N", help="frames to record, of --average periods each")
     run.add_argument("--noise", type=float, default=-100.0, metavar="DB", help="receiver noise per sample, re full scale")
     run.add_argument("--offset", type=float, default=0.0, metavar="HZ", help="carrier offset to emulate")
@@ -114,7 +118,7 @@ def _arguments() -> argparse.ArgumentParser:
 
     process = command("process", "sound a recording: SigMF, or raw samples with their rate", code, estimate, output)
     process.add_argument("recording")
-    process.add_argument("--rate", type=float, metavar="HZ", help="of raw samples; SigMF brings its own")
+    process.add_argument("--rate", type=_program.rate, metavar="HZ", help="of raw samples; SigMF brings its own")
     process.add_argument("--format", choices=list(recording.RAW_FORMATS), help="of raw samples")
 
     heatmap = command("heatmap", "path loss of many recordings as a matrix", code, estimate, output)
@@ -132,22 +136,13 @@ def _arguments() -> argparse.ArgumentParser:
 
 def _spec_and_waveform(args, metadata: dict):
     """The waveform of --code, or the one that the recording names."""
-    if args.code is None and isinstance(metadata.get("cast:waveform"), dict):
-        spec = metadata["cast:waveform"]
-        if "file" in spec:
-            if not isinstance(spec["file"], str):
-                raise CastError(f"cast:waveform: file: got {spec['file']!r}, needs a SigMF stem")
-            return spec, waveform_from_file(spec["file"], repeat=bool(spec.get("repeat", True)))
-        return spec, waveform_from_spec(spec)
     if args.code is None:
-        raise CastError("--code: missing, and the recording does not name its waveform (cast:waveform)")
-    if args.code.startswith("file:"):
-        spec = {"file": str(Path(args.code.removeprefix("file:")).resolve()), "repeat": not args.once}
-    elif args.once:
+        spec = on_air.only_waveform(metadata, str(getattr(args, "recording", None) or "recording"))
+        return spec, waveform_from_entry(spec)
+    if args.once and not args.code.startswith("file:"):
         raise CastError("--once: goes with --code file:STEM; built-in codes repeat")
-    else:
-        spec = spec_from_text(args.code, args.samples_per_chip)
-    return spec, waveform_from_text(args.code, samples_per_chip=args.samples_per_chip, repeat=not args.once)
+    spec = entry_from_text(args.code, samples_per_chip=args.samples_per_chip, repeat=not args.once)
+    return spec, waveform_from_entry(spec)
 
 
 def _options(args, metadata: dict, base_loss_db: float) -> SoundingOptions:
@@ -170,6 +165,7 @@ def _options(args, metadata: dict, base_loss_db: float) -> SoundingOptions:
         correct_offset=not args.no_offset_correction,
         carrier_offset_hz=known(args.carrier_offset, "carrier_offset_hz", None),
         max_spread_s=args.max_spread,
+        band=known(args.band_share, "band", 1.0),
         budget=LinkBudget(
             tx_power_dbm=known(args.tx_power, "tx_power_dbm") + float(db_from_amplitude(amplitude)),
             tx_gain_db=known(args.tx_gain, "tx_gain_db"),
@@ -218,7 +214,6 @@ def _sound_file(args, file: recording.Recording, path, modelled_taps=()) -> dict
 def _run(args) -> None:
     from gr_cast import scenario as scenarios
     from gr_cast.blocks.flowgraphs import EmulatedSounding, waveform_source
-    from gr_cast.blocks.network import emulated_network
 
     args.code = args.code or "glfsr:8"
     spec, waveform = _spec_and_waveform(args, {})
@@ -231,8 +226,6 @@ def _run(args) -> None:
     scenario = scenarios.load(args.scenario)
     links = _links(args, scenario)
     _options(args, {}, 0.0)
-    for transmitter in {tx for tx, _ in links}:  # refused before anything is replaced
-        emulated_network(scenario, [transmitter], [rx for tx, rx in links if tx == transmitter], args.rate)
     folder = result.output_folder(args.output)
     records = folder / "recordings"
     records.mkdir(exist_ok=True)
@@ -240,11 +233,13 @@ def _run(args) -> None:
     period = len(waveform.samples)
     n_samples = args.frames * args.average * period
     settle_samples = period * int(np.ceil(args.max_spread * args.rate / period))
+    moved = scenarios.begun_at(scenario, args.at, held_s=settle_samples / args.rate)
     stems = {link: records / f"tx{link[0]}_rx{link[1]}" for link in links}
     for stem in stems.values():  # an emulated recording can be made again: the newest run replaces the last
         recording.data_path(stem).unlink(missing_ok=True)
         recording.meta_path(stem).unlink(missing_ok=True)
-    fields = {"cast:waveform": spec, "cast:scenario": args.scenario, "cast:noise_power_db": args.noise, "cast:seed": args.seed,
+    fields = {"cast:waveform": spec, "cast:scenario": args.scenario, "cast:scenario_at_s": args.at,
+              "cast:noise_power_db": args.noise, "cast:seed": args.seed,
               "cast:emulated_offset_hz": args.offset,
               "core:hw": "embedded emulator"}  # fmt: skip
     if not scenario.is_static:  # the emulator knows its carrier: what moving nodes turn is Doppler
@@ -253,7 +248,7 @@ def _run(args) -> None:
     for transmitter in sorted({tx for tx, _ in links}, key=path_loss.natural_order):
         heard = {rx: stems[(tx, rx)] for tx, rx in links if tx == transmitter}
         top = EmulatedSounding(
-            scenario, transmitter, heard, waveform_source(waveform, spec), sample_rate_hz=args.rate, n_samples=n_samples,
+            moved, transmitter, heard, waveform_source(waveform, spec), sample_rate_hz=args.rate, n_samples=n_samples,
             settle_samples=settle_samples, noise_power_db=args.noise, offset_hz=args.offset, seed=args.seed, fields=fields,
         )  # fmt: skip
         try:

@@ -164,7 +164,9 @@ def main(argv=None) -> int:
             command.add_argument("--lower", type=float, nargs="+", default=LOWERED_DB, metavar="DB", help="taps, a run each")
             command.add_argument("--snr-db", type=float, default=20.0, help="of a link of 0 dB (default 20)")
             command.add_argument("--mode", default="qpsk1/2", help="of the modem: bpsk1/2, qpsk1/2 (default), 16qam1/2")
-            command.add_argument("--rate", type=float, default=500e3, help="samples/s (default 500e3): one core does a million")
+            command.add_argument(
+                "--rate", type=_program.rate, default=500e3, help="samples/s (default 500e3): one core does a million"
+            )
             command.add_argument("--seed", type=int, default=0, help="of the noise")
         if function is evaluate:
             command.add_argument("--logs", required=True, metavar="DIR", help="NODE.log of every node")

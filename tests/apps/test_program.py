@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
+import argparse
 import os
 import subprocess
 import sys
@@ -61,3 +62,23 @@ def test_options_that_can_mean_nothing_are_refused_a_line_each():
     with pytest.raises(_program.CastError) as refused:
         _program.check_ranges(SimpleNamespace(seed=-1, gain_db=float("nan")), ranges)
     assert refused.value.faults == ("--seed: got -1, needs 0 to 1.84467e+19", "--gain-db: got nan, needs -400 to 400 dB")
+
+
+@pytest.mark.parametrize(
+    ("text", "hz"), [("20e6", 20e6), ("20M", 20e6), ("30.72MS/s", 30.72e6), ("32k", 32e3), ("1G", 1e9), ("100Hz", 100), ("0", 0)]
+)
+def test_a_rate_is_read_alike_however_it_is_written(text, hz):
+    assert _program.rate(text) == pytest.approx(hz)
+
+
+@pytest.mark.parametrize("read, text", [(_program.rate, "11.52"), (_program.carrier, "2400")])
+def test_megahertz_without_their_unit_are_questioned(read, text):
+    with pytest.raises(argparse.ArgumentTypeError, match=f"is {text}M meant"):
+        read(text)
+    assert read(f"{text}M") == pytest.approx(float(text) * 1e6) and read(f"{text}Hz") == pytest.approx(float(text))
+
+
+@pytest.mark.parametrize("text", ["", "fast", "1e6e", "20 M", "20MM"])
+def test_what_is_no_rate_is_refused_with_an_example(text):
+    with pytest.raises(argparse.ArgumentTypeError, match="such as 20e6, 20M or 30.72M"):
+        _program.rate(text)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import zlib
 
+import cast_scenario
 import numpy as np
 import pytest
 import scipy.io
@@ -82,15 +83,41 @@ def test_a_tap_at_the_limits_is_read(tmp_path, delay_s, gain_db):
 def test_every_tap_past_a_limit_is_named_at_once(tmp_path):
     taps = {
         (3, 4, 0): tap([0, 1.28e-6, 2.56e-6, 5.12e-6], [1, 0.8, 0.6, 0.4]),
-        (0, 1, 0): tap([0.0, 1e-6], [1.0, 10 ** (-43.1 / 20)]),
+        (0, 1, 0): tap([0.0, 1e-6], [1.0, 10 ** (0.5 / 20)]),
         (1, 0, 0): tap([-1e-9], [1.01]),
         (2, 0, 0): tap([np.nan], [1.0]),
     }
     text = refused(tmp_path, {"chMatrix": cells(5, 1, taps)})
     assert "link 4>5: tap 4: delay: got 5.12e-06 s (tap index 512 on the 10 ns grid)" in text and "5.11 us" in text
-    assert "link 1>2: tap 2: iq" in text and "-43.10 dB" in text and "limit -43 to 0 dB" in text
+    assert "link 1>2: tap 2: iq" in text and "0.50 dB" in text and "limit 0 dB" in text
     assert "link 2>1: tap 1: iq" in text and "link 2>1: tap 1: delay" in text and "link 3>1: tap 1: delay" in text
     assert len(text.splitlines()) == 5
+
+
+@pytest.mark.parametrize("name", ["90003", "90004", "90005", "90006", "90007", "90008", "90009"])
+def test_colosseums_own_scenarios_convert_with_a_warning(tmp_path, name, capsys):
+    """Their weakest taps lie below the documented -43 dB; what SciPy reads of the file is what the scenario holds."""
+    cast_scenario.main(["convert", name, str(tmp_path / "a.mat")])
+    assert "warning: link " in capsys.readouterr().err
+    weakest = min(np.abs(taps.gain).min() for taps in sc.load(name).links.values())
+    matrix = scipy.io.loadmat(tmp_path / "a.mat", struct_as_record=False, squeeze_me=True)["chMatrix"]
+    assert min(np.abs(cell.iq[cell.iq != 0]).min(initial=1.0) for cell in matrix.flat) == pytest.approx(weakest)
+    with pytest.raises(CastError, match="documented are -43 to 0 dB"):
+        cast_scenario.main(["convert", name, str(tmp_path / "b.mat"), "--strict"])
+    assert not (tmp_path / "b.mat").exists()
+
+
+def test_maps_name_any_srn_once(tmp_path):
+    files = ["--radio-map", str(tmp_path / "radio.json"), "--node-map", str(tmp_path / "node.json")]
+    target = ["convert", "90001", str(tmp_path / "a.mat"), *files]
+    cast_scenario.main([*target, "--srn", "1=77", "--srn", "5=none"])
+    radios = colosseum.read_radio_map(tmp_path / "radio.json")
+    assert radios["1"]["SRN"] == 77 and radios["2"]["SRN"] == 2 and radios["5"] is None
+    assert colosseum.read_node_map(tmp_path / "node.json") == {"1": 77, "2": 2, "3": 3, "4": 4}
+    with pytest.raises(CastError, match="SRN 2 serves two nodes"):
+        cast_scenario.main([*target, "--srn", "1=2"])
+    with pytest.raises(CastError, match="got '9=1', needs NODE=SRN"):
+        cast_scenario.main([*target, "--srn", "9=1"])
 
 
 def test_a_file_of_the_wrong_shape_says_what_is_wrong(tmp_path):

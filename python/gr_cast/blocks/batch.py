@@ -17,20 +17,24 @@ from ..core import tasks
 from ..core.documents import json_file
 from ..core.errors import CastError, Faults
 from ..core.files import locked, write_json
+from ..core.units import db_from_power
 from ..emulation.reference import FixedPoint, filter_length
 from ..scenario import Scenario
 from ..signals import recording
-from .network import scenario_kernel
+from ..signals.waveform import Repeated, is_code, spec_from_text, waveform_from_spec
+from .network import heard, scenario_kernel, usable_band
 
 _ITEM = np.dtype(np.complex64)
 
 
 @dataclass(frozen=True, kw_only=True)
 class BatchJob:
-    """All that a worker needs to know, whichever chunk it gets. `transmit` maps a node to its samples on disk."""
+    """All that a worker needs to know, whichever chunk it gets. `transmit` maps a node to its samples, on disk or a code's, and
+    `waveforms` to what they are, as a recording tells it."""
 
     scenario: Scenario
-    transmit: dict[str, recording.Stored]
+    transmit: dict[str, recording.Stored | Repeated]
+    waveforms: dict[str, dict]
     receivers: tuple[str, ...]
     folder: str
     sample_rate_hz: float
@@ -39,6 +43,8 @@ class BatchJob:
     noise_power: float
     seed: int
     fixed_point: FixedPoint | None
+    fields: dict
+    cycle: bool
 
     @property
     def n_chunks(self) -> int:
@@ -67,7 +73,8 @@ def make_chunk(job: BatchJob, chunk: int) -> int:
     past = filter_length(job.sample_rate_hz) - 1
     # An output for every node, wanted or not: a node's noise is the same whoever else receives.
     wanted = [nodes.index(node) for node in job.receivers]
-    kernel = scenario_kernel(job.scenario, job.sample_rate_hz, end / job.sample_rate_hz, seed=job.seed, receivers=wanted)
+    until_s = end / job.sample_rate_hz
+    kernel = scenario_kernel(job.scenario, job.sample_rate_hz, until_s, seed=job.seed, receivers=wanted, cycle=job.cycle)
     for index in wanted:
         kernel.set_noise_power(index, job.noise_power)
     if job.fixed_point:
@@ -75,8 +82,9 @@ def make_chunk(job: BatchJob, chunk: int) -> int:
     kernel.skip_to(begin)
     x = np.zeros((len(nodes), past + end - begin), np.complex64)
     for node, stored in job.transmit.items():
-        first = max(0, begin - past)
-        sent, at = stored[first:end], past - (begin - first)
+        first = begin - past if isinstance(stored, Repeated) else max(0, begin - past)
+        sent = stored.between(first, end) if isinstance(stored, Repeated) else stored[first:end]
+        at = past - (begin - first)
         x[nodes.index(node), at : at + len(sent)] = sent
     y = kernel.process(x)
     for receiver, samples in zip(job.receivers, y[wanted], strict=True):
@@ -94,6 +102,8 @@ def run_batch(
     transmit: dict[str, str],
     folder: Path,
     *,
+    rate_hz: float | None = None,
+    duration_s: float | None = None,
     receivers: list[str] | None = None,
     chunk_samples: int = 1 << 20,
     noise_power: float = 0.0,
@@ -101,10 +111,18 @@ def run_batch(
     fixed_point: FixedPoint | None = None,
     dask: str | None = None,
     workers: int = 1,
+    fields: dict | None = None,
+    cycle: bool = False,
     progress=lambda done, total: None,
 ) -> None:
-    """Write `folder`/NODE, a SigMF recording, for every receiver. Raises CastError, all faults at once, before any work."""
-    job = _job(scenario, transmit, folder, receivers, chunk_samples, noise_power, seed, fixed_point)
+    """Write `folder`/NODE, a SigMF recording, for every receiver; `fields` go into its metadata.
+
+    `transmit` maps a node to the stem of its recording, or to a code, which was on the air before and stays, at `rate_hz` (else
+    that of the recordings) for `duration_s` (else as long as the longest recording). Raises CastError, all faults at once,
+    before any work.
+    """
+    transmitted = _transmitted(transmit, rate_hz, duration_s)
+    job = _job(scenario, transmitted, folder, receivers, chunk_samples, noise_power, seed, fixed_point, fields or {}, cycle)
     Path(job.folder).mkdir(parents=True, exist_ok=True)
     with locked(Path(job.folder)):
         todo = _prepare(job)
@@ -121,44 +139,84 @@ def run_batch(
         job.work.rmdir()
 
 
-def _job(scenario, transmit, folder, receivers, chunk_samples, noise_power, seed, fixed_point) -> BatchJob:
+@dataclass(frozen=True, kw_only=True)
+class _Transmitted:
+    """What every node sends, and what it is; `faults` are those of reading it."""
+
+    samples: dict[str, recording.Stored | Repeated]
+    waveforms: dict[str, dict]
+    rate_hz: float
+    faults: Faults
+
+
+def _transmitted(transmit: dict[str, str], rate_hz: float | None, duration_s: float | None) -> _Transmitted:
     faults = Faults("batch")
-    for node in [*transmit, *(receivers or ())]:
-        if node not in scenario.nodes:
-            faults.add(f"node {node}", f"the scenario has {', '.join(scenario.nodes)}")
-    if chunk_samples < 1:
-        faults.add("chunk", f"got {chunk_samples} samples, needs 1 or more")
-    rates, stored = {}, {}
-    for node, stem in transmit.items():
+    rates, samples, waveforms, codes = {}, {}, {}, {}
+    for node, text in transmit.items():
         try:  # once for all chunks: the whole file is held against its checksum
-            taken = recording.read(Path(stem).resolve(), longest=0)
-            rates[node], stored[node] = taken.sample_rate_hz, taken.samples
+            if is_code(text) and not recording.meta_path(text).exists():
+                waveforms[node] = spec_from_text(text)
+                codes[node] = waveform_from_spec(waveforms[node]).samples
+                continue
+            stem = Path(text).resolve()
+            taken = recording.read(stem, longest=0)
+            rates[node], samples[node] = taken.sample_rate_hz, taken.samples
+            waveforms[node] = {"file": str(recording.stem_of(stem)), "repeat": False}
         except CastError as error:
             for line in error.faults:
                 faults.add(f"node {node}", line)
+    if rate_hz is not None:
+        rates["--rate"] = rate_hz
     if len(set(rates.values())) > 1:
         faults.add(
             "sample rates",
             ", ".join(f"{node} {rate} Hz" for node, rate in rates.items()) + ": needs one for all",
         )
+    rate = next(iter(rates.values()), None)
+    count = max(map(len, samples.values()), default=0)
+    if codes and rate is None:
+        faults.add("--rate", f"missing: {', '.join(codes)} sends a code, which has no rate of its own, such as --rate 20M")
+    if codes and duration_s is None and not samples:
+        faults.add("--duration", f"missing: {', '.join(codes)} sends a code, which has no end, such as --duration 0.01")
+    if duration_s is not None and rate is not None:
+        if 0 < duration_s * rate < 1e12:
+            count = max(1, round(duration_s * rate))
+        else:
+            faults.add("--duration", f"got {duration_s} s, needs more than 0 s and less than 1e12 samples")
+    samples |= {node: Repeated(period=period, count=count) for node, period in codes.items()}
+    return _Transmitted(samples=samples, waveforms=waveforms, rate_hz=rate, faults=faults)
+
+
+def _job(scenario, transmitted, folder, receivers, chunk_samples, noise_power, seed, fixed_point, fields, cycle) -> BatchJob:
+    faults = transmitted.faults
+    for node in [*transmitted.waveforms, *(receivers or ())]:
+        if node not in scenario.nodes:
+            faults.add(f"node {node}", f"the scenario has {', '.join(scenario.nodes)}")
+    if chunk_samples < 1:
+        faults.add("chunk", f"got {chunk_samples} samples, needs 1 or more")
     faults.raise_if_any()
     return BatchJob(
         scenario=scenario,
-        transmit=stored,
+        transmit=transmitted.samples,
+        waveforms=transmitted.waveforms,
         receivers=tuple(receivers or scenario.nodes),
         folder=str(folder.resolve()),  # workers of a cluster stand elsewhere
-        sample_rate_hz=next(iter(rates.values())),
-        n_samples=max(map(len, stored.values())),
+        sample_rate_hz=transmitted.rate_hz,
+        n_samples=max(map(len, transmitted.samples.values())),
         chunk_samples=chunk_samples,
         noise_power=noise_power,
         seed=seed,
         fixed_point=fixed_point,
+        fields=fields,
+        cycle=cycle,
     )
 
 
 def _fingerprint(job: BatchJob) -> dict:
     """What a half-done run must share with this one to be gone on with."""
-    files = {node: [str(stored.path), stored.path.stat().st_mtime_ns, len(stored)] for node, stored in job.transmit.items()}
+    files = {
+        node: [waveform, len(job.transmit[node]), *_written_at(job.transmit[node])] for node, waveform in job.waveforms.items()
+    }
     plan = scenario_digest(job.scenario)
     fixed = job.fixed_point and asdict(job.fixed_point)
     return {
@@ -169,7 +227,12 @@ def _fingerprint(job: BatchJob) -> dict:
         "noise_power": job.noise_power,
         "seed": job.seed,
         "fixed_point": fixed,
+        "cycle": job.cycle,
     }
+
+
+def _written_at(sent: recording.Stored | Repeated) -> list[int]:
+    return [] if isinstance(sent, Repeated) else [sent.path.stat().st_mtime_ns]
 
 
 def scenario_digest(scenario: Scenario) -> str:
@@ -215,7 +278,13 @@ def _seal(job: BatchJob, receiver: str) -> None:
     checksum = recording.sha512_of(recording.data_path(stem))
     fields = {
         "core:sha512": checksum,
-        "cast:receiver": receiver,
-        "cast:scenario": job.scenario.name,
+        **job.fields,
+        **heard(job.scenario, receiver, job.waveforms),
+        **usable_band(job.scenario, job.sample_rate_hz),
+        "cast:noise_power_db": float(db_from_power(job.noise_power)) if job.noise_power else None,
+        "cast:seed": job.seed,
     }
-    recording.write_metadata(stem, recording.metadata(sample_rate_hz=job.sample_rate_hz, fields=fields))
+    about = recording.metadata(
+        sample_rate_hz=job.sample_rate_hz, center_frequency_hz=job.scenario.center_frequency_hz, fields=fields
+    )
+    recording.write_metadata(stem, about)

@@ -9,11 +9,12 @@ import pmt
 from gnuradio import gr
 
 from ..core.errors import CastError, Faults
+from ..core.units import db_from_power
 from ..emulation.reference import FixedPoint, filter_length, fir_taps, scenario_bulk_delay, scenario_updates
 from ..scenario import Scenario
 from .cast_python import channel_emulator
-from .network import send_update
-from .ports import LEAD_S, Port, connect_sink, source_block
+from .network import heard, send_update, usable_band
+from .ports import LEAD_S, Port, connect_sink, source_block, waveform_entry
 from .radio_events import ReceiveEvents, TransmitEvents, summary
 from .recorder import SigmfRecorder
 from .running import STILL_S
@@ -29,8 +30,9 @@ class Emulation(gr.top_block):
     """All nodes of a scenario on one channel emulator, joined to their ports; without one a node is silent, or unheard.
 
     `noise_power` is every receiver's, in units of the samples squared. `settings` maps (node, direction) of UHD
-    ports to RadioSettings, `ends` maps the same to blocks that are joined in place of a port. Raises CastError, all
-    faults at once, where ports and scenario do not fit.
+    ports to RadioSettings, `ends` maps the same to blocks that are joined in place of a port. `fields` go into the
+    metadata of recordings. With `cycle` the scenario begins again whenever it ends. Raises CastError, all faults at
+    once, where ports and scenario do not fit.
     """
 
     def __init__(
@@ -45,6 +47,8 @@ class Emulation(gr.top_block):
         settings: dict[tuple[str, str], RadioSettings] | None = None,
         n_threads: int = 0,
         ends: dict[tuple[str, str], gr.basic_block] | None = None,
+        fields: dict | None = None,
+        cycle: bool = False,
     ):
         settings, ends = settings or {}, ends or {}
         super().__init__("Emulation", catch_exceptions=bool(settings))  # a radio that dies ends its thread, not the program
@@ -69,6 +73,7 @@ class Emulation(gr.top_block):
                 fixed_point.output_full_scale,
             )
         self._lock = threading.Lock()
+        self._cycle = cycle
         self._off: set[tuple[int, int]] = set()  # links that were switched off one by one
         self._on = True
         self._samples, self._moved_at = 0, time.monotonic()
@@ -81,6 +86,13 @@ class Emulation(gr.top_block):
         by_place = {(port.node, port.direction): port for port in ports}
         places = [(node, direction) for node in self.nodes for direction in ("tx", "rx")]
         joined = [by_place.get(place, Port(node=place[0], direction=place[1], kind="null")) for place in places]
+        self._sent = {port.node: waveform_entry(port) for port in ports if port.direction == "tx" and port.kind != "null"}
+        self._fields = {
+            **(fields or {}),
+            **usable_band(scenario, sample_rate_hz),
+            "cast:noise_power_db": float(db_from_power(noise_power)) if noise_power else None,
+            "cast:seed": seed,
+        }
         joined.sort(key=lambda port: port.kind == "file")  # recordings last: a port that is refused leaves none behind
         for port in joined:
             self._join(port, ends.get((port.node, port.direction)), settings.get((port.node, port.direction)))
@@ -97,7 +109,10 @@ class Emulation(gr.top_block):
         elif port.kind == "uhd":
             block = self._join_transmitter(index, settings)
         else:
-            block = connect_sink(self, self.emulator, index, port, self.sample_rate_hz)
+            block = connect_sink(
+                self, self.emulator, index, port, self.sample_rate_hz, self.scenario.center_frequency_hz,
+                self._fields | heard(self.scenario, port.node, self._sent),
+            )  # fmt: skip
         self._peers.append((port, block, index))
         if port.kind == "uhd" and not end:
             events = ReceiveEvents(self, block, self.sample_rate_hz) if port.direction == "tx" else TransmitEvents(self, block)
@@ -257,15 +272,16 @@ class Emulation(gr.top_block):
 
     def _queue(self) -> None:
         """Hand the emulator the updates that come soon: a long scenario is not queued whole, and nobody runs ahead of it."""
-        if self._queued_s > self.scenario.time_s[-1]:
+        ends_s = np.inf if self._cycle and not self.scenario.is_static else self.scenario.time_s[-1]
+        if self._queued_s > ends_s:
             return
         until_s = self.status()["scenario_time_s"] + _AHEAD_S
         if until_s <= self._queued_s + _AHEAD_S / 2:
             return
-        for update in scenario_updates(self.scenario, self.sample_rate_hz, self._queued_s, until_s):
+        for update in scenario_updates(self.scenario, self.sample_rate_hz, self._queued_s, until_s, cycle=self._cycle):
             send_update(self.emulator, update, self._begin)
         self._queued_s = until_s
-        is_whole = until_s > self.scenario.time_s[-1]
+        is_whole = until_s > ends_s
         self.emulator.set_horizon(None if is_whole else self._begin + int(until_s * self.sample_rate_hz))
 
 

@@ -7,10 +7,11 @@ import numpy as np
 from gnuradio import analog, blocks, gr
 
 from ..core.units import amplitude_from_db
+from ..emulation.reference import scenario_bulk_delay
 from ..scenario import Scenario
 from ..signals.waveform import Waveform
 from .cast_python import glfsr_source
-from .network import emulated_network
+from .network import emulated_network, usable_band
 from .radio_events import TransmitEvents
 from .recorder import SigmfRecorder
 from .transmission import Transmission
@@ -27,7 +28,8 @@ def waveform_source(waveform: Waveform, spec: dict | None = None):
 class EmulatedSounding(gr.top_block):
     """One transmitter through the embedded emulator to recordings at some receivers, `n_samples` each.
 
-    The recordings start after `settle_samples`, whole periods of the code, when every echo is there. Per receiver its own
+    The recordings start after `settle_samples`, whole periods of the code, when every echo is there, and after the bulk delay of
+    taps between samples, so that delays are the scenario's. Per receiver its own
     white noise of `noise_power_db` (per complex sample, re full scale) from `seed`, and a carrier
     offset of `offset_hz` where one is asked for. `stems` maps a receiver to its recording.
     """
@@ -40,6 +42,8 @@ class EmulatedSounding(gr.top_block):
         receivers = list(stems)
         emulator = emulated_network(scenario, [transmitter], receivers, sample_rate_hz)
         self.connect(source, emulator)
+        late_samples = scenario_bulk_delay(scenario, sample_rate_hz)
+        fields = (fields or {}) | usable_band(scenario, sample_rate_hz)
         place = {node: index for index, node in enumerate(scenario.nodes)}
         self.recorders = []
         for port, receiver in enumerate(receivers):
@@ -55,7 +59,10 @@ class EmulatedSounding(gr.top_block):
                 self.connect(heard, turned)
                 heard = turned
             # The stream ends here, not at its source: blocks that work in multiples of a few samples strand a tail.
-            settled, cut = blocks.skiphead(gr.sizeof_gr_complex, settle_samples), blocks.head(gr.sizeof_gr_complex, n_samples)
+            settled, cut = (
+                blocks.skiphead(gr.sizeof_gr_complex, settle_samples + late_samples),
+                blocks.head(gr.sizeof_gr_complex, n_samples),
+            )
             self.connect(heard, settled, cut)
             self.recorders.append(
                 SigmfRecorder(
@@ -64,7 +71,7 @@ class EmulatedSounding(gr.top_block):
                     stems[receiver],
                     sample_rate_hz=sample_rate_hz,
                     center_frequency_hz=scenario.center_frequency_hz,
-                    fields=(fields or {}) | {"cast:transmitter": transmitter, "cast:receiver": receiver},
+                    fields=fields | {"cast:transmitter": transmitter, "cast:receiver": receiver},
                 )  # fmt: skip
             )
 

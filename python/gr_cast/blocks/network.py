@@ -7,8 +7,9 @@ import numpy as np
 import pmt
 
 from ..core.errors import CastError
-from ..emulation.reference import LinkUpdate, filter_length, scenario_updates, split_delay
-from ..scenario import Scenario, link_name
+from ..emulation.reference import INTERPOLATOR_BAND, LinkUpdate, filter_length, has_taps_between_samples, scenario_updates
+from ..scenario import Scenario
+from ..signals import on_air
 from .cast_python import channel_emulator, emulator_kernel
 
 
@@ -37,24 +38,16 @@ def play_on(
 ) -> None:
     """Have the emulator play the scenario from its beginning, from the next sample on, and nothing of what it played before.
 
-    Delays must fall on whole samples, for a code may fill the whole band: CastError names the link otherwise.
+    Taps between samples are interpolated; every link is then late by the `scenario_bulk_delay` of the whole scenario, whichever
+    nodes are chosen.
     """
-    links = {key: taps for key, taps in scenario.links.items() if key[0] in transmitters and key[1] in receivers}
-    for key, taps in links.items():
-        whole, fraction = split_delay(taps.delay_s * sample_rate_hz)
-        off = fraction * (taps.gain != 0)
-        if off.max() > 0:
-            row, tap = np.unravel_index(np.argmax(off), off.shape)
-            raise CastError(
-                f"{scenario.name}: link {link_name(key)}: tap {tap + 1}: delay {taps.delay_s[row, tap]:.6g} s is "
-                f"{whole[row, tap] + fraction[row, tap]:.4f} samples at {sample_rate_hz:g} Hz; choose another rate"
-            )
     emulator.set_horizon(0)  # nothing passes until its first taps are there
     emulator.clear()
     begin = pmt.to_python(emulator.status())["samples"]
-    for update in scenario_updates(replace(scenario, links=links), sample_rate_hz):
-        tx, rx = transmitters.index(scenario.nodes[update.tx]), receivers.index(scenario.nodes[update.rx])
-        send_update(emulator, replace(update, tx=tx, rx=rx), begin)
+    for update in scenario_updates(scenario, sample_rate_hz):
+        tx, rx = scenario.nodes[update.tx], scenario.nodes[update.rx]
+        if tx in transmitters and rx in receivers:
+            send_update(emulator, replace(update, tx=transmitters.index(tx), rx=receivers.index(rx)), begin)
     emulator.set_horizon(None)
 
 
@@ -74,16 +67,33 @@ def set_noise(emulator: channel_emulator, power: float) -> None:
         emulator.set_noise_power(receiver, power)
 
 
+def heard(scenario: Scenario, receiver: str, sent: dict[str, dict | None]) -> dict:
+    """What a recording of `receiver` says of itself when `sent`, node to the entry of its waveform, is on the air."""
+    there = {node: entry for node, entry in sent.items() if (node, receiver) in scenario.links}
+    return {"cast:receiver": receiver, **on_air.fields(there)}
+
+
+def usable_band(scenario: Scenario, sample_rate_hz: float) -> dict:
+    """What a recording says of the share of its band that is right, where taps are interpolated."""
+    return {"cast:band": INTERPOLATOR_BAND} if has_taps_between_samples(scenario, sample_rate_hz) else {}
+
+
 def scenario_kernel(
-    scenario: Scenario, sample_rate_hz: float, until_s: float, *, seed: int = 0, receivers: list[int] | None = None
+    scenario: Scenario,
+    sample_rate_hz: float,
+    until_s: float,
+    *,
+    seed: int = 0,
+    receivers: list[int] | None = None,
+    cycle: bool = False,
 ) -> emulator_kernel:
     """The emulator without a scheduler, from and to every node, with all that a scenario plays until `until_s` queued.
 
-    Only links to `receivers` (numbers of nodes; all without it) are.
+    Only links to `receivers` (numbers of nodes; all without it) are. With `cycle` it begins again whenever it ends.
     """
     nodes = len(scenario.nodes)
     kernel = emulator_kernel(nodes, nodes, filter_length(sample_rate_hz), seed=seed)
-    for update in scenario_updates(scenario, sample_rate_hz, until_s=until_s):
+    for update in scenario_updates(scenario, sample_rate_hz, until_s=until_s, cycle=cycle):
         if receivers is not None and update.rx not in receivers:
             continue
         send_update(kernel, update)

@@ -135,6 +135,11 @@ def _file_source(port: Port, sample_rate_hz: float):
     return blocks.vector_source_c(recording.read(port.where).samples.tolist(), False)
 
 
+def waveform_entry(port: Port) -> dict | None:
+    """What a recording says of what a `tx` port sends, None where nobody knows."""
+    return {"file": str(Path(port.where).resolve()), "repeat": False} if port.kind == "file" else None
+
+
 def source_block(port: Port, settings: RadioSettings | None, sample_rate_hz: float):
     """The block that brings what a node transmits. Raises CastError where it cannot be."""
     if port.kind == "zmq":
@@ -148,8 +153,17 @@ def source_block(port: Port, settings: RadioSettings | None, sample_rate_hz: flo
     return blocks.null_source(gr.sizeof_gr_complex)
 
 
-def connect_sink(top: gr.top_block, source, output: int, port: Port, sample_rate_hz: float):
-    """Join a receiver to a port that is no radio; returns the recorder of a file, to be finished after the run, or the block."""
+def connect_sink(
+    top: gr.top_block,
+    source,
+    output: int,
+    port: Port,
+    sample_rate_hz: float,
+    center_frequency_hz: float | None,
+    fields: dict,
+):
+    """Join a receiver to a port that is no radio; returns the recorder of a file, to be finished after the run, or the block.
+    `fields` and the carrier are what a recording says of itself."""
     if port.kind == "file":
         Path(port.where).parent.mkdir(parents=True, exist_ok=True)
         return SigmfRecorder(
@@ -158,7 +172,8 @@ def connect_sink(top: gr.top_block, source, output: int, port: Port, sample_rate
             port.where,
             port=output,
             sample_rate_hz=sample_rate_hz,
-            fields={"cast:receiver": port.node},
+            center_frequency_hz=center_frequency_hz,
+            fields=fields,
         )
     if port.kind == "zmq":
         sink = _open(port, zmq_replier, address_to_bind(port.name, port.where))

@@ -7,10 +7,11 @@ import numpy as np
 from gnuradio import gr
 
 from ..core.errors import CastError, Faults
+from ..signals import on_air
 from ..twin.document import Case, Observation, read_twin
 from ..twin.playback import Conditions, Grid, Playback, Tape
 from .finite import FiniteSamples
-from .ports import Port, connect_sink, source_block
+from .ports import Port, connect_sink, source_block, waveform_entry
 from .recorder import SigmfRecorder
 
 LIVE_GRID = Grid(block=1 << 14, end=1024, margin=1024)  # less delay than that of recordings
@@ -98,6 +99,7 @@ class TwinEmulation(gr.top_block):
             faults.add("ports", "none takes what a receiver gets, needs NODE:rx=KIND:WHERE")
         faults.raise_if_any()
         sources = {p.node: source_block(p, None, case.sample_rate_hz) for p in ports if p.direction == "tx"}
+        sent = {p.node: waveform_entry(p) for p in ports if p.direction == "tx"}
         self._blocks = list(sources.values())
         for port in (p for p in ports if p.direction == "rx"):
             observation = by_receiver[port.node]
@@ -105,7 +107,11 @@ class TwinEmulation(gr.top_block):
             receiver = TwinReceiver(case, observation, live, conditions)
             for i, tx in enumerate(live):
                 self.connect(sources[tx], (receiver, i))
-            self._blocks += [receiver, connect_sink(self, receiver, 0, port, case.sample_rate_hz)]
+            told = {tx: sent.get(tx, entry) for tx, entry in case.sent(observation).items()}
+            fields = {"cast:receiver": port.node, **on_air.fields(told), "cast:seed": conditions.seed}
+            carrier_hz = conditions.center_frequency_hz or observation.center_frequency_hz
+            sink = connect_sink(self, receiver, 0, port, case.sample_rate_hz, carrier_hz, fields)
+            self._blocks += [receiver, sink]
 
     @property
     def not_finite(self) -> dict[str, int]:

@@ -244,12 +244,28 @@ def scenario_bulk_delay(scenario: Scenario, sample_rate_hz: float) -> int:
     return bulk_delay_samples(np.concatenate([np.zeros(0), *used]) * sample_rate_hz)
 
 
-def scenario_updates(scenario: Scenario, sample_rate_hz: float, from_s: float = 0.0, until_s: float = np.inf) -> list[LinkUpdate]:
+def has_taps_between_samples(scenario: Scenario, sample_rate_hz: float) -> bool:
+    """Whether a tap of the scenario needs an interpolating filter at this rate, which is right in INTERPOLATOR_BAND alone."""
+    return any((split_delay(t.delay_s * sample_rate_hz)[1] * (t.gain != 0)).any() for t in scenario.links.values())
+
+
+def scenario_updates(
+    scenario: Scenario, sample_rate_hz: float, from_s: float = 0.0, until_s: float = np.inf, *, cycle: bool = False
+) -> list[LinkUpdate]:
     """The updates that play the instants of a scenario in from_s <= time < until_s.
 
     Node k of the scenario is input k and output k. Taps on whole samples stay there; others become
-    band-limited filters, all later by the same bulk delay.
+    band-limited filters, all later by the same bulk delay. With `cycle` the scenario begins again whenever it ends.
     """
+    period_s = scenario.time_s[-1]
+    if cycle and not scenario.is_static:
+        turns = range(max(0, int(from_s // period_s)), int(np.ceil(until_s / period_s)))
+        parts = {
+            k: scenario_updates(scenario, sample_rate_hz, from_s - k * period_s, min(until_s - k * period_s, period_s))
+            for k in turns
+        }
+        starts = {k: round(k * period_s * sample_rate_hz) for k in turns}
+        return [replace(update, at_sample=update.at_sample + starts[k]) for k in turns for update in parts[k]]
     place = {node: index for index, node in enumerate(scenario.nodes)}
     at_sample = np.rint(scenario.time_s * sample_rate_hz).astype(int)
     steps = np.flatnonzero((scenario.time_s >= from_s) & (scenario.time_s < until_s))

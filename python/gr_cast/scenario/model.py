@@ -209,6 +209,26 @@ def resampled(scenario: Scenario, step_s: float) -> Scenario:
     return replace(scenario, links=links, time_s=clock, position_m=position_m)
 
 
+def begun_at(scenario: Scenario, at_s: float, held_s: float = 0.0) -> Scenario:
+    """The scenario from `at_s` on, after its links stood for `held_s` as they are then. Raises CastError outside of it."""
+    end_s = scenario.time_s[-1]
+    if not (at_s >= 0 and (at_s <= end_s or scenario.is_static)):
+        raise CastError(f"{scenario.name}: at: got {at_s:g} s, the scenario lasts from 0 to {end_s:g} s")
+    if scenario.is_static:
+        return scenario
+    later = scenario.time_s > at_s
+    clock = np.concatenate([[at_s], *([[at_s]] if held_s > 0 else []), scenario.time_s[later]])
+    links = {}
+    for key, taps in scenario.links.items():
+        delay_s, gain = taps_at(scenario, key, clock)
+        links[key] = taps if taps.is_static else LinkTaps(delay_s=delay_s, gain=gain)
+    rows = np.clip(np.searchsorted(scenario.time_s, clock, side="right") - 1, 0, None)
+    position_m = {node: track if len(track) == 1 else track[rows] for node, track in scenario.position_m.items()}
+    time_s = clock - at_s + held_s
+    time_s[0] = 0.0
+    return replace(scenario, links=links, time_s=time_s, position_m=position_m)
+
+
 def with_more_loss(scenario: Scenario, loss_db: float) -> Scenario:
     """The same scenario with `loss_db` more on every link."""
     losses_db = {key: loss + loss_db for key, loss in scenario.link_base_loss_db.items()}

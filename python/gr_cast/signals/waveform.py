@@ -28,6 +28,11 @@ _SHORT_NAME_KEYS = {
 }
 
 
+def is_code(text: str) -> bool:
+    """Whether a text begins as a built-in code's short name does."""
+    return text.partition(":")[0] in codes.CODES
+
+
 def spec_from_text(text: str, samples_per_chip: int = 1) -> dict:
     """The waveform entry of a short name: `glfsr:8[:MASK[:SEED]]`, `gold:127`, `zadoff_chu:LENGTH:ROOT`, `ga128`, …"""
     name, *values = text.split(":")
@@ -49,6 +54,30 @@ def waveform_from_spec(spec: dict) -> Waveform:
     return Waveform(samples=codes.from_spec(spec), name=name)
 
 
+def waveform_from_entry(entry: dict) -> Waveform:
+    """The waveform of a twin's or a recording's entry, `{code: …}` or `{file: STEM, repeat: true}`."""
+    if "file" not in entry:
+        return waveform_from_spec(entry)
+    if not isinstance(entry["file"], str):
+        raise CastError(f"cast:waveform: file: got {entry['file']!r}, needs a SigMF stem")
+    return waveform_from_file(entry["file"], repeat=bool(entry.get("repeat", True)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Repeated:
+    """`count` samples of a waveform that repeats, and that was on the air before the first of them."""
+
+    period: np.ndarray
+    count: int
+
+    def __len__(self) -> int:
+        return self.count
+
+    def between(self, first: int, last: int) -> np.ndarray:
+        """(last − first,) complex64, from number `first` on, which may lie before the beginning."""
+        return self.period[np.arange(first, last) % len(self.period)]
+
+
 def waveform_from_file(path: str | Path, *, repeat: bool) -> Waveform:
     """The waveform of a SigMF file; NaN stands for samples that are not known."""
     file = recording.read(path, allow_nan=True)
@@ -62,6 +91,13 @@ def waveform_from_file(path: str | Path, *, repeat: bool) -> Waveform:
         name=f"file:{recording.stem_of(path).name}",
         sample_rate_hz=file.sample_rate_hz,
     )
+
+
+def entry_from_text(text: str, *, samples_per_chip: int = 1, repeat: bool = True) -> dict:
+    """The entry of a waveform that `--code` names: a built-in code's short name or `file:STEM`."""
+    if text.startswith("file:"):
+        return {"file": str(Path(text.removeprefix("file:")).resolve()), "repeat": repeat}
+    return spec_from_text(text, samples_per_chip)
 
 
 def waveform_from_text(text: str, *, samples_per_chip: int = 1, repeat: bool = True) -> Waveform:

@@ -16,6 +16,8 @@ from .correlate import OVERSAMPLING, Template
 
 DB_PER_NEPER = 20 / np.log(10)
 FLOAT32_ROUNDING = 2.0**-48  # least noise of float32 samples over their power: no measurement is without noise
+LEAST_APART = 0.5  # samples between two taps; closer ones are one tap with what is left of them
+LEAST_SURE = 1.0  # error of a tap's gain over the gain, beyond which it is no tap of its own
 _MEDIAN_EFFICIENCY = np.log(2) ** 2  # of a median against a mean, as an estimate of an exponential variable's scale
 
 
@@ -145,6 +147,16 @@ def _standard_deviations(template, delays, gain, noise_variance):
     )
 
 
+def _are_apart(template: Template, delays: np.ndarray, gain: np.ndarray, noise_variance: float) -> bool:
+    """Whether the band tells these taps from each other: two within a small part of a sample have gains of any size."""
+    around = np.sort(np.mod(delays, template.grid))
+    if len(delays) > 1 and min(np.diff(around).min(), around[0] + template.grid - around[-1]) < LEAST_APART:
+        return False
+    rms_gain = np.sqrt(np.mean(np.abs(gain) ** 2, axis=1))
+    _, gain_std, _ = _standard_deviations(template, delays, gain, noise_variance)
+    return len(delays) < 2 or bool(np.all(gain_std < np.sqrt(gain.shape[1]) * LEAST_SURE * rms_gain))
+
+
 def _powers(template: Template, rest: np.ndarray, span: int) -> np.ndarray:
     """Σ_blocks |matched filter|²/energy at every delay, (span,): in noise of variance 1 a gamma variable of as many blocks."""
     return np.sum(np.abs(template.matched_filter(rest)[:span]) ** 2, axis=1) / template.energy
@@ -204,7 +216,10 @@ def estimate_taps(
         found = _strongest(template, rest, delays, separation_samples, span)
         if found is None or len(delays) >= max_taps or not found[1] > threshold * noise + blocks * unsteady:
             break
-        delays, gain = _refit(template, observed, np.append(delays, found[0]))
+        more = _refit(template, observed, np.append(delays, found[0]))
+        if not _are_apart(template, *more, noise):
+            break
+        delays, gain = more
         rest = observed - template.columns(delays) @ gain
     # Powers of several blocks are reported without their noise, that of one block with it.
     surplus = threshold if blocks == 1 else (threshold - blocks) / blocks

@@ -14,16 +14,21 @@ class Template:
     """A known waveform s, delayed at will by band-limited interpolation, as seen through a window of samples.
 
     `samples` (n,): one period where `circular`, and then the window is one period; otherwise the waveform sent once,
-    NaN counted as zero, and `window` samples are observed, of which delay 0 puts sample `skip` at the window's first.
+    NaN counted as zero, and `window` samples are observed, of which delay 0 puts sample `skip` at the window's first. Of a
+    circular one only the share `band` of its band counts, in the middle: least squares with what is limited so heed no more.
     """
 
-    def __init__(self, samples: np.ndarray, *, circular: bool = True, window: int | None = None, skip: int = 0):
+    def __init__(
+        self, samples: np.ndarray, *, circular: bool = True, window: int | None = None, skip: int = 0, band: float = 1.0
+    ):
         self.circular = circular
         self.window = len(samples) if circular else window
         self.grid = len(samples) if circular else next_fast_len(len(samples) + window + skip)
         self._seen = slice(skip, skip + self.window)
         self.spectrum = fft(np.nan_to_num(np.asarray(samples, np.complex128)), self.grid)
         self.frequency = fftfreq(self.grid)  # cycles per sample
+        if band < 1:
+            self.spectrum[np.abs(self.frequency) > band / 2] = 0
         power = np.abs(self.spectrum) ** 2
         self.energy = float(power.sum() / self.grid)
         mean = np.sum(power * self.frequency) / power.sum()

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
+from ..core.documents import json_file
 from ..core.errors import CastError
 from ..core.figures import with_error
 from ..core.files import write_json, write_text
@@ -137,6 +138,25 @@ def _differ(document: dict) -> bool:
     """Whether the sum of |tap|² is not the power in the band, as far as it is printed."""
     path_gain_db, sum_db = document["path_gain_db"], document["tap_sum_db"]
     return path_gain_db is not None and f"{path_gain_db:.2f}" != f"{sum_db:.2f}"
+
+
+def read_taps(path: str | Path) -> tuple[list[dict], float]:
+    """(taps of a sounding, each `delay_s` from the first one on, `gain_db` and `phase_rad`; its noise floor in dB), of its
+    folder or result.json. Raises CastError where it is none, or found no tap."""
+    path = Path(path) / "result.json" if Path(path).is_dir() else Path(path)
+    get = json_file(path, missing=" (a sounding is a folder with a result.json)")
+    get.version("cast_sounding", 1)
+    units = {"delay_s": "s", "gain_db": "dB", "phase_rad": "rad"}
+    taps = [get.mapping(tap, f"taps[{k}]") for k, tap in enumerate(get.sequence(get.document.get("taps"), "taps"))]
+    taps = [
+        {key: get.number(tap.get(key), f"taps[{k}].{key}", unit) for key, unit in units.items()} for k, tap in enumerate(taps)
+    ]
+    floor_db = get.number(get.document.get("noise_floor_db"), "noise_floor_db", "dB")
+    if not taps:
+        get.faults.add("taps", "got none: the sounding heard no signal")
+    get.faults.raise_if_any()
+    first_s = min(tap["delay_s"] for tap in taps)
+    return [tap | {"delay_s": tap["delay_s"] - first_s} for tap in taps], floor_db
 
 
 def output_folder(path: str | Path) -> Path:

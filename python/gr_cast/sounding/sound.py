@@ -23,6 +23,7 @@ MIN_OFFSET_SEARCH_HZ = 25e3
 _DOPPLER_BLOCKS = 64  # at least, where there are as many periods: taps may turn faster than the strongest path
 _TRACKS, _TRACKED, _TRACK_BLOCKS = 16, 1e-3, 512  # delays looked at for movement, down to −30 dB, in so many blocks
 _MOVES_SIGMA = 5.0  # standard deviations by which a tap must turn otherwise than the strongest one
+INTERPOLATED = 10**-9.3  # power of the error, over the signal's, of the emulator's filters within their band
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +47,8 @@ class LinkBudget:
 class SoundingOptions:
     """How a recording is sounded. `average`: code periods per frame, 0 chooses; offsets in Hz, spread in seconds.
 
-    A carrier offset that is known (0 between radios on one clock) is taken as it is, and what turns beyond it is Doppler.
+    A carrier offset that is known (0 between radios on one clock) is taken as it is, and what turns beyond it is Doppler. `band`:
+    share of the recording's band, in the middle, that a repeated waveform is looked at in, for filters may end before it does.
     """
 
     average: int = 0
@@ -56,6 +58,7 @@ class SoundingOptions:
     correct_offset: bool = True
     carrier_offset_hz: float | None = None
     max_spread_s: float = MAX_SPREAD_S
+    band: float = 1.0
     budget: LinkBudget = field(default_factory=LinkBudget)
 
     def __post_init__(self):
@@ -69,6 +72,8 @@ class SoundingOptions:
             raise CastError(f"max offset: got {self.max_offset_hz} Hz, needs a finite number, 0 or more")
         if self.carrier_offset_hz is not None and not np.isfinite(self.carrier_offset_hz):
             raise CastError(f"carrier offset: got {self.carrier_offset_hz} Hz, needs a finite number")
+        if not 0 < self.band <= 1:
+            raise CastError(f"band: got {self.band}, needs more than 0 and at most 1 (all of it)")
         if not 0 < self.max_spread_s < np.inf:
             raise CastError(f"max spread: got {self.max_spread_s} s, needs a finite number above 0")
 
@@ -199,7 +204,7 @@ def _sound_periodic(recording: Recording, waveform: Waveform, options: SoundingO
         raise CastError(f"average: got {average} periods, the recording holds {count} whole ones")
     if not np.any(periods.samples):
         raise CastError("recording: every sample of its whole periods is zero")
-    template = Template(waveform.samples)
+    template = Template(waveform.samples, band=options.band)
     _refuse_a_tone(template, waveform)
     samples, offset = _without_offset(periods, template, recording, options)
     profiles = _delay_profiles(samples, template)
@@ -219,7 +224,7 @@ def _sound_periodic(recording: Recording, waveform: Waveform, options: SoundingO
     taps = estimate_taps(
         observed,
         template,
-        noise_variance=None if noise is None else noise / (count // blocks),
+        noise_variance=None if noise is None else noise / (count // blocks) + _least_noise(observed, options),
         noise_freedom=np.inf if noise is None else length * (count - 2) / 1.94,  # differences share their periods
         false_alarm_rate=options.false_alarm_rate,
         max_taps=options.max_taps,
@@ -290,6 +295,11 @@ def _jump_warnings(jumps: list[tuple[float, int]], kept_s: float) -> list[str]:
         f"the code jumps by {shift:+d} samples at {time_s:.6g} s{more}: did the transmitter run out of samples? "
         f"Sounded the longest stretch without a jump, {kept_s:.4g} s"
     ]
+
+
+def _least_noise(observed: np.ndarray, options: SoundingOptions) -> float:
+    """Noise power that no averaging takes away: what interpolating filters leave in the band."""
+    return INTERPOLATED * float(np.mean(np.abs(observed) ** 2)) if options.band < 1 else 0.0
 
 
 def _delay_profiles(samples: np.ndarray, template: Template, blocks: int = 64) -> np.ndarray:

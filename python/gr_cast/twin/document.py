@@ -107,6 +107,11 @@ class Case:
     def transmitters(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(tx for o in self.observations for tx in o.on_air))
 
+    def sent(self, observation: Observation) -> dict[str, dict]:
+        """Transmitter to the entry of its waveform in a recording, as it is found from any folder."""
+        entries = {tx: self.document["waveforms"][name] for tx, (name, _) in observation.on_air.items()}
+        return {tx: e | {"file": str((self.folder / e["file"]).resolve())} if "file" in e else e for tx, e in entries.items()}
+
 
 def read_case(folder: str | Path) -> Case:
     """Read and check a case folder. Raises CastError with one line per fault."""
