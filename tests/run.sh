@@ -7,6 +7,7 @@ source "$(dirname "${BASH_SOURCE[0]}")/../apps/setup.sh"
 test_packages=(
     python3-pytest python3-hypothesis python3-pytest-timeout python3-pytest-xdist python3-distributed mgen iperf3 iproute2
     xvfb xauth gir1.2-gtk-3.0 x11-apps imagemagick clang-format python3-venv man-db
+    python3-sphinx python3-myst-parser python3-nbsphinx python3-jsonschema pandoc
 )
 install_missing "${run_packages[@]}" "${test_packages[@]}"
 build "$root/build"

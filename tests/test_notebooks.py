@@ -84,3 +84,9 @@ def test_a_recording_that_is_written_is_read_as_it_was(tmp_path):
     assert np.array_equal(now.samples, samples)
     assert (now.sample_rate_hz, now.center_frequency_hz, now.annotations) == (1e6, 2e9, was.annotations)
     assert now.metadata["cast:transmitter"] == "a"
+
+
+def test_a_figure_that_is_the_value_of_a_cell_is_shown_as_a_picture():
+    from gr_cast.report import plot
+
+    assert plot.new_figure(2, 1)._repr_png_().startswith(b"\x89PNG")

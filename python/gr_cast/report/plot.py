@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Pictures of soundings, codes, path losses, scenarios, comparisons and experiments; `save` writes one whole."""
 
+import io
 from pathlib import Path
 
 import matplotlib
@@ -31,8 +32,17 @@ def save(figure: Figure, path: str | Path) -> None:
         figure.savefig(aside, dpi=110)
 
 
+class _Figure(Figure):
+    """One that a notebook shows where it is the value of a cell."""
+
+    def _repr_png_(self) -> bytes:
+        with io.BytesIO() as file:
+            self.savefig(file, format="png", dpi=90)
+            return file.getvalue()
+
+
 def new_figure(width: float, height: float) -> Figure:
-    return Figure(figsize=(width, height), layout="constrained")
+    return _Figure(figsize=(width, height), layout="constrained")
 
 
 def sounding_figure(sounding: Sounding, title: str, modelled_taps=()) -> Figure:
