@@ -37,6 +37,10 @@ def parse(parser: argparse.ArgumentParser, argv=None, namespace=None) -> argpars
     return parser.parse_args(argv, namespace)
 
 
+_MISSING = {  # modules whose absence is a first mistake, and what to type next
+    "gr_cast.blocks.cast_python": "this checkout is not built: bash apps/demo.sh installs what is missing and builds it",
+    "gnuradio": f"no GNU Radio in {sys.executable}: apt-get install gnuradio, and run this with /usr/bin/python3",
+}
 _UNITS = {"": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
 _FREQUENCY = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)([kMG]?)(Hz|S/s)?")
 
@@ -132,6 +136,12 @@ def run(main) -> None:
         status = 141 if isinstance(error, BrokenPipeError) and _is_read_no_more() else 2
         if status == 2:
             _say(f"error: {error.filename or 'system'}: {error.strerror or error}")
+    except ModuleNotFoundError as error:
+        hint = _MISSING.get(error.name or "")
+        if hint is None:
+            raise
+        _say(f"error: {hint}")
+        status = 2
     except KeyboardInterrupt:
         _say("interrupted")
         status = 130

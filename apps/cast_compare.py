@@ -20,11 +20,13 @@ from gr_cast.sounding.result import output_folder
 def _response(name: str, link: str | None, time_s: float) -> responses.Response | None:
     """The taps of a sounding, or of a scenario's link; None where `name` is a series."""
     sounding = responses.from_sounding(Path(name))
-    if sounding is not None or link is None:
+    if sounding is not None or (link is None and not sc.is_scenario(name)):
         return sounding
-    scenario, key = sc.load(name), tuple(link.split(">", 1))
+    scenario, key = sc.load(name), tuple((link or "").split(">", 1))
     if key not in scenario.links:
-        raise CastError(f"{name}: --link: got {link!r}, no such link")
+        shown = ", ".join(map(sc.link_name, list(scenario.links)[:8])) + (", …" if len(scenario.links) > 8 else "")
+        said = "is a scenario: add" if link is None else f"--link: got {link!r}, needs"
+        raise CastError(f"{name}: {said} --link 'TX>RX' of {shown}")
     delay_s, gain = (value[0] for value in sc.taps_at(scenario, key, np.array([time_s])))
     played_db = db_from_amplitude(gain[gain != 0]) - sc.base_loss_db(scenario, key)
     return responses.Response(name=f"{name} {link}", delay_s=delay_s[gain != 0], gain_db=played_db)

@@ -54,7 +54,16 @@ def _one(common: tuple[Path, float], folder: Path) -> tuple[str, list[str]]:
         return "", [f"{error.filename or output}: {error.strerror or error}"]
     d = diagnosis.document
     named = ", ".join(f"{e['family']} ({e['owner']['name']})" for e in d["effects"])
-    return f"{case.name}: {d['verdict']}{': ' + named if named else ''}  [{d['seconds']:.1f} s]", []
+    return "\n".join([f"{case.name}: {d['verdict']}{': ' + named if named else ''}  [{d['seconds']:.1f} s]", *_next(d)]), []
+
+
+def _next(document: dict) -> list[str]:
+    """What stays open, and what to record to decide it."""
+    decides = "put it into the case and diagnose again"
+    return [
+        f"    open: {' or '.join(pair['families'])}. Record next: {report.EXPERIMENTS[pair['record_next']]}; {decides}"
+        for pair in document["ambiguous"]
+    ]
 
 
 def main(argv=None) -> int:

@@ -69,9 +69,9 @@ def show(args) -> None:
         )
     if not args.all and len(keys) > MAX_ROWS:
         print(f"… and {len(keys) - MAX_ROWS} more links: --all shows them")
-    picture = args.plot or f"{Path(args.scenario).stem}.png"
-    plot.save(plot.scenario_figure(scenario, width_hz), picture)
-    print(f"picture: {picture}")
+    if args.plot:
+        plot.save(plot.scenario_figure(scenario, width_hz), args.plot)
+        print(f"picture: {args.plot}")
 
 
 def _band_hz(args, scenario: sc.Scenario) -> float:
@@ -253,7 +253,7 @@ def main(argv=None) -> int:
     command.add_argument("scenario", help="catalogue id or file (.yaml, .mat, .zarr)")
     command.add_argument("--all", action="store_true", help="every link of the table")
     command.add_argument("--band", type=float, metavar="HZ", help="band of path gains (default: the scenario's own, else 80e6)")
-    command.add_argument("--plot", metavar="PNG", help="the picture (default: SCENARIO.png in this folder)")
+    command.add_argument("--plot", metavar="PNG", help="also a picture of them")
     command.set_defaults(call=show)
     command = commands.add_parser("convert", help="write a scenario in another format")
     command.add_argument("source", help="catalogue id or file (.yaml, .mat, .zarr)")

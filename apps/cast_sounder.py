@@ -182,7 +182,7 @@ def _base_loss_db(args, file: recording.Recording, path) -> float:
 
 
 def _read(path, raw_format=None, rate=None) -> recording.Recording:
-    if raw_format is None and rate is None:
+    if raw_format is None and rate is None and (recording.meta_path(path).is_file() or not Path(path).is_file()):
         return recording.read(path)
     if recording.meta_path(path).is_file():
         file = recording.read(path)
@@ -192,7 +192,8 @@ def _read(path, raw_format=None, rate=None) -> recording.Recording:
             raise CastError(f"{path}: --rate: got {rate:g} Hz, the recording says {file.sample_rate_hz:g} Hz")
         return file if rate is None else replace(file, sample_rate_hz=rate)  # SigMF may leave the rate out
     if raw_format is None or rate is None:
-        raise CastError(f"{path}: raw samples need both --format and --rate")
+        formats = "|".join(recording.RAW_FORMATS)
+        raise CastError(f"{path}: raw samples (no {recording.meta_path(path).name} beside it): add --format {formats} --rate HZ")
     return recording.read_raw(path, raw_format=raw_format, sample_rate_hz=rate)
 
 
@@ -275,7 +276,9 @@ def _links(args, scenario) -> list[tuple[str, str]]:
     link = tuple(args.link.split(">"))
     if link not in scenario.links:
         shown = ", ".join(f"{tx}>{rx}" for tx, rx in list(scenario.links)[:8])
-        raise CastError(f"--link: got {args.link!r}, {scenario.name} has {shown}{', …' if len(scenario.links) > 8 else ''}")
+        quote = "" if len(link) > 1 else "needs TX>RX in quotes, for a shell takes > for itself; "
+        more = ", …" if len(scenario.links) > 8 else ""
+        raise CastError(f"--link: got {args.link!r}, {quote}{scenario.name} has {shown}{more}")
     return [link]
 
 

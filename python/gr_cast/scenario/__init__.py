@@ -5,7 +5,7 @@
 """
 
 from .band import band_hz, band_power_db, path_gain_matrix_db, tap_power_matrix_db, taps_over_band_db
-from .catalogue import catalogue_entries, data_folder, examples_folder, load, read, save
+from .catalogue import catalogue_entries, data_folder, examples_folder, is_scenario, load, read, save
 from .model import (
     GRID_STEP_S,
     GRID_TAPS,
@@ -38,6 +38,7 @@ __all__ = [
     "data_folder",
     "examples_folder",
     "impulse_response",
+    "is_scenario",
     "link_name",
     "load",
     "path_gain_matrix_db",

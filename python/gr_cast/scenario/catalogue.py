@@ -59,6 +59,11 @@ def save(path: str | Path, scenario: Scenario, **options) -> None:
     _WRITERS[path.suffix.lower()](path, scenario, **options)
 
 
+def is_scenario(name_or_path: str | Path) -> bool:
+    """Whether `load` would take it: an id of the catalogue or a scenario file's suffix."""
+    return str(name_or_path) in catalogue_entries() or Path(name_or_path).suffix.lower() in _READERS
+
+
 def load(name_or_path: str | Path) -> Scenario:
     """The scenario of that catalogue id (`four_tap`, `1009`), or of that file."""
     entries = catalogue_entries()
@@ -66,6 +71,8 @@ def load(name_or_path: str | Path) -> Scenario:
         return read(entries[str(name_or_path)])
     if Path(name_or_path).suffix.lower() in _READERS:
         return read(name_or_path)
+    if (examples_folder() / f"{name_or_path}.yaml").exists():
+        raise CastError(f"{name_or_path}: not made yet: cast_scenario.py create {name_or_path} makes it")
     raise CastError(
         f"{name_or_path}: no such scenario: not a file (.yaml, .mat, .zarr) and not in the catalogue: {', '.join(entries)}"
     )

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""First mistakes: each message says what to type next, and typing it works."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import cast_compare
+import cast_diagnose
+import cast_scenario
+import cast_sounder
+import numpy as np
+import pytest
+from gr_cast import report
+from gr_cast.core.errors import CastError
+from gr_cast.signals import codes
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_a_scenario_without_its_link_is_told_the_links(tmp_path):
+    two = ["four_tap", "four_tap", "--output", str(tmp_path)]
+    with pytest.raises(CastError, match="four_tap: is a scenario: add --link 'TX>RX' of 1>2"):
+        cast_compare.main(two)
+    cast_compare.main([*two, "--link", "1>2"])
+
+
+def test_a_link_that_the_shell_cut_is_told_of_quotes(tmp_path):
+    with pytest.raises(CastError, match="got '1', needs TX>RX in quotes, for a shell takes > for itself; .* has 1>2, 2>1"):
+        cast_sounder.main(["run", "--link", "1", "--output", str(tmp_path)])
+
+
+def test_a_raw_file_without_its_format_is_told_the_options(tmp_path):
+    np.tile(codes.from_spec({"code": "glfsr", "degree": 8, "samples_per_chip": 1}), 5).astype(np.complex64).tofile(
+        tmp_path / "x.bin"
+    )
+    told = ["process", str(tmp_path / "x.bin"), "--code", "glfsr:8", "--output", str(tmp_path / "out")]
+    with pytest.raises(CastError, match=r"x.bin: raw samples \(no x.bin.sigmf-meta beside it\): add --format cf32\|.* --rate HZ"):
+        cast_sounder.main(told)
+    cast_sounder.main([*told, "--format", "cf32", "--rate", "1M"])
+
+
+@pytest.mark.parametrize("name", ["arena", "street"])
+def test_an_example_that_is_not_made_yet_is_told_how(name, tmp_path, monkeypatch):
+    monkeypatch.setenv("CAST_CATALOGUE", str(tmp_path))
+    with pytest.raises(CastError, match=f"{name}: not made yet: cast_scenario.py create {name} makes it"):
+        cast_scenario.main(["show", name])
+
+
+def test_an_unbuilt_checkout_is_told_to_build(tmp_path):
+    ignore = shutil.ignore_patterns("*.so", "__pycache__")
+    shutil.copytree(ROOT / "python", tmp_path / "python", ignore=ignore)
+    shutil.copytree(ROOT / "apps", tmp_path / "apps", ignore=ignore)
+    command = [sys.executable, str(tmp_path / "apps/cast_sounder.py"), "run", "--output", str(tmp_path / "out")]
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 2
+    assert done.stderr == "error: this checkout is not built: bash apps/demo.sh installs what is missing and builds it\n"
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_stays_open_names_both_families_and_the_experiment():
+    """For whatever experiment a diagnosis may name there are words."""
+    for name, words in report.EXPERIMENTS.items():
+        pair = {"families": ["extra_path", "front_end_filter"], "record_next": name}
+        (line,) = cast_diagnose._next({"ambiguous": [pair]})
+        assert "extra_path or front_end_filter" in line and f"Record next: {words}" in line
+
+
+def test_show_leaves_nothing_in_the_folder_unasked(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    cast_scenario.main(["show", "four_tap"])
+    assert list(tmp_path.iterdir()) == []
+    cast_scenario.main(["show", "four_tap", "--plot", "four.png"])
+    assert [path.name for path in tmp_path.iterdir()] == ["four.png"]
