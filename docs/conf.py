@@ -11,6 +11,7 @@ PACKAGE = Path(os.environ.get("CAST_BUILD", HERE.parent / "build")) / "python"
 sys.path.insert(0, str(PACKAGE))
 os.environ["PYTHONPATH"] = os.pathsep.join([str(PACKAGE), *filter(None, [os.environ.get("PYTHONPATH")])])  # of notebooks, too
 os.environ.setdefault("MPLBACKEND", "Agg")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads only wait for each other
 from gr_cast import __version__
 
 project, author, copyright = "gr-cast", "gr-cast contributors", "gr-cast contributors, GPL-3.0-or-later"
