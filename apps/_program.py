@@ -7,6 +7,7 @@ import os
 import re
 import select
 import sys
+import time
 from pathlib import Path
 
 _HERE = Path(__file__).resolve().parent
@@ -68,6 +69,7 @@ def carrier(text: str) -> float:
     return _frequency(text, 1e6, "a carrier")
 
 
+_begun: dict = {}  # of what progress is shown: (seconds, how much was done) when it was first
 _shown = False  # whether the last line is one of progress, which the next would go on
 
 
@@ -75,7 +77,17 @@ def progress(what: str, done: int, total: int) -> None:
     """Show how far it is, in the place of what was shown before; the last one stays."""
     global _shown
     _shown = done < total
-    print(f"\r{what}: {done} of {total}", end="" if _shown else "\n", file=sys.stderr, flush=True)
+    print(f"\r{what}: {done} of {total}{_left(what, done, total):24s}", end="" if _shown else "\n", file=sys.stderr, flush=True)
+
+
+def _left(what: str, done: int, total: int) -> str:
+    """How long the rest takes if it goes on as until now; nothing until that can be told, or where there is no rest."""
+    now = time.monotonic()
+    begun, before = _begun.setdefault((what, total), (now, done))
+    if done >= total or done <= before:
+        return ""
+    left_s = (now - begun) / (done - before) * (total - done)
+    return f", about {left_s / 60:.0f} min left" if left_s >= 90 else f", about {left_s:.0f} s left"
 
 
 def check_ranges(args, ranges: dict) -> None:

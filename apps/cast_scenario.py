@@ -13,9 +13,10 @@ import numpy as np
 from gr_cast import scenario as sc
 from gr_cast.comparing import validation
 from gr_cast.core.errors import CastError
+from gr_cast.core.files import write_text
 from gr_cast.core.units import db_from_amplitude
-from gr_cast.report import plot
-from gr_cast.scenario import colosseum
+from gr_cast.report import plan, plot
+from gr_cast.scenario import colosseum, zarr_file
 from gr_cast.scenario.create import p2m, pipeline
 from gr_cast.scenario.create.spec import read as read_spec
 from gr_cast.scenario.reduced import reduced
@@ -72,6 +73,15 @@ def show(args) -> None:
     if args.plot:
         plot.save(plot.scenario_figure(scenario, width_hz), args.plot)
         print(f"picture: {args.plot}")
+    if args.plan:
+        _write_plan(args.scenario, args.plan)
+
+
+def _write_plan(name: str, target) -> None:
+    """The place as a page: objects, nodes, tracks, and the path loss from a node that is clicked on."""
+    path = sc.catalogue_entries().get(name, Path(name))
+    write_text(target, plan.page(sc.read(path), zarr_file.outlines(path)))
+    print(f"plan: {target}")
 
 
 def _band_hz(args, scenario: sc.Scenario) -> float:
@@ -156,7 +166,9 @@ def create(args) -> int:
     spec = read_spec(path)
     folder = Path(args.work or f"{spec.id}.create")
     run = pipeline.Run(folder=folder, tell=lambda line: print(line, flush=True), progress=_program.progress, dask=args.dask)
-    pipeline.create(spec, run, only=args.until)
+    record = pipeline.create(spec, run, only=args.until)
+    if "install" in record:
+        _write_plan(spec.id, folder / "plan.html")
     return 0
 
 
@@ -254,6 +266,7 @@ def main(argv=None) -> int:
     command.add_argument("--all", action="store_true", help="every link of the table")
     command.add_argument("--band", type=float, metavar="HZ", help="band of path gains (default: the scenario's own, else 80e6)")
     command.add_argument("--plot", metavar="PNG", help="also a picture of them")
+    command.add_argument("--plan", metavar="HTML", help="also the place from above, to be clicked on in a browser")
     command.set_defaults(call=show)
     command = commands.add_parser("convert", help="write a scenario in another format")
     command.add_argument("source", help="catalogue id or file (.yaml, .mat, .zarr)")

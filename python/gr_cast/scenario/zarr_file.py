@@ -151,6 +151,25 @@ def attributes(path: str | Path) -> dict:
     return get.document
 
 
+def outlines(path: str | Path) -> list[dict]:
+    """The objects of the place as `create` left them (`geometry.outlines`); none of a scenario that came otherwise."""
+    about = attributes(path) if Path(path).suffix == ".zarr" else {}
+    get, found = Reader(f"{path}: .zattrs", about), []
+    for k, entry in enumerate(get.sequence(about.get("outlines", []), "outlines")):
+        place = f"outlines[{k}]"
+        entry = get.keys(entry, place, {"name", "faces", "floor"}, ("name", "faces", "floor"))
+        faces = get.sequence(entry.get("faces", []), f"{place}.faces")
+        for corner in (corner for face in faces for corner in get.sequence(face, f"{place}.faces")):
+            pair = get.sequence(corner, f"{place}.faces")
+            if len(pair) != 2:
+                get.faults.add(f"{place}.faces", "needs x and y of every corner")
+            for number in pair:
+                get.number(number, f"{place}.faces", "m")
+        found.append({"name": get.text(entry.get("name"), f"{place}.name"), "faces": faces, "floor": entry.get("floor") is True})
+    get.faults.raise_if_any()
+    return found
+
+
 def read(path: str | Path) -> Scenario:
     """Read a Zarr scenario. Raises CastError for damage or values that the model refuses."""
     path = Path(path)

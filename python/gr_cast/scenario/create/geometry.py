@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Named triangle meshes: what a place is made of. Metres, z up."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -191,3 +192,19 @@ def _crosses(a, b, c, d) -> bool:
 
 def assigned(solid: Solid, material: str) -> Solid:
     return replace(solid, material=material)
+
+
+def outlines(solids: Sequence[Solid]) -> list[dict]:
+    """The objects from above, for a plan: `name`, `faces` ([[x, y], …] in metres, to the centimetre) and `floor`, true of level
+    sheets at the bottom or the top of all, which would hide the others."""
+    bottom_m, top_m = (corner[2] for corner in bounds_m(solids))
+    found = []
+    for solid in solids:
+        height_m = solid.vertices_m[:, 2]
+        floor = np.ptp(height_m) < 0.01 and not bottom_m + 0.01 < height_m[0] < top_m - 0.01
+        faces = np.round(solid.vertices_m[solid.faces][:, :, :2], 2)
+        turns_right = np.linalg.det(np.diff(faces, axis=1)) < 0
+        faces[turns_right] = faces[turns_right, ::-1]  # all one way round, or top and bottom would cancel
+        faces = np.unique(faces, axis=0)
+        found.append({"name": solid.name, "faces": faces.tolist(), "floor": bool(floor)})
+    return found

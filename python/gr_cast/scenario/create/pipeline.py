@@ -442,5 +442,6 @@ def _write(spec: Spec, run: Run, made: Scenario, content: str, target: Path) -> 
         target, made, id=spec.id, version=version, content_sha256=content, radios=radios, steps=steps,
         paths_file=str((run.folder / "parsing/links.npz").resolve()),
         delays_moved_s=_delays_moved_s(spec, run), hold_s=spec.hold_s,
+        outlines=geometry.outlines(_load(run, "materials/solids.pickle")),
     )  # fmt: skip
     return version
