@@ -32,8 +32,8 @@ def test_a_colour_that_stays_is_not_what_cells_hold_together_and_one_that_moves_
     assert flatness.together(moving, count).p_value < 1e-9
 
 
-def _document(world, folder, y):
-    return diagnose(read_case(world.write(folder, y)), budget_s=3000).document
+def _document(world, folder, y, **how):
+    return diagnose(read_case(world.write(folder, y, **how)), budget_s=3000).document
 
 
 def test_noise_that_hops_through_the_band_is_no_floor(world, tmp_path):
@@ -52,3 +52,14 @@ def test_noise_of_one_level_is_a_floor(world, tmp_path):
     document = _document(world, tmp_path / "case", y)
     assert document["verdict"] == "identified"
     assert [e["family"] for e in document["effects"]] == ["noise_floor"]
+
+
+def test_the_change_of_a_floor_is_that_of_all_noise_by_sample_the_rounding_of_the_file_in_it(world, tmp_path):
+    rounding, own, step = (1 / 128) ** 2 / 6, world.noise_rms**2, 1 / 128
+    y = world.noisy(world.clean()) + noise(world.rng, len(world.n), world.noise_rms * 0.7**0.5)
+    assert abs(np.mean(np.abs(step * (np.round(y.real / step) + 1j * np.round(y.imag / step)) - y) ** 2) / rounding - 1) < 0.05
+    world.noise_rms = (own + rounding) ** 0.5  # as a recording of the receiver alone has it
+    (effect,) = _document(world, tmp_path / "case", y, datatype="ci8")["effects"]
+    change = effect["parameters"]["change_db"]
+    assert effect["family"] == "noise_floor"
+    assert abs(change["value"] - 10 * np.log10((1.7 * own + rounding) / (own + rounding))) < 2.5 * change["std"] < 0.2

@@ -130,3 +130,21 @@ def test_a_short_frame_of_pulses_is_there_and_one_with_other_bits_is_not(seed):
     left = noise(rng, 224, 0.5**0.5 / 10**0.5)
     assert _look(frame * turn + left, frame, 0).there
     assert not _look(other * turn + left, frame, 0).there
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_pulses_in_bursts_are_there_and_other_bits_in_the_same_bursts_are_not(seed):
+    """Frames of 112 bits by the place of a soft pulse, two samples each, of several aircraft with silences between them."""
+    rng = np.random.default_rng(seed)
+    sizes, gaps = rng.uniform(0.6, 1.0, 24), rng.integers(150, 900, 24)
+
+    def frames():
+        bits = rng.integers(0, 2, (24, 112))
+        pulses = np.repeat(np.stack([bits, 1 - bits], 2).reshape(24, 224), 2, axis=1) * sizes[:, None]
+        x = np.concatenate([np.append(burst, np.zeros(gap)) for burst, gap in zip(pulses, gaps, strict=True)])
+        return np.convolve(x, [0.15, 0.7, 0.15], "same") + 0j
+
+    frame, other = frames(), frames()
+    left = noise(rng, len(frame), 0.1)
+    assert _look(frame + left, frame, 0).there
+    assert not _look(other + left, frame, 0).there

@@ -30,13 +30,15 @@ from .policy import (
 @dataclass(frozen=True, kw_only=True)
 class Heard:
     """What is left of a recording where the rails do not touch it, over the noise that the twin tells: `energy` and the
-    `level` of what is received by sample, as many independent samples as `count`, and the energies of the vault `unseen`."""
+    `level` of what is received by sample, as many independent samples as `count`, the energies of the vault `unseen`, and what
+    that noise is over the twin's figure (`rounded`) if the figure lacks the rounding of the file."""
 
     energy: np.ndarray
     level: np.ndarray
     count: float
     unseen: np.ndarray
     uneven: list
+    rounded: float = 1.0
 
     @property
     def ratio(self) -> float:
@@ -88,12 +90,13 @@ class Told:
 
 
 def _raised(heard: Heard) -> Told:
-    """One other level everywhere."""
-    ratio = heard.ratio
+    """One other level everywhere, over the figure as it is told: noise by sample, of which nobody knows how much is rounding."""
+    ratio, change = heard.ratio, heard.ratio * heard.rounded
+    doubt = (heard.rounded - 1) / change / np.sqrt(12)
     return Told(
-        effect=start(with_role(Role.FLOOR), [10 * np.log10(ratio)], free=[False]),
+        effect=start(with_role(Role.FLOOR), [10 * np.log10(change)], free=[False]),
         worth=Worth(evidence=heard.nats, held_out=heldout.of_variance(heard.unseen, np.full(len(heard.unseen), ratio))),
-        stds={"change_db": 10 / np.log(10) / np.sqrt(heard.count)},
+        stds={"change_db": 10 / np.log(10) * float(np.hypot(1 / np.sqrt(heard.count), doubt))},
     )
 
 
@@ -151,7 +154,9 @@ def _heard(finding: Finding) -> Heard | None:
     shape = np.ones(data.scene.count) if data.variance is None else data.variance
     power = np.abs(data.even(fit.residual, (data.use > 0) | data.vault)) ** 2 / shape
     # The rounding of the file itself, which the twin's figure may hold or not.
-    told = float(np.clip(np.mean(power[inside]), told, told + gate.native_step(finding.observation.datatype) ** 2 / 6))
+    of_file = gate.native_step(finding.observation.datatype) ** 2 / 6
+    rounded = 1 + float(np.clip(np.mean(power[inside]) - told, 0.0, of_file)) / told
+    told *= rounded
     energy, count, level = power / told, float(inside.sum()), np.abs(fit.chain.wanted)
     if _wanders(fit):  # what it leaves over is across the signal
         inside = inside & (level**2 > FAINT * np.mean(level[inside] ** 2))
@@ -164,7 +169,8 @@ def _heard(finding: Finding) -> Heard | None:
         # of noise that a filter coloured, what is told is the floor where the signal is
         energy = energy * (_beside_signal(fit) / told / energy[inside].mean())
         count *= float(np.mean(data.scene.occupied))
-    return Heard(energy=energy[inside], level=level[inside], count=count, unseen=power[data.vault] / told, uneven=uneven)
+    unseen = power[data.vault] / told
+    return Heard(energy=energy[inside], level=level[inside], count=count, unseen=unseen, uneven=uneven, rounded=rounded)
 
 
 def _wanders(fit: Fit) -> list[Effect]:

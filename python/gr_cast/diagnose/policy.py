@@ -174,6 +174,7 @@ PRESENCE_AROUND = 16  # samples around the delay that was found in which the wav
 NULLS, NULLS_OF_SHORT = 64, 256  # delays near, and as many far, at which it is not; of a short recording
 PRESENCE_SHORT = 4096  # samples of one
 FARTHEST_NEAR = 8 * PRESENCE_AROUND
+PRESENCE_ENVELOPE = 64  # samples over which amplitudes are averaged: more than a symbol's, less than a burst's
 PRESENCE_SILENT = 1e-3  # of the mean energy of the waveform in a stretch: less holds none of it
 LEAST_OVERLAP = 0.25  # of the most energy of the waveform in the recording at any delay: those with less are not compared
 PRESENCE_ALIKE = 0.7  # coherence of a waveform with itself, from which on another delay makes no other waveform of it

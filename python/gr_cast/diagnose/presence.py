@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import fft as sp_fft
-from scipy import special
+from scipy import ndimage, special
 
 from ..twin.effects import Role, plays
 from ..twin.scene import reach
@@ -30,6 +30,7 @@ from .policy import (
     NULLS_OF_SHORT,
     PRESENCE_ALIKE,
     PRESENCE_AROUND,
+    PRESENCE_ENVELOPE,
     PRESENCE_GROWTH,
     PRESENCE_PIECE,
     PRESENCE_SHORT,
@@ -145,13 +146,15 @@ def _fullest(y, signals, inside, length: int):
 
 def _on_air(y, signals, inside):
     """The stretch from the first to the last sample that is sent, in which other delays meet the same recording; what is sent
-    without its mean there, for any signal with a carrier would explain that as much."""
+    without what it has of its own envelope there, for any signal with a carrier that is on at these times would explain that as
+    much."""
     power = (np.abs(signals) ** 2).sum(0) * inside
     sent = np.flatnonzero(power > PRESENCE_SILENT * np.mean(power))
     at = slice(sent[0], sent[-1] + 1) if len(sent) else slice(0, 0)
     y, signals, inside = y[at], signals[:, at], inside[at]
-    mean = (signals * inside).sum(1) / max(inside.sum(), 1.0)
-    return y, signals - np.outer(mean, inside), inside
+    envelopes = inside * ndimage.uniform_filter1d(np.abs(signals * inside), PRESENCE_ENVELOPE, mode="constant")
+    held = (envelopes * signals).sum(1) / np.maximum((envelopes**2).sum(1), 1e-300)
+    return y, signals - held[:, None] * envelopes, inside
 
 
 def _delays(n: int, period: int):
