@@ -115,7 +115,7 @@ def run(args) -> int:
     if pictures:
         plot.save(plot.jamming_figure(pictures), folder / "jamming.png")
         plot.save(plot.jamming_spectrogram(pictures, modem.sample_rate_hz), folder / "spectrogram.png")
-    document = result.document(modem.name, documents, not args.interrupted)
+    document = result.document(modem.name, documents, not args.interrupted, modem.restarts)
     write_json(folder / "jamming.json", document)
     print(result.as_table(document))
     return 130 if args.interrupted else 0

@@ -66,6 +66,22 @@ void set(const zmq_socket_handle& socket, int option, int value)
     zmq_setsockopt(socket.get(), option, &value, sizeof(value));
 }
 
+// Whether a message begins as GNU Radio's sinks begin it with "Pass Tags" on: magic, version, then
+// number of the first sample and of tags, which are small where samples are any bits.
+bool has_tag_header(zmq_message& message)
+{
+    struct __attribute__((packed)) {
+        uint16_t magic;
+        uint8_t version;
+        uint64_t offset, n_tags;
+    } header;
+    if (message.size() < sizeof(header))
+        return false;
+    std::memcpy(&header, message.data(), sizeof(header));
+    return header.magic == 0x5FF0 && header.version < 16 && header.offset >> 48 == 0 &&
+           header.n_tags >> 16 == 0;
+}
+
 } // namespace
 
 bool sample_message::take_from(const zmq_socket_handle& socket, error_report& report)
@@ -78,6 +94,11 @@ bool sample_message::take_from(const zmq_socket_handle& socket, error_report& re
             return false;
         }
     } while (d_message.more());
+    if (has_tag_header(d_message)) {
+        report("a peer sends stream tags between its samples: nothing of it is taken; turn "
+               "'Pass Tags' off in its ZMQ sink");
+        return false;
+    }
     if (d_message.size() % sizeof(sample))
         report("a peer's message is not whole complex floats of 8 bytes: its end is dropped");
     d_n_samples = d_message.size() / sizeof(sample);

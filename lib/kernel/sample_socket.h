@@ -41,7 +41,8 @@ private:
 class sample_message
 {
 public:
-    // The last part of the next message that a socket has; false: it has none.
+    // The last part of the next message that a socket has; false: it has none, or one that is
+    // refused.
     bool take_from(const zmq_socket_handle& socket, error_report& report);
     // At most n samples, and how many.
     size_t copy(sample* out, size_t n);

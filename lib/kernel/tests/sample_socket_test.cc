@@ -168,6 +168,37 @@ void messages_that_are_not_whole_samples_are_cut_and_told_of_once()
     CHECK(told == 1);
 }
 
+// As GNU Radio's sinks begin messages with "Pass Tags" on, here without a tag.
+void a_sender_of_tags_is_refused_and_told_of_and_heard_when_it_returns_without()
+{
+    const std::string address = free_address();
+    std::vector<std::string> told;
+    sample_requester requester(address, [&](const std::string& what) { told.push_back(what); });
+    sample none;
+    {
+        peer rep(ZMQ_REP, address, true);
+        std::vector<uint8_t> message(19 + 8 * 100);
+        message[0] = 0xF0, message[1] = 0x5F, message[2] = 1;
+        uint8_t question;
+        std::thread receiver([&] {
+            for (int turn = 0; told.empty() && turn < patient_ms / 10; turn++)
+                CHECK(requester.receive(&none, 1, 10) == 0);
+        });
+        CHECK(rep.hear(&question, 1) > 0);
+        rep.say(message.data(), message.size());
+        receiver.join();
+        CHECK(requester.receive(&none, 1, 50) == 0);
+    }
+    CHECK(told.size() == 1 && told[0].find("Pass Tags") != std::string::npos);
+    std::thread transmitter([&] {
+        peer rep(ZMQ_REP, address, true);
+        rep.answer(0, 1000);
+        wait_a_little();
+    });
+    expect(requester, 0, 1000);
+    transmitter.join();
+}
+
 void a_publisher_that_returns_is_heard_again()
 {
     const std::string address = free_address();
@@ -307,6 +338,7 @@ int main()
     a_transmitter_that_dies_between_question_and_answer_is_asked_again_and_once();
     what_was_answered_before_a_death_is_not_lost();
     messages_that_are_not_whole_samples_are_cut_and_told_of_once();
+    a_sender_of_tags_is_refused_and_told_of_and_heard_when_it_returns_without();
     a_question_gets_what_is_there_and_never_more_than_it_asks_for_or_srsran_can_take();
     samples_for_a_receiver_that_died_go_to_the_next();
     a_publisher_that_returns_is_heard_again();

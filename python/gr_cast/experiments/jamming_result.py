@@ -102,9 +102,10 @@ def case_document(name: str, a: Run, b: Run | None) -> dict:
     return document
 
 
-def document(modem: str, cases: list[dict], complete: bool) -> dict:
-    """The content of jamming.json."""
-    return {"cast_jamming": 1, "software": f"gr-cast {__version__}", "modem": modem, "complete": complete, "cases": cases}
+def document(modem: str, cases: list[dict], complete: bool, restarts: int = 0) -> dict:
+    """The content of jamming.json; `restarts` of the modem, each of which lost a frame."""
+    head = {"cast_jamming": 1, "software": f"gr-cast {__version__}", "modem": modem, "modem_restarts": restarts}
+    return head | {"complete": complete, "cases": cases}
 
 
 def write_run(folder: Path, name: str, run: Run) -> None:
@@ -143,6 +144,10 @@ def as_table(document: dict) -> str:
                 f"{'   the paper':<22}{loss + ' %':>17}{cell(told.get('sinr_loss_db'), 'd') + ' dB':>11}{'':16}"
                 f"{cell(told.get('rho_throughput'), '.3f'):>14}{cell(told.get('rho_sinr'), '.3f'):>8}"
             )
+    if document["modem_restarts"]:
+        lines.append(
+            f"the modem died {document['modem_restarts']} times and was started anew; each time a frame was lost by that"
+        )
     if not document["complete"]:
         lines.append("interrupted: these are the frames until then")
     return "\n".join(lines)
