@@ -35,6 +35,8 @@ def _noise_power(args) -> float:
     if args.snr_db is not None:
         if args.noise_power_db is not None:
             raise CastError("noise: got --snr-db and --noise-power-db, needs one of them")
+        if args.reference_power == "auto":
+            return 0.0  # until it is known
         if not 0 < args.reference_power < np.inf:
             raise CastError(f"--reference-power: got {args.reference_power}, needs a finite number above 0")
         return noise_power_from_snr(args.snr_db, args.reference_power)
@@ -58,10 +60,15 @@ def _check_rate(rate_hz: float) -> float:
     return rate_hz
 
 
+def _level(power: dict) -> str:
+    return "silent" if power["mean_db"] is None else f"{power['mean_db']:.1f} (peak {power['peak_db']:.1f}) dB"
+
+
 def _report(status: dict) -> None:
     print(
         f"\r{status['samples']:>14d} samples  real-time factor {status['real_time_factor']:.2f}  late updates "
         f"{status['late_updates']}  clipped {status['clipped_samples']}  "
+        + "".join(f"{port} {_level(power)}  " for port, power in status["power"].items())
         + "".join(f"waiting for {peer}  " for peer in status["waiting_for"])
         + "".join(
             f"{count} {kind.replace('_', ' ')}s at {port}  "
@@ -96,7 +103,8 @@ def run(args) -> int:
     key = read_key(args.control_key) if args.control_key else None
     with ControlServer(args.control, tuple(args.allow_load), key) as control:
         emulation = Emulation(
-            load(args.scenario), ports, rate_hz, noise_power=_noise_power(args), seed=args.seed,
+            load(args.scenario), ports, rate_hz, noise_power=_noise_power(args),
+            snr_db=args.snr_db if args.reference_power == "auto" else None, seed=args.seed,
             fixed_point=_fixed_point(args), settings=settings, n_threads=args.threads, fields=_told(args),
             cycle=args.cycle,
         )  # fmt: skip
@@ -285,7 +293,6 @@ def _add_common(command) -> None:
     command.add_argument("--seed", type=int, default=0, help="of the receivers' noise")
     command.add_argument("--noise-power-db", type=float, help="of every receiver, dB re 1 (samples squared)")
     command.add_argument("--snr-db", type=float, help="noise so far below --reference-power")
-    command.add_argument("--reference-power", type=float, default=1.0, help="in units of the samples squared")
     command.add_argument("--fixed-point", type=int, metavar="BITS", help="round and saturate samples as hardware does")
     command.add_argument("--full-scale", type=float, default=1.0, help="of transmitted samples, with --fixed-point")
     command.add_argument("--output-full-scale", type=float, default=1.0, help="of received samples, with --fixed-point")
@@ -298,6 +305,10 @@ def main(argv=None) -> int:
     command = commands.add_parser("run", help=run.__doc__, description=run.__doc__)
     _add_common(command)
     command.add_argument("--rate", type=_program.rate, required=True, help="samples/s of every port")
+    command.add_argument(
+        "--reference-power", type=lambda text: text if text == "auto" else float(text), default=1.0, metavar="POWER|auto",
+        help="in units of the samples squared; auto: the loudest transmitter's in the first second it sends (default 1)",
+    )  # fmt: skip
     command.add_argument(
         "--port", action="append", default=[], metavar="NODE:tx|rx=KIND:WHERE",
         help="zmq:ADDRESS (as srsRAN's radio), pubsub:ADDRESS, file:STEM, uhd:ARGS (with frequency=, gain=, antenna=, "
@@ -324,6 +335,7 @@ def main(argv=None) -> int:
 
     command = commands.add_parser("batch", help=batch.__doc__, description=batch.__doc__)
     _add_common(command)
+    command.add_argument("--reference-power", type=float, default=1.0, help="in units of the samples squared")
     command.add_argument(
         "--transmit", action="append", default=[], metavar="NODE=RECORDING|CODE", required=True,
         help="what a node sends: a SigMF recording, or a code again and again, such as a=glfsr:10; repeat for every node",

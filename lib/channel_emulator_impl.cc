@@ -5,6 +5,7 @@
 #include <gnuradio/io_signature.h>
 #include <stdexcept>
 #include <thread>
+#include <utility>
 
 namespace gr
 {
@@ -35,6 +36,23 @@ void check_sample_rate(double sample_rate_hz)
                                     ", needs a finite number of Hz above 0");
 }
 
+// Mean power of each, NaN where there were no samples.
+pmt::pmt_t powers(const std::vector<kernel::level>& levels)
+{
+    std::vector<double> values;
+    for (const auto& level : levels)
+        values.push_back(level.energy / double(level.n));
+    return pmt::init_f64vector(values.size(), values);
+}
+
+pmt::pmt_t peaks(const std::vector<kernel::level>& levels)
+{
+    std::vector<double> values;
+    for (const auto& level : levels)
+        values.push_back(level.peak);
+    return pmt::init_f64vector(values.size(), values);
+}
+
 } // namespace
 
 channel_emulator::sptr channel_emulator::make(int n_inputs, int n_outputs, int n_taps,
@@ -61,6 +79,7 @@ channel_emulator_impl::channel_emulator_impl(const kernel::emulator::config& con
           gr::io_signature::make(config.n_outputs, config.n_outputs, sizeof(gr_complex))),
       d_sample_rate_hz(sample_rate_hz), d_name(name), d_emulator(config), d_clock{sample_rate_hz}
 {
+    d_levels = d_reported_levels = no_levels();
     // A tap reaches n_taps-1 samples back. A longer history makes the buffers before this block as
     // long: a call that waits for all inputs and wakes all outputs must be worth it.
     set_history(std::max(config.n_taps, samples_per_call));
@@ -261,7 +280,18 @@ pmt::pmt_t channel_emulator_impl::describe() const
     add("late_updates", pmt::from_uint64(d_emulator.n_late()));
     add("refused_updates", pmt::from_uint64(d_refused));
     add("clipped_samples", pmt::from_uint64(d_emulator.n_clipped()));
+    add("input_power", powers(d_reported_levels.inputs));
+    add("input_peak_power", peaks(d_reported_levels.inputs));
+    add("output_power", powers(d_reported_levels.outputs));
+    add("output_peak_power", peaks(d_reported_levels.outputs));
     return status;
+}
+
+channel_emulator_impl::levels channel_emulator_impl::no_levels() const
+{
+    const auto& config = d_emulator.configuration();
+    return {std::vector<kernel::level>(config.n_inputs),
+            std::vector<kernel::level>(config.n_outputs)};
 }
 
 void channel_emulator_impl::publish_status(clock::time_point now)
@@ -270,6 +300,7 @@ void channel_emulator_impl::publish_status(clock::time_point now)
     const uint64_t samples = d_samples - d_reported_samples;
     d_reported_at = now;
     d_reported_samples += samples;
+    d_reported_levels = std::exchange(d_levels, no_levels());
     d_real_time_factor = seconds > 0 ? double(samples) / d_sample_rate_hz / seconds : 0;
     message_port_pub(status_key, describe());
 }
@@ -314,6 +345,10 @@ int channel_emulator_impl::work(int noutput_items, gr_vector_const_void_star& in
         out.push_back(static_cast<gr_complex*>(items));
     d_emulator.process(in.data(), out.data(), noutput_items);
     d_samples = d_emulator.n_processed();
+    for (size_t i = 0; i < in.size(); i++)
+        kernel::measure(d_isa, in[i], noutput_items, d_levels.inputs[i]);
+    for (size_t j = 0; j < out.size(); j++)
+        kernel::measure(d_isa, out[j], noutput_items, d_levels.outputs[j]);
     const auto now = clock::now();
     if (now - d_reported_at >= std::chrono::seconds(1))
         publish_status(now);

@@ -178,6 +178,20 @@ std::size_t quantize(isa set, const sample* in, float full_scale, int bits, samp
     return generic::quantize(x, levels / full_scale, levels - 1, y, n);
 }
 
+void measure(isa set, const sample* in, std::size_t n, level& total)
+{
+    const auto* x = reinterpret_cast<const float*>(in);
+    total.n += n;
+#if defined(__x86_64__)
+    if (set == isa::avx512)
+        return avx512::measure(x, 2 * n, total.energy, total.peak);
+    if (set == isa::avx2)
+        return avx2::measure(x, 2 * n, total.energy, total.peak);
+#endif
+    (void)set;
+    generic::measure(x, 2 * n, total.energy, total.peak);
+}
+
 double turn_multiply_adds(isa set, long turns)
 {
 #if defined(__x86_64__)

@@ -61,6 +61,16 @@ void add_noise(isa set, uint64_t seed, uint32_t stream, uint64_t number, float a
 std::size_t quantize(isa set, const sample* in, float full_scale, int bits, sample* out,
                      std::size_t n);
 
+// Power of samples: their sum, and the largest one's.
+struct level {
+    double energy = 0;
+    float peak = 0; // |sample|^2
+    std::size_t n = 0;
+};
+
+// Adds samples to what was measured before. A NaN among them makes the energy NaN.
+void measure(isa set, const sample* in, std::size_t n, level& total);
+
 // Multiply-adds on registers alone, and how many they were: the most that any kernel could do.
 double turn_multiply_adds(isa set, long turns);
 

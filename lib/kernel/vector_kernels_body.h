@@ -252,3 +252,31 @@ static std::size_t quantize(const float* in, float scale, float limit, float* ou
     }
     return clipped;
 }
+
+// Adds the power of samples to `energy`, and raises `peak` to the largest of them.
+static void measure(const float* in, std::size_t n_floats, double& energy, float& peak)
+{
+    constexpr std::size_t most = 8192; // sums of floats stay short
+    for (std::size_t at = 0; at < n_floats;) {
+        const std::size_t end = at + most < n_floats ? at + most : n_floats;
+        vec sums[2] = {zero(), zero()}, tops[2] = {zero(), zero()};
+        for (; at + 2 * width <= end; at += 2 * width)
+#pragma GCC unroll 2
+            for (int b = 0; b < 2; b++) {
+                const vec v = load(in + at + b * width), squares = v * v;
+                const vec power = even_twice(squares) + odd_twice(squares);
+                sums[b] += squares;
+                tops[b] = power > tops[b] ? power : tops[b];
+            }
+        for (int b = 0; b < 2; b++)
+            for (int lane = 0; lane < width; lane++) {
+                energy += sums[b][lane];
+                peak = tops[b][lane] > peak ? tops[b][lane] : peak;
+            }
+        for (; at < end; at += 2) {
+            const float power = in[at] * in[at] + in[at + 1] * in[at + 1];
+            energy += power;
+            peak = power > peak ? power : peak;
+        }
+    }
+}

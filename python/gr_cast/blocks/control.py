@@ -17,6 +17,7 @@ from .ports import address_to_bind
 
 MOST_BYTES = 1 << 20  # of a request
 MOST_GAIN_DB = 120.0  # of a tap that is set by hand, up or down
+MOST_NOISE_DB = 300.0  # of a power or a ratio, up or down
 _KEYS = {
     "status": set(),
     "start": set(),
@@ -24,6 +25,7 @@ _KEYS = {
     "quit": set(),
     "load": {"scenario"},
     "set_link": {"tx", "rx", "taps", "enabled"},
+    "set_noise": {"power_db", "snr_db"},
 }
 
 
@@ -48,6 +50,8 @@ def obey(emulation, ended: threading.Event, command, folders: tuple[Path, ...] |
                 taps=_taps(command.get("taps"), emulation.sample_rate_hz),
                 enabled=_switch(command),
             )
+        elif name == "set_noise":
+            emulation.set_noise(**_noise(command))
         elif name in ("start", "stop"):
             emulation.switch(name == "start")
         elif name == "quit":
@@ -80,6 +84,13 @@ def _switch(command: dict) -> bool | None:
     if enabled is not None and not isinstance(enabled, bool):
         raise CastError(f"set_link: enabled: got {short(enabled)}, needs true or false")
     return enabled
+
+
+def _noise(command: dict) -> dict[str, float]:
+    given = {key: command[key] for key in ("power_db", "snr_db") if key in command}
+    if len(given) != 1 or not all(_is_sane(value) and abs(value) <= MOST_NOISE_DB for value in given.values()):
+        raise CastError(f"set_noise: got {short(given)}, needs power_db or snr_db, within ±{MOST_NOISE_DB:g} dB")
+    return given
 
 
 def _taps(taps, sample_rate_hz: float) -> list[dict] | None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A running emulator: ports, a scenario that plays, and what is asked of both while samples flow."""
 
+import contextlib
 import threading
 import time
 
@@ -23,14 +24,15 @@ from .usrp import RadioSettings, now_s, usrp_sink
 
 _AHEAD_S = 2.0  # scenario time that is queued before its samples come
 _LOOK_S = 0.02  # between looks at what is to be queued
+_LEVELS = ("input_power", "input_peak_power", "output_power", "output_peak_power")
 _STILL_S = 1.0  # without a sample, until somebody is said to be waited for
 
 
 class Emulation(gr.top_block):
     """All nodes of a scenario on one channel emulator, joined to their ports; without one a node is silent, or unheard.
 
-    `noise_power` is every receiver's, in units of the samples squared. `settings` maps (node, direction) of UHD
-    ports to RadioSettings, `ends` maps the same to blocks that are joined in place of a port. `fields` go into the
+    `noise_power` is every receiver's, in units of the samples squared; with `snr_db` it becomes so far below the loudest
+    transmitter, as measured over the first report (a second) in which one sends. `settings` maps (node, direction) of UHD ports to RadioSettings, `ends` maps the same to blocks that are joined in place of a port. `fields` go into the
     metadata of recordings. With `cycle` the scenario begins again whenever it ends. Raises CastError, all faults at
     once, where ports and scenario do not fit.
     """
@@ -42,6 +44,7 @@ class Emulation(gr.top_block):
         sample_rate_hz: float,
         *,
         noise_power: float = 0.0,
+        snr_db: float | None = None,
         seed: int = 0,
         fixed_point: FixedPoint | None = None,
         settings: dict[tuple[str, str], RadioSettings] | None = None,
@@ -54,6 +57,7 @@ class Emulation(gr.top_block):
         super().__init__("Emulation", catch_exceptions=bool(settings))  # a radio that dies ends its thread, not the program
         self.nodes, self.sample_rate_hz = scenario.nodes, sample_rate_hz
         _check_ports(scenario, ports)
+        self._ends = ends
         self.emulator = channel_emulator(
             len(self.nodes),
             len(self.nodes),
@@ -63,8 +67,8 @@ class Emulation(gr.top_block):
             scenario.name,
             seed,
         )
-        for node in range(len(self.nodes)):
-            self.emulator.set_noise_power(node, noise_power)
+        self._snr_db = snr_db  # until it has been referred to what is sent
+        self._set_noise_power(noise_power)
         if fixed_point:
             self.emulator.set_fixed_point(
                 fixed_point.bits,
@@ -95,7 +99,7 @@ class Emulation(gr.top_block):
         }
         joined.sort(key=lambda port: port.kind == "file")  # recordings last: a port that is refused leaves none behind
         for port in joined:
-            self._join(port, ends.get((port.node, port.direction)), settings.get((port.node, port.direction)))
+            self._join(port, self._ends.get((port.node, port.direction)), settings.get((port.node, port.direction)))
 
     def _join(self, port: Port, end: gr.basic_block | None, settings: RadioSettings | None) -> None:
         """Connect a node's transmitter or receiver to its port, or to the block `end` instead."""
@@ -168,14 +172,43 @@ class Emulation(gr.top_block):
                 self._off.discard(link) if enabled else self._off.add(link)
                 self.emulator.enable_link(*link, enabled and self._on)
 
+    def set_noise(self, *, power_db: float | None = None, snr_db: float | None = None) -> None:
+        """Every receiver's noise from the next sample on: its power, or how far it is below the loudest transmitter of the last
+        report. CastError where none has sent anything then."""
+        self._set_noise_power(10 ** (power_db / 10) if snr_db is None else self._loudest() * 10 ** (-snr_db / 10))
+        self._snr_db = None
+
+    def _set_noise_power(self, power: float) -> None:
+        self._noise_power = power
+        for node in range(len(self.nodes)):
+            self.emulator.set_noise_power(node, power)
+
+    def _loudest(self) -> float:
+        powers = [power for power in pmt.to_python(self.emulator.status())["input_power"] if 0 < power < np.inf]
+        if not powers:
+            raise CastError("noise: no transmitter has sent anything in the last second: there is nothing that an SNR refers to")
+        return max(powers)
+
+    def _refer_noise(self) -> None:
+        if self._snr_db is not None:
+            with contextlib.suppress(CastError):  # nobody sends yet
+                self.set_noise(snr_db=self._snr_db)
+
     def status(self) -> dict:
-        """The emulator's own status, whether links are on, the scenario's clock in s, and which peers hold all up."""
+        """The emulator's own status, whether links are on, the scenario's clock in s, and which peers hold all up.
+
+        `power`: NODE:tx and NODE:rx of every port to `mean_db` and `peak_db` (dB re 1) over the last whole report of about a
+        second; None is silence, or no sample yet.
+        """
         status = pmt.to_python(self.emulator.status())
+        levels = {key: status.pop(key) for key in ("input_power", "input_peak_power", "output_power", "output_peak_power")}
         begin = getattr(self, "_begin", 0)
         waiting_for = self._waiting_for()
         return status | {
             "scenario": self.scenario.name,
             "waiting_for": waiting_for,
+            "power": self._powers(levels),
+            "noise_power_db": _db(self._noise_power),
             "not_finite": self._not_finite(),
             "radios": {name: events.counts for name, events in self._radios.items()},
             "real_time_factor": 0.0 if waiting_for else status["real_time_factor"],
@@ -184,6 +217,16 @@ class Emulation(gr.top_block):
             "bulk_delay_samples": scenario_bulk_delay(self.scenario, self.sample_rate_hz),
             "sample_rate_hz": self.sample_rate_hz,
         }
+
+    def _powers(self, levels: dict) -> dict[str, dict[str, float | None]]:
+        """NODE:tx or NODE:rx of every port to its mean and peak."""
+        powers = {}
+        for port, _, index in self._peers:
+            if port.kind != "null" or (port.node, port.direction) in self._ends:
+                side = "input" if port.direction == "tx" else "output"
+                mean, peak = (levels[f"{side}_{which}"][index] for which in ("power", "peak_power"))
+                powers[f"{port.node}:{port.direction}"] = {"mean_db": _db(mean), "peak_db": _db(peak)}
+        return powers
 
     def _not_finite(self) -> dict[str, int]:
         """NODE:rx=STEM to how many samples were NaN or infinite there: who hears the peer that sends them gets them."""
@@ -245,6 +288,7 @@ class Emulation(gr.top_block):
             while not ended.wait(_LOOK_S):
                 with self._lock:
                     self._queue()
+                self._refer_noise()
                 self._check_radios()
                 if report and time.monotonic() - begin >= due:
                     due += report_s
@@ -287,6 +331,10 @@ class Emulation(gr.top_block):
 
 def _told(port: Port) -> str:
     return f"{port.node}:{port.direction}={'uhd:' * (port.kind == 'uhd')}{port.where}"
+
+
+def _db(power: float) -> float | None:
+    return float(10 * np.log10(power)) if 0 < power < np.inf else None
 
 
 def _check_ports(scenario: Scenario, ports: list[Port]) -> None:
