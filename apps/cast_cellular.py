@@ -19,7 +19,7 @@ from gr_cast.core.figures import fixed
 from gr_cast.core.files import write_json
 from gr_cast.experiments import paper
 from gr_cast.experiments.cellular import downlink as downlink_model
-from gr_cast.experiments.cellular import experiment, stack, stack_run
+from gr_cast.experiments.cellular import experiment, stack, stack_run, stack_script
 from gr_cast.experiments.cellular.downlink import Cell, Downlink, Radio
 from gr_cast.experiments.traffic.namespaces import run_with_rights
 from gr_cast.report import plot
@@ -31,6 +31,7 @@ CELLS = {1: ["12:34,37,41"], 2: ["10:33,34,41", "25:37,38,42"]}  # of the Arena:
 COLOSSEUM_LOSS_DB = paper.figures()["base_loss"]["mean_db"]  # of the emulator itself
 SHORT_S, FULL_S = 15.0, 37.0
 STEP_S = {1: 0.1, 2: 0.2}  # by stations: every station is sounded at every terminal
+MODELLED = 8  # instants at which the model is set beside a stack
 CHECKS = 3  # instants at which all stations are heard at once
 
 
@@ -71,6 +72,10 @@ def _superposition(downlink: Downlink, time_s: np.ndarray) -> list[dict]:
     return rows
 
 
+def _radio(args) -> Radio:
+    return Radio(blocks=args.blocks, tx_power_dbm=args.tx_power_dbm, noise_figure_db=args.noise_figure_db)
+
+
 def model(args) -> int:
     duration_s = (FULL_S if args.full else SHORT_S) if args.duration is None else args.duration
     step_s = STEP_S[args.stations] if args.step is None else args.step
@@ -78,7 +83,7 @@ def model(args) -> int:
         raise CastError(f"--step and --duration: got {step_s} and {duration_s} s, needs 0 < step <= duration <= 3600 s")
     if not 0 < args.offered <= 1e9:
         raise CastError(f"--offered: got {args.offered} bit/s, needs more than 0 and at most 1e9 bit/s")
-    radio = Radio(blocks=args.blocks, tx_power_dbm=args.tx_power_dbm, noise_figure_db=args.noise_figure_db)
+    radio = _radio(args)
     scenarios, cells = _scenarios(args, duration_s)
     time_s = np.arange(round(duration_s / step_s)) * step_s
     output = Path(args.output)
@@ -117,10 +122,13 @@ def over_stack(args) -> int:
     if not args.only_write:
         stack.check_programs("mgen" if args.protocol == "mgen" else "iperf3")
         run_with_rights(sys.argv)
-    output = output_folder(args.output)
-    with tempfile.TemporaryDirectory(prefix="cast") as sockets:
+    if not 1 <= args.attach_timeout <= 3600:
+        raise CastError(f"--attach-timeout: got {args.attach_timeout} s, needs 1 to 3600 s")
+    output = output_folder(args.output).resolve()
+    with tempfile.TemporaryDirectory(prefix="cast") as passing:
         templates = Path(args.stack_config).expanduser()
-        members = stack.write_configuration(cells, args.blocks, templates, output / "stack", Path(sockets))
+        sockets = output / "stack/sockets" if args.only_write else Path(passing)
+        members = stack.write_configuration(cells, args.blocks, templates, output / "stack", sockets)
         ports = [Port(node=m.node, direction="tx", kind="zmq", where=m.sends) for m in members]
         ports += [Port(node=m.node, direction="rx", kind="zmq", where=m.receives) for m in members]
         rate_hz = stack.SAMPLE_RATE_HZ[args.blocks]
@@ -128,40 +136,57 @@ def over_stack(args) -> int:
         shared_db = played.base_loss_db + args.setup_loss_db
         noise_db = downlink_model.THERMAL_DBM_PER_HZ + 10 * np.log10(rate_hz) + args.noise_figure_db - args.tx_power_dbm
         noise_db += shared_db + args.stack_power_db
-        sc.save(output / "stack/scenario.yaml" if played.is_static else output / "stack/scenario.zarr", played)
+        leveled = sc.with_more_loss(played, -played.base_loss_db)
+        scenario = output / ("stack/scenario.yaml" if leveled.is_static else "stack/scenario.zarr")
+        sc.save(scenario, leveled)
         print(f"configuration: {output / 'stack'}; noise {noise_db:.2f} dB; {rate_hz:g} samples/s", file=sys.stderr)
         if args.only_write:
+            program = Path(__file__).resolve().with_name("cast_emulator.py")
+            emulator = stack_script.emulator_command(program, scenario, members, rate_hz, noise_db, args.seed)
+            print(f"run it as root: bash {stack_script.write_script(output / 'stack', emulator, members)}")
             return 0
         plan = stack_run.Plan(
-            members=members, folder=output / "stack", protocol=args.protocol, offered_bps=args.offered, duration_s=duration_s
-        )
-        leveled = sc.with_more_loss(played, -played.base_loss_db)
+            members=members, folder=output / "stack", protocol=args.protocol, offered_bps=args.offered, duration_s=duration_s,
+            attach_s=args.attach_timeout,
+        )  # fmt: skip
         emulation = Emulation(leveled, ports, rate_hz, noise_power=10 ** (noise_db / 10), seed=args.seed)
-        failure, real_time_factor = _run_stack(plan, emulation)
+        failure, status = _run_stack(plan, emulation)
     found, missing = stack_run.collect(plan)
-    return _report_stack(args, output, plan, played, found, missing, failure, real_time_factor)
+    modelled = _modelled_sinr_db(args, played, cells, duration_s) if "sinr_db" in found else {}
+    return _report_stack(args, output, plan, played, found, missing, failure, status, modelled)
 
 
-def _run_stack(plan, emulation) -> tuple[str | None, float]:
-    """What went wrong, if anything, and how far the samples kept up with the wall clock at the end."""
+def _modelled_sinr_db(args, played, cells, duration_s: float) -> dict[str, float]:
+    """Mean of each terminal over some instants, as the model has it where no stack runs."""
+    if args.blocks not in downlink_model.FFT_OF_BLOCKS:
+        return {}
+    radio = _radio(args)
+    downlink = Downlink(sc.with_more_loss(played, args.setup_loss_db), cells, radio, play, seed=args.seed)
+    time_s = np.arange(MODELLED) * duration_s / MODELLED
+    course = experiment.course("model", cells, radio, time_s, list(experiment.sinr_over_time(downlink, time_s)), args.offered)
+    return dict(zip(course.terminals, course.sinr_db.mean(axis=0).tolist(), strict=True))
+
+
+def _run_stack(plan, emulation) -> tuple[CastError | None, dict]:
+    """What went wrong, if anything, and the emulator's status at the end: powers, and how far it kept up with the wall clock."""
     ended, failure = threading.Event(), None
     playing = threading.Thread(target=emulation.run_until, args=(ended,), daemon=True)
     playing.start()
     try:
         stack_run.run(plan, lambda line: print(f"\r{line:<70s}", end="", file=sys.stderr, flush=True))
     except CastError as error:
-        failure = error.faults[0]
+        failure = error
     except KeyboardInterrupt:
-        failure = "interrupted"
+        failure = CastError("interrupted")
     finally:
         print(file=sys.stderr)
-        real_time_factor = emulation.status()["real_time_factor"]
+        status = emulation.status()
         ended.set()
         playing.join()
-    return failure, real_time_factor
+    return failure, status
 
 
-def _report_stack(args, output: Path, plan, played, found: dict, missing, failure: str | None, real_time_factor: float) -> int:
+def _report_stack(args, output: Path, plan, played, found: dict, missing, failure, status: dict, modelled: dict) -> int:
     files, rows = [], []
     for quantity, terminals in found.items():
         for terminal, series in terminals.items():
@@ -175,18 +200,35 @@ def _report_stack(args, output: Path, plan, played, found: dict, missing, failur
             print(f"{terminal:>10s} {quantity:>9s} mean {mean} over {known.size} samples")
     for line in missing:
         print(f"not recorded: {line}")
-    print(f"real-time factor: {real_time_factor:.2f}")
+    sinrs = _beside_the_model(found, modelled)
+    for port, power in status["power"].items():
+        level = "silent" if power["mean_db"] is None else f"{power['mean_db']:.1f} dB, peak {power['peak_db']:.1f} dB"
+        print(f"{port}: {level}")
+    print(f"real-time factor: {status['real_time_factor']:.2f}")
     document = {
         "cast_cellular": 1, "modelled": False, "stack": args.stack, "protocol": plan.protocol, "complete": failure is None,
-        "failure": failure, "scenario": played.name, "offered_bps": args.offered, "means": rows, "series": files,
-        "not_recorded": missing, "real_time_factor": real_time_factor,
+        "failure": str(failure) if failure else None, "scenario": played.name, "offered_bps": args.offered,
+        "means": rows, "series": files, "not_recorded": missing,
+        "real_time_factor": status["real_time_factor"], "sinr": sinrs, "power": status["power"],
     }  # fmt: skip
     write_json(output / "cellular.json", document)
     if found:
         plot.save(plot.stack_figure(found, f"{args.stack}, {plan.protocol}, over {played.name}"), output / "cellular.png")
     if failure:
-        raise CastError(failure)
+        raise failure
     return 0
+
+
+def _beside_the_model(found: dict, modelled: dict[str, float]) -> list[dict]:
+    """A row per terminal: its own SINR beside that of the model, both mean dB."""
+    rows = []
+    for terminal, series in found.get("sinr_db", {}).items():
+        known = series.value[np.isfinite(series.value)]
+        if known.size and terminal in modelled:
+            rows.append({"terminal": terminal, "stack_db": float(known.mean()), "model_db": modelled[terminal]})
+            print(f"{terminal:>10s} SINR: stack {known.mean():.2f} dB, model {modelled[terminal]:.2f} dB,"
+                  f" difference {known.mean() - modelled[terminal]:+.2f} dB")  # fmt: skip
+    return rows
 
 
 def _report(args, output: Path, scenarios, cells, radio, courses, checks, files, complete: bool) -> None:
@@ -265,12 +307,20 @@ def main(argv=None) -> int:
     parser.add_argument("--seed", type=int, default=1, help="of the noise")
     parser.add_argument("--stack", choices=("srsran-4g",), help="run this stack over the emulator instead of the model")
     parser.add_argument("--stack-config", default="~/.config/srsran", metavar="DIR", help="its sib.conf, rb.conf and rr.conf")
-    parser.add_argument("--stack-power-db", type=float, default=-20.0, help="of its samples, dB re 1 (default -20)")
+    parser.add_argument(
+        "--stack-power-db", type=float, default=stack.FULL_LOAD_DB,
+        help="of a station's samples at full load, dB re 1 (default -15.2: srsRAN's, at a tx_gain of 0 dB)",
+    )  # fmt: skip
     parser.add_argument(
         "--protocol", choices=("udp", "tcp", "mgen"), default="udp",
         help="with --stack: iperf3's udp (default) or tcp, or MGEN's packets, whose logs also tell loss and latency",
     )  # fmt: skip
-    parser.add_argument("--only-write", action="store_true", help="with --stack: write its configuration, and end")
+    parser.add_argument(
+        "--attach-timeout", type=float, default=120.0, metavar="S", help="with --stack: for all terminals (default 120)"
+    )
+    parser.add_argument(
+        "--only-write", action="store_true", help="with --stack: write its configuration and a script that runs it"
+    )
     args = _program.parse(parser, argv)
     return over_stack(args) if args.stack else model(args)
 

@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from gr_cast.comparing import series
 
@@ -124,9 +125,13 @@ def test_a_stack_hears_the_emulated_channel_and_its_logs_become_series(tmp_path,
     assert document["complete"] is True
     assert document["not_recorded"] == []
     assert document["real_time_factor"] > 0
-    # The stand-in logs received power: sent at -20 dB, noise far below, the base loss put on the noise.
-    assert series.read(out / "series/sinr_db_near.csv").value == pytest.approx(-20, abs=0.1)
-    assert series.read(out / "series/sinr_db_far.csv").value == pytest.approx(-32, abs=0.1)
+    # A budget by hand: 20 dBm on six blocks, 57.55 dB of set-up and 40 dB of path, −174 dBm/Hz.
+    near_db = 20 - 57.55 - 40 + 174 - 10 * np.log10(6 * 180e3)
+    for row, wanted_db in zip(document["sinr"], (near_db, near_db - 12), strict=True):
+        assert row["stack_db"] == pytest.approx(wanted_db, abs=0.3)
+        assert row["model_db"] == pytest.approx(wanted_db, abs=0.3)
+        assert np.nanmean(series.read(out / f"series/sinr_db_{row['terminal']}.csv").value) == pytest.approx(wanted_db, abs=0.3)
+    assert document["power"]["b:tx"]["mean_db"] == pytest.approx(-15.23, abs=0.1)
     assert series.read(out / f"series/{protocol}_bps_far.csv").value.mean() == pytest.approx(5e6, rel=0.1)
     if protocol == "mgen":
         assert series.read(out / "series/loss_far.csv").value == pytest.approx(0)
@@ -161,6 +166,51 @@ def test_a_missing_stack_is_told_and_its_configuration_can_still_be_written(tmp_
     assert done.returncode == 2
     assert "not installed" in done.stderr
     assert not (tmp_path / "out").exists()
-    done = run("--output", tmp_path / "out", "--only-write", *arguments)
+
+
+def test_what_is_only_written_runs_as_it_lies(tmp_path, stand_ins):
+    environment, arguments = stand_ins
+    out = tmp_path / "out"
+    done = run("--output", out, "--only-write", *arguments)
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "out/stack/srsenb_b.conf").is_file()
+    assert f"bash {out / 'stack/run.sh'}" in done.stdout
+    # Names of namespaces are the machine's own: they lie in a mount of this test alone.
+    words = [
+        "unshare",
+        "--net",
+        "--mount",
+        "bash",
+        "-c",
+        f"mount -t tmpfs none /run && ip link set lo up && exec bash {out}/stack/run.sh",
+    ]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=environment, start_new_session=True) as process:
+        try:
+            log, end = out / "stack/srsue_far.csv", time.monotonic() + 60
+            while not (log.is_file() and len(log.read_text().splitlines()) > 4):
+                assert time.monotonic() < end, {f.name: f.read_text()[-300:] for f in (out / "stack").glob("*.out")}
+                time.sleep(0.2)
+        finally:
+            os.killpg(process.pid, signal.SIGTERM)
+        assert "ping 172.16.0.1" in process.communicate(timeout=30)[0]
+
+
+def test_who_does_not_attach_in_time_is_named_with_its_last_words(tmp_path, stand_ins):
+    environment, arguments = stand_ins
+    timed = ["--attach-timeout", "3"]
+    done = run("--output", tmp_path / "out", *timed, *arguments, before=APART, env=environment | {"CAST_NEVER_ATTACH": "1"})
+    assert done.returncode == 2
+    assert [line for line in done.stderr.splitlines() if line.startswith("error: ")] == [
+        f"error: {name}: not attached after 3 s (Attaching UE); see {tmp_path / 'out/stack'}" for name in ("near", "far")
+    ]
+
+
+def test_an_option_that_the_stack_does_not_know_is_told_in_its_own_words(tmp_path, stand_ins):
+    environment, arguments = stand_ins
+    programs = tmp_path / "programs"
+    shutil.copytree(STAND_INS, programs)
+    known = programs / "options/srsue.txt"
+    known.write_text(known.read_text().replace("general.metrics_csv_enable\n", ""))
+    environment["PATH"] = f"{programs}:{os.environ['PATH']}"
+    done = run("--output", tmp_path / "out", *arguments, before=APART, env=environment)
+    assert done.returncode == 2
+    assert "with status 1 (unrecognised option 'general.metrics_csv_enable')" in done.stderr

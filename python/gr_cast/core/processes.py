@@ -8,6 +8,7 @@ from pathlib import Path
 from .errors import CastError
 
 _PATIENCE_S = 5.0
+_LAST_LINES = 4
 
 
 class Processes:
@@ -29,14 +30,14 @@ class Processes:
             raise CastError(f"{error.filename}: not installed") from None
 
     def check(self) -> None:
-        """Raises CastError where one has ended that was not waited for, with the line of its output that tells why."""
+        """Raises CastError where one has ended that was not waited for, with the last lines of its output."""
         for name, process in self._running.items():
             if name in self._may_end and process.poll() == 0:
                 continue
             if name not in self._finished and process.poll() is not None:
                 raise CastError(
                     f"{name}: ended after {time.monotonic() - self._begin:.1f} s with status {process.returncode}"
-                    f"{self._complaint(name)}; what was recorded until then is kept"
+                    f"{self.last_words(name)}; what was recorded until then is kept"
                 )
 
     def may_end(self, name: str) -> None:
@@ -49,10 +50,11 @@ class Processes:
             self._finished.add(name)
         return name in self._finished
 
-    def _complaint(self, name: str) -> str:
-        lines = (self._folder / f"{name}.out").read_text(errors="replace").splitlines()
-        wrong = [line.strip() for line in lines if "rror" in line or "ailed" in line]
-        return f" ({wrong[-1]})" if wrong else ""
+    def last_words(self, name: str) -> str:
+        """The last lines that it printed, in brackets; nothing where it said nothing."""
+        text = (self._folder / f"{name}.out").read_text(errors="replace")
+        lines = [line for part in text.splitlines() if (line := "".join(filter(str.isprintable, part)).strip(" ."))]
+        return f" ({' | '.join(lines[-_LAST_LINES:])})" if lines else ""
 
     def __enter__(self):
         return self

@@ -8,33 +8,55 @@ import os
 import socket
 import struct
 import subprocess
+import sys
 import threading
+from pathlib import Path
 
 import numpy as np
 import zmq
 
-CHUNK = 1920
+OPTIONS = Path(__file__).resolve().parent / "options"  # that the real programs know, of their sources (srsRAN 4G, release 23.04)
+SUBCARRIER_HZ = 15e3
 
 
 def settings(path):
-    """The configuration file, and the addresses of its radio."""
-    config = configparser.ConfigParser()
+    """The configuration file; what the real program would not know ends this one as it ends that."""
+    config = configparser.ConfigParser(strict=False)
     config.read(path)
+    known = (OPTIONS / f"{Path(sys.argv[0]).name}.txt").read_text().split()
+    for section in config.sections():
+        for key in config[section]:
+            if f"{section}.{key}" not in known:
+                sys.exit(f"unrecognised option '{section}.{key}'")
+    return config
+
+
+def radio(config):
+    """Addresses and rate of its ZeroMQ radio, and its two gains as factors."""
     arguments = dict(word.split("=", 1) for word in config["rf"]["device_args"].split(","))
-    return config, arguments
+    gains = (10 ** (float(config["rf"][name]) / 20) for name in ("tx_gain", "rx_gain"))
+    return arguments["tx_port"], arguments["rx_port"], float(arguments["base_srate"]), *gains
 
 
-def answer(address, amplitude):
-    """Sends samples of constant power to whoever asks, for ever."""
+def symbol(rate_hz, blocks):
+    """One OFDM symbol at full load, as srsENB scales it before its tx_gain; bins of its carriers."""
+    size = round(rate_hz / SUBCARRIER_HZ)
+    carriers = np.r_[1 : 6 * blocks + 1, size - 6 * blocks : size]
+    spectrum = np.zeros(size, complex)
+    spectrum[carriers] = np.random.default_rng(1).choice([1, -1, 1j, -1j], len(carriers)) * 0.05 / np.sqrt(blocks)
+    return np.fft.ifft(spectrum) * size, carriers
+
+
+def answer(address, period):
+    """Sends the samples of `period` again and again to whoever asks."""
 
     def serve():
         socket = zmq.Context.instance().socket(zmq.REP)
         socket.bind(address)
-        rng = np.random.default_rng(1)
+        message = np.tile(period, 10).astype(np.complex64).tobytes()
         while True:
             socket.recv()
-            turns = rng.uniform(size=CHUNK) * 2j * np.pi
-            socket.send((amplitude * np.exp(turns)).astype(np.complex64).tobytes())
+            socket.send(message)
 
     threading.Thread(target=serve, daemon=True).start()
 

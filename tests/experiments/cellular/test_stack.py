@@ -45,7 +45,7 @@ def test_every_radio_has_its_sockets_and_every_station_its_identity(templates, t
         config.read(member.config)
         assert f"tx_port={member.sends},rx_port={member.receives}" in config["rf"]["device_args"]
         assert "base_srate=11520000" in config["rf"]["device_args"]
-        assert config["expert"]["metrics_csv_filename"] == str(member.metrics)
+        assert config["expert" if member.program == "srsenb" else "general"]["metrics_csv_filename"] == str(member.metrics)
         if member.program == "srsenb":
             seen.append((config["enb"]["enb_id"], config["enb"]["s1c_bind_addr"]))
     assert len(set(seen)) == 2

@@ -6,6 +6,7 @@ the emulator. File formats are those of srsRAN 4G 23.04 (enb.conf, ue.conf, epc.
 """
 
 import csv
+import os
 import re
 import shutil
 from dataclasses import dataclass
@@ -23,8 +24,12 @@ PROGRAMS = ("srsepc", "srsenb", "srsue")
 SAMPLE_RATE_HZ = {6: 1.92e6, 15: 3.84e6, 25: 5.76e6, 50: 11.52e6, 75: 15.36e6, 100: 23.04e6}  # srsRAN's own
 GATEWAY = "172.16.0.1"  # of the packet core, where traffic to the terminals comes from
 METRICS_S = 1.0
+# Of a station's samples at full load, every bandwidth alike: 12 carriers per block, each of amplitude 0.05 / sqrt(blocks), by a
+# transform that does not scale (srsRAN's lib/src/phy/enb/enb_dl.c); its ZeroMQ radio multiplies them by tx_gain, here 0 dB.
+FULL_LOAD_DB = 10 * np.log10(12 * 0.05**2)
 SHORTEST_S = 0.1  # of an interval of iperf3 that is a measurement: the last may be a rest
 _KEY, _OPC, _FIRST_IMSI = "00112233445566778899aabbccddeeff", "63bfa50ee6523365ff14c1f45f88737d", 1010123456000
+_LONGEST_SOCKET = 107  # bytes, unix(7)
 _TEMPLATES = ("sib.conf", "rb.conf", "rr.conf")
 
 
@@ -54,7 +59,7 @@ def check_programs(generator: str) -> None:
 def write_configuration(cells: list[Cell], blocks: int, templates: Path, folder: Path, sockets: Path) -> list[Member]:
     """Every file that the stack reads, in `folder`; sib, rb and rr.conf come from `templates`, the user's own.
 
-    `sockets`: a folder of a short name for the sockets. Stations first, then terminals.
+    `sockets`: a folder of a short name for the sockets, made where it is not there. Stations first, then terminals.
     """
     if blocks not in SAMPLE_RATE_HZ:
         raise CastError(f"resource blocks: got {blocks}, srsRAN knows {', '.join(map(str, SAMPLE_RATE_HZ))}")
@@ -64,7 +69,12 @@ def write_configuration(cells: list[Cell], blocks: int, templates: Path, folder:
             f"{templates}: {', '.join(missing)}: no such file; srsRAN installs them (srsran_4g_install_configs.sh user), "
             "--stack-config names their folder"
         )
+    nodes = [node for cell in cells for node in (cell.station, *cell.terminals)]
+    longest = max(len(os.fsencode(sockets / f"{node}.tx")) for node in nodes)
+    if longest > _LONGEST_SOCKET:
+        raise CastError(f"{sockets}: a socket's path has {longest} bytes there, limit {_LONGEST_SOCKET}: take a shorter folder")
     folder.mkdir(parents=True, exist_ok=True)
+    sockets.mkdir(parents=True, exist_ok=True)
     for name in ("sib.conf", "rb.conf"):
         write_text(folder / name, (templates / name).read_text())
     members = []
@@ -106,13 +116,14 @@ def _radio(member: Member, blocks: int, identity: str) -> str:
     return (
         "[rf]\ndevice_name = zmq\n"
         f"device_args = tx_port={member.sends},rx_port={member.receives},id={identity},base_srate={rate}\n"
-        "tx_gain = 80\nrx_gain = 40\n"
+        "tx_gain = 0\nrx_gain = 40\n"
     )
 
 
-def _expert(member: Member, folder: Path) -> str:
+def _metrics_and_log(member: Member, section: str, folder: Path, more: str = "") -> str:
     return (
-        f"[expert]\nmetrics_csv_enable = true\nmetrics_csv_filename = {member.metrics}\nmetrics_period_secs = {METRICS_S:g}\n"
+        f"[{section}]\nmetrics_csv_enable = true\nmetrics_csv_filename = {member.metrics}\n"
+        f"metrics_period_secs = {METRICS_S:g}\n{more}"
         f"[log]\nall_level = warning\nfilename = {folder / member.config.stem}.log\n[gui]\nenable = false\n"
     )
 
@@ -122,7 +133,7 @@ def _station(member: Member, number: int, blocks: int, folder: Path) -> str:
         f"[enb]\nenb_id = 0x{0x19A + number:X}\nmcc = 001\nmnc = 01\nmme_addr = 127.0.1.100\ngtp_bind_addr = 127.0.1.{number}\n"
         f"s1c_bind_addr = 127.0.1.{number}\nn_prb = {blocks}\n"
         f"[enb_files]\nsib_config = {folder / 'sib.conf'}\nrr_config = {folder / f'rr_{member.node}.conf'}\n"
-        f"rb_config = {folder / 'rb.conf'}\n" + _radio(member, blocks, "enb") + _expert(member, folder)
+        f"rb_config = {folder / 'rb.conf'}\n" + _radio(member, blocks, "enb") + _metrics_and_log(member, "expert", folder)
     )
 
 
@@ -131,7 +142,7 @@ def _terminal(member: Member, imsi: str, blocks: int, folder: Path) -> str:
         _radio(member, blocks, "ue")
         + f"[usim]\nmode = soft\nalgo = milenage\nopc = {_OPC}\nk = {_KEY}\nimsi = {imsi}\nimei = 3534900698733{imsi[-2:]}\n"
         + "[nas]\napn = internet\napn_protocol = ipv4\n"
-        + _expert(member, folder)
+        + _metrics_and_log(member, "general", folder, "metrics_csv_flush_period_sec = 1\n")
     )
 
 
@@ -179,9 +190,12 @@ def _metrics(path: Path, needed: tuple[str, ...]) -> list[np.ndarray]:
         if carrier is not None and row[carrier : carrier + 1] not in ([], ["0"]):
             continue  # only the first carrier's lines: others repeat the time
         try:
-            columns.append([float(row[place]) for place in places])
+            values = [float(row[place]) for place in places]
         except ValueError:
             faults.add(f"line {number}", f"got {short(';'.join(row[place] for place in places))}, needs numbers")
+        else:
+            if np.isfinite(values).all():  # no cell yet: nan
+                columns.append(values)
     if len(columns) < 2:
         faults.add("", f"{len(columns)} lines of metrics, needs 2 or more")
     faults.raise_if_any()

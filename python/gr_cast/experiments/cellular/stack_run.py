@@ -103,7 +103,10 @@ def _wait_for_all(plan: Plan, spaces: dict, processes: Processes, tell: Callable
         processes.check()
         tell(f"waiting for {', '.join(member.node for member in waiting)} to attach")
         if time.monotonic() > end:
-            raise CastError(f"{waiting[0].node}: not attached after {plan.attach_s:g} s; see {plan.folder}")
+            raise CastError(*(
+                f"{member.node}: not attached after {plan.attach_s:g} s{processes.last_words(f'srsue {member.node}')}; "
+                f"see {plan.folder}" for member in waiting
+            ))  # fmt: skip
         waiting = [member for member in waiting if not _is_attached(spaces[member.node], member)]
         time.sleep(_LOOK_S)
 
