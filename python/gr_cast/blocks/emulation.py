@@ -201,13 +201,13 @@ class Emulation(gr.top_block):
         second; None is silence, or no sample yet.
         """
         status = pmt.to_python(self.emulator.status())
-        levels = {key: status.pop(key) for key in ("input_power", "input_peak_power", "output_power", "output_peak_power")}
+        levels = {key: status.pop(key) for key in _LEVELS if key in status}
         begin = getattr(self, "_begin", 0)
         waiting_for = self._waiting_for()
         return status | {
             "scenario": self.scenario.name,
             "waiting_for": waiting_for,
-            "power": self._powers(levels),
+            "power": self._powers(levels) if levels else {},
             "noise_power_db": _db(self._noise_power),
             "not_finite": self._not_finite(),
             "radios": {name: events.counts for name, events in self._radios.items()},
