@@ -118,6 +118,16 @@ def _is_read_no_more() -> bool:
     return True
 
 
+def add_web(command: argparse.ArgumentParser) -> None:
+    """`--web [PORT]`: a live page; None without it."""
+    from gr_cast.report.live import PORT
+
+    command.add_argument(
+        "--web", nargs="?", type=int, const=PORT, metavar="PORT",
+        help=f"a live page on this machine alone (default port {PORT}; 0: any that is free); needs Bokeh",
+    )  # fmt: skip
+
+
 def second(text: str) -> int:
     """A second of UTC, as an argument."""
     from gr_cast.blocks.usrp import second_of

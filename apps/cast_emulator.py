@@ -4,6 +4,7 @@
 """The channel emulator between real radios, protocol stacks and recordings; batch work; control of a running one."""
 
 import argparse
+import contextlib
 import json
 import sys
 import threading
@@ -83,6 +84,20 @@ def _report(status: dict) -> None:
     )
 
 
+@contextlib.contextmanager
+def _web(args, emulation):
+    """The live page, where one is asked for."""
+    if args.web is None:
+        yield
+        return
+    from gr_cast.blocks.newest import EmulatorView
+    from gr_cast.report.live import served
+
+    with served(EmulatorView(emulation).look, f"cast_emulator: {emulation.scenario.name}", args.web) as address:
+        print(f"live page: {address}", file=sys.stderr)
+        yield
+
+
 def run(args) -> int:
     """Join the nodes of a scenario to their ports and let samples flow until interrupted or a file ends."""
     from gr_cast.blocks.control import ControlServer
@@ -112,7 +127,7 @@ def run(args) -> int:
         if bulk:
             print(f"taps between samples: every link is {bulk} samples late", file=sys.stderr)
         ended = threading.Event()
-        with interrupts.heeded(ended.set), control.obeying(emulation, ended):
+        with _web(args, emulation), interrupts.heeded(ended.set), control.obeying(emulation, ended):
             emulation.run_until(ended, _report, args.report)
     _report(emulation.status())
     print(file=sys.stderr)
@@ -329,6 +344,7 @@ def main(argv=None) -> int:
     command.add_argument(
         "--start-at", type=_program.second, metavar="TIME", help="timed start of uhd ports: Unix seconds or ISO 8601 with a zone"
     )
+    _program.add_web(command)
     command.add_argument("--threads", type=int, default=0, help="0: one per core")
     command.add_argument("--report", type=float, default=5.0, help="seconds between status lines")
     command.set_defaults(function=run)

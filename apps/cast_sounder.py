@@ -4,6 +4,7 @@
 """Sound a radio channel: over the embedded emulator, with X310s, or from a recording."""
 
 import argparse
+import contextlib
 import sys
 import time
 from dataclasses import replace
@@ -114,6 +115,7 @@ def _arguments() -> argparse.ArgumentParser:
     rx.add_argument("--transmitter", default="", help="name of the node that sends, kept in the recording")
     rx.add_argument("--format", default="cf32", choices=["cf32", "ci16"], help="samples on disk")
     rx.add_argument("--record-only", action="store_true")
+    _program.add_web(rx)
     rx.add_argument("--tx-log", metavar="FILE", help="the transmitter's --log: its underruns go to the metadata")
 
     process = command("process", "sound a recording: SigMF, or raw samples with their rate", code, estimate, output)
@@ -359,11 +361,25 @@ def _time_axis(args) -> str:
     return "device" if args.start_at is None else "utc"
 
 
+@contextlib.contextmanager
+def _web(args, top, waveform):
+    """The live page of a receiver, where one is asked for."""
+    if args.web is None:
+        yield
+        return
+    from gr_cast.blocks.newest import ReceiverView
+    from gr_cast.report.live import served
+
+    with served(ReceiverView(top, waveform, args.rate).look, "cast_sounder: rx", args.web) as address:
+        print(f"live page: {address}", file=sys.stderr)
+        yield
+
+
 def _rx(args) -> int:
     from gr_cast.blocks.flowgraphs import UsrpReceiver
 
     args.code = args.code or "glfsr:8"
-    spec, _ = _spec_and_waveform(args, {})
+    spec, waveform = _spec_and_waveform(args, {})
     settings, n_samples = _radio_settings(args), _sample_count(args)
     fields = {"cast:waveform": spec, "cast:transmitter": args.transmitter, "cast:receiver": args.node,
               "cast:rx_gain_db": args.gain,
@@ -386,7 +402,10 @@ def _rx(args) -> int:
     sent = []
     try:
         try:
-            _until_done(top, f"recording at {args.frequency / 1e6:g} MHz, {args.rate / 1e6:g} MS/s; Ctrl-C ends", _wait_s(args))
+            with _web(args, top, waveform):
+                _until_done(
+                    top, f"recording at {args.frequency / 1e6:g} MHz, {args.rate / 1e6:g} MS/s; Ctrl-C ends", _wait_s(args)
+                )
         except KeyboardInterrupt:
             if args.duration is not None:
                 raise

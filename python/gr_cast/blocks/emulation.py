@@ -32,7 +32,8 @@ class Emulation(gr.top_block):
     """All nodes of a scenario on one channel emulator, joined to their ports; without one a node is silent, or unheard.
 
     `noise_power` is every receiver's, in units of the samples squared; with `snr_db` it becomes so far below the loudest
-    transmitter, as measured over the first report (a second) in which one sends. `settings` maps (node, direction) of UHD ports to RadioSettings, `ends` maps the same to blocks that are joined in place of a port. `fields` go into the
+    transmitter, as measured over the first report (a second) in which one sends. `settings` maps (node, direction) of UHD
+    ports to RadioSettings, `ends` maps the same to blocks that are joined in place of a port. `fields` go into the
     metadata of recordings. With `cycle` the scenario begins again whenever it ends. Raises CastError, all faults at
     once, where ports and scenario do not fit.
     """

@@ -131,6 +131,7 @@ class UsrpReceiver(gr.top_block):
         fields: dict | None = None,
     ):
         super().__init__("UsrpReceiver", catch_exceptions=True)
+        self.datatype = datatype
         self.radio = usrp_source(settings, "fc32" if datatype == "cf32_le" else "sc16")
         Path(stem).parent.mkdir(parents=True, exist_ok=True)  # a radio that is not there leaves no folder
         last = self.radio
