@@ -3,6 +3,7 @@
 
 import argparse
 import contextlib
+import multiprocessing
 import os
 import re
 import select
@@ -22,7 +23,9 @@ from gr_cast import __version__
 from gr_cast.core import interrupts
 from gr_cast.core.errors import CastError
 
-interrupts.second_ends()
+_main = getattr(sys.modules["__main__"], "__file__", None)  # not of a program where this is only imported
+if multiprocessing.parent_process() is not None or _main and Path(_main).resolve().parent == _HERE:
+    interrupts.end_quietly()
 
 LOST = 3
 
@@ -148,6 +151,7 @@ def lost(lines: list[str]) -> int:
 def run(main) -> None:
     """Call `main()` and leave with its status: 2 for refused input (a line per fault), LOST where a radio lost samples, 130
     after Ctrl-C, 141 without a word when nobody reads its output any more."""
+    is_interrupted = interrupts.second_ends()
     try:
         status = main()
         print(end="", flush=True)
@@ -165,6 +169,11 @@ def run(main) -> None:
         _say(f"error: {hint}")
         status = 2
     except KeyboardInterrupt:
+        _say("interrupted")
+        status = 130
+    except Exception:
+        if not is_interrupted():
+            raise
         _say("interrupted")
         status = 130
     sys.exit(status)

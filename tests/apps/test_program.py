@@ -82,3 +82,25 @@ def test_megahertz_without_their_unit_are_questioned(read, text):
 def test_what_is_no_rate_is_refused_with_an_example(text):
     with pytest.raises(argparse.ArgumentTypeError, match="such as 20e6, 20M or 30.72M"):
         _program.rate(text)
+
+
+INTERRUPTED = """
+import os, signal, sys, time
+sys.path[:0] = sys.argv[1:]
+import _program
+
+def main():
+    try:
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(9)
+    except KeyboardInterrupt:  # as a library does that is interrupted while it is being loaded
+        raise ImportError("initialization failed") from None
+
+_program.run(main)
+"""
+
+
+def test_an_interrupt_that_a_library_makes_another_error_of_is_told_as_one():
+    command = [sys.executable, "-c", INTERRUPTED, os.path.dirname(_program.__file__)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")

@@ -205,6 +205,8 @@ class UsrpSink(_Radio):
                 )
             elif name == "tx_eob" and at < count:
                 count, ends = at + 1, True
+        for limit in (faults.tx_dies_after, faults.tx_silent_after):
+            count = count if limit is None else min(count, limit - number)
         dry = [n for n in faults.tx_underrun_at if n not in self.dried and n < number + count]
         if dry and dry[0] > number:
             count, ends = dry[0] - number, False

@@ -70,3 +70,46 @@ def test_handlers_are_as_before_afterwards():
         assert [signal.getsignal(number) for number in interrupts.SIGNALS] != before
     assert [signal.getsignal(number) for number in interrupts.SIGNALS] == before and not came.is_set()
     assert len(os.listdir("/proc/self/fd")) == descriptors
+
+
+AT_WORK = """
+import time
+from gr_cast.core import interrupts
+interrupts.{how}()
+print("ready", flush=True)
+try:
+    time.sleep(30)
+finally:
+    print("tidied", flush=True)
+    time.sleep({longer})
+"""
+
+
+def at_work(how, longer=0):
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    code = AT_WORK.format(how=how, longer=longer)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    started = subprocess.Popen([sys.executable, "-c", code], env=environment, **pipes)
+    assert started.stdout.readline() == "ready\n"
+    return started
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_program_that_is_being_loaded_ends_in_one_word(number):
+    running = at_work("end_quietly")
+    running.send_signal(number)
+    assert running.communicate(timeout=10) == ("", "interrupted\n") and running.returncode == 130
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_program_at_work_tidies_up_and_a_second_signal_ends_it(number):
+    running = at_work("second_ends")
+    running.send_signal(number)
+    told, errors = running.communicate(timeout=10)
+    assert told == "tidied\n" and errors.endswith("KeyboardInterrupt\n")
+    running = at_work("second_ends", longer=30)
+    running.send_signal(number)
+    assert running.stdout.readline() == "tidied\n"
+    running.send_signal(number)
+    running.communicate(timeout=10)
+    assert running.returncode == -number

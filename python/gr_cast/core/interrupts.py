@@ -3,6 +3,7 @@
 do nothing here: the signal's number goes through a pipe to a thread, which may take what locks it needs."""
 
 import contextlib
+import multiprocessing
 import os
 import signal
 import threading
@@ -43,13 +44,38 @@ def heeded(stop: Callable[[], object]):
         os.close(receiver)
 
 
-def second_ends() -> None:
-    """Have the first Ctrl-C raise KeyboardInterrupt and the second end the process, however far the first one got. A program that
-    was started with interrupts ignored goes on ignoring them."""
+def _heeded_by(handler) -> None:
+    """`handler` for SIGINT and SIGTERM; a program that was started with interrupts ignored goes on ignoring them."""
+    for number in SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, handler)
+
+
+def end_quietly() -> None:
+    """Until `second_ends`, while a program is only being loaded and has made nothing: a signal ends it in one word, status 130.
+    A worker leaves Ctrl-C to its parent from the beginning."""
+    if multiprocessing.parent_process() is not None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        return
+
+    def leave(*_):
+        os.write(2, b"interrupted\n")
+        os._exit(130)
+
+    _heeded_by(leave)
+
+
+def second_ends() -> Callable[[], bool]:
+    """Have the first SIGINT or SIGTERM raise KeyboardInterrupt, so that what was begun is tidied up, and the second end the
+    process, however far the first one got. Gives a function that tells whether the first has come: libraries that are interrupted
+    while they are being loaded make other errors of it."""
+    came = False
 
     def once(*_):
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        nonlocal came
+        came = True
+        _heeded_by(signal.SIG_DFL)
         raise KeyboardInterrupt
 
-    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
-        signal.signal(signal.SIGINT, once)
+    _heeded_by(once)
+    return lambda: came
