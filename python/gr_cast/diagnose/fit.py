@@ -206,7 +206,8 @@ def price(model: Model, hessian: np.ndarray, count: float) -> float:
         else:
             p, variance = effect.p[effect.free], effect.prior[effect.free]
             block = hessian[span, span] * np.sqrt(np.outer(variance, variance))
-            total += 0.5 * np.sum(p**2 / variance) + 0.5 * np.linalg.slogdet(np.eye(len(p)) + block)[1] + 0.5 * np.log(count)
+            occam = 0.5 * np.sum(p**2 / variance) + 0.5 * np.linalg.slogdet(np.eye(len(p)) + block)[1]
+            total += occam + 0.5 * np.log(count) * (1 + FAMILIES[effect.family].hidden(effect))
     if filters_noise(model):
         total += COLOUR_ORDERS * np.log(count)
     return total

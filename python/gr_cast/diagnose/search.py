@@ -150,7 +150,7 @@ def score(fit: Fit, effect: Effect) -> Score:
     if effect.prior is None:
         cost = 0.5 * np.log(n) * (effect.free.sum() + family.hidden(effect))
     else:
-        cost = occam + 0.5 * np.log(n)
+        cost = occam + 0.5 * np.log(n) * (1 + family.hidden(effect))
     gain = -n * np.log(max(1 - gain / n, 1e-12))  # the noise level is fitted too
     found = replace(effect, p=p)
     if prior is not None:

@@ -167,3 +167,28 @@ def test_there_is_no_effect_of_a_transmitter_that_is_not_on_the_air():
     here, there = scene(), replace(scene(), transmitters=["tx2"])
     assert FAMILIES["lo_leakage"].moved_to(made("lo_leakage"), here, there) is None
     assert FAMILIES["tap_gain_error"].moved_to(made("tap_gain_error"), here, there) is None
+
+
+TURNING = {
+    name: FOUND[name] for name in ("extra_path", "second_transmitter", "carrier_frequency_offset", "tone_interference")
+} | {
+    "pulsed_carrier": (
+        [0.1, 0.05, -0.02, 0.1, 0.04, 0.0],
+        {"period": 600.0, "first": 40.0, "width": 200.0, "frequency": 0.11, "sweep": 2e-4},
+    )
+}
+
+
+@pytest.mark.parametrize("name", TURNING)
+def test_behind_no_inversion_what_turns_turns_back(name):
+    """Of a real code over one path an inverted recording is that of a radio all of whose rotations go the other way round."""
+    real = replace(scene().sources[0], samples=X.real.astype(complex))
+    there = replace(scene(), sources=[real], taps=[Path(source=0, delay=0.0, gain=1.0)], extra={"other": real})
+    p, aux = TURNING[name]
+    model = Model(
+        base=np.array([3.0, 0.4, 0.3]), effects=(start(FAMILIES[name], p, aux=aux), start(FAMILIES["spectral_inversion"], []))
+    )
+    inverted = predict(there, model)
+    assert inverted.facing == -1
+    at = next(i for i, e in enumerate(model.effects) if e.family == "spectral_inversion")
+    np.testing.assert_allclose(predict(there, model.without(at)).y, inverted.y, atol=1e-9)

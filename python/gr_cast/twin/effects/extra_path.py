@@ -52,6 +52,9 @@ class ExtraPath(Family):
     def settled(self, scene, effect):
         return np.ones(len(effect.p), bool)
 
+    def mirrored(self, effect):
+        return effect.moved(effect.p * [1.0, -1.0, 1.0, -1.0])
+
     def in_time(self, scene, effect, later, longer):
         re, im, delay, doppler = turned(effect.p, effect.p[3] * amid(later, longer))
         return effect.moved(np.array([re, im, delay + scene.drift_of(doppler) * later, doppler * longer]))

@@ -326,6 +326,10 @@ class PulsedCarrier(Family):
             "power_dbc": 10 * np.log10(power + 1e-30),
         }
 
+    def mirrored(self, effect):
+        turned_back = {name: -effect.aux[name] for name in ("frequency", "sweep")}
+        return replace(effect, p=effect.p * np.tile([1.0, -1.0], len(effect.p) // 2), aux={**effect.aux, **turned_back})
+
     def in_time(self, scene, effect, later, longer):
         period = effect.aux["period"]
         return replace(effect, aux={**effect.aux, "first": (effect.aux["first"] - later * scene.span) % period})

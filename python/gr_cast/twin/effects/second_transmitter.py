@@ -84,6 +84,9 @@ class SecondTransmitter(Family):
     def settled(self, scene, effect):
         return effect.free if "lags" in effect.aux else np.ones(len(effect.p), bool)
 
+    def mirrored(self, effect):
+        return effect.moved(effect.p * [1.0, -1.0, 1.0, -1.0, *[1.0, -1.0] * (len(effect.p) // 2 - 2)])
+
     def in_time(self, scene, effect, later, longer):
         moved = _all_turned(effect.p, effect.p[3] * amid(later, longer))
         moved[3] *= longer
