@@ -212,3 +212,18 @@ def test_of_a_repeated_waveform_nothing_is_fitted_where_it_is_not_known(tmp_path
     _, data, _ = align.build(found, found.observations[0])
     fitted = (np.flatnonzero(data.use) - late) % 1_000
     assert len(fitted) > 8_000 and not ((fitted >= 400) & (fitted < 700)).any()
+
+
+def test_an_edge_of_what_is_known_does_not_ring_into_what_is_read_beside_it(tmp_path):
+    rng, delay = np.random.default_rng(43), 30.5  # between two samples
+    lines = np.where(np.abs(np.fft.fftfreq(2_000)) < 0.125, noise(rng, 2_000), 0.0)  # a signal of a quarter of the band
+    x = np.fft.ifft(lines) * np.sqrt(2_000 * 4)
+    late = np.fft.ifft(lines * np.exp(-2j * np.pi * np.fft.fftfreq(2_000) * delay)) * np.sqrt(2_000 * 4)
+    recording.write(tmp_path / "recording", np.resize(late, 20_000), sample_rate_hz=RATE_HZ)
+    for begin in range(0, 2_000, 200):
+        x[begin : begin + 90] = np.nan
+    sent_once(tmp_path, np.resize(late, 20_000), x)
+    (tmp_path / "twin.yaml").write_text((tmp_path / "twin.yaml").read_text().replace("repeat: false", "repeat: true"))
+    found = read_case(tmp_path)
+    fit = refit(*align.build(found, found.observations[0])[1:])
+    assert 10 * np.log10(fit.sigma2 / np.mean(np.abs(late) ** 2)) < -52

@@ -11,7 +11,7 @@ from ..twin.effects import FAMILIES, Role, with_role
 from ..twin.effects.base import start
 from ..twin.entries import effect_of, in_either_seconds, lost_before, plain, source_of, told_noise_db, twin_effects
 from ..twin.model import Model, predict
-from ..twin.scene import PAD, Path, Scene, Source, reach
+from ..twin.scene import PAD, Path, Scene, Source, bridged, reach
 from . import delays, offsets, pieces, presence
 from .fit import Data
 from .policy import (
@@ -54,7 +54,7 @@ def _stretch(waveform, amplitude: float, first: int, size: int) -> Source:
     known, (power, peak) = np.isfinite(samples), waveform.level
     return Source(
         name=waveform.name,
-        samples=np.where(known, samples, 0).astype(complex) * amplitude,
+        samples=bridged(samples, known, False) * amplitude,
         repeat=False,
         known=known,
         power=power * amplitude**2,

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from .effects import FAMILIES, Role
-from .scene import Source
+from .scene import Source, bridged
 
 
 def source_of(name: str, samples: np.ndarray, amplitude: float, repeat: bool) -> Source:
-    """A waveform (n,) as sent with an amplitude; unknown samples, NaN, are 0."""
+    """A waveform (n,) as sent with an amplitude; unknown samples, NaN, are `bridged`."""
     known = np.isfinite(samples)
-    clean = np.where(known, samples, 0).astype(complex) * amplitude
+    clean = bridged(samples, known, repeat) * amplitude
     power = np.abs(clean[known]) ** 2
     return Source(
         name=name, samples=clean, repeat=repeat, known=known, power=float(power.mean()), peak=float(np.sqrt(power.max()))

@@ -13,6 +13,7 @@ from .interpolate import TAU, frequencies, oversampled
 PAD = 1024  # samples of silence or of wrap-around kept around a waveform that is sent once
 OVERSAMPLING = 8
 BINS = 512  # of a coarse spectrum
+FADE = 16  # samples over which what is known of a waveform fades where the rest is not
 KEPT_DELAYS = 16
 KEPT_TABLES = 4
 ROUNDING = 1e-6  # share of a waveform's energy that the format of its file leaves across the line on which it lies
@@ -37,7 +38,7 @@ class Source:
     """A waveform as the channel sees it: one period, or a window around the recording, from its sample `origin` on."""
 
     name: str
-    samples: np.ndarray  # (p,) complex128, unknown samples are 0
+    samples: np.ndarray  # (p,) complex128, unknown samples are `bridged`
     repeat: bool
     known: np.ndarray  # (p,) bool
     power: float  # mean power over the known samples of the whole waveform
@@ -187,6 +188,26 @@ class Scene:
         if period not in self._wraps:
             self._wraps[period] = self.index.astype(np.int64) % period
         return self._wraps[period]
+
+
+def bridged(samples: np.ndarray, known: np.ndarray, repeat: bool) -> np.ndarray:
+    """(n,) complex samples, those that are not `known` (n,) bool faded from the last and to the next known one, silent between:
+    an edge to nothing would ring far into what is known wherever a signal is read between its samples."""
+    clean = np.where(known, samples, 0).astype(complex)
+    if known.all() or not known.any():
+        return clean
+    edge, size = np.flatnonzero(known), len(known)
+    gap = np.flatnonzero(~known)
+    after = np.searchsorted(edge, gap)
+    filled, total = np.zeros(len(gap), complex), np.zeros(len(gap))
+    for nearest in (after - 1, after):
+        there = edge[nearest % len(edge)]
+        far = np.abs(gap - there)
+        far = np.minimum(far, size - far) if repeat else np.where((nearest >= 0) & (nearest < len(edge)), far, size)
+        weight = np.where(far <= FADE, 0.5 + 0.5 * np.cos(np.pi * far / (FADE + 1)), 0.0)
+        filled, total = filled + weight * clean[there], total + weight
+    clean[gap] = filled / np.maximum(total, 1.0)
+    return clean
 
 
 def resampled_spectrum(samples: np.ndarray, size: int = BINS) -> np.ndarray:
