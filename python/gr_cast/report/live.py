@@ -136,6 +136,11 @@ def served(look: Callable[[], Look], title: str, port: int = PORT) -> Iterator[s
         server.io_loop.add_callback(ready.set)
         server.io_loop.start()
         server.stop()
+        loop = server.io_loop.asyncio_loop
+        waiting = asyncio.all_tasks(loop)  # of browsers that are still there
+        for task in waiting:
+            task.cancel()
+        loop.run_until_complete(asyncio.gather(*waiting, return_exceptions=True))
         server.io_loop.close(all_fds=True)
 
     thread = threading.Thread(target=serve, daemon=True)
