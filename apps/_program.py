@@ -3,6 +3,7 @@
 
 import argparse
 import contextlib
+import math
 import multiprocessing
 import os
 import re
@@ -73,14 +74,13 @@ def carrier(text: str) -> float:
 
 
 _begun: dict = {}  # of what progress is shown: (seconds, how much was done) when it was first
+_told_s = -math.inf  # when progress was last told without a terminal
 _shown = False  # whether the last line is one of progress, which the next would go on
 
 
 def progress(what: str, done: int, total: int) -> None:
-    """Show how far it is, in the place of what was shown before; the last one stays."""
-    global _shown
-    _shown = done < total
-    print(f"\r{what}: {done} of {total}{_left(what, done, total):24s}", end="" if _shown else "\n", file=sys.stderr, flush=True)
+    """Show how far it is, and how long the rest takes."""
+    show(f"{what}: {done} of {total}{_left(what, done, total)}", last=done >= total)
 
 
 def _left(what: str, done: int, total: int) -> str:
@@ -91,6 +91,18 @@ def _left(what: str, done: int, total: int) -> str:
         return ""
     left_s = (now - begun) / (done - before) * (total - done)
     return f", about {left_s / 60:.0f} min left" if left_s >= 90 else f", about {left_s:.0f} s left"
+
+
+def show(line: str, last: bool = False) -> None:
+    """Show a line in the place of the one before, and the last one for good; without a terminal the first one, a line a
+    minute, and the last one."""
+    global _shown, _told_s
+    if sys.stderr.isatty():
+        _shown = not last
+        print(f"\r\x1b[K{line}", end="" if _shown else "\n", file=sys.stderr, flush=True)
+    elif last or time.monotonic() - _told_s >= 60:
+        _told_s = time.monotonic()
+        print(line, file=sys.stderr, flush=True)
 
 
 def check_ranges(args, ranges: dict) -> None:

@@ -54,8 +54,8 @@ def _sound(downlink: Downlink, name: str, time_s: np.ndarray) -> list[dict]:
     try:
         for sinr in experiment.sinr_over_time(downlink, time_s):
             sinrs.append(sinr)
-            end = "\n" if len(sinrs) == len(time_s) else ""
-            print(f"\r{name}: {time_s[len(sinrs) - 1]:.2f} of {time_s[-1]:.2f} s sounded", end=end, file=sys.stderr, flush=True)
+            told = f"{name}: {time_s[len(sinrs) - 1]:.2f} of {time_s[-1]:.2f} s sounded"
+            _program.show(told, last=len(sinrs) == len(time_s))
     except KeyboardInterrupt:
         print(file=sys.stderr)
     return sinrs
@@ -173,7 +173,7 @@ def _run_stack(plan, emulation) -> tuple[CastError | None, dict]:
     playing = threading.Thread(target=emulation.run_until, args=(ended,), daemon=True)
     playing.start()
     try:
-        stack_run.run(plan, lambda line: print(f"\r{line:<70s}", end="", file=sys.stderr, flush=True))
+        stack_run.run(plan, _program.show)
     except CastError as error:
         failure = error
     except KeyboardInterrupt:

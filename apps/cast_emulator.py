@@ -149,8 +149,8 @@ def batch(args) -> None:
     run_batch(
         load(args.scenario), recordings, Path(args.output), rate_hz=args.rate, duration_s=args.duration, receivers=args.receivers,
         chunk_samples=args.chunk, noise_power=_noise_power(args), seed=args.seed, fixed_point=_fixed_point(args), dask=args.dask,
-        workers=args.workers, fields=_told(args), cycle=args.cycle, progress=lambda done, total: print(
-            f"\r{done}/{total} chunks", end="" if done < total else "\n", file=sys.stderr, flush=True),
+        workers=args.workers, fields=_told(args), cycle=args.cycle,
+        progress=lambda done, total: _program.progress("chunks", done, total),
     )  # fmt: skip
 
 
@@ -263,8 +263,7 @@ def _shown(playback, name: str):
     for chunk in playback.chunks():
         yield chunk
         done += len(chunk)
-        end = "" if done < playback.count else "\n"
-        print(f"\r{name}: {done}/{playback.count} samples", end=end, file=sys.stderr, flush=True)
+        _program.progress(f"{name}: samples", done, playback.count)
 
 
 def ask(args) -> None:

@@ -45,10 +45,8 @@ def _emulate(args, modem, setting: jamming.Setting, label: str, case: str) -> re
             found.append(frame)
             if len(found) % 20 == 0 or len(found) == len(times_s):
                 speed = frame.time_s / (time.monotonic() - began)
-                print(
-                    f"\r{case}, {label}: {frame.time_s:.1f} of {args.duration:g} s radio time, {speed:.1f} times real time ",
-                    end="" if len(found) < len(times_s) else "\n", file=sys.stderr, flush=True,
-                )  # fmt: skip
+                told = f"{case}, {label}: {frame.time_s:.1f} of {args.duration:g} s radio time, {speed:.1f} times real time"
+                _program.show(told, last=len(found) == len(times_s))
     except KeyboardInterrupt:
         args.interrupted = True
     return result.Run(
@@ -134,7 +132,7 @@ def sweep(args) -> int:
             for sinr_db in loss.SINR_DB:
                 seed = args.seed + 1000 * len(points)  # a noise of its own for every point
                 points.append(loss.point(curve, sinr_db, modem, FrameEmulator, args.frames, args.payload, seed))
-                print(f"\r{curve.name}, {sinr_db:g} dB: loss {points[-1].loss:.3f} ", end="", file=sys.stderr, flush=True)
+                _program.show(f"{curve.name}, {sinr_db:g} dB: loss {points[-1].loss:.3f}")
     except KeyboardInterrupt:
         args.interrupted = True
     print(file=sys.stderr)

@@ -14,8 +14,10 @@ import _program
 import numpy as np
 from gr_cast.core import interrupts
 from gr_cast.core.errors import CastError
+from gr_cast.core.figures import fixed
 from gr_cast.core.files import check_writable, write_json, write_text
 from gr_cast.core.units import db_from_amplitude
+from gr_cast.experiments import paper
 from gr_cast.report import plot
 from gr_cast.signals import on_air, recording
 from gr_cast.signals.waveform import entry_from_text, waveform_from_entry
@@ -36,7 +38,9 @@ def _arguments() -> argparse.ArgumentParser:
     output.add_argument("--output", default="sounding", metavar="DIR", help="folder for the result")
 
     code = argparse.ArgumentParser(add_help=False)
-    code.add_argument("--code", help="glfsr:8, gold:127, gold_paper, ga128, gb128, ls, zadoff_chu:255:1 or file:STEM")
+    code.add_argument(
+        "--code", help="glfsr:8, gold:127, gold_paper, ga128, gb128, ls, zadoff_chu:255:1, file:STEM (run: by rate)"
+    )
     code.add_argument("--samples-per-chip", type=int, default=1, metavar="N")
     code.add_argument("--once", action="store_true", help="the waveform of file:STEM is sent once, not repeated")
 
@@ -210,6 +214,10 @@ def _sound_file(args, file: recording.Recording, path, modelled_taps=()) -> dict
     plot.save(plot.sounding_figure(sounding, title, modelled_taps), folder / "cir.png")
     result.write_sounding(folder, sounding, document)
     print(result.as_table(document))
+    if document["frame_std_db"] and file.metadata.get("cast:scenario") == "four_tap":
+        told, own = paper.figures()["four_taps"], document["frame_std_db"]
+        for which in ("strongest", "weakest"):
+            print(f"SD of the {which} tap over the frames: {own[which]:.2g} dB; the paper: {told[which + '_tap_sd_db']:g} dB")
     print(f"\nwritten: {folder}/result.json, frames.csv, cir.png")
     return document
 
@@ -218,7 +226,7 @@ def _run(args) -> None:
     from gr_cast import scenario as scenarios
     from gr_cast.blocks.flowgraphs import EmulatedSounding, waveform_source
 
-    args.code = args.code or "glfsr:8"
+    args.code = args.code or _long_enough(args.rate, args.max_spread)
     spec, waveform = _spec_and_waveform(args, {})
     if not waveform.repeat:
         raise CastError("run: sounds repeated waveforms; drop --once")
@@ -268,6 +276,11 @@ def _run(args) -> None:
     delays = scenario.links[links[0]].delay_s[0]
     modelled = [(d, 20 * np.log10(abs(g))) for d, g in zip(delays, gain, strict=True) if g != 0]
     _sound_file(args, recording.read(stems[links[0]]), stems[links[0]], modelled)
+
+
+def _long_enough(rate_hz: float, spread_s: float) -> str:
+    """The shortest GLFSR, of 255 chips or more, that lasts as long as echoes may come."""
+    return next((f"glfsr:{degree}" for degree in range(8, 16) if (2**degree - 1) / rate_hz >= spread_s), "glfsr:16")
 
 
 def _links(args, scenario) -> list[tuple[str, str]]:
@@ -424,36 +437,43 @@ def _process(args) -> None:
     _sound_file(args, _read(args.recording, args.format, args.rate), args.recording)
 
 
-def _losses(args, paths) -> dict[tuple[str, str], list[float | None]]:
+def _losses(args, paths) -> tuple[dict[tuple[str, str], list[float | None]], float]:
+    """Path losses of every link, and the largest standard deviation of one."""
     losses: dict[tuple[str, str], list[float | None]] = {}
+    largest_std_db = 0.0
     for count, path in enumerate(paths, 1):
         file = recording.read(path)
         _, waveform = _spec_and_waveform(args, file.metadata)
         sounding = sound(file, waveform, _options(args, file.metadata, _base_loss_db(args, file, path)))
         losses.setdefault(path_loss.link_of(file, Path(path).name), []).append(sounding.path_loss_db)
-        if sys.stdout.isatty():
-            print(f"\r{count} of {len(paths)} recordings", end="" if count < len(paths) else "\n", flush=True)
-    return losses
+        largest_std_db = max(largest_std_db, sounding.path_gain_std_db or 0.0)
+        _program.progress("recordings", count, len(paths))
+    return losses, largest_std_db
 
 
 def _heatmap(args, paths) -> None:
-    nodes, matrix = path_loss.loss_matrix(_losses(args, paths))
+    losses, error_db = _losses(args, paths)
+    nodes, matrix = path_loss.loss_matrix(losses)
     folder = result.output_folder(args.output)
     title = f"Path loss of {int(np.isfinite(matrix).sum())} links, {len(paths)} recordings"
-    plot.save(plot.heatmap_figure(matrix, nodes, title), folder / "heatmap.png")
+    plot.save(plot.heatmap_figure(matrix, nodes, title, error_db), folder / "heatmap.png")
     write_text(folder / "heatmap.csv", path_loss.matrix_csv(nodes, matrix))
     rows = [[float(value) if np.isfinite(value) else None for value in row] for row in matrix]
     heard = matrix[np.isfinite(matrix)]
     mean = float(np.mean(heard)) if len(heard) else None
     std = float(np.std(heard)) if len(heard) else None
-    write_json(folder / "heatmap.json", {"nodes": nodes, "path_loss_db": rows, "mean_db": mean, "std_db": std})
+    about = {"mean_db": mean, "std_db": std, "largest_error_db": error_db}
+    write_json(folder / "heatmap.json", {"nodes": nodes, "path_loss_db": rows, **about})
     print(path_loss.matrix_text(nodes, matrix))
-    print(f"mean {mean:.2f} dB, SD {std:.2f} dB over {len(heard)} links" if len(heard) else "no link was heard")
+    print(
+        f"mean {fixed(mean, 2)} dB, SD {fixed(std, 2)} dB over {len(heard)} links, each known to {max(error_db, 0.01):.2f} dB or"
+        " better" if len(heard) else "no link was heard"
+    )  # fmt: skip
     print(f"written: {folder}/heatmap.json, heatmap.csv, heatmap.png")
 
 
 def _calibrate(args) -> None:
-    losses = _losses(args, args.recordings)
+    losses, _ = _losses(args, args.recordings)
     nodes, matrix = path_loss.loss_matrix(losses)
     unheard = [f"{tx}>{rx}" for tx, rx in losses if not np.isfinite(matrix[nodes.index(tx), nodes.index(rx)])]
     if unheard:
@@ -472,9 +492,11 @@ def _codes(args) -> None:
     print(f"{'code':<18}{'':<12}{'chips':>6}{'peaks every':>14}{'sidelobe, closed form':>24}{'alone':>10}{'30 dB link':>12}")
     for row in rows:
         origin = "published" if row["published"] else "fair"
+        levels = [row[f"{which}_sidelobe_db"] for which in ("periodic", "alone", "link")]
+        shown = ["none" if level is None else f"{fixed(level, 1)} dB" for level in levels]
         print(
             f"{row['name']:<18}{origin:<12}{row['length']:>6}{row['peak_spacing_s'] * 1e6:>11.0f} µs"
-            f"{row['periodic_sidelobe_db']:>21.1f} dB{row['alone_sidelobe_db']:>7.1f} dB{row['link_sidelobe_db']:>9.1f} dB"
+            f"{shown[0]:>24}{shown[1]:>10}{shown[2]:>12}"
         )
     print('gold_paper, the paper\'s "Gold 255", is the Gold code of 63 chips cut at 255: it nearly repeats every 63 chips.')
     folder = result.output_folder(args.output)

@@ -25,7 +25,7 @@ IP_AND_UDP = 28  # bytes
 
 
 def _progress(seconds: float) -> None:
-    print(f"\r{max(seconds, 0.0):6.1f} s", end="", file=sys.stderr, flush=True)
+    _program.show(f"{max(seconds, 0.0):6.1f} s")
 
 
 def _read(args) -> flows.Traffic:

@@ -383,7 +383,7 @@ def test_batch_that_is_killed_goes_on_where_it_was(scenario, transmitted, tmp_pa
     done = len(list((tmp_path / "out" / ".batch").glob("*.done")))
     assert 3 <= done < 50 and not (tmp_path / "out" / "a.sigmf-meta").exists()
     again = subprocess.run(command, check=True, timeout=120, capture_output=True, text=True)
-    assert f"{done}/50 chunks" in again.stderr
+    assert f"chunks: {done} of 50" in again.stderr
     subprocess.run(batch(scenario, tmp_path / "whole", tmp_path, "--chunk", "2000"), check=True, capture_output=True)
     for node in "ab":
         assert (

@@ -104,3 +104,21 @@ def test_an_interrupt_that_a_library_makes_another_error_of_is_told_as_one():
     command = [sys.executable, "-c", INTERRUPTED, os.path.dirname(_program.__file__)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stderr) == (130, "interrupted\n")
+
+
+def test_progress_without_a_terminal_is_a_line_a_minute_and_the_last(monkeypatch, capsys):
+    clock = {"s": 1000.0}
+    monkeypatch.setattr(_program.time, "monotonic", lambda: clock["s"])
+    monkeypatch.setattr(_program, "_told_s", -float("inf"))
+    for done in range(1, 301):
+        _program.progress("tasks", done, 300)
+        clock["s"] += 1.0
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split(",")[0] for line in lines] == [f"tasks: {done} of 300" for done in (1, 61, 121, 181, 241, 300)]
+
+
+def test_progress_on_a_terminal_is_one_line_that_changes(monkeypatch, capsys):
+    monkeypatch.setattr(_program.sys.stderr, "isatty", lambda: True)
+    for done in (1, 2, 3):
+        _program.progress("tasks", done, 3)
+    assert capsys.readouterr().err.count("\n") == 1 and not _program._shown

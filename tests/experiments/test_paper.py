@@ -47,6 +47,13 @@ def test_similarity_of_one_cell_is_the_papers(rows, name, row):
     assert np.mean(told) == pytest.approx(published[3], abs=6e-4)
 
 
+def test_deviations_of_the_four_tap_test_are_the_papers(cast_data):
+    text = (cast_data / "paper-figures.md").read_text()
+    told = paper.figures()["four_taps"]
+    assert f"its SD {told['strongest_tap_sd_db']:g} dB" in text and f"tap SD {told['weakest_tap_sd_db']:g} dB" in text
+    assert f"off by {told['difference_error_db']:g} dB, SD {told['difference_sd_db']:g} dB" in text
+
+
 def test_of_other_cells_the_paper_gives_no_similarity():
     assert paper.cellular_rho([Cell(station="12", terminals=("34", "37", "41"))])["41"]["udp_bps"] == 0.999
     two = [Cell(station="10", terminals=("33", "34", "41")), Cell(station="25", terminals=("37", "38", "42"))]

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Labels of points that cover neither each other nor a point: what finds no place is listed beside the axes."""
+"""Labels of points on stems that cover neither each other nor a point or stem: what finds no place is listed beside the axes."""
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
-_PLACES = [(side * 9, rise) for rise in (6, -6, 20, -20, 34, -34) for side in (1, -1)]  # points from the marker, nearest first
+# Points from the marker, nearest first; 0 is right above it.
+_PLACES = [(side * 9, rise) for rise in (6, 12, -6, 20, 34, -20, -34, 48, 62, 76) for side in (1, -1, 0) if side or rise > 9]
 _MARKER = 8.0  # half its side, points
 _LINES = 24  # of the list: as many as stand beside the axes
 _PASSES = 4  # the list takes room from the axes, and fewer labels may fit then
@@ -36,10 +37,13 @@ def _placed(axes, renderer, x, y, texts, size: float):
     scale = axes.figure.dpi / 72
     points = axes.transData.transform(np.column_stack([x, y]))
     taken = [Bbox.from_extents(*(point - _MARKER * scale), *(point + _MARKER * scale)) for point in points]
+    taken += [Bbox.from_extents(px - scale, frame.y0, px + scale, py) for px, py in points]
     notes, rest = [], []
     for (px, py), text in zip(zip(x, y, strict=True), texts, strict=True):
         for dx, dy in _PLACES:
-            about = dict(ha="left" if dx > 0 else "right", va="bottom" if dy > 0 else "top", fontsize=size)
+            about = dict(
+                ha="left" if dx > 0 else "right" if dx < 0 else "center", va="bottom" if dy > 0 else "top", fontsize=size
+            )
             note = axes.annotate(text, (px, py), (dx, dy), textcoords="offset points", **about)
             box = note.get_window_extent(renderer)
             inside = frame.x0 <= box.x0 and box.x1 <= frame.x1 and frame.y0 <= box.y0 and box.y1 <= frame.y1

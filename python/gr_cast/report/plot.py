@@ -23,6 +23,7 @@ from ..experiments.traffic import log
 from ..sounding.sound import Sounding
 from . import labels
 
+LEAST_SPAN_DB = 1.0  # of a colour scale: less is no difference between links
 MEASURED, MODELLED, FLOOR = "#1f5fa8", "#d1701f", "#8a8a8a"
 
 
@@ -122,20 +123,30 @@ def _draw_frames(axes, sounding: Sounding) -> None:
     axes.grid(alpha=0.25)
 
 
-def heatmap_figure(loss_db: np.ndarray, nodes: list[str], title: str) -> Figure:
-    """N×N path loss, dB; rows transmit, columns receive; NaN was not measured or not heard."""
+def colour_scale(values_db: np.ndarray, error_db: float = 0.0) -> dict[str, float]:
+    """Ends of a colour scale that spans no less than the figures' own error, and no less than LEAST_SPAN_DB."""
+    known = values_db[np.isfinite(values_db)]
+    if not known.size:
+        return {}
+    middle, span = (known.max() + known.min()) / 2, max(np.ptp(known), 2 * error_db, LEAST_SPAN_DB)
+    return {"vmin": float(middle - span / 2), "vmax": float(middle + span / 2)}
+
+
+def heatmap_figure(loss_db: np.ndarray, nodes: list[str], title: str, error_db: float = 0.0) -> Figure:
+    """N×N path loss, dB, known to `error_db`; rows transmit, columns receive; NaN was not measured or not heard."""
     size = max(5.0, 0.55 * len(nodes) + 2)
     figure = new_figure(size + 1, size)
     axes = figure.subplots()
-    image = axes.imshow(loss_db, cmap="viridis_r")
+    scale = colour_scale(loss_db, error_db)
+    image = axes.imshow(loss_db, cmap="viridis_r", **scale)
     axes.set_xticks(range(len(nodes)), nodes)
     axes.set_yticks(range(len(nodes)), nodes)
     axes.set(xlabel="receiver", ylabel="transmitter")
     axes.set_title(title, loc="left", fontsize=11)
-    middle = np.nanmean(loss_db) if np.isfinite(loss_db).any() else 0.0
+    middle = (scale["vmin"] + scale["vmax"]) / 2 if scale else 0.0
     if len(nodes) <= 16:
         for (row, column), value in np.ndenumerate(loss_db):
-            text = f"{value:.1f}" if np.isfinite(value) else "–"
+            text = fixed(value, 1) if np.isfinite(value) else "–"
             axes.text(column, row, text, ha="center", va="center", fontsize=8, color="w" if value > middle else "k")
     figure.colorbar(image, label="path loss (dB)", shrink=0.85)
     return figure
@@ -154,7 +165,7 @@ def codes_figure(rows: list[dict]) -> Figure:
         for axes, sidelobe_db in ((left, row["alone_sidelobe_db"]), (right, row["link_sidelobe_db"])):
             axes.set_ylim(-85, 18)
             axes.grid(alpha=0.25)
-            text = f"{row['name']}: sidelobe {sidelobe_db:.1f} dB"
+            text = f"{row['name']}: " + ("no sidelobe" if sidelobe_db is None else f"sidelobe {fixed(sidelobe_db, 1)} dB")
             axes.text(0.01, 0.96, text, transform=axes.transAxes, fontsize=8.5, va="top", fontweight="bold")
         left.set_ylabel("dB", fontsize=8)
     grid[0, 0].set_title("alone", fontsize=10)
@@ -178,7 +189,8 @@ def scenario_figure(scenario: sc.Scenario, bandwidth_hz: float) -> Figure:
 
 def _path_gain_map(figure: Figure, axes, scenario: sc.Scenario, bandwidth_hz: float) -> None:
     gain_db = sc.path_gain_matrix_db(scenario, bandwidth_hz)
-    image = axes.imshow(np.where(np.isfinite(gain_db), gain_db, np.nan), cmap="viridis", interpolation="nearest")
+    known_db = np.where(np.isfinite(gain_db), gain_db, np.nan)
+    image = axes.imshow(known_db, cmap="viridis", interpolation="nearest", **colour_scale(known_db))
     figure.colorbar(image, ax=axes, label=f"path gain in {bandwidth_hz / 1e6:g} MHz (dB)", shrink=0.8)
     step = max(1, len(scenario.nodes) // 16)
     ticks = range(0, len(scenario.nodes), step)

@@ -13,6 +13,7 @@ DURATION_S = 800e-6
 LINK_LOSS_DB = 30.0  # the attenuator of the paper's laboratory link
 NOISE_DB = -60.0  # of full scale: 30 dB below what arrives
 FLOOR = 1e-5  # correlations below −100 dB are rounding
+ROUNDING_DB = -90.0  # sidelobes below it are none
 
 PAPER_CODES = ("glfsr:8", "gold_paper", "ga128", "ls")
 FAIR_CODES = ("gold:127", "gold:511", "ga128+gb128", "zadoff_chu:255:1")
@@ -30,15 +31,20 @@ def _through_link(sent: np.ndarray, random: np.random.Generator) -> np.ndarray:
     return heard + noise[0] + 1j * noise[1]
 
 
-def _sidelobe_db(correlation: np.ndarray) -> float:
-    """Largest periodic sidelobe under the peak, dB; −200 stands for none."""
-    return float(max(db_from_amplitude(np.max(np.abs(correlation[1:]))), -200.0))
+def _sidelobe_db(correlation: np.ndarray) -> float | None:
+    """Largest periodic sidelobe under the peak, dB; None where there is none."""
+    return _none_below(float(db_from_amplitude(np.max(np.abs(correlation[1:])))))
 
 
-def _measured_sidelobe_db(correlation_db: np.ndarray, period: int) -> float:
-    """Largest value between the peaks, under the mean peak."""
+def _none_below(level_db: float) -> float | None:
+    """A level, or None for what is only the rounding of numbers."""
+    return level_db if level_db > ROUNDING_DB else None
+
+
+def _measured_sidelobe_db(correlation_db: np.ndarray, period: int) -> float | None:
+    """Largest value between the peaks, under the mean peak; None where there is none."""
     at_peak = np.arange(len(correlation_db)) % period == 0
-    return float(np.max(correlation_db[~at_peak]) - np.mean(correlation_db[at_peak]))
+    return _none_below(float(np.max(correlation_db[~at_peak]) - np.mean(correlation_db[at_peak])))
 
 
 def _peak_spacing_s(correlation_db: np.ndarray) -> float:

@@ -44,6 +44,7 @@ def as_document(sounding: Sounding, about: dict) -> dict:
         "moving": sounding.is_moving,
         "blocks": sounding.blocks,
         "frames": sounding.frames,
+        "frame_std_db": _frame_std_db(sounding),
         "frames_missing": int(np.sum(~sounding.frame_detected)),
         "taps": entries,
         "path_gain_db": sounding.path_gain_db,
@@ -67,6 +68,18 @@ def _doppler_hz(sounding: Sounding, tap: int) -> dict[str, float | None]:
     found = sounding.doppler[tap]
     names = {"doppler_hz": "mean", "doppler_std_hz": "std", "doppler_spread_hz": "spread"}
     return {name: getattr(found, own) * sounding.sample_rate_hz if found else None for name, own in names.items()}
+
+
+def _frame_std_db(sounding: Sounding) -> dict[str, float] | None:
+    """Standard deviation over the frames of the strongest and the weakest tap's gain, dB; None for fewer than three frames."""
+    heard = sounding.frame_gain[sounding.frame_detected]
+    if heard.shape[0] < 3 or not heard.shape[1]:
+        return None
+    order = np.argsort(sounding.taps.power)
+    return {
+        name: float(np.std(db_from_amplitude(heard[:, tap]), ddof=1))
+        for name, tap in (("strongest", order[-1]), ("weakest", order[0]))
+    }
 
 
 def frame_gain_db(sounding: Sounding) -> np.ndarray:
