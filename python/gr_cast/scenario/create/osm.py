@@ -29,14 +29,7 @@ def read(path: str | Path, *, default_height_m: float = DEFAULT_HEIGHT_M, level_
     east, north) buildings wholly outside are left out. Raises CastError with every faulty building by its id.
     """
     path = Path(path)
-    try:
-        root = ElementTree.parse(path).getroot()
-    except FileNotFoundError:
-        raise CastError(f"{path}: no such file") from None
-    except (ElementTree.ParseError, LookupError, ValueError) as error:  # unknown or broken encodings too
-        raise CastError(f"{path}: not XML, or truncated: {error}") from None
-    if root.tag != "osm":
-        raise CastError(f"{path}: got <{root.tag}>, needs an OpenStreetMap file <osm>")
+    root = _root(path)
     faults, count = Faults(str(path)), Counter()
     points = _project(root, faults)
     faults.raise_if_any()
@@ -66,8 +59,34 @@ def read(path: str | Path, *, default_height_m: float = DEFAULT_HEIGHT_M, level_
     return [*solids, _ground(solids, area_m)], count
 
 
+def _root(path: Path):
+    try:
+        root = ElementTree.parse(path).getroot()
+    except FileNotFoundError:
+        raise CastError(f"{path}: no such file") from None
+    except (ElementTree.ParseError, LookupError, ValueError) as error:  # unknown or broken encodings too
+        raise CastError(f"{path}: not XML, or truncated: {error}") from None
+    if root.tag != "osm":
+        raise CastError(f"{path}: got <{root.tag}>, needs an OpenStreetMap file <osm>")
+    return root
+
+
+def place_m(path: str | Path, latitude_deg: float, longitude_deg: float) -> np.ndarray:
+    """Metres east and north, (2,), of a place on the axes of an extract, as `read` has them. Raises CastError."""
+    faults = Faults(str(path))
+    _, middle, scale = _frame(_root(Path(path)), faults)
+    faults.raise_if_any()
+    return (np.array([longitude_deg, latitude_deg]) - middle) * scale
+
+
 def _project(root, faults: Faults) -> dict[str, np.ndarray]:
     """Metres east and north of each node on the plane that touches the WGS 84 ellipsoid in the middle."""
+    nodes, middle, scale = _frame(root, faults)
+    return {key: (value - middle) * scale for key, value in nodes.items()}
+
+
+def _frame(root, faults: Faults) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
+    """(longitude and latitude of each node, those of the middle, metres per degree there); no node where that cannot be told."""
     nodes = {}
     for node in root.iter("node"):
         try:
@@ -80,7 +99,7 @@ def _project(root, faults: Faults) -> dict[str, np.ndarray]:
             faults.add(f"node {node.get('id')}", "needs lon and lat in degrees")
     if not nodes:
         faults.add("", "holds no nodes")
-        return {}
+        return {}, np.zeros(2), np.zeros(2)
     bounds = root.find("bounds")
     if bounds is not None:
         corners = np.array([[_degrees(bounds.get(f"{end}{axis}")) for axis in ("lon", "lat")] for end in ("min", "max")])
@@ -89,12 +108,12 @@ def _project(root, faults: Faults) -> dict[str, np.ndarray]:
     middle = corners.mean(axis=0)
     if not (np.isfinite(middle).all() and abs(middle[1]) < 85):
         faults.add("bounds", "needs minlon, minlat, maxlon and maxlat in degrees, latitude within 85")
-        return {}
+        return {}, np.zeros(2), np.zeros(2)
     sine, e2, a = np.sin(np.deg2rad(middle[1])), 0.00669437999014, 6378137.0
     prime_vertical_m = a / np.sqrt(1 - e2 * sine**2)
     meridian_m = a * (1 - e2) / (1 - e2 * sine**2) ** 1.5
     scale = np.deg2rad(1) * np.array([prime_vertical_m * np.sqrt(1 - sine**2), meridian_m])
-    return {key: (value - middle) * scale for key, value in nodes.items()}
+    return nodes, middle, scale
 
 
 def _degrees(text: str | None) -> float:

@@ -11,6 +11,7 @@ from ...core.documents import Reader, yaml_file
 from ...core.errors import CastError
 from ...core.files import is_file
 from ..model import MAX_NODES
+from . import osm
 from .nodes import Node
 
 VERSION = 1
@@ -19,7 +20,8 @@ _KEYS = {
     "cast_create", "id", "name", "description", "environment", "model", "materials", "nodes", "node_grids", "sampling",
     "approximation",
 }  # fmt: skip
-_NODE_KEYS = {"position_m", "waypoints_m", "speed_m_per_s", "antenna", "power_dbm", "noise_figure_db"}
+_PLACES = ("position_m", "waypoints_m", "position_deg", "waypoints_deg")
+_NODE_KEYS = {*_PLACES, "speed_m_per_s", "antenna", "power_dbm", "noise_figure_db"}
 _GRID_KEYS = {"prefix", "origin_m", "count", "spacing_m", "antenna", "power_dbm", "noise_figure_db"}
 _MODEL_KEYS = {"mesh", "osm", "default_height_m", "level_height_m"}
 
@@ -66,7 +68,7 @@ def read(path: str | Path) -> Spec:
     values = _environment(document, get) | _model(document, get, path) | _sampling(document, get) | _approximation(document, get)
     rules = get.mapping(document.get("materials"), "materials")
     materials = {key: get.text(value, f"materials.{key}") for key, value in rules.items()}
-    nodes = _nodes(document, get)
+    nodes = _nodes(document, get, values["model_path"])
     if len({node.name for node in nodes}) != len(nodes):
         faults.add("nodes", "the same node is named twice")
     if len(nodes) < 2 and not faults:
@@ -155,6 +157,22 @@ def _numbers(value, place: str, count: int, get: Reader) -> list[float]:
     return numbers
 
 
+def _in_metres(points: list, place: str, model_path: Path, get: Reader) -> list:
+    """[latitude, longitude, height in m] of each point as metres on the axes of the OpenStreetMap extract."""
+    if model_path.suffix.lower() != ".osm":
+        get.faults.add(place, "degrees go with model.osm, a mesh does not say where on Earth it is")
+        return points
+    if not (np.abs(np.array(points)[:, :2]) <= [90, 180]).all():
+        get.faults.add(place, f"got {points}, needs [latitude, longitude, height]: degrees within 90 and 180, and m")
+        return points
+    try:
+        return [[*osm.place_m(model_path, latitude, longitude).tolist(), height] for latitude, longitude, height in points]
+    except CastError as error:
+        for fault in error.faults:
+            get.faults.add(place, fault)
+        return points
+
+
 def _equipment(entry: dict, place: str, get: Reader) -> dict:
     out = {}
     for key, unit, low, high in (("power_dbm", "dBm", -200, 200), ("noise_figure_db", "dB", 0, 100)):
@@ -165,7 +183,7 @@ def _equipment(entry: dict, place: str, get: Reader) -> dict:
     return out
 
 
-def _nodes(document: dict, get: Reader) -> list[Node]:
+def _nodes(document: dict, get: Reader, model_path: Path) -> list[Node]:
     nodes = []
     for index, grid in enumerate(get.sequence(document.get("node_grids", []), "node_grids")):
         place = f"node_grids[{index}]"
@@ -184,14 +202,14 @@ def _nodes(document: dict, get: Reader) -> list[Node]:
     for name, entry in get.mapping(document.get("nodes", {}), "nodes").items():
         place = f"nodes.{name}"
         entry = get.keys(entry, place, _NODE_KEYS)
-        if ("position_m" in entry) == ("waypoints_m" in entry):
-            get.faults.add(place, "needs position_m, or waypoints_m with speed_m_per_s")
+        named = [key for key in _PLACES if key in entry]
+        if len(named) != 1:
+            get.faults.add(place, "needs position_m, or waypoints_m with speed_m_per_s; or either in degrees, position_deg")
             continue
-        if "position_m" in entry:
-            track = dict(waypoints_m=[_numbers(entry["position_m"], f"{place}.position_m", 3, get)])
-        else:
-            points = get.sequence(entry["waypoints_m"], f"{place}.waypoints_m")
-            track = dict(waypoints_m=[_numbers(point, f"{place}.waypoints_m", 3, get) for point in points] or [[0, 0, 0]])
+        (key,) = named
+        points = [entry[key]] if key.startswith("position") else get.sequence(entry[key], f"{place}.{key}")
+        points = [_numbers(point, f"{place}.{key}", 3, get) for point in points] or [[0.0, 0.0, 0.0]]
+        track = dict(waypoints_m=_in_metres(points, f"{place}.{key}", model_path, get) if key.endswith("_deg") else points)
         if "speed_m_per_s" in entry:
             track["speed_m_per_s"] = get.number(entry["speed_m_per_s"], f"{place}.speed_m_per_s", "m/s", 0, 1e4)
         _add(nodes, get, get.name(name, place), track, _equipment(entry, place, get))
