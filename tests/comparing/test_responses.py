@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
+import json
+
 import numpy as np
 import pytest
 from gr_cast.comparing import responses
@@ -65,3 +67,31 @@ def test_what_is_no_response_is_refused(taps):
 def test_a_tolerance_without_meaning_is_refused(tolerance_s):
     with pytest.raises(CastError, match="tolerance"):
         responses.compare_responses(response((0, 0)), response((0, 0)), tolerance_s)
+
+
+def test_the_table_and_the_document_tell_every_tap_of_both():
+    a = response((0, 0), (100, -6), (130, -9), name="first")
+    b = response((4, -1), (132, -9.5), (700, -20), name="second")
+    document = responses.as_document(responses.compare_responses(a, b, 20e-9))
+    told = [(tap["a"]["gain_db"], tap["b"]["gain_db"]) for tap in document["taps"]]
+    assert told == [(0, -1), (-9, -9.5)] and (document["a"], document["b"]) == ("first", "second")
+    lines = responses.as_table(document).split("\n")
+    assert "only in A: 0.1000 µs, -6.00 dB" in lines and "only in B: 0.7000 µs, -20.00 dB" in lines
+    assert lines[1].split() == ["0.0000", "0.00", "+4.0", "-1.00"]
+
+
+def test_a_sounding_is_read_with_its_taps_and_what_is_none_is_left_to_others(tmp_path):
+    taps = [{"delay_s": 1e-6, "gain_db": -3.0}, {"delay_s": 2e-6, "gain_db": -9.0}]
+    path = tmp_path / "result.json"
+    path.write_text(json.dumps({"cast_sounding": 1, "taps": taps}))
+    for named in (path, tmp_path):
+        found = responses.from_sounding(named)
+        assert found.delay_s.tolist() == [1e-6, 2e-6] and found.gain_db.tolist() == [-3, -9]
+    path.write_text(
+        json.dumps({"cast_sounding": 1, "taps": [{"delay_s": 1e-6, "gain_db": "loud"}, {"delay_s": 1e-6, "gain_db": 1e9}]})
+    )
+    with pytest.raises(CastError) as refused:
+        responses.from_sounding(path)
+    assert len(refused.value.faults) == 2
+    path.write_text(json.dumps({"taps": taps}))
+    assert responses.from_sounding(path) is None and responses.from_sounding(tmp_path / "series.csv") is None

@@ -42,6 +42,11 @@ def test_a_step_holds_the_mean_of_what_was_measured_in_it_and_empty_ones_are_int
     assert found.is_uniform and found.step_s == 1 and not uneven.is_uniform
 
 
+def test_what_is_missing_in_the_end_holds_the_last_value():
+    ended = Series(name="s", time_s=np.arange(4.0), value=np.array([1.0, 2.0, np.nan, np.nan]))
+    assert np.array_equal(resampled(ended, 1.0).value, [1, 2, 2, 2])
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
