@@ -162,7 +162,7 @@ def test_a_foreign_python_first_on_the_path_does_not_matter(tmp_path):
         (["run", "--link", "1>9"], ["1>9", "1>2"]),
         (["run", "--frames", "0"], ["--frames", "0"]),
         (["run", "--average", "-3"], ["average", "-3"]),
-        (["run", "--max-spread", "nan"], ["max spread", "nan"]),
+        (["run", "--max-spread", "nan"], ["max-spread", "nan"]),
         (["run", "--seed", "-1"], ["--seed", "-1"]),
         (["process", "x", "--code", "glfsr:1"], ["no bandwidth"]),
         (["heatmap", "x", "--code", "glfsr:8"], ["cast:transmitter"]),
