@@ -10,9 +10,11 @@ from pathlib import Path
 import cast_emulator
 import cast_sounder
 import numpy as np
+import pmt
 import pytest
-from gnuradio import uhd
+from gnuradio import blocks, gr, uhd
 from gr_cast.blocks import emulation, running
+from gr_cast.blocks.transmission import Lead
 from gr_cast.core.errors import CastError
 from gr_cast.signals import codes, recording
 
@@ -227,6 +229,14 @@ def test_the_emulator_fills_its_transmit_queue_before_it_starts(radio, emulate, 
     assert np.array_equal(np.diff(index), np.ones(len(samples) - 1)), "without a break"
     np.testing.assert_allclose(sent, samples, atol=1e-6)
     assert not devices["addr=1"].events
+
+
+def test_a_radio_begins_one_lead_after_its_first_sample_came():
+    lead, sink, top = Lead(lambda: 7.25, 0.125), blocks.vector_sink_c(), gr.top_block(catch_exceptions=False)
+    top.connect(blocks.vector_source_c(range(20_000)), lead, sink)
+    top.run()
+    begins = [(tag.offset, pmt.to_python(tag.value)) for tag in sink.tags() if pmt.symbol_to_string(tag.key) == "tx_time"]
+    assert begins == [(0, (7, 0.375))] and np.array_equal(sink.data(), np.arange(20_000))
 
 
 def test_a_timed_start_leaves_the_queue_one_lead_to_fill(radio, emulate):
