@@ -4,7 +4,6 @@
 """Say whether GNU Radio finds gr-cast as it stands, and where it does not, which line to add to which file."""
 
 import argparse
-import json
 import os
 import shlex
 import shutil
@@ -15,6 +14,7 @@ from pathlib import Path
 import _program
 import cast_grc
 import gr_cast
+from gr_cast.core.documents import json_text
 from gr_cast.core.errors import CastError
 
 PACKAGE = Path(gr_cast.__file__).parents[1]
@@ -59,7 +59,7 @@ def probed(python: str) -> dict:
     done = subprocess.run([python, "-P" if sys.version_info >= (3, 11) else "-B", "-c", PROBE], capture_output=True, text=True)
     if done.returncode:
         raise CastError(f"{python}: {done.stderr.strip().splitlines()[-1]}")
-    return json.loads(done.stdout.splitlines()[-1])
+    return json_text(done.stdout.splitlines()[-1], python).document
 
 
 def faults(told: dict) -> list[tuple[str, str]]:

@@ -71,7 +71,7 @@ def test_what_was_sounded_before_an_interrupt_stays(tmp_path):
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
     ) as process:  # fmt: skip
         end = time.monotonic() + 60
-        while "s sounded" not in process.stderr.read(20) and time.monotonic() < end:
+        while "s sounded" not in process.stderr.readline() and time.monotonic() < end:
             pass
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=60)

@@ -76,8 +76,8 @@ AT_WORK = """
 import time
 from gr_cast.core import interrupts
 interrupts.{how}()
-print("ready", flush=True)
 try:
+    print("ready", flush=True)
     time.sleep(30)
 finally:
     print("tidied", flush=True)

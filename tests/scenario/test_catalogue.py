@@ -58,7 +58,7 @@ def test_an_installed_scenario_is_found_by_its_id(tmp_path, monkeypatch):
 def test_show_convert_and_list_tell_what_is_there(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert cast_scenario.main(["convert", "four_tap", "a.mat"]) == 0
-    assert cast_scenario.main(["show", "a.mat"]) == 0
+    assert cast_scenario.main(["show", "a.mat", "--plot", "a.png"]) == 0
     text = capsys.readouterr().out
     assert "1>2" in text and "1.280 / -20.00" in text
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
