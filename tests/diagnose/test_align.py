@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from conftest_world import RATE_HZ, noise, sent_once
-from gr_cast.diagnose import align, policy, read_case
+from gr_cast.diagnose import align, diagnose, policy, read_case
 from gr_cast.diagnose.search import refit
 from gr_cast.signals import recording
 from gr_cast.twin import document
@@ -126,8 +126,8 @@ def test_a_repeated_code_20_db_below_the_noise_is_found_under_any_carrier_and_ei
     recording.write(folder / "sent", world.x, sample_rate_hz=RATE_HZ)
     link = world.twin()["links"][0] | {"taps": [{"delay_s": 0.0}]}
     twin = world.twin() | {"waveforms": {"w1": {"file": "sent", "repeat": True}}, "links": [link]}
-    (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
-    case = read_case(folder)
+    (tmp_path / "twin.yaml").write_text(yaml.safe_dump(twin))
+    case = read_case(tmp_path)
     assert align.locate(case, case.observations[0]) == (37, inverted)
 
 
@@ -227,3 +227,19 @@ def test_an_edge_of_what_is_known_does_not_ring_into_what_is_read_beside_it(tmp_
     found = read_case(tmp_path)
     fit = refit(*align.build(found, found.observations[0])[1:])
     assert 10 * np.log10(fit.sigma2 / np.mean(np.abs(late) ** 2)) < -52
+
+
+@pytest.mark.parametrize("lost", [700, -300, 3000])
+def test_a_waveform_is_found_where_the_twin_says_it_is_whatever_samples_the_twin_knows_to_be_lost(tmp_path, lost):
+    rng = np.random.default_rng(4)
+    sent = noise(rng, 12_000, 1.0)
+    air = np.concatenate([np.zeros(900), sent, np.zeros(1500)])
+    recorded = np.concatenate([air[:4000], air[4000 + lost :]])  # most of it lies behind the joint
+    sent_once(tmp_path, recorded + noise(rng, len(recorded), 0.3), sent)
+    loss = {"time_s": {"value": 4000 / RATE_HZ, "std": 0.0}, "samples": {"value": lost, "std": 0.0}}
+    twin = yaml.safe_load((tmp_path / "twin.yaml").read_text())
+    twin["effects"] = [{"family": "sample_loss", "owner": {"level": "rx", "name": "rx1"}, "parameters": loss}]
+    (tmp_path / "twin.yaml").write_text(yaml.safe_dump(twin))
+    case = read_case(tmp_path)
+    assert align.locate(case, case.observations[0]) == (900, False)
+    assert diagnose(case).document["verdict"] == "no_mismatch"

@@ -9,7 +9,7 @@ from scipy import fft as sp_fft
 
 from ..twin.effects import FAMILIES, Role, with_role
 from ..twin.effects.base import start
-from ..twin.entries import effect_of, in_either_seconds, lost_before, plain, source_of, told_noise_db, twin_effects
+from ..twin.entries import effect_of, in_either_seconds, known_losses, lost_before, plain, source_of, told_noise_db, twin_effects
 from ..twin.model import Model, predict
 from ..twin.scene import PAD, Path, Scene, Source, bridged, reach
 from . import delays, offsets, pieces, presence
@@ -161,13 +161,24 @@ def _looped(sent) -> bool:
     return all(w.repeat and len(w.samples) <= LONGEST_SCAN for w, _ in sent)
 
 
+def _with_what_was_lost(y: np.ndarray, losses, period: int) -> np.ndarray:
+    """A recording with silence for the samples that were lost, [(first behind them, how many)] from the last on, and without
+    those that were inserted: in it all that was sent has one delay."""
+    for at, lost in losses:
+        lost = lost % period if period else lost
+        if lost < LONGEST_SCAN:
+            y = np.concatenate([y[: at + min(lost, 0)], np.zeros(max(lost, 0)), y[at:]])
+    return y
+
+
 def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[int, bool]:
     """(delay in samples, whether the spectrum is inverted) of the twin's prediction in a recording; `about`: what they
     are nearly."""
     sent, links = _on_air(case, observation)
-    rate, n, y = case.sample_rate_hz, len(observation.samples), observation.samples[:].astype(complex)
-    low = 0
-    if _looped(sent):
+    rate, low, period = case.sample_rate_hz, 0, len(sent[0][0].samples) if _looped(sent) else 0
+    y = _with_what_was_lost(observation.samples[:].astype(complex), known_losses(case, observation), period)
+    n = len(y)
+    if period:
         sources = [source_of(w.name, w.samples, amplitude, True) for w, amplitude in sent]
     else:  # one kind of search for all: what repeats is sent until the recording ends
         high = max(n, *(len(w.samples) for w, _ in sent))
@@ -180,7 +191,6 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
     signals = [np.conj(y) * turn] if told else [y * turn, np.conj(y) * turn]
     if about:
         return delays.near(signals[about[1]], sources, low + about[0], reach=64)[0] - low, about[1]
-    period = len(sources[0].samples) if sources[0].repeat else 0
     tried, find = period or n + len(sources[0].samples), delays.of_repeated if period else delays.of_sent_once
     near = []
     if not period and len(sources[0].samples) >= n and n > 4000:
@@ -241,13 +251,13 @@ def build(case, observation, *, near: tuple[float, bool] | None = None):
     sent, links = _on_air(case, observation)
     twin, told = twin_effects(case, observation), _told_inverted(case, observation)
     delay, flip = locate(case, observation) if near is None else near
-    repeat = _looped(sent)
+    repeat, lost = _looped(sent), sum(max(0, lost) for _, lost in known_losses(case, observation))
     if repeat:
         sources = [source_of(w.name, w.samples, amplitude, True) for w, amplitude in sent]
         delay %= len(sources[0].samples)
     else:
         whole = int(round(delay))
-        sources = [_window(w, amplitude, whole, n) for w, amplitude in sent]
+        sources = [_window(w, amplitude, whole, n + lost) for w, amplitude in sent]
     later = observation.first / rate  # a moving path has turned since the recording's first sample
     paths = [
         Path(
@@ -276,7 +286,7 @@ def build(case, observation, *, near: tuple[float, bool] | None = None):
     )
     on_air = {w for w, _ in observation.on_air.values()}
     scene.extra = {
-        w.name: source_of(w.name, w.samples, 1.0, True) if _looped([(w, 1.0)]) else _window(w, 1.0, scene.anchor, n)
+        w.name: source_of(w.name, w.samples, 1.0, True) if _looped([(w, 1.0)]) else _window(w, 1.0, scene.anchor, n + lost)
         for w in case.waveforms.values()
         if w.name not in on_air and not _is_on_air(case, w.name)
     }

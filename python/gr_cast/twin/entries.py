@@ -32,6 +32,14 @@ def _is_over(case, observation, entry) -> bool:
     return plain(entry["parameters"]["time_s"], observation.name) * case.sample_rate_hz <= observation.first
 
 
+def known_losses(case, observation) -> list[tuple[int, int]]:
+    """[(first sample behind it, samples lost)] of the losses within a part of a recording that the twin knows, the last first."""
+    slips = [e["parameters"] for e in twin_effects(case, observation) if FAMILIES[e["family"]].role is Role.SLIP]
+    number = lambda value: plain(value, observation.name)  # noqa: E731
+    found = [(number(p["time_s"]) * case.sample_rate_hz - observation.first, number(p["samples"])) for p in slips]
+    return sorted(((round(at), round(lost)) for at, lost in found), reverse=True)
+
+
 def twin_effects(case, observation) -> list[dict]:
     """The twin's entries of `effects` that have a part in a recording, or in a part of one."""
     return [e for e in _in(case, observation) if not _is_over(case, observation, e)]
