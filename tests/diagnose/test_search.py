@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from conftest_world import RATE_HZ
-from gr_cast.diagnose import align, noise, read_case, search
+from gr_cast.diagnose import align, diagnose, noise, read_case, search
 from gr_cast.diagnose.next_recording import Hypothesis, record_next
 from gr_cast.diagnose.ownership import kind_of
 from gr_cast.diagnose.search import _colour, _polished, causes, refit
@@ -150,3 +150,14 @@ def test_samples_lost_are_looked_for_in_recordings_of_every_length(world, tmp_pa
         here.chain, here.residual, here.came = predict(scene, whole.model), data.y[:n] - whole.chain.y[:n], whole.came
         joints = View(here).jumps(lambda lost: start(FAMILIES["sample_loss"], [-np.inf, lost], free=[False, False]))
         assert any(abs(at - 800) <= 1 and (lost - 30) % len(world.x) == 0 for at, lost, _ in joints), n
+
+
+def test_a_transmitter_that_fades_out_under_steady_noise_is_told_though_the_signal_is_no_louder(world, tmp_path):
+    """A receiver's gain would change the noise too, which the noise refuses louder than the signal asks for it."""
+    world.noise_rms = 0.3
+    fallen = world.clean() * 10 ** (-12.0 * world.n / len(world.n) / 20)
+    document = diagnose(read_case(world.write(tmp_path / "case", world.noisy(fallen)))).document
+    (effect,) = document["effects"]
+    assert document["verdict"] == "identified" and effect["family"] == "gain_drift" and effect["owner"]["level"] == "tx"
+    total = effect["parameters"]["total_db"]
+    assert abs(total["value"] + 12.0) < 4 * total["std"] < 2.0

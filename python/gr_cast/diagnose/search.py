@@ -364,7 +364,7 @@ def search(data: Data, beam: list[Fit], proof_deadline: float = np.inf) -> list[
             ):
                 if data.late:
                     break
-                trial = refit(data, more, near=fit)
+                trial = _on_either_side(data, fit, refit(data, more, near=fit))
                 key = trial.model.families
                 if trial.evidence > fit.evidence + _least(fit, more) and plausible(trial.model):
                     if key not in done or done[key].evidence < trial.evidence:
@@ -383,6 +383,17 @@ def search(data: Data, beam: list[Fit], proof_deadline: float = np.inf) -> list[
     best = _on_their_sides(data, proven(data, eliminate(data, _polished(data, ranked[0]), ranked), ranked), again=True)
     best.notes["cut"] = cut or data.late
     return [best, *ranked]
+
+
+def _on_either_side(data: Data, fit: Fit, trial: Fit) -> Fit:
+    """A trial, or, where it makes nothing likelier than the fit that it grew from, one with its new gain at the transmitter: a
+    receiver's gain changes the noise too, which may speak against it louder than the signal speaks for it."""
+    new = trial.model.effects[-1]
+    if trial.evidence > fit.evidence or new.fixed or stage_of(new) != RX_GAIN:
+        return trial
+    rest = trial.model.without(len(trial.model.effects) - 1)
+    others = (refit(data, rest.adding(form)) for form in _as_sent(data.scene, new))
+    return max(trial, *others, key=lambda f: f.evidence)
 
 
 def _all_at_once(fit: Fit) -> list[Model]:
