@@ -59,13 +59,14 @@ def test_what_was_computed_until_an_interrupt_stays(tmp_path):
         stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
     )  # fmt: skip
     until = time.monotonic() + 60
-    while time.monotonic() < until and "radio time" not in run.stderr.read(40):
+    while time.monotonic() < until and "radio time" not in run.stderr.readline():
         pass
+    time.sleep(3.0)  # for some frames; without a terminal the next line of progress comes after a minute
     run.send_signal(signal.SIGINT)
     out, _ = run.communicate(timeout=60)
     assert run.returncode == 130 and "interrupted" in out
     document = json.loads((tmp_path / "out" / "jamming.json").read_text())
-    assert not document["complete"] and document["cases"][0]["a"]["frames"] >= 20
+    assert not document["complete"] and document["cases"][0]["a"]["frames"] >= 5
     frames = (tmp_path / "out" / "static-none" / "a-frames.csv").read_text().splitlines()
     assert len(frames) == 1 + document["cases"][0]["a"]["frames"]
 

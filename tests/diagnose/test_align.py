@@ -126,8 +126,8 @@ def test_a_repeated_code_20_db_below_the_noise_is_found_under_any_carrier_and_ei
     recording.write(folder / "sent", world.x, sample_rate_hz=RATE_HZ)
     link = world.twin()["links"][0] | {"taps": [{"delay_s": 0.0}]}
     twin = world.twin() | {"waveforms": {"w1": {"file": "sent", "repeat": True}}, "links": [link]}
-    (tmp_path / "twin.yaml").write_text(yaml.safe_dump(twin))
-    case = read_case(tmp_path)
+    (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
+    case = read_case(folder)
     assert align.locate(case, case.observations[0]) == (37, inverted)
 
 
