@@ -42,8 +42,9 @@ def parse(parser: argparse.ArgumentParser, argv=None, namespace=None) -> argpars
     return parser.parse_args(argv, namespace)
 
 
+NOT_BUILT = "this checkout is not built: bash apps/demo.sh installs what is missing and builds it"
 _MISSING = {  # modules whose absence is a first mistake, and what to type next
-    "gr_cast.blocks.cast_python": "this checkout is not built: bash apps/demo.sh installs what is missing and builds it",
+    "gr_cast.blocks.cast_python": NOT_BUILT,
     "gnuradio": f"no GNU Radio in {sys.executable}: apt-get install gnuradio, and run this with /usr/bin/python3",
 }
 _UNITS = {"": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
@@ -141,6 +142,19 @@ def add_web(command: argparse.ArgumentParser) -> None:
         "--web", nargs="?", type=int, const=PORT, metavar="PORT",
         help=f"a live page on this machine alone (default port {PORT}; 0: any that is free); needs Bokeh",
     )  # fmt: skip
+
+
+@contextlib.contextmanager
+def live_page(port: int | None, view, title: str):
+    """The page that `add_web` asks for, of what `view()` looks at; none where it was not asked for."""
+    if port is None:
+        yield
+        return
+    from gr_cast.report.live import served
+
+    with served(view().look, title, port) as address:
+        print(f"live page: {address}", file=sys.stderr)
+        yield
 
 
 def second(text: str) -> int:

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: GPL-3.0-or-later
+# PYTHON_ARGCOMPLETE_OK
 """From recordings and a scenario or a sounding to a case, and from a corrected twin back to a scenario."""
 
 import argparse

@@ -4,7 +4,6 @@
 """The channel emulator between real radios, protocol stacks and recordings; batch work; control of a running one."""
 
 import argparse
-import contextlib
 import json
 import sys
 import threading
@@ -84,18 +83,13 @@ def _report(status: dict) -> None:
     )
 
 
-@contextlib.contextmanager
-def _web(args, emulation):
-    """The live page, where one is asked for."""
-    if args.web is None:
-        yield
-        return
-    from gr_cast.blocks.newest import EmulatorView
-    from gr_cast.report.live import served
+def _live_page(args, emulation):
+    def view():
+        from gr_cast.blocks.newest import EmulatorView
 
-    with served(EmulatorView(emulation).look, f"cast_emulator: {emulation.scenario.name}", args.web) as address:
-        print(f"live page: {address}", file=sys.stderr)
-        yield
+        return EmulatorView(emulation)
+
+    return _program.live_page(args.web, view, f"cast_emulator: {emulation.scenario.name}")
 
 
 def run(args) -> int:
@@ -127,7 +121,7 @@ def run(args) -> int:
         if bulk:
             print(f"taps between samples: every link is {bulk} samples late", file=sys.stderr)
         ended = threading.Event()
-        with _web(args, emulation), interrupts.heeded(ended.set), control.obeying(emulation, ended):
+        with _live_page(args, emulation), interrupts.heeded(ended.set), control.obeying(emulation, ended):
             emulation.run_until(ended, _report, args.report)
     _report(emulation.status())
     print(file=sys.stderr)

@@ -13,6 +13,7 @@ import numpy as np
 from gr_cast import scenario as sc
 from gr_cast.comparing import validation
 from gr_cast.core.errors import CastError
+from gr_cast.core.figures import fixed
 from gr_cast.core.files import write_text
 from gr_cast.core.units import db_from_amplitude
 from gr_cast.report import plan, plot
@@ -230,7 +231,7 @@ def _cells(*values) -> str:
 
 
 def _db(value: float | None, digits: int = 2) -> str:
-    return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
+    return "-" if value is None else fixed(value, digits)
 
 
 def _example(scenario: sc.Scenario) -> str:

@@ -4,7 +4,6 @@
 """Sound a radio channel: over the embedded emulator, with X310s, or from a recording."""
 
 import argparse
-import contextlib
 import sys
 import time
 from dataclasses import replace
@@ -374,18 +373,13 @@ def _time_axis(args) -> str:
     return "device" if args.start_at is None else "utc"
 
 
-@contextlib.contextmanager
-def _web(args, top, waveform):
-    """The live page of a receiver, where one is asked for."""
-    if args.web is None:
-        yield
-        return
-    from gr_cast.blocks.newest import ReceiverView
-    from gr_cast.report.live import served
+def _live_page(args, top, waveform):
+    def view():
+        from gr_cast.blocks.newest import ReceiverView
 
-    with served(ReceiverView(top, waveform, args.rate).look, "cast_sounder: rx", args.web) as address:
-        print(f"live page: {address}", file=sys.stderr)
-        yield
+        return ReceiverView(top, waveform, args.rate)
+
+    return _program.live_page(args.web, view, "cast_sounder: rx")
 
 
 def _rx(args) -> int:
@@ -415,7 +409,7 @@ def _rx(args) -> int:
     sent = []
     try:
         try:
-            with _web(args, top, waveform):
+            with _live_page(args, top, waveform):
                 _until_done(
                     top, f"recording at {args.frequency / 1e6:g} MHz, {args.rate / 1e6:g} MS/s; Ctrl-C ends", _wait_s(args)
                 )

@@ -4,15 +4,8 @@
 import numpy as np
 import pytest
 from gr_cast.diagnose import align, diagnose, read_case
-from gr_cast.diagnose.next_recording import (
-    EXPERIMENTS,
-    Hypothesis,
-    record_next,
-    separation,
-)
-from gr_cast.diagnose.policy import (
-    TELLS_NATS,
-)
+from gr_cast.diagnose.next_recording import EXPERIMENTS, Hypothesis, record_next, separation
+from gr_cast.diagnose.policy import TELLS_NATS
 from gr_cast.diagnose.search import refit
 from gr_cast.twin.effects import FAMILIES
 from gr_cast.twin.effects.base import start

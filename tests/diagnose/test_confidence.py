@@ -6,16 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.confidence import (
-    Figures,
-    confidence,
-    is_whole,
-)
-from gr_cast.diagnose.policy import (
-    OPEN,
-    SUREST,
-    WEAKEST,
-)
+from gr_cast.diagnose.confidence import Figures, confidence, is_whole
+from gr_cast.diagnose.policy import OPEN, SUREST, WEAKEST
 
 CLEAR = Figures(evidence=300.0, held_out=40.0, lead=60.0, largest=300.0, causes=1, courses=0, left=0.0, complete=True, open=False)
 

@@ -10,11 +10,18 @@ import pmt
 from gnuradio import gr
 
 from ..core.errors import CastError, Faults
-from ..core.units import db_from_power
-from ..emulation.reference import FixedPoint, filter_length, fir_taps, scenario_bulk_delay, scenario_updates
+from ..core.units import db_from_power, power_from_db
+from ..emulation.reference import (
+    FixedPoint,
+    filter_length,
+    fir_taps,
+    noise_power_from_snr,
+    scenario_bulk_delay,
+    scenario_updates,
+)
 from ..scenario import Scenario
 from .cast_python import channel_emulator
-from .network import heard, send_update, usable_band
+from .network import heard, send_update, set_noise, usable_band
 from .ports import LEAD_S, Port, connect_sink, source_block, waveform_entry
 from .radio_events import ReceiveEvents, TransmitEvents, summary
 from .recorder import SigmfRecorder
@@ -176,13 +183,12 @@ class Emulation(gr.top_block):
     def set_noise(self, *, power_db: float | None = None, snr_db: float | None = None) -> None:
         """Every receiver's noise from the next sample on: its power, or how far it is below the loudest transmitter of the last
         report. CastError where none has sent anything then."""
-        self._set_noise_power(10 ** (power_db / 10) if snr_db is None else self._loudest() * 10 ** (-snr_db / 10))
+        self._set_noise_power(float(power_from_db(power_db)) if snr_db is None else noise_power_from_snr(snr_db, self._loudest()))
         self._snr_db = None
 
     def _set_noise_power(self, power: float) -> None:
         self._noise_power = power
-        for node in range(len(self.nodes)):
-            self.emulator.set_noise_power(node, power)
+        set_noise(self.emulator, power)
 
     def _loudest(self) -> float:
         powers = [power for power in pmt.to_python(self.emulator.status())["input_power"] if 0 < power < np.inf]
@@ -202,13 +208,13 @@ class Emulation(gr.top_block):
         second; None is silence, or no sample yet.
         """
         status = pmt.to_python(self.emulator.status())
-        levels = {key: status.pop(key) for key in _LEVELS if key in status}
+        levels = {key: status.pop(key) for key in _LEVELS}
         begin = getattr(self, "_begin", 0)
         waiting_for = self._waiting_for()
         return status | {
             "scenario": self.scenario.name,
             "waiting_for": waiting_for,
-            "power": self._powers(levels) if levels else {},
+            "power": self._powers(levels),
             "noise_power_db": _db(self._noise_power),
             "not_finite": self._not_finite(),
             "radios": {name: events.counts for name, events in self._radios.items()},
@@ -335,7 +341,7 @@ def _told(port: Port) -> str:
 
 
 def _db(power: float) -> float | None:
-    return float(10 * np.log10(power)) if 0 < power < np.inf else None
+    return float(db_from_power(power)) if 0 < power < np.inf else None
 
 
 def _check_ports(scenario: Scenario, ports: list[Port]) -> None:

@@ -171,7 +171,7 @@ class GrIeee80211Modem:
         return frame
 
     def demodulate(self, samples: np.ndarray) -> list[Packet]:
-        """Whole packets; their place is not told, so that callers name frames in their payload. None where the process died."""
+        """Whole packets, none where the process died; their place is not told, so that callers name frames in their payload."""
         payloads = self._ask("demodulate", np.asarray(samples, np.complex64)) or []
         return [Packet(start_sample=0, payload=payload) for payload in payloads]
 

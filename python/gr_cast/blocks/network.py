@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A scenario on the channel emulator: chosen transmitters in, chosen receivers out."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -44,10 +45,9 @@ def play_on(
     emulator.set_horizon(0)  # nothing passes until its first taps are there
     emulator.clear()
     begin = pmt.to_python(emulator.status())["samples"]
-    for update in scenario_updates(scenario, sample_rate_hz):
-        tx, rx = scenario.nodes[update.tx], scenario.nodes[update.rx]
-        if tx in transmitters and rx in receivers:
-            send_update(emulator, replace(update, tx=transmitters.index(tx), rx=receivers.index(rx)), begin)
+    for update in scenario_updates(scenario, sample_rate_hz, links=set(itertools.product(transmitters, receivers))):
+        tx, rx = transmitters.index(scenario.nodes[update.tx]), receivers.index(scenario.nodes[update.rx])
+        send_update(emulator, replace(update, tx=tx, rx=rx), begin)
     emulator.set_horizon(None)
 
 
@@ -93,9 +93,9 @@ def scenario_kernel(
     """
     nodes = len(scenario.nodes)
     kernel = emulator_kernel(nodes, nodes, filter_length(sample_rate_hz), seed=seed)
-    for update in scenario_updates(scenario, sample_rate_hz, until_s=until_s, cycle=cycle):
-        if receivers is not None and update.rx not in receivers:
-            continue
+    heard = range(nodes) if receivers is None else receivers
+    links = set(itertools.product(scenario.nodes, (scenario.nodes[rx] for rx in heard)))
+    for update in scenario_updates(scenario, sample_rate_hz, until_s=until_s, links=links, cycle=cycle):
         send_update(kernel, update)
     return kernel
 

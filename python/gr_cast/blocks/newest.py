@@ -50,7 +50,6 @@ class EmulatorView:
     def look(self) -> Look:
         status, scenario = self._emulation.status(), self._emulation.scenario
         told = (
-            "samples",
             "real_time_factor",
             "clipped_samples",
             "late_updates",
@@ -59,7 +58,7 @@ class EmulatorView:
             "active_taps",
         )
         figures = {"scenario": status["scenario"], "links": "on" if status["on"] else "off"}
-        figures |= {key.replace("_", " "): f"{status[key]:.6g}" for key in told if key != "samples"}
+        figures |= {key.replace("_", " "): f"{status[key]:.6g}" for key in told}
         figures |= {"samples": f"{status['samples']:,}", "scenario time": f"{status['scenario_time_s']:.1f} s"}
         figures["waiting for"] = ", ".join(status["waiting_for"]) or "nobody"
         for name, power in status["power"].items():

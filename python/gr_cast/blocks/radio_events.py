@@ -9,7 +9,6 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-ASYNC = pmt.intern("async_msgs")  # of gr-uhd's transmitter
 MOST_EVENTS = 1000  # kept with their times; all are counted
 _TIME = pmt.intern("rx_time")
 _KINDS = {

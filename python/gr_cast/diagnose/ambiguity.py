@@ -7,22 +7,8 @@ from ..twin.effects import FAMILIES, Effect
 from ..twin.model import Model
 from .fit import Fit
 from .next_recording import Hypothesis, record_next
-from .policy import (
-    ALIKE_NATS,
-    ALIKE_TAPS_NATS,
-    CHOICE,
-    MOST_OPEN,
-    NEAR_NATS,
-    NEAR_SHARE,
-    REFITS,
-)
-from .search import (
-    candidates,
-    claim_the_same,
-    plausible,
-    refit_or_known,
-    roughness,
-)
+from .policy import ALIKE_NATS, ALIKE_TAPS_NATS, CHOICE, MOST_OPEN, NEAR_NATS, NEAR_SHARE, REFITS
+from .search import candidates, claim_the_same, plausible, refit_or_known, roughness
 
 
 @dataclass(frozen=True, kw_only=True)

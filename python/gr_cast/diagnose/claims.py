@@ -8,12 +8,7 @@ from ..twin.effects import FAMILIES
 from ..twin.model import predict
 from .finding import Finding, numbers
 from .fit import Fit, invert
-from .policy import (
-    BROKEN_SIGMA,
-    CANCELLED,
-    LITTLE_NATS,
-    SIZE_SIGMA,
-)
+from .policy import BROKEN_SIGMA, CANCELLED, LITTLE_NATS, SIZE_SIGMA
 
 
 def unsure(fit: Fit) -> int | None:

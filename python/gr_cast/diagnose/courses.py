@@ -6,12 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from .policy import (
-    COURSE_SURE_NATS,
-    COURSE_TIMES,
-    LEAST,
-    WRONG_P,
-)
+from .policy import COURSE_SURE_NATS, COURSE_TIMES, LEAST, WRONG_P
 
 
 @dataclass(frozen=True, kw_only=True)

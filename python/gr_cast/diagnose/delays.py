@@ -84,9 +84,8 @@ def _tried(y: np.ndarray, templates: list[np.ndarray], piece: int) -> list[_Try]
         most = share[np.arange(size), at]
         ratio, gains = most / mean, groups * len(templates)
         nats = gains * (ratio - 1 - np.log(ratio)) - np.log(share.size)
-        near = np.abs(sp_fft.fftfreq(size)) + (
-            nats < DELAY_ALIKE * nats.max()
-        )  # of equals the smallest carrier: a chirp's are many
+        # Of equals the smallest carrier: a chirp's are many.
+        near = np.abs(sp_fft.fftfreq(size)) + (nats < DELAY_ALIKE * nats.max())
         k = int(np.argmin(near))
         tried.append(_Try(length=together * piece, gain=float(most[k] - 3 * mean[k]), nats=float(nats[k]), delay=int(at[k])))
         if together >= count:

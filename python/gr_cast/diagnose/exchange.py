@@ -4,19 +4,8 @@ score promises far more."""
 
 from ..twin.effects import FAMILIES, Effect
 from .fit import Fit
-from .policy import (
-    MOST_EFFECTS,
-    SEARCH_MARGIN,
-)
-from .search import (
-    candidates,
-    claim_the_same,
-    eliminate,
-    plausible,
-    proven,
-    refit_or_known,
-    roughness,
-)
+from .policy import MOST_EFFECTS, SEARCH_MARGIN
+from .search import candidates, claim_the_same, eliminate, plausible, proven, refit_or_known, roughness
 
 
 def exchanged(fit: Fit, known: list[Fit]) -> Fit:

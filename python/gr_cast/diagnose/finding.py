@@ -10,9 +10,7 @@ from ..twin.effects.base import RX_FILTER
 from ..twin.model import predict
 from . import heldout
 from .fit import Fit, invert
-from .policy import (
-    LEAST_TOLD,
-)
+from .policy import LEAST_TOLD
 from .search import refit_or_known
 
 

@@ -19,13 +19,7 @@ from ..twin.columns import Dense, Lags, against, gram
 from ..twin.effects import FAMILIES, Role, is_coarse, plays, stage_of
 from ..twin.effects.base import RX_FILTER, RX_GAIN
 from ..twin.model import Model, jacobian, predict
-from .policy import (
-    COLOUR_ORDERS,
-    DAMPINGS,
-    LARGE,
-    LEAST_HEARD,
-    SMALL,
-)
+from .policy import COLOUR_ORDERS, DAMPINGS, LARGE, LEAST_HEARD, SMALL
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,15 +12,7 @@ from ..twin.effects import is_coarse
 from ..twin.effects.base import at_half_the_rate
 from . import hopping, residual
 from .fit import within
-from .policy import (
-    FEWEST_TIMES,
-    FLATNESS_LEVELS,
-    FLATNESS_TIMES,
-    LEAST_IN_CELL,
-    LEAST_PAIRS,
-    NEXT,
-    WELL_FILLED,
-)
+from .policy import FEWEST_TIMES, FLATNESS_LEVELS, FLATNESS_TIMES, LEAST_IN_CELL, LEAST_PAIRS, NEXT, WELL_FILLED
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,18 +13,7 @@ from . import flatness, gate, heldout
 from .finding import Finding, Worth
 from .fit import Fit, gain_of_receiver, in_band, off_the_rails
 from .next_recording import Hypothesis, record_next
-from .policy import (
-    ALIKE_NATS,
-    COURSE_DB,
-    EVEN_P,
-    EVEN_SHARE,
-    FAINT,
-    FLOOR_LEAST_NATS,
-    HIDES,
-    SHAPED_DB,
-    TOLD_DB,
-    WANDERS_DB,
-)
+from .policy import ALIKE_NATS, COURSE_DB, EVEN_P, EVEN_SHARE, FAINT, FLOOR_LEAST_NATS, HIDES, SHAPED_DB, TOLD_DB, WANDERS_DB
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,12 +8,7 @@ import numpy as np
 
 from ..twin.effects import FAMILIES
 from .fit import Data, Fit
-from .policy import (
-    FOLD_OF,
-    FOLD_RUN,
-    FOLDS,
-    OFF,
-)
+from .policy import FOLD_OF, FOLD_RUN, FOLDS, OFF
 
 
 def folds(data: Data) -> list[Data]:

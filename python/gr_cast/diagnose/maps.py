@@ -9,10 +9,7 @@ from scipy import fft as sp_fft
 
 from ..twin.effects import FAMILIES
 from .fit import solve, with_noise
-from .policy import (
-    MAP_FEWEST,
-    MAP_LEVELS,
-)
+from .policy import MAP_FEWEST, MAP_LEVELS
 from .residual import delay_time
 
 

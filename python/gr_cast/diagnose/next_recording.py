@@ -13,14 +13,7 @@ from ..twin.effects import FAMILIES, Role, plays, with_role
 from ..twin.effects.base import start
 from ..twin.model import Model, predict
 from ..twin.scene import Scene, Source
-from .policy import (
-    ERRORS,
-    NEXT_LEAST_NATS,
-    NEXT_LONGER,
-    OFFSET_HZ,
-    SOFTER,
-    TELLS_NATS,
-)
+from .policy import ERRORS, NEXT_LEAST_NATS, NEXT_LONGER, OFFSET_HZ, SOFTER, TELLS_NATS
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,9 +7,7 @@ from ..twin.effects import FAMILIES, Role, is_coarse
 from ..twin.effects.base import around_circle
 from ..twin.effects.noise_family import NoiseView
 from .fit import off_the_rails, shape_of_receiver
-from .policy import (
-    PASSBAND,
-)
+from .policy import PASSBAND
 
 TESTED = tuple(f.name for f in FAMILIES.values() if f.noise_like and f.role is not Role.FLOOR)  # laws of the noise, not its level
 

@@ -15,18 +15,7 @@ from ..twin.effects import FAMILIES, Role, plays, with_role
 from ..twin.effects.base import start
 from ..twin.model import Model, _run, _start_chain, predict
 from .fit import misfit
-from .policy import (
-    CARRIER_STEP,
-    CLOCK_STEP,
-    EARLY,
-    LATE,
-    LOBES,
-    LONGEST_STRETCH,
-    OFFSET_PIECE,
-    TEETH,
-    TOLD_SIGMA,
-    WORST_CLOCK,
-)
+from .policy import CARRIER_STEP, CLOCK_STEP, EARLY, LATE, LOBES, LONGEST_STRETCH, OFFSET_PIECE, TEETH, TOLD_SIGMA, WORST_CLOCK
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,15 +14,8 @@ import numpy as np
 from ..twin.effects import FAMILIES, Effect, Role, plays, stage_of
 from ..twin.effects.base import TX_LO
 from .fit import Fit, invert
-from .policy import (
-    SEARCH_MARGIN,
-    SIDES_ALIKE_NATS,
-    SILENT_NATS,
-)
-from .search import (
-    candidates,
-    refit,
-)
+from .policy import SEARCH_MARGIN, SIDES_ALIKE_NATS, SILENT_NATS
+from .search import candidates, refit
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,20 +14,8 @@ from ..twin.basis import course_length, grid_of
 from ..twin.effects import FAMILIES, Effect
 from ..twin.effects.noise_family import two_levels
 from .fit import Fit
-from .policy import (
-    CELLS,
-    DIFFERENCES,
-    GRID,
-    HEARD,
-    LEAST_ORDERS,
-    OFTEN,
-    PASSING_CLEAR,
-    SURE_P,
-    SURROGATES,
-)
-from .residual import (
-    Leftover,
-)
+from .policy import CELLS, DIFFERENCES, GRID, HEARD, LEAST_ORDERS, OFTEN, PASSING_CLEAR, SURE_P, SURROGATES
+from .residual import Leftover
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,11 +12,7 @@ from ..twin.effects.noise_family import profile
 from . import align, ambiguity, claims, flatness, floor, gate, offsets, presence, residual, slips, slow
 from .exchange import exchanged
 from .finding import Finding, nmse, numbers, worth
-from .fit import (
-    Fit,
-    off_the_rails,
-    solve,
-)
+from .fit import Fit, off_the_rails, solve
 from .ownership import agree_on_sides, agree_on_wander
 from .passing import without_passing
 from .policy import (
@@ -39,13 +35,7 @@ from .policy import (
     UNEXPLAINED_P,
     UNEXPLAINED_SHARE,
 )
-from .search import (
-    beginnings,
-    quantiser_again,
-    refit,
-    search,
-    through_the_quantiser,
-)
+from .search import beginnings, quantiser_again, refit, search, through_the_quantiser
 from .verdict import Words, conclude
 
 

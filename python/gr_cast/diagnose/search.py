@@ -14,18 +14,7 @@ from ..twin.effects import FAMILIES, Effect, Multiplicity, Role, is_coarse, play
 from ..twin.effects.base import RX_FILTER, RX_GAIN, RX_LO, start
 from ..twin.model import RIDGE, Model, _run, _start_chain, _steps, effect_columns, predict
 from . import heldout, noise, offsets
-from .fit import (
-    Data,
-    Fit,
-    filters_noise,
-    in_band,
-    invert,
-    misfit,
-    off_the_rails,
-    smooth_spectrum,
-    solve,
-    with_noise,
-)
+from .fit import Data, Fit, filters_noise, in_band, invert, misfit, off_the_rails, smooth_spectrum, solve, with_noise
 from .policy import (
     BEAM,
     CLEAR_NATS,

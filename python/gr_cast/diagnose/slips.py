@@ -13,13 +13,7 @@ from ..twin.model import predict
 from . import align, offsets
 from .finding import Finding, Worth
 from .fit import misfit
-from .policy import (
-    HELD,
-    LEAST_JUMP,
-    LEAST_PART,
-    SLIPS_AROUND,
-    SLIPS_SURE_NATS,
-)
+from .policy import HELD, LEAST_JUMP, LEAST_PART, SLIPS_AROUND, SLIPS_SURE_NATS
 
 
 def place(case, part, located: tuple[int, bool] | None, known: Finding) -> tuple[tuple[float, bool], float]:

@@ -13,12 +13,7 @@ from .confidence import Figures, confidence, is_whole
 from .finding import Finding, nmse, numbers
 from .maps import power_of, steps
 from .ownership import kind_of, owner
-from .policy import (
-    REFUSED_NATS,
-    SAME_DELAY_SAMPLES,
-    SURELY_APART,
-    VERDICT_LEAST_NATS,
-)
+from .policy import REFUSED_NATS, SAME_DELAY_SAMPLES, SURELY_APART, VERDICT_LEAST_NATS
 from .residual import Leftover
 
 LONGER = "longer_recording"  # what tells more of effects that are not sure enough

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..core.errors import CastError
+from ..core.units import power_from_db
 from ..scenario import Scenario
 from ..signals.recording import Recording
 from .reference import emulate, scenario_bulk_delay, scenario_updates
@@ -32,7 +33,7 @@ def emulate_network(
     for node, recorded in sent.items():
         inputs[scenario.nodes.index(node), : len(recorded.samples)] = recorded.samples
     updates = scenario_updates(scenario, rate_hz, until_s=inputs.shape[1] / rate_hz)
-    powers = [10 ** (noise_power_db / 10)] * len(scenario.nodes)
+    powers = [float(power_from_db(noise_power_db))] * len(scenario.nodes)
     heard = emulate(inputs, updates, len(scenario.nodes), noise_power=powers, seed=seed)
     about = {"cast:scenario": scenario.name, "cast:seed": seed, "cast:bulk_delay_samples": scenario_bulk_delay(scenario, rate_hz)}
     if len(sent) == 1:

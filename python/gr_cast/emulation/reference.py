@@ -4,7 +4,7 @@
 Slow, double precision, and written to be read: `gr_cast.blocks.channel_emulator` must equal it.
 """
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -250,18 +250,27 @@ def has_taps_between_samples(scenario: Scenario, sample_rate_hz: float) -> bool:
 
 
 def scenario_updates(
-    scenario: Scenario, sample_rate_hz: float, from_s: float = 0.0, until_s: float = np.inf, *, cycle: bool = False
+    scenario: Scenario,
+    sample_rate_hz: float,
+    from_s: float = 0.0,
+    until_s: float = np.inf,
+    *,
+    links: Container[tuple[str, str]] | None = None,
+    cycle: bool = False,
 ) -> list[LinkUpdate]:
     """The updates that play the instants of a scenario in from_s <= time < until_s.
 
     Node k of the scenario is input k and output k. Taps on whole samples stay there; others become
-    band-limited filters, all later by the same bulk delay. With `cycle` the scenario begins again whenever it ends.
+    band-limited filters, all later by the same bulk delay, whichever `links` (all without it) are wanted. With `cycle` the
+    scenario begins again whenever it ends.
     """
     period_s = scenario.time_s[-1]
     if cycle and not scenario.is_static:
         turns = range(max(0, int(from_s // period_s)), int(np.ceil(until_s / period_s)))
         parts = {
-            k: scenario_updates(scenario, sample_rate_hz, from_s - k * period_s, min(until_s - k * period_s, period_s))
+            k: scenario_updates(
+                scenario, sample_rate_hz, from_s - k * period_s, min(until_s - k * period_s, period_s), links=links
+            )
             for k in turns
         }
         starts = {k: round(k * period_s * sample_rate_hz) for k in turns}
@@ -272,6 +281,8 @@ def scenario_updates(
     bulk = scenario_bulk_delay(scenario, sample_rate_hz)
     updates = []
     for key, link in scenario.links.items():
+        if links is not None and key not in links:
+            continue
         name = dict(tx=place[key[0]], rx=place[key[1]])
 
         def taps(step, link=link):

@@ -106,9 +106,8 @@ def _refit(template, observed, delays, limit=0.5, iterations=25):
     return delays, gain
 
 
-def _strongest(template, rest, taken, separation, delays_searched):
-    """The delay (samples) and Σ|matched filter|²/energy of the strongest peak clear of the `taken` delays."""
-    power = np.sum(np.abs(template.matched_filter(rest, OVERSAMPLING)) ** 2, axis=1) / template.energy
+def _strongest(template, power, taken, separation, delays_searched):
+    """The delay (samples) and power of the strongest peak of `_powers` clear of the `taken` delays."""
     axis = np.arange(len(power)) / OVERSAMPLING
     allowed = axis < delays_searched if not template.circular else np.ones(len(power), bool)
     for delay in taken:
@@ -149,30 +148,31 @@ def _standard_deviations(template, delays, gain, noise_variance):
 
 def _are_apart(template: Template, delays: np.ndarray, gain: np.ndarray, noise_variance: float) -> bool:
     """Whether the band tells these taps from each other: two within a small part of a sample have gains of any size."""
+    if len(delays) < 2:
+        return True
     around = np.sort(np.mod(delays, template.grid))
-    if len(delays) > 1 and min(np.diff(around).min(), around[0] + template.grid - around[-1]) < LEAST_APART:
+    if min(np.diff(around).min(), around[0] + template.grid - around[-1]) < LEAST_APART:
         return False
     rms_gain = np.sqrt(np.mean(np.abs(gain) ** 2, axis=1))
     _, gain_std, _ = _standard_deviations(template, delays, gain, noise_variance)
-    return len(delays) < 2 or bool(np.all(gain_std < np.sqrt(gain.shape[1]) * LEAST_SURE * rms_gain))
+    return bool(np.all(gain_std < np.sqrt(gain.shape[1]) * LEAST_SURE * rms_gain))
 
 
-def _powers(template: Template, rest: np.ndarray, span: int) -> np.ndarray:
-    """Σ_blocks |matched filter|²/energy at every delay, (span,): in noise of variance 1 a gamma variable of as many blocks."""
-    return np.sum(np.abs(template.matched_filter(rest)[:span]) ** 2, axis=1) / template.energy
+def _powers(template: Template, rest: np.ndarray) -> np.ndarray:
+    """Σ_blocks |matched filter|²/energy every 1/OVERSAMPLING samples, in noise of variance 1 a gamma variable of the blocks."""
+    return np.sum(np.abs(template.matched_filter(rest, OVERSAMPLING)) ** 2, axis=1) / template.energy
 
 
-def _unsteady(template: Template, rest: np.ndarray, span: int, noise: float) -> float:
+def _unsteady(power: np.ndarray, blocks: int, noise: float) -> float:
     """Variance per sample, beyond the noise, of what blocks of a moving channel leave at every delay; 0 where it is chance.
 
     Taps that change within a period do not add up to its code: the rest has one pattern over the delays in all blocks, whose
-    powers are taken as exponential. It shows in their median, and in their quartiles where it has passed for noise.
+    `power` (delays,) is taken as exponential. It shows in the median, and in the quartiles where it has passed for noise.
     """
-    blocks = rest.shape[1]
     if blocks == 1:
         return 0.0
-    low, median, high = np.percentile(_powers(template, rest, span), (25, 50, 75)) / blocks
-    chance = 3 * noise / np.sqrt(blocks * _MEDIAN_EFFICIENCY * span)
+    low, median, high = np.percentile(power, (25, 50, 75)) / blocks
+    chance = 3 * noise / np.sqrt(blocks * _MEDIAN_EFFICIENCY * len(power))
     level = median - noise * gamma.median(blocks) / blocks
     width = high - low - noise * np.diff(gamma.ppf((0.25, 0.75), blocks))[0] / blocks
     return max(level / np.log(2) if level > chance else 0.0, width / np.log(3) if width > 2 * chance else 0.0)
@@ -203,17 +203,17 @@ def estimate_taps(
     if not known_noise:
         noise_freedom = _MEDIAN_EFFICIENCY * span * blocks
     threshold = detection_threshold(false_alarm_rate, span, template.rms_bandwidth_rad, blocks, noise_freedom)
-    one_block = detection_threshold(false_alarm_rate, span, template.rms_bandwidth_rad)
+    one_block = detection_threshold(false_alarm_rate, span, template.rms_bandwidth_rad) if blocks > 1 else 0.0
     least_noise = FLOAT32_ROUNDING * float(np.mean(np.abs(observed) ** 2))
     delays = np.empty(0)
     gain = np.empty((0, blocks), complex)
     rest = observed
     while True:
-        noise = (
-            noise_variance if known_noise else max(np.median(_powers(template, rest, span)) / gamma.median(blocks), least_noise)
-        )
-        unsteady = one_block * _unsteady(template, rest, span, noise)
-        found = _strongest(template, rest, delays, separation_samples, span)
+        power = _powers(template, rest)
+        whole = power[::OVERSAMPLING][:span]
+        noise = noise_variance if known_noise else max(np.median(whole) / gamma.median(blocks), least_noise)
+        unsteady = one_block * _unsteady(whole, blocks, noise)
+        found = _strongest(template, power, delays, separation_samples, span)
         if found is None or len(delays) >= max_taps or not found[1] > threshold * noise + blocks * unsteady:
             break
         more = _refit(template, observed, np.append(delays, found[0]))

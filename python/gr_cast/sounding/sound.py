@@ -92,7 +92,6 @@ class Sounding:
     frame_time_s: np.ndarray
     frame_gain: np.ndarray
     frame_power: np.ndarray  # (frames,) in the waveform's band, noise bias removed
-    frame_noise_power: float  # of each frame_gain
     frame_detected: np.ndarray
     response: np.ndarray  # complex CIR on whole samples from `response_start`, for the picture
     residual_response: np.ndarray  # the same after the taps are taken out
@@ -207,15 +206,13 @@ def _sound_periodic(recording: Recording, waveform: Waveform, options: SoundingO
     template = Template(waveform.samples, band=options.band)
     _refuse_a_tone(template, waveform)
     samples, offset = _without_offset(periods, template, recording, options)
-    profiles = _delay_profiles(samples, template)
-    jumps = [] if is_steady(profiles) else code_jumps(samples, template)
+    jumps = [] if is_steady(_delay_profiles(samples, template)) else code_jumps(samples, template)
     if jumps:
         run = longest_run(jumps, count)
         jumps = [(periods.start_sample[k] / recording.sample_rate_hz, shift) for k, shift in jumps]
         periods = Periods(samples=periods.samples[run], start_sample=periods.start_sample[run])
         count, average = len(periods.samples), min(average, len(periods.samples))
         samples, offset = _without_offset(periods, template, recording, options)
-        profiles = _delay_profiles(samples, template)
 
     noise = _noise_of_differences(samples)
     tracks = _tracks(samples, template)
@@ -378,10 +375,11 @@ def _result(
     found = len(taps.delay_samples)
     frames = len(frame_time_s)
     frame_gain = np.linalg.lstsq(columns, frame_samples, rcond=None)[0].T if found else np.empty((frames, 0), complex)
+    explained = columns @ frame_gain.T
     frame_noise = noise_power / periods_per_frame
     detected = np.zeros(frames, bool)
     if found:  # the energy along the taps is a χ² variable when there is noise alone
-        energy = np.sum(np.abs(columns @ frame_gain.T) ** 2, axis=0)
+        energy = np.sum(np.abs(explained) ** 2, axis=0)
         detected = energy > frame_noise * gamma.isf(options.false_alarm_rate, found)
     gram = template.gram(taps.delay_samples)
     blocks = taps.gain.shape[1]
@@ -394,8 +392,7 @@ def _result(
     # Phases are those at the first sample: an offset that is a little off turns them from the middle of the recording on.
     middle = frame_time_s.mean() * recording.sample_rate_hz + len(frame_samples) / 2
     turned_rad = 2 * np.pi * offset.std_cycles_per_sample * middle if offset.cycles_per_sample else 0.0
-    rest = frame_samples - columns @ frame_gain.T
-    residual = np.sum(np.abs(rest) ** 2) / np.sum(np.abs(frame_samples) ** 2)
+    residual = np.sum(np.abs(frame_samples - explained) ** 2) / np.sum(np.abs(frame_samples) ** 2)
     return Sounding(
         sample_rate_hz=recording.sample_rate_hz,
         taps=replace(
@@ -409,7 +406,6 @@ def _result(
         frame_time_s=frame_time_s,
         frame_gain=frame_gain,
         frame_power=_in_band(frame_gain, gram) - bias * frame_noise,
-        frame_noise_power=frame_noise / template.energy,
         frame_detected=detected,
         response=_response(template, observed)[:searched],
         residual_response=_response(template, observed - columns @ taps.gain)[:searched],

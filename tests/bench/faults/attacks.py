@@ -86,12 +86,10 @@ def signals(rng: random.Random, folder: Path) -> str:
     program = Watched(folder, *words)
     time.sleep(rng.uniform(0.3, 12.0))
     there = program.signal(rng.choice([signal.SIGINT, signal.SIGTERM]))
-    if rng.random() < 0.4:
+    there_twice = rng.random() < 0.4
+    if there_twice:
         time.sleep(rng.choice([0.0, rng.uniform(0, 0.5)]))
         program.signal(rng.choice([signal.SIGINT, signal.SIGTERM]))
-        there_twice = True
-    else:
-        there_twice = False
     try:
         ended = program.ended(SIGNAL_S if there else START_S)
         if ended.status not in ENDS:

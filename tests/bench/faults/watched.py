@@ -26,12 +26,10 @@ class Wrong(Exception):
 
 @dataclass
 class Ended:
-    """How a program ended: its status, what it printed, and the seconds that it ran."""
+    """How a program ended: its status, and what it told of errors."""
 
     status: int
-    out: str
     errors: str
-    took_s: float
 
 
 class Watched:
@@ -39,13 +37,12 @@ class Watched:
 
     def __init__(self, folder: Path, *command):
         self.mark = f"{os.getpid()}-{time.monotonic_ns()}"
-        self.spare = folder / "tmp"
-        self.spare.mkdir(exist_ok=True)
-        environment = os.environ | {_MARK: self.mark, "TMPDIR": str(self.spare), "MPLBACKEND": "Agg", "HOME": str(folder)}
+        spare = folder / "tmp"
+        spare.mkdir(exist_ok=True)
+        environment = os.environ | {_MARK: self.mark, "TMPDIR": str(spare), "MPLBACKEND": "Agg", "HOME": str(folder)}
         program, *rest = map(str, command)
         program = str(ROOT / "apps" / program) if not program.startswith("/") else program
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "errors": "replace"}
-        self.began = time.monotonic()
         self.process = subprocess.Popen(
             [sys.executable, program, *rest], cwd=folder, env=environment, start_new_session=True, **pipes
         )
@@ -58,15 +55,14 @@ class Watched:
 
     def ended(self, within_s: float) -> Ended:
         """Wait for the end. Raises Wrong where it does not come in time."""
-        begin = time.monotonic()
         try:
-            out, errors = self.process.communicate(timeout=within_s)
+            _, errors = self.process.communicate(timeout=within_s)
         except subprocess.TimeoutExpired:
             self.end()
             raise Wrong(f"had not ended after {within_s:g} s") from None
         if "Traceback" in errors and not (_EARLY.search(errors) and ", in main\n" not in errors):
             raise Wrong(f"traceback: {errors.strip().splitlines()[-1]}")
-        return Ended(self.process.returncode, out, errors, time.monotonic() - begin)
+        return Ended(self.process.returncode, errors)
 
     def end(self) -> None:
         """Kill it and all that it started."""
@@ -98,11 +94,11 @@ class Watched:
             time.sleep(0.05)
 
 
-def check_tidy(folder: Path, spare: bool = True) -> None:
-    """Raises Wrong where a file for a while, a socket or a lock is left in a folder (`spare`: or in TMPDIR)."""
+def check_tidy(folder: Path) -> None:
+    """Raises Wrong where a file for a while, a socket or a lock is left in a folder or in TMPDIR."""
     aside = [path.name for path in folder.rglob(".aside-*")]
     sockets = [path.name for path in folder.rglob("*") if path.is_socket()]
-    kept = [path.name for path in (folder / "tmp").glob("*")] if spare else []
+    kept = [path.name for path in (folder / "tmp").glob("*")]
     if aside or sockets or kept:
         raise Wrong(f"left behind: {', '.join([*aside, *sockets, *kept][:5])}")
     for place in [folder, *(path for path in folder.rglob("*") if path.is_dir())]:
@@ -113,9 +109,8 @@ def check_tidy(folder: Path, spare: bool = True) -> None:
             raise Wrong(f"left locked: {error}") from None
 
 
-def check_recordings(folder: Path) -> int:
-    """How many recordings with samples there are, all readable. Raises Wrong for one that is not."""
-    count = 0
+def check_recordings(folder: Path) -> None:
+    """Raises Wrong for a recording with samples that is not readable."""
     for meta in folder.rglob("*.sigmf-meta"):
         data = meta.with_suffix(".sigmf-data")
         if not data.exists() or data.stat().st_size == 0:
@@ -124,8 +119,6 @@ def check_recordings(folder: Path) -> int:
             recording.read(meta)
         except CastError as error:
             raise Wrong(f"unreadable recording: {error.faults[0]}") from None
-        count += 1
-    return count
 
 
 def namespaces() -> set[str]:

@@ -71,12 +71,12 @@ def _root(path: Path):
     return root
 
 
-def place_m(path: str | Path, latitude_deg: float, longitude_deg: float) -> np.ndarray:
-    """Metres east and north, (2,), of a place on the axes of an extract, as `read` has them. Raises CastError."""
+def place_m(path: str | Path, latitude_deg, longitude_deg) -> np.ndarray:
+    """Metres east and north, (…, 2), of places (…,) on the axes of an extract, as `read` has them. Raises CastError."""
     faults = Faults(str(path))
     _, middle, scale = _frame(_root(Path(path)), faults)
     faults.raise_if_any()
-    return (np.array([longitude_deg, latitude_deg]) - middle) * scale
+    return (np.stack([longitude_deg, latitude_deg], axis=-1) - middle) * scale
 
 
 def _project(root, faults: Faults) -> dict[str, np.ndarray]:

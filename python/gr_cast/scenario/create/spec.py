@@ -166,7 +166,8 @@ def _in_metres(points: list, place: str, model_path: Path, get: Reader) -> list:
         get.faults.add(place, f"got {points}, needs [latitude, longitude, height]: degrees within 90 and 180, and m")
         return points
     try:
-        return [[*osm.place_m(model_path, latitude, longitude).tolist(), height] for latitude, longitude, height in points]
+        latitude_deg, longitude_deg, height_m = np.array(points).T
+        return np.column_stack([osm.place_m(model_path, latitude_deg, longitude_deg), height_m]).tolist()
     except CastError as error:
         for fault in error.faults:
             get.faults.add(place, fault)
