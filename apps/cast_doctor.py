@@ -65,6 +65,8 @@ def probed(python: str) -> dict:
 def faults(told: dict) -> list[tuple[str, str]]:
     """(what is missing, what to do about it) of all that GNU Radio needs."""
     found, missing = told["found"], []
+    if not any((PACKAGE / "gr_cast" / "blocks").glob("cast_python*")):
+        missing.append(tuple(_program.NOT_BUILT.split(": ", 1)))
     if not found["gnuradio"][0]:
         missing.append((f"GNU Radio: {found['gnuradio'][1]}", "install gnuradio (3.10) for this Python"))
     if not found["gr_cast"][0]:

@@ -49,16 +49,38 @@ def test_an_example_that_is_not_made_yet_is_told_how(name, tmp_path, monkeypatch
         cast_scenario.main(["show", name])
 
 
-def test_an_unbuilt_checkout_is_told_to_build(tmp_path):
+@pytest.fixture
+def unbuilt(tmp_path):
+    """(folder, run): a checkout without its bindings, and a function that runs one of its programs there."""
     ignore = shutil.ignore_patterns("*.so", "__pycache__")
     shutil.copytree(ROOT / "python", tmp_path / "python", ignore=ignore)
     shutil.copytree(ROOT / "apps", tmp_path / "apps", ignore=ignore)
-    command = [sys.executable, str(tmp_path / "apps/cast_sounder.py"), "run", "--output", str(tmp_path / "out")]
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+    options = {"cwd": tmp_path, "env": environment, "capture_output": True, "text": True, "timeout": 120, "check": False}
+    return tmp_path, lambda program, *words: subprocess.run([sys.executable, tmp_path / "apps" / program, *words], **options)
+
+
+def test_an_unbuilt_checkout_is_told_to_build(unbuilt):
+    folder, run = unbuilt
+    done = run("cast_sounder.py", "run", "--output", folder / "out")
     assert done.returncode == 2
     assert done.stderr == "error: this checkout is not built: bash apps/demo.sh installs what is missing and builds it\n"
-    assert not (tmp_path / "out").exists()
+    assert not (folder / "out").exists()
+
+
+def test_cast_doctor_says_first_that_a_checkout_is_not_built(unbuilt):
+    done = unbuilt[1]("cast_doctor.py")
+    assert done.returncode == 1
+    assert done.stdout.splitlines()[2:4] == [
+        "MISSING  this checkout is not built",
+        "         bash apps/demo.sh installs what is missing and builds it",
+    ]
+
+
+def test_a_matrix_that_cannot_be_written_is_told_with_the_cause():
+    with pytest.raises(OSError) as error:
+        cast_scenario.main(["convert", "four_tap", "/proc/x.mat"])  # a folder that not even root can write to
+    assert (error.value.filename, error.value.strerror) == ("/proc/x.mat", "No such file or directory")
 
 
 def test_what_stays_open_names_both_families_and_the_experiment():

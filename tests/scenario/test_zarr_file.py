@@ -84,3 +84,13 @@ def test_damage_is_refused_with_its_place(tmp_path):
         spoil()
         with pytest.raises(CastError, match=says):
             sc.load(folder)
+
+
+def test_the_outlines_of_a_place_are_no_part_of_what_every_reader_parses(tmp_path):
+    outlines = [{"name": "wall", "faces": [[[0.0, 0.0], [1.0, 0.5]]], "floor": False}]
+    zarr_file.write(tmp_path / "walk.zarr", scenario(), outlines=outlines)
+    assert zarr_file.outlines(tmp_path / "walk.zarr") == outlines
+    assert "wall" not in (tmp_path / "walk.zarr" / ".zattrs").read_text()
+    (tmp_path / "walk.zarr" / "outlines.json").write_text('[{"name": "wall", "faces": [[[0.0]]], "floor": false}]')
+    with pytest.raises(CastError, match="needs x and y"):
+        zarr_file.outlines(tmp_path / "walk.zarr")

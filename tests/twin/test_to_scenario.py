@@ -143,3 +143,15 @@ def test_a_sounding_is_believed_as_well_as_a_scenario(tmp_path):
     twin = read_twin(tmp_path / "case/twin.yaml")
     assert [tap.delay_s for tap in twin.links["a", "b"].taps] == pytest.approx([0.0, 1e-6])
     assert twin.noise_db == {"b": -50.0}
+
+
+@pytest.mark.parametrize("key", ["cast:tx_amplitude", "cast:scenario_at_s"])
+@pytest.mark.parametrize("value", ["x", None, [1]])
+def test_what_a_recording_says_of_itself_is_a_number_or_a_fault(tmp_path, key, value):
+    about = {"cast:receiver": "b", "cast:waveforms": {"a": CODE}, key: value}
+    recording.write(tmp_path / "r", np.ones(300, complex), sample_rate_hz=RATE)
+    meta = json.loads((tmp_path / "r.sigmf-meta").read_text())
+    meta["global"] |= about
+    (tmp_path / "r.sigmf-meta").write_text(json.dumps(meta))
+    with pytest.raises(CastError, match=f"{key}: got .*, needs a finite number"):
+        make.heard(tmp_path / "r", link=("a", "b"), waveform=CODE)

@@ -209,7 +209,8 @@ def write(path: str | Path, scenario: Scenario, *, form: str = "taps") -> None:
     content = _static_content(scenario, faults) if form == "static" else _taps_content(scenario, faults)
     faults.raise_if_any()
     with written_aside(path) as aside:
-        scipy.io.savemat(aside, content, do_compression=True)
+        with open(aside, "wb") as file:  # SciPy hides why a name cannot be written to
+            scipy.io.savemat(file, content, do_compression=True)
 
 
 def _static_content(scenario: Scenario, faults: Faults) -> dict:

@@ -7,6 +7,7 @@ link. A link that does not change is stored once; so are two directions that are
 
 import math
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from ..core.files import write_json, written_aside
 from .model import INTERPOLATIONS, MAX_NODES, LinkTaps, Scenario
 
 VERSION = 1
+OUTLINES_FILE = "outlines.json"
 MAX_ARRAY_BYTES = 1 << 31  # of one array, unpacked
 MAX_CHUNKS = MAX_NODES**2  # of one array: one for each link
 _DTYPES = ("<f8", "<f4", "<c8", "<c16", "<i2", "<i4", "<i8")
@@ -91,13 +93,16 @@ def _sides(get: Reader, name: str) -> tuple[int, ...]:
     return tuple(get.whole(side, name, "rows", int(name == "chunks"), 1 << 31) for side in sides)
 
 
-def write(path: str | Path, scenario: Scenario, **attributes) -> None:
-    """Write a scenario as a Zarr folder, whole or not at all; `attributes` go beside its own."""
+def write(path: str | Path, scenario: Scenario, *, outlines: Sequence[dict] = (), **attributes) -> None:
+    """Write a scenario as a Zarr folder, whole or not at all; `attributes` go beside its own, the `outlines` of its place, which
+    may be long and only a plan needs, in a file of theirs."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     with written_aside(path) as aside:
         aside.mkdir()
         _write_group(aside, scenario, attributes)
+        if outlines:
+            write_json(aside / OUTLINES_FILE, list(outlines))
 
 
 def _write_group(folder: Path, scenario: Scenario, attributes: dict) -> None:
@@ -153,9 +158,11 @@ def attributes(path: str | Path) -> dict:
 
 def outlines(path: str | Path) -> list[dict]:
     """The objects of the place as `create` left them (`geometry.outlines`); none of a scenario that came otherwise."""
-    about = attributes(path) if Path(path).suffix == ".zarr" else {}
-    get, found = Reader(f"{path}: .zattrs", about), []
-    for k, entry in enumerate(get.sequence(about.get("outlines", []), "outlines")):
+    file = Path(path) / OUTLINES_FILE
+    if not file.is_file():
+        return []
+    get, found = json_file(file, kind=list), []
+    for k, entry in enumerate(get.document):
         place = f"outlines[{k}]"
         entry = get.keys(entry, place, {"name", "faces", "floor"}, ("name", "faces", "floor"))
         faces = get.sequence(entry.get("faces", []), f"{place}.faces")

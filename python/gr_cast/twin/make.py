@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.documents import yaml_text
+from ..core.documents import Reader, yaml_text
 from ..core.errors import CastError, Faults
 from ..core.files import written_aside
 from ..core.units import amplitude_from_db, db_from_amplitude, db_from_power
@@ -40,28 +40,30 @@ class Heard:
 def heard(path: str | Path, *, link: tuple[str, str] | None = None, waveform: dict | None = None) -> Heard:
     """What a recording says of itself; `link` and `waveform` (an entry of a twin) stand in for what it does not say."""
     taken, stem = recording.read(path, longest=0), recording.stem_of(path)
-    faults, about = Faults(str(stem)), taken.metadata
+    get, about = Reader(str(stem)), taken.metadata
     sent = on_air.sent(about, str(stem))
     receiver = about.get("cast:receiver") or (link and link[1])
     if not sent and link:
         sent = {link[0]: about.get("cast:waveform")}
     sent = {tx: entry or waveform for tx, entry in sent.items()}
     if not sent or not receiver:
-        faults.add("", "does not say who sends and who receives: add --link TX>RX")
+        get.faults.add("", "does not say who sends and who receives: add --link TX>RX")
     if any(entry is None for entry in sent.values()):
-        faults.add("", "does not name its waveform: add --code, such as --code glfsr:8 or --code file:STEM")
+        get.faults.add("", "does not name its waveform: add --code, such as --code glfsr:8 or --code file:STEM")
     if taken.sample_rate_hz is None:
-        faults.add("core:sample_rate", "missing, needs the rate in Hz")
-    faults.raise_if_any()
+        get.faults.add("core:sample_rate", "missing, needs the rate in Hz")
+    amplitude = get.number(about.get("cast:tx_amplitude", 1.0), "cast:tx_amplitude")
+    at_s = get.number(about.get("cast:scenario_at_s", 0.0), "cast:scenario_at_s", "s")
+    get.faults.raise_if_any()
     return Heard(
         stem=stem,
         receiver=str(receiver),
         sent=sent,
-        amplitude=float(about.get("cast:tx_amplitude", 1.0)),
+        amplitude=amplitude,
         sample_rate_hz=taken.sample_rate_hz,
         center_frequency_hz=taken.center_frequency_hz,
         duration_s=len(taken.samples) / taken.sample_rate_hz,
-        at_s=float(about.get("cast:scenario_at_s", 0.0)),
+        at_s=at_s,
         scenario=about.get("cast:scenario"),
     )
 
