@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
+import multiprocessing
 import operator
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -18,6 +20,16 @@ INPUTS = list(range(7))
 def test_every_input_is_worked_on_once_with_what_all_share(processes):
     assert dict(tasks.run(operator.sub, 10, INPUTS, processes=processes)) == {n: 10 - n for n in INPUTS}
     assert not list(tasks.run(operator.sub, 10, [], processes=processes))
+
+
+def test_nothing_of_a_pool_is_left_when_its_tasks_are_done_or_given_up():
+    before = threading.active_count()
+    list(tasks.run(operator.sub, 10, INPUTS, processes=2))
+    assert threading.active_count() == before and not multiprocessing.active_children()
+    given_up = tasks.run(operator.sub, 10, INPUTS, processes=2)
+    next(given_up)
+    given_up.close()
+    assert threading.active_count() == before and not multiprocessing.active_children()
 
 
 def test_workers_end_with_a_parent_that_is_killed():

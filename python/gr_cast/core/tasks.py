@@ -67,11 +67,11 @@ def _in_pool(function: Callable, common, inputs: dict, processes: int) -> Iterat
         try:
             for future in as_completed(futures):
                 yield futures.pop(future), future.result()  # a future that is kept would keep its result
-        finally:
-            workers = list(pool._processes.values())  # the pool forgets them
-            pool.shutdown(wait=False, cancel_futures=True)
+        finally:  # leaving the pool waits for its own thread: at the end of the interpreter the two would meet
             if futures:  # nobody waits for what is still being done
-                for worker in workers:
+                for future in futures:
+                    future.cancel()
+                for worker in list(pool._processes.values()):
                     worker.terminate()
 
 
