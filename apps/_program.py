@@ -29,6 +29,7 @@ if multiprocessing.parent_process() is not None or _main and Path(_main).resolve
     interrupts.end_quietly()
 
 LOST = 3
+_NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?[kMG]?$")
 
 
 def parse(parser: argparse.ArgumentParser, argv=None, namespace=None) -> argparse.Namespace:
@@ -39,7 +40,17 @@ def parse(parser: argparse.ArgumentParser, argv=None, namespace=None) -> argpars
             import argcomplete
 
             argcomplete.autocomplete(parser)
+    for one in _parsers(parser):
+        one._negative_number_matcher = _NEGATIVE  # argparse's own takes -2e6 for an option
     return parser.parse_args(argv, namespace)
+
+
+def _parsers(parser: argparse.ArgumentParser):
+    """A parser and those of its commands."""
+    yield parser
+    for action in parser._actions:
+        for one in action.choices.values() if isinstance(action, argparse._SubParsersAction) else ():
+            yield from _parsers(one)
 
 
 NOT_BUILT = "this checkout is not built: bash apps/demo.sh installs what is missing and builds it"

@@ -47,6 +47,13 @@ def test_the_default_run_sounds_the_four_taps_and_leaves_everything(tmp_path):
     assert len((tmp_path / "out" / "frames.csv").read_text().splitlines()) == 1501
 
 
+def test_a_carrier_offset_leaves_no_taps_behind_and_no_channel_that_moves(tmp_path):
+    shown = done("run", "--offset", "30e3", "--output", tmp_path / "out")
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert len(result["taps"]) == 4 and not result["moving"] and "moves" not in shown
+    assert result["carrier_offset_hz"] == pytest.approx(30e3, abs=5 * result["carrier_offset_std_hz"])
+
+
 def test_what_a_car_turns_is_its_doppler_and_no_carrier_offset(tmp_path):
     taps = "{delay_s: 1.0e-6, gain_db: -70, doppler_hz: 110}, {delay_s: 3.0e-6, gain_db: -85, doppler_hz: -60}"
     (tmp_path / "car.yaml").write_text(f"cast_scenario: 1\nnodes: 2\nduration_s: 1\nall_links: {{taps: [{taps}]}}\n")

@@ -100,6 +100,14 @@ _program.run(main)
 """
 
 
+@pytest.mark.parametrize("text", ["-2e6", "-3", "-.5", "-1.5E+3"])
+def test_a_negative_number_is_no_option_however_it_is_written(text):
+    parser = argparse.ArgumentParser()
+    command = parser.add_subparsers(dest="command").add_parser("run")
+    command.add_argument("--offset", type=float)
+    assert _program.parse(parser, ["run", "--offset", text]).offset == float(text)
+
+
 def test_an_interrupt_that_a_library_makes_another_error_of_is_told_as_one():
     command = [sys.executable, "-c", INTERRUPTED, os.path.dirname(_program.__file__)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)

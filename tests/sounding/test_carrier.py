@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from gr_cast.signals import codes
 from gr_cast.signals.recording import Recording
-from gr_cast.sounding.carrier import find_offset, find_offset_once
+from gr_cast.sounding.carrier import find_beyond, find_offset, find_offset_once
 from gr_cast.sounding.correlate import Template
 from gr_cast.sounding.receive import remove_offset, whole_periods
 
@@ -74,3 +74,17 @@ def test_removing_an_offset_keeps_its_phase_across_rows():
     samples = np.exp(2j * np.pi * 0.013 * np.arange(1_000_000, 1_000_600)).astype(np.complex64).reshape(3, 200)
     still = remove_offset(samples, 0.013, 1_000_000 + 200 * np.arange(3))
     assert np.allclose(still, 1, atol=1e-4)
+
+
+@pytest.mark.parametrize("offset_hz", [2e6, -1.234e6, 4.9e6])
+@pytest.mark.parametrize(("count", "snr_db"), [(400, -10.0), (1, 20.0)])
+def test_a_carrier_beyond_the_range_searched_is_named(offset_hz, count, snr_db):
+    periods = periods_of(offset_hz, count, snr_db)
+    found_hz = find_beyond(periods.samples, Template(CODE)) * RATE_HZ
+    assert found_hz == pytest.approx(offset_hz, abs=RATE_HZ / 255)
+
+
+def test_of_noise_and_of_a_carrier_within_the_range_none_beyond_is_named():
+    for seed in range(5):
+        assert find_beyond(periods_of(7000.0, 100, -300.0, seed).samples, Template(CODE)) is None
+        assert find_beyond(periods_of(7000.0, 100, 0.0, seed).samples, Template(CODE)) is None

@@ -224,3 +224,23 @@ def test_two_frames_of_the_cosmos_testbed_agree_within_their_uncertainty(cast_da
     assert abs(delays[0] - delays[1]) < 3 * np.hypot(*stds)
     assert abs(first.path_gain_db - second.path_gain_db) < 3 * np.hypot(first.path_gain_std_db, second.path_gain_std_db)
     assert first.path_gain_db > first.smallest_path_gain_db + 20
+
+
+def test_a_carrier_that_was_not_searched_for_is_no_channel_of_many_taps():
+    far = air(FOUR_TAPS, 300, -60.0, offset_hz=2e6)
+    with pytest.raises(CastError, match=r"not within ±25000 Hz.*about 2e\+06 Hz: add --max-offset 2\.1e\+06"):
+        sound(far, WAVEFORM)
+    assert len(sound(far, WAVEFORM, SoundingOptions(max_offset_hz=2.1e6)).taps.power) == 4
+
+
+def test_another_code_than_the_one_sent_is_doubted():
+    sent = Recording(samples=np.tile(codes.gold(511), 20).astype(np.complex64), sample_rate_hz=50e6)
+    taken = Waveform(samples=codes.glfsr(9).astype(np.complex64), name="glfsr:9")
+    assert any("is the code the one that was sent" in warning for warning in sound(sent, taken).warnings)
+
+
+def test_rounding_that_repeats_with_the_code_is_no_tap():
+    """Products of an m-sequence are the sequence again: what float32 rounds in four taps is an echo that no averaging lowers."""
+    result = sound(air(FOUR_TAPS, 400, noise_db=-400.0), WAVEFORM)
+    assert len(result.taps.power) == 4
+    assert result.smallest_path_gain_db > -155.0

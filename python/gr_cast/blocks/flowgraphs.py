@@ -15,6 +15,7 @@ from .network import emulated_network, usable_band
 from .radio_events import TransmitEvents
 from .recorder import SigmfRecorder
 from .transmission import Transmission
+from .turned import Turned
 from .usrp import RadioSettings, now_s, usrp_sink, usrp_source
 
 
@@ -45,7 +46,7 @@ class EmulatedSounding(gr.top_block):
         late_samples = scenario_bulk_delay(scenario, sample_rate_hz)
         fields = (fields or {}) | usable_band(scenario, sample_rate_hz)
         place = {node: index for index, node in enumerate(scenario.nodes)}
-        self.recorders = []
+        self.recorders, self._kept = [], []
         for port, receiver in enumerate(receivers):
             # Variance ampl² per complex sample in GNU Radio's Gaussian source.
             # A link's own, whoever else sends and listens: links that shared one noise would agree too well.
@@ -55,7 +56,8 @@ class EmulatedSounding(gr.top_block):
             self.connect((emulator, port), (heard, 0))
             self.connect(noise, (heard, 1))
             if offset_hz:
-                turned = blocks.rotator_cc(2 * np.pi * offset_hz / sample_rate_hz)
+                turned = Turned(offset_hz, sample_rate_hz)
+                self._kept.append(turned)  # nobody else holds a block of Python
                 self.connect(heard, turned)
                 heard = turned
             # The stream ends here, not at its source: blocks that work in multiples of a few samples strand a tail.

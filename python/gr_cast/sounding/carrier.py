@@ -66,6 +66,29 @@ def find_offset(periods: Periods, template: Template, *, max_offset: float, fals
     return CarrierOffset(cycles_per_sample=offset, std_cycles_per_sample=std, found=True, searched=reach * spacing)
 
 
+def find_beyond(samples: np.ndarray, template: Template, *, false_alarm_rate: float = 1e-4) -> float | None:
+    """Offset (cycles per sample) of a carrier that is farther off than was searched, from periods `samples` (periods, length)
+    turned back by what was found; None unless the code stands out there fourfold.
+
+    From period to period such a carrier turns as one nearer by a whole number of cycles, so that only those are tried.
+    """
+    length = template.window
+    turn = float(np.angle(np.vdot(samples[:-1], samples[1:]))) / (2 * np.pi * length) if len(samples) > 1 else 0.0
+    steady = remove_offset(samples, turn, length * np.arange(len(samples)))
+    mean = steady.mean(axis=0, dtype=np.complex128)
+    noise = _noise_by_differences(Periods(samples=steady, start_sample=np.arange(len(steady))))
+    noise = float(np.mean(np.abs(mean) ** 2)) if noise is None else noise / len(samples)
+    reach = min(length // 2, _MAX_HYPOTHESES // 2)
+    cycles = np.arange(-reach, reach + 1)
+    spectrum = fft(mean)
+    peaks = np.array([np.max(np.abs(ifft(np.roll(spectrum, -k) * np.conj(template.spectrum))) ** 2) for k in cycles])
+    best = int(np.argmax(peaks))
+    threshold = detection_threshold(false_alarm_rate, length * len(cycles), template.rms_bandwidth_rad)
+    if peaks[best] < max(4 * peaks[reach], threshold * noise * template.energy):
+        return None
+    return turn + cycles[best] / length
+
+
 def _noise_by_differences(periods: Periods) -> float | None:
     """Noise power per sample from what changes between one period and the next but one turn of the carrier."""
     if len(periods.samples) < 4:

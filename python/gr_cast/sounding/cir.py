@@ -16,6 +16,7 @@ from .correlate import OVERSAMPLING, Template
 
 DB_PER_NEPER = 20 / np.log(10)
 FLOAT32_ROUNDING = 2.0**-48  # least noise of float32 samples over their power: no measurement is without noise
+FLOAT32_HALF_UNIT = 2.0**-50  # what rounding may leave over the power: it repeats with the code and no averaging lowers it
 LEAST_APART = 0.5  # samples between two taps; closer ones are one tap with what is left of them
 LEAST_SURE = 1.0  # error of a tap's gain over the gain, beyond which it is no tap of its own
 _MEDIAN_EFFICIENCY = np.log(2) ** 2  # of a median against a mean, as an estimate of an exponential variable's scale
@@ -223,7 +224,7 @@ def estimate_taps(
         rest = observed - template.columns(delays) @ gain
     # Powers of several blocks are reported without their noise, that of one block with it.
     surplus = threshold if blocks == 1 else (threshold - blocks) / blocks
-    limit = (surplus * noise + unsteady) / template.energy
+    limit = max((surplus * noise + unsteady) / template.energy, FLOAT32_HALF_UNIT * float(np.mean(np.abs(observed) ** 2)))
     taps = _in_order(template, delays, gain, noise, limit)
     while len(taps.delay_samples) and taps.power.min() < limit:  # together they may be weaker than one by one
         delays, gain = _refit(template, observed, np.delete(taps.delay_samples, np.argmin(taps.power)))

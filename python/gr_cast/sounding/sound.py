@@ -10,7 +10,7 @@ from ..core.errors import CastError
 from ..core.units import db_from_power
 from ..signals.recording import Recording
 from ..signals.waveform import Waveform
-from .carrier import NO_OFFSET, CarrierOffset, find_offset, find_offset_once
+from .carrier import NO_OFFSET, CarrierOffset, find_beyond, find_offset, find_offset_once
 from .cir import DB_PER_NEPER, FLOAT32_ROUNDING, Taps, estimate_taps
 from .correlate import Template
 from .doppler import Doppler, tap_doppler
@@ -23,6 +23,7 @@ MIN_OFFSET_SEARCH_HZ = 25e3
 _DOPPLER_BLOCKS = 64  # at least, where there are as many periods: taps may turn faster than the strongest path
 _TRACKS, _TRACKED, _TRACK_BLOCKS = 16, 1e-3, 512  # delays looked at for movement, down to −30 dB, in so many blocks
 _MOVES_SIGMA = 5.0  # standard deviations by which a tap must turn otherwise than the strongest one
+_HALF = 0.5  # share of what repeats with the code, beyond which taps that leave it unexplained are doubted
 INTERPOLATED = 10**-9.3  # power of the error, over the signal's, of the emulator's filters within their band
 
 
@@ -118,13 +119,8 @@ class Sounding:
 
     @property
     def is_moving(self) -> bool:
-        """Whether the channel changes: it fades, or a tap turns otherwise than the strongest one, or than a known carrier."""
-        told = [doppler for doppler in self.doppler if doppler is not None]
-        strongest = self.doppler[int(np.argmax(self.taps.power))] if told else None
-        still = Doppler(mean=0.0, std=0.0, spread=0.0) if self.offset.known else strongest
-        return self.blocks > 1 or any(
-            one.spread > 0 or (still and abs(one.mean - still.mean) > _MOVES_SIGMA * np.hypot(one.std, still.std)) for one in told
-        )
+        """Whether the channel changes so much that one mean over the recording would lose power of some tap."""
+        return self.blocks > 1
 
 
 def sound(recording: Recording, waveform: Waveform, options: SoundingOptions | None = None) -> Sounding:
@@ -226,12 +222,21 @@ def _sound_periodic(recording: Recording, waveform: Waveform, options: SoundingO
         false_alarm_rate=options.false_alarm_rate,
         max_taps=options.max_taps,
     )
+    unexplained = _unexplained(observed, template, taps)
+    searches = options.correct_offset and not offset.known
+    if searches and unexplained > _HALF and (beyond := find_beyond(samples, template)) is not None:
+        _refuse_beyond(offset, beyond, recording, options)
     noise = taps.noise_variance * (count // blocks) if noise is None else noise
     doppler = _dopplers(samples, periods.start_sample, template, taps, noise, min(count, max(4 * blocks, _DOPPLER_BLOCKS)))
 
     frames = count // average
     frame_samples = _block_means(samples[: frames * average], frames)
     warnings = _jump_warnings(jumps, count * length / recording.sample_rate_hz) + _carrier_warnings(offset, recording, options)
+    if len(taps.delay_samples) and unexplained > _HALF:
+        warnings.append(
+            f"the taps explain {100 * (1 - unexplained):.2g} % of what repeats with the code: is the code the one that was sent, "
+            "the carrier within the range searched (--max-offset HZ)?"
+        )
     if length / recording.sample_rate_hz < options.max_spread_s * (1 - 1e-9):
         warnings.append(
             f"code shorter than the channel's spread: one period lasts {length / recording.sample_rate_hz * 1e6:.4g} µs, "
@@ -258,6 +263,23 @@ def _sound_periodic(recording: Recording, waveform: Waveform, options: SoundingO
         observed=observed,
         warnings=warnings,
         jumps=jumps,
+    )
+
+
+def _unexplained(observed: np.ndarray, template: Template, taps: Taps) -> float:
+    """Share of the power over the noise in blocks `observed` (window, blocks) that the taps leave; 1 without taps."""
+    noise = taps.noise_variance
+    heard = np.mean(np.abs(observed) ** 2) - noise
+    rest = np.mean(np.abs(observed - template.columns(taps.delay_samples) @ taps.gain) ** 2) - noise
+    return float(np.clip(rest / heard, 0.0, 1.0)) if len(taps.delay_samples) and heard > 0 else 1.0
+
+
+def _refuse_beyond(offset: CarrierOffset, beyond: float, recording: Recording, options: SoundingOptions) -> None:
+    rate = recording.sample_rate_hz
+    searched_hz, found_hz = _max_offset(recording, options) * rate, (offset.cycles_per_sample + beyond) * rate
+    raise CastError(
+        f"carrier offset: not within ±{searched_hz:.6g} Hz, which was searched; the code stands out at about {found_hz:.6g} Hz: "
+        f"add --max-offset {1.05 * abs(found_hz):.3g}"
     )
 
 
