@@ -302,7 +302,7 @@ HUT_TOP = "f 9 10 11 12\n"
         ("yaml", "position_m: [30, 0, 2]", "position_m: [30, 0, 40 ft]", "nodes.b.position_m: got '40 ft'"),
         ("yaml", "yard.obj", "field.obj", "field.obj: no such file"),
         ("yaml", '{"*": concrete}', "{ground: concrete}", "materials: 1 objects have none: hut"),
-        ("yaml", '{"*": concrete}', '{"*": cheese}', "materials: *: got 'cheese', needs one of concrete, brick"),
+        ("yaml", '{"*": concrete}', '{"*": cheese}', "materials.*: got 'cheese', needs one of concrete, brick"),
         ("yaml", "bandwidth_hz: 20e6", "bandwidth_hz: 20 MHz", "environment.bandwidth_hz: got '20 MHz'"),
         ("yaml", "20e6}", "20e6, area_m: [100, 100, 200, 200]}", "environment.area_m: is empty: the model lies from"),
         ("yaml", "20e6}", "20e6, area_m: [9, 9, 2, 2]}", "environment.area_m: is empty: needs west < east"),

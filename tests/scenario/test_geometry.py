@@ -7,6 +7,7 @@ from gr_cast import scenario as sc
 from gr_cast.core.errors import CastError
 from gr_cast.scenario.create import geometry, materials, mesh_files, osm
 from gr_cast.scenario.create.geometry import Solid
+from gr_cast.scenario.create.media import Medium
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -288,12 +289,13 @@ def test_every_object_gets_a_material_or_is_named():
     solids = [
         geometry.prism(name, SQUARE, [], 0, 1, surface) for name, surface in (("wall_1", "x"), ("desk", "oak"), ("odd", ""))
     ]
-    given_ones = materials.assign(solids, {"wall_*": "brick", "oak": "wood", "*": "metal"}, 2.4e9)
-    assert [solid.material for solid in given_ones] == ["brick", "wood", "metal"]
+    brick, wood, metal, floor = (Medium(material=name) for name in ("brick", "wood", "metal", "floorboard"))
+    given_ones = materials.assign(solids, {"wall_*": brick, "oak": wood, "*": metal}, 2.4e9)
+    assert [solid.medium for solid in given_ones] == [brick, wood, metal]
     with pytest.raises(CastError) as error:
-        materials.assign(solids, {"wall_*": "brick", "oak": "teak", "o": "floorboard"}, 2.4e9)
+        materials.assign(solids, {"wall_*": brick, "oak": wood, "o": floor}, 2.4e9)
     text = str(error.value)
-    assert "1 objects have none: odd" in text and "'teak'" in text and "floorboard is known from 50 to 100 GHz" in text
+    assert "1 objects have none: odd" in text and "floorboard is known from 50 to 100 GHz" in text
 
 
 @settings(max_examples=400, deadline=None)

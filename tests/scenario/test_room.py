@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from gr_cast import scenario as sc
 from gr_cast.scenario.create import materials, mesh_files, room
+from gr_cast.scenario.create.media import Medium
 from gr_cast.scenario.create.nodes import Node, position_m
 from gr_cast.scenario.create.spec import read
 from scipy.optimize import minimize
@@ -52,7 +53,7 @@ def test_every_side_reflects_as_its_own_material(arena):
         image[axis] = 2 * wall - tx[axis]
         length_m = np.linalg.norm(rx - image)
         path = np.argmin(np.abs(link.delay_s[0] * C_M_PER_S - length_m))
-        eta = room.permittivity(material, spec.carrier_hz)
+        eta = Medium(material=material).complex_permittivity(spec.carrier_hz)
         cosine = abs(rx[axis] - image[axis]) / length_m
         # Snell: what is transmitted goes on at the angle whose sine is the other's over the square root of eta.
         beyond = np.sqrt(1 - (1 - cosine**2) / eta)
@@ -91,7 +92,7 @@ def test_reflections_at_the_limits():
     assert abs(room.fresnel(5.24, grazing)[0][0]) == pytest.approx(1, abs=1e-5)
     brewster = np.array([1 / np.sqrt(1 + 5.24)])
     assert abs(room.fresnel(5.24, brewster)[1][0]) < 1e-12
-    te, tm = room.fresnel(room.permittivity("metal", 2.4e9), np.array([0.5]))
+    te, tm = room.fresnel(Medium(material="metal").complex_permittivity(2.4e9), np.array([0.5]))
     assert (abs(te[0]), abs(tm[0])) == pytest.approx((1, 1), abs=1e-3)
 
 

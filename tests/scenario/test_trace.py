@@ -14,8 +14,10 @@ import pytest
 from gr_cast import scenario as sc
 from gr_cast.scenario.create import materials, mesh_files, spec, trace
 from gr_cast.scenario.create.geometry import Solid
+from gr_cast.scenario.create.media import Medium
 
 C_M_PER_S, EPSILON_0 = 299_792_458.0, 8.8541878128e-12
+THICK_M = {"concrete": 0.2, "medium_dry_ground": 10.0}
 CARRIER_HZ = 2.4e9
 WAVELENGTH_M = C_M_PER_S / CARRIER_HZ
 PYTHON = Path(os.environ.get("CAST_RAYTRACER") or sc.data_folder() / "raytracer/bin/python")
@@ -32,7 +34,8 @@ def ray_tracer():
 def traced(solids, tx_m, rx_m, depth, velocity=(0.0, 0.0, 0.0)):
     """Trace one pair in the tracer's Python; rx moves at `velocity`."""
     task = trace.Task(
-        name="test", pairs=((0, 1),), antennas=("iso", "iso"), position_m=np.array([tx_m, rx_m], float),
+        name="test", pairs=((0, 1),), antennas=("iso", "iso"), orientation_rad=np.zeros((2, 3)),
+        position_m=np.array([tx_m, rx_m], float),
         velocity_before=np.array([(0, 0, 0), velocity], float), velocity_after=np.array([(0, 0, 0), velocity], float),
     )  # fmt: skip
     settings = trace.Settings(carrier_hz=CARRIER_HZ, max_depth=depth, rays=50_000, refraction=False)
@@ -48,7 +51,12 @@ def traced(solids, tx_m, rx_m, depth, velocity=(0.0, 0.0, 0.0)):
 
 
 def sheet(name, material, *corners):
-    return Solid(name=name, vertices_m=np.array(corners, float), faces=[[0, 1, 2], [0, 2, 3]], material=material)
+    return Solid(
+        name=name,
+        vertices_m=np.array(corners, float),
+        faces=[[0, 1, 2], [0, 2, 3]],
+        medium=Medium(material=material, thickness_m=THICK_M[material]),
+    )
 
 
 def reflection(material, cosine, thickness_m):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...core.errors import CastError
+from .media import Medium
 
 MAX_COORDINATE_M = 1e5
 
@@ -14,13 +15,13 @@ MAX_COORDINATE_M = 1e5
 @dataclass(frozen=True, kw_only=True)
 class Solid:
     """One object: `vertices_m` (V, 3) float64, `faces` (F, 3) vertex indices, the surface name its file gives, and the
-    ITU material it is assigned, if any. Raises CastError for geometry that no ray can meet."""
+    medium it is assigned, if any. Raises CastError for geometry that no ray can meet."""
 
     name: str
     vertices_m: np.ndarray
     faces: np.ndarray
     surface: str = ""
-    material: str | None = None
+    medium: Medium | None = None
 
     def __post_init__(self):
         vertices_m = np.array(self.vertices_m, np.float64).reshape(-1, 3)
@@ -190,8 +191,8 @@ def _crosses(a, b, c, d) -> bool:
     return _cross(a, b, c) * _cross(a, b, d) < 0 and _cross(c, d, a) * _cross(c, d, b) < 0
 
 
-def assigned(solid: Solid, material: str) -> Solid:
-    return replace(solid, material=material)
+def assigned(solid: Solid, medium: Medium) -> Solid:
+    return replace(solid, medium=medium)
 
 
 def outlines(solids: Sequence[Solid]) -> list[dict]:

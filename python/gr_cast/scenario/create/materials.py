@@ -1,51 +1,73 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which ITU-R P.2040 material every object is made of: by its name or its surface; nothing is left over in silence."""
+"""Which medium every object is made of: by its name or its surface; nothing is left over in silence."""
 
 from fnmatch import fnmatchcase
 
+from ...core.documents import Reader
 from ...core.errors import CastError
 from .geometry import Solid, assigned
+from .media import Medium
 
-# ITU-R P.2040-3, table 3: the bands in GHz over which each material's permittivity is given.
-MATERIALS_GHZ = {
-    "concrete": (1, 100), "brick": (1, 40), "plasterboard": (1, 100), "wood": (0.001, 100), "glass": (0.1, 100),
-    "ceiling_board": (1, 100), "chipboard": (1, 100), "plywood": (1, 40), "marble": (1, 60), "floorboard": (50, 100),
-    "metal": (1, 100), "very_dry_ground": (1, 10), "medium_dry_ground": (1, 10), "wet_ground": (1, 10),
-}  # fmt: skip
-THICKNESS_M = {
-    "concrete": 0.2, "brick": 0.2, "plasterboard": 0.026, "wood": 0.03, "glass": 0.006, "ceiling_board": 0.015,
-    "chipboard": 0.02, "plywood": 0.02, "marble": 0.03, "floorboard": 0.02, "metal": 0.005, "very_dry_ground": 10.0,
-    "medium_dry_ground": 10.0, "wet_ground": 10.0,
-}  # fmt: skip
+# Key of a SPEC's material: the medium's own name of it, unit, least and most.
+_NUMBERS = {
+    "permittivity": ("own_permittivity", "", 1.0, 1e3),
+    "conductivity": ("own_conductivity_s_per_m", "S/m", 0.0, 1e9),
+    "thickness_m": ("thickness_m", "m", 1e-5, 100.0),
+    "height_rms_m": ("height_rms_m", "m", 0.0, 1.0),
+    "scattering_coefficient": ("scattering_coefficient", "", 0.0, 1.0),
+}
 
 
-def assign(solids: list[Solid], rules: dict[str, str], carrier_hz: float) -> list[Solid]:
-    """Every object with the material of the first rule (pattern of a name or surface, * and ? allowed) that fits it.
+def read_rules(get: Reader, rules) -> dict[str, Medium]:
+    """The media of a SPEC's `materials`: pattern → NAME, or a mapping of a name and numbers."""
+    found = {}
+    for pattern, entry in get.mapping(rules, "materials").items():
+        place = f"materials.{pattern}"
+        before = len(get.faults)
+        given = _given(get, entry, place) if isinstance(entry, dict) else {"material": get.text(entry, place)}
+        if len(get.faults) > before:
+            continue
+        try:
+            found[pattern] = Medium(**given)
+        except CastError as error:
+            get.faults.add(place, error.faults[0])
+    return found
 
-    Raises CastError that names every object without a rule, every unknown material, and every material whose data do not
-    reach the carrier. The objects that come out are those that came in.
+
+def _given(get: Reader, entry: dict, place: str) -> dict:
+    entry = get.keys(entry, place, {"material", *_NUMBERS})
+    given = {"material": get.text(entry["material"], f"{place}.material")} if entry.get("material") is not None else {}
+    for key, (name, unit, low, high) in _NUMBERS.items():
+        if key in entry:
+            given[name] = get.number(entry[key], f"{place}.{key}", unit, low, high)
+    return given
+
+
+def entry(medium: Medium) -> str | dict:
+    """What `read_rules` reads as this medium."""
+    numbers = {key: value for key, (name, *_) in _NUMBERS.items() if (value := getattr(medium, name)) != getattr(Medium, name)}
+    if medium.material is None:
+        return numbers
+    return {"material": medium.material} | numbers if numbers else medium.material
+
+
+def assign(solids: list[Solid], rules: dict[str, Medium], carrier_hz: float) -> list[Solid]:
+    """Every object with the medium of the first rule (pattern of a name or surface, * and ? allowed) that fits it.
+
+    Raises CastError that names every object without a rule, and every material whose data do not reach the carrier. The
+    objects that come out are those that came in.
     """
-    faults = []
-    for pattern, material in rules.items():
-        if material not in MATERIALS_GHZ:
-            faults.append(f"materials: {pattern}: got {material!r}, needs one of {', '.join(MATERIALS_GHZ)}")
-        else:
-            low, high = MATERIALS_GHZ[material]
-            if not low <= carrier_hz / 1e9 <= high:
-                faults.append(
-                    f"materials: {pattern}: {material} is known from {low:g} to {high:g} GHz, "
-                    f"the carrier is {carrier_hz / 1e9:g} GHz"
-                )
+    faults = [f"materials: {pattern}: {wrong}" for pattern, medium in rules.items() if (wrong := medium.out_of_band(carrier_hz))]
     out, missing = [], []
     for solid in solids:
-        material = next(
+        medium = next(
             (rules[p] for p in rules if fnmatchcase(solid.name, p) or (solid.surface and fnmatchcase(solid.surface, p))),
             None,
         )
-        if material is None:
+        if medium is None:
             missing.append(solid.name + (f" (surface {solid.surface})" if solid.surface else ""))
         else:
-            out.append(assigned(solid, material))
+            out.append(assigned(solid, medium))
     if missing:
         faults.append(
             f"materials: {len(missing)} objects have none: {', '.join(missing[:20])}{' …' if len(missing) > 20 else ''}"

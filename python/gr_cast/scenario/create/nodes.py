@@ -15,7 +15,9 @@ COHERENCE_DISTANCE_M = 15.0  # beyond which large-scale parameters change (3GPP 
 
 @dataclass(frozen=True, kw_only=True)
 class Node:
-    """One radio: way-points (W, 3) in m walked at `speed_m_per_s` (0 and one point for a static one), and its equipment."""
+    """One radio: way-points (W, 3) in m walked at `speed_m_per_s` (0 and one point for a static one), and its equipment.
+
+    An antenna looks along +x, turned by `orientation_rad`: yaw about z, then pitch about y, then roll about x."""
 
     name: str
     waypoints_m: np.ndarray
@@ -23,6 +25,7 @@ class Node:
     antenna: str = "iso"
     power_dbm: float = 0.0
     noise_figure_db: float = 0.0
+    orientation_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self):
         points = np.array(self.waypoints_m, np.float64, ndmin=2)

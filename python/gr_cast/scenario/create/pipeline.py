@@ -12,6 +12,7 @@ import pickle
 import resource
 import shutil
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -28,8 +29,8 @@ from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
 from .. import catalogue, zarr_file
 from ..band import path_gain_matrix_db, taps_over_band_db
 from ..model import MAX_DELAY_S, LinkTaps, Scenario, link_name
-from . import geometry, materials, mesh_files, nodes, osm, paths, reduce, trace
-from .spec import Spec
+from . import geometry, materials, model, nodes, paths, reduce, trace
+from .spec import SWITCHES, Spec
 
 STEPS = ("environment", "model", "materials", "nodes", "sampling", "parsing", "approximation", "install")
 _SECTIONS = {
@@ -118,7 +119,8 @@ def _read_record(folder: Path) -> dict:
 
 def _fingerprint(before: str, spec: Spec, step: str) -> str:
     own = {name: spec.sections.get(name) for name in _SECTIONS[step]}
-    content = spec.model_path.read_bytes() if step == "model" else b""
+    # What a material's name stands for is no part of the file.
+    content = {"model": spec.model_path.read_bytes, "materials": lambda: repr(spec.materials).encode()}.get(step, bytes)()
     return hashlib.sha256(json.dumps([before, step, own], sort_keys=True, default=str).encode() + content).hexdigest()
 
 
@@ -159,12 +161,7 @@ def _environment(spec: Spec, run: Run, folder: Path):
 
 
 def _model(spec: Spec, run: Run, folder: Path):
-    if spec.model_path.suffix.lower() == ".osm":
-        heights = dict(default_height_m=spec.default_height_m, level_height_m=spec.level_height_m)
-        solids, count = osm.read(spec.model_path, area_m=spec.area_m, **heights)
-        summary = dict(sorted(count.items()))
-    else:
-        solids, summary = mesh_files.read(spec.model_path), {}
+    solids, summary = model.read(spec)
     low, high = geometry.bounds_m(solids)
     summary = {"objects": len(solids), "faces": sum(len(solid.faces) for solid in solids), **summary}
     summary["flat sheets"] = sum(geometry.is_flat(solid) for solid in solids)
@@ -186,9 +183,9 @@ def _where_open(solid: geometry.Solid) -> str:
 def _materials(spec: Spec, run: Run, folder: Path):
     before = _load(run, "model/solids.pickle")
     solids = materials.assign(before, spec.materials, spec.carrier_hz)
-    used = {name: sum(solid.material == name for solid in solids) for name in sorted({solid.material for solid in solids})}
-    summary = {"objects in": len(before), "objects out": len(solids), **used}
-    trace.write_scene(folder, solids)  # for other tools; the tracer makes its own
+    used = Counter(solid.medium.material or "of its own numbers" for solid in solids)
+    summary = {"objects in": len(before), "objects out": len(solids), **dict(sorted(used.items()))}
+    trace.write_scene(folder, solids, spec.carrier_hz)  # for other tools; the tracer makes its own
     return _save(folder / "solids.pickle", solids), summary
 
 
@@ -213,6 +210,7 @@ def _task(spec: Spec, name: str, pairs, time_s: float) -> trace.Task:
         name=name,
         pairs=tuple(pairs),
         antennas=tuple(node.antenna for node in spec.nodes),
+        orientation_rad=np.array([node.orientation_rad for node in spec.nodes]),
         position_m=np.concatenate([nodes.position_m(node, when) for node in spec.nodes]),
         velocity_before=np.concatenate([nodes.velocity_m_per_s(node, when, "left") for node in spec.nodes]),
         velocity_after=np.concatenate([nodes.velocity_m_per_s(node, when, "right") for node in spec.nodes]),
@@ -231,7 +229,8 @@ def _sampling(spec: Spec, run: Run, folder: Path):
     """Every pair once: static ones at one instant, those with a moving node at every instant; the way back is the same."""
     times_s, _ = _load(run, "nodes/tracks.pickle")
     solids = _load(run, "materials/solids.pickle")
-    settings = trace.Settings(carrier_hz=spec.carrier_hz, max_depth=spec.max_depth, rays=spec.rays, refraction=spec.refraction)
+    switches = {key: getattr(spec, key) for key in SWITCHES}
+    settings = trace.Settings(carrier_hz=spec.carrier_hz, max_depth=spec.max_depth, rays=spec.rays, **switches)
     moving = [index for index, node in enumerate(spec.nodes) if node.is_moving]
     static = [index for index, node in enumerate(spec.nodes) if not node.is_moving]
     jobs = []

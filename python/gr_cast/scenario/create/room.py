@@ -15,30 +15,15 @@ from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
 from ..model import LinkTaps, Scenario, reciprocal
 from . import materials, mesh_files
 from .geometry import Solid, areas_m2, bounds_m
+from .media import Medium
 from .nodes import Node, position_m, velocity_m_per_s
 from .paths import LinkPaths, at
 from .reduce import Job, reduce
 from .spec import Spec
 
-# ITU-R P.2040-3, table 3: relative permittivity a·f^b, conductivity c·f^d in S/m, f in GHz.
-ITU = {
-    "concrete": (5.24, 0.0, 0.0462, 0.7822), "brick": (3.91, 0.0, 0.0238, 0.16),
-    "plasterboard": (2.73, 0.0, 0.0085, 0.9395), "wood": (1.99, 0.0, 0.0047, 1.0718),
-    "glass": (6.31, 0.0, 0.0036, 1.3394), "metal": (1.0, 0.0, 1e7, 0.0),
-}  # fmt: skip
-VACUUM_PERMITTIVITY = 8.8541878128e-12
 TRACE_STEP_S = 0.03
 PLACE_STEP_S = 4e-3  # of the unreduced paths: linear in between, −38 dB from the truth at 10 Hz of Doppler
 _FLAT_M = 1e-6
-
-
-def permittivity(material: str, carrier_hz: float) -> complex:
-    """Complex relative permittivity (ITU-R P.2040-3, eqs. 28 and 29)."""
-    if material not in ITU:
-        raise CastError(f"room: material {material!r}: no closed form, known: {', '.join(ITU)}")
-    a, b, c, d = ITU[material]
-    ghz = carrier_hz / 1e9
-    return a * ghz**b - 1j * c * ghz**d / (2 * np.pi * carrier_hz * VACUUM_PERMITTIVITY)
 
 
 def fresnel(eta: complex, cosine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -53,15 +38,15 @@ def box(solids: list[Solid], carrier_hz: float) -> tuple[np.ndarray, np.ndarray,
     eta = np.empty((3, 2), complex)
     for axis, side in itertools.product(range(3), range(2)):
         limit = (low, high)[side][axis]
-        cover: dict[str, float] = {}
+        cover: dict[Medium, float] = {}
         for solid in solids:
             on = np.abs(solid.vertices_m[solid.faces][:, :, axis] - limit).max(axis=1) < _FLAT_M
             area = float(areas_m2(solid.vertices_m, solid.faces[on]).sum())
-            cover[solid.material] = cover.get(solid.material, 0.0) + area
-        material, area = max(cover.items(), key=lambda item: item[1])
+            cover[solid.medium] = cover.get(solid.medium, 0.0) + area
+        medium, area = max(cover.items(), key=lambda item: item[1])
         if area == 0:
             raise CastError(f"room: nothing lies in its {'low' if side == 0 else 'high'} side across {'xyz'[axis]}: no box")
-        eta[axis, side] = permittivity(material, carrier_hz)
+        eta[axis, side] = medium.complex_permittivity(carrier_hz)
     return low, high, eta
 
 

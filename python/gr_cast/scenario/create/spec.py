@@ -11,18 +11,20 @@ from ...core.documents import Reader, yaml_file
 from ...core.errors import CastError
 from ...core.files import is_file
 from ..model import MAX_NODES
-from . import osm
+from . import materials, osm
+from .media import Medium
 from .nodes import Node
 
 VERSION = 1
+SWITCHES = ("refraction", "diffraction", "scattering")  # mechanisms beyond reflection, off unless asked for
 METHODS = ("least_squares", "kmeans")
 _KEYS = {
     "cast_create", "id", "name", "description", "environment", "model", "materials", "nodes", "node_grids", "sampling",
     "approximation",
 }  # fmt: skip
 _PLACES = ("position_m", "waypoints_m", "position_deg", "waypoints_deg")
-_NODE_KEYS = {*_PLACES, "speed_m_per_s", "antenna", "power_dbm", "noise_figure_db"}
-_GRID_KEYS = {"prefix", "origin_m", "count", "spacing_m", "antenna", "power_dbm", "noise_figure_db"}
+_NODE_KEYS = {*_PLACES, "speed_m_per_s", "antenna", "orientation_rad", "power_dbm", "noise_figure_db"}
+_GRID_KEYS = {"prefix", "origin_m", "count", "spacing_m", "antenna", "orientation_rad", "power_dbm", "noise_figure_db"}
 _MODEL_KEYS = {"mesh", "osm", "default_height_m", "level_height_m"}
 
 
@@ -36,7 +38,7 @@ class Spec:
     carrier_hz: float
     bandwidth_hz: float
     model_path: Path
-    materials: dict[str, str]
+    materials: dict[str, Medium]
     nodes: tuple[Node, ...]
     place: str = ""
     area_m: tuple[float, float, float, float] | None = None
@@ -47,6 +49,8 @@ class Spec:
     max_depth: int = 3
     rays: int = 50_000
     refraction: bool = False
+    diffraction: bool = False
+    scattering: bool = False
     check_instants: int = 6
     method: str = "least_squares"
     update_s: float = 1e-3
@@ -66,8 +70,7 @@ def read(path: str | Path) -> Spec:
     if name and not re.fullmatch(r"[A-Za-z0-9_-]{1,64}", name):
         faults.add("id", f"got {name!r}, needs letters, digits, _ and - (at most 64)")
     values = _environment(document, get) | _model(document, get, path) | _sampling(document, get) | _approximation(document, get)
-    rules = get.mapping(document.get("materials"), "materials")
-    materials = {key: get.text(value, f"materials.{key}") for key, value in rules.items()}
+    rules = materials.read_rules(get, document.get("materials"))
     nodes = _nodes(document, get, values["model_path"])
     if len({node.name for node in nodes}) != len(nodes):
         faults.add("nodes", "the same node is named twice")
@@ -78,7 +81,7 @@ def read(path: str | Path) -> Spec:
     faults.raise_if_any()
     sections = {key: document.get(key) for key in _KEYS}
     return Spec(
-        id=name, name=title, description=description, materials=materials, nodes=tuple(nodes), sections=sections, **values
+        id=name, name=title, description=description, materials=rules, nodes=tuple(nodes), sections=sections, **values
     )  # fmt: skip
 
 
@@ -91,7 +94,7 @@ def _environment(document: dict, get: Reader) -> dict:
     out = {
         "place": str(section.get("place", "")),
         "carrier_hz": get.number(section.get("carrier_hz"), "environment.carrier_hz", "Hz", 1e8, 1e11),
-        "bandwidth_hz": get.number(section.get("bandwidth_hz"), "environment.bandwidth_hz", "Hz", 1e4, 1e8),
+        "bandwidth_hz": get.number(section.get("bandwidth_hz"), "environment.bandwidth_hz", "Hz", 1e4, 1e9),
     }
     if "area_m" in section:
         area = _numbers(section["area_m"], "environment.area_m", 4, get)
@@ -120,7 +123,7 @@ def _model(document: dict, get: Reader, path: Path) -> dict:
 
 
 def _sampling(document: dict, get: Reader) -> dict:
-    keys = {"duration_s", "step_s", "max_depth", "rays", "refraction", "check_instants"}
+    keys = {"duration_s", "step_s", "max_depth", "rays", *SWITCHES, "check_instants"}
     section, where = _section(document, get, "sampling", keys), "sampling."
     out = {}
     for key, unit, low, high in (("duration_s", "s", 1e-3, 3600), ("step_s", "s", 1e-3, 60)):
@@ -129,8 +132,9 @@ def _sampling(document: dict, get: Reader) -> dict:
     for key, low, high in (("max_depth", 0, 10), ("rays", 1000, 10**8), ("check_instants", 0, 1000)):
         if key in section:
             out[key] = get.whole(section[key], where + key, "steps", low, high)
-    if "refraction" in section:
-        out["refraction"] = get.truth(section["refraction"], where + "refraction")
+    for key in SWITCHES:
+        if key in section:
+            out[key] = get.truth(section[key], where + key)
     return out
 
 
@@ -149,8 +153,8 @@ def _approximation(document: dict, get: Reader) -> dict:
     return out
 
 
-def _numbers(value, place: str, count: int, get: Reader) -> list[float]:
-    numbers = [get.number(number, place, "m") for number in get.sequence(value, place)]
+def _numbers(value, place: str, count: int, get: Reader, unit: str = "m") -> list[float]:
+    numbers = [get.number(number, place, unit) for number in get.sequence(value, place)]
     if len(numbers) != count:
         get.faults.add(place, f"got {len(numbers)} numbers, needs {count}")
         return [float("nan")] * count
@@ -181,6 +185,8 @@ def _equipment(entry: dict, place: str, get: Reader) -> dict:
             out[key] = get.number(entry[key], f"{place}.{key}", unit, low, high)
     if "antenna" in entry:
         out["antenna"] = entry["antenna"]
+    if "orientation_rad" in entry:
+        out["orientation_rad"] = tuple(_numbers(entry["orientation_rad"], f"{place}.orientation_rad", 3, get, "rad"))
     return out
 
 

@@ -8,7 +8,7 @@ specular, delay and its rate are computed anew in double precision from the mirr
 import os
 import tempfile
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from ...core.errors import CastError
 from ...core.files import write_text, written_aside
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from .geometry import Solid, planes
-from .materials import THICKNESS_M
+from .media import Medium
 
 _LLVM = "*/libLLVM.so.19.1"  # under /usr/lib, in the folder of the machine's architecture
 INSTALL = "the ray tracer is not installed here: bash apps/install_raytracer.sh"
@@ -27,21 +27,26 @@ _SPECULAR, _REFRACTION = 1, 4  # of the tracer's interaction types; 0 is none
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """How to trace: carrier, most interactions of a path, rays to find candidates with, and whether walls let through."""
+    """How to trace: carrier, most interactions of a path, rays to find candidates with, and which mechanisms there are
+    beside reflection: whether walls let through, edges diffract, and rough walls scatter."""
 
     carrier_hz: float
     max_depth: int
     rays: int
-    refraction: bool
+    refraction: bool = False
+    diffraction: bool = False
+    scattering: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """Node pairs to trace at one instant: positions (N, 3) and velocities (N, 3) just before and after it, in m and m/s."""
+    """Node pairs to trace at one instant: positions (N, 3) and velocities (N, 3) just before and after it, in m and m/s, and
+    where each antenna looks, (N, 3): yaw, pitch, roll."""
 
     name: str
     pairs: tuple[tuple[int, int], ...]
     antennas: tuple[str, ...]
+    orientation_rad: np.ndarray
     position_m: np.ndarray
     velocity_before: np.ndarray
     velocity_after: np.ndarray
@@ -109,34 +114,55 @@ _one_at_a_time = threading.Lock()  # a worker of a cluster may have threads; the
 
 
 def _scene(rt, solids: Sequence[Solid], settings: Settings):
-    key = hash(tuple((solid.name, solid.material, solid.vertices_m.tobytes(), solid.faces.tobytes()) for solid in solids))
+    key = hash(tuple((solid.name, solid.medium, solid.vertices_m.tobytes(), solid.faces.tobytes()) for solid in solids))
     key = (key, settings.carrier_hz)
     if key not in _scenes:
         _scenes.clear()
         with tempfile.TemporaryDirectory() as folder:
-            scene = rt.load_scene(str(write_scene(Path(folder), solids)), merge_shapes=False)
+            scene = rt.load_scene(str(write_scene(Path(folder), solids, settings.carrier_hz)), merge_shapes=False)
         scene.frequency = settings.carrier_hz
         _scenes[key] = (scene, rt.PathSolver(deterministic=True))
     return _scenes[key]
 
 
-def write_scene(folder: Path, solids: Sequence[Solid]) -> Path:
-    """The objects as a Mitsuba scene with ITU radio materials, `scene.xml` and a PLY file each."""
+def write_scene(folder: Path, solids: Sequence[Solid], carrier_hz: float) -> Path:
+    """The objects as a Mitsuba scene with radio materials, `scene.xml` and a PLY file each."""
     lines = ['<scene version="2.1.0">']
-    for material in sorted({solid.material for solid in solids}):
-        lines.append(
-            f'<bsdf type="itu-radio-material" id="mat-{material}"><string name="type" value="{material}"/>'
-            f'<float name="thickness" value="{THICKNESS_M[material]}"/></bsdf>'
-        )
+    names = _names({solid.medium: None for solid in solids})
+    lines += [_bsdf(medium, name, carrier_hz) for medium, name in names.items()]
     for index, solid in enumerate(solids):
         _write_ply(folder / f"{index}.ply", solid)
         lines.append(
             f'<shape type="ply" id="mesh-{index}"><string name="filename" value="{index}.ply"/>'
-            f'<boolean name="face_normals" value="true"/><ref id="mat-{solid.material}" name="bsdf"/></shape>'
+            f'<boolean name="face_normals" value="true"/><ref id="mat-{names[solid.medium]}" name="bsdf"/></shape>'
         )
     path = folder / "scene.xml"
     write_text(path, "\n".join([*lines, "</scene>"]))
     return path
+
+
+def _names(media: Iterable[Medium]) -> dict[Medium, str]:
+    """A name for each medium: its material's, with a number from the second one on."""
+    names: dict[Medium, str] = {}
+    for medium in media:
+        name = medium.material or "own"
+        taken = sum(other.split(".")[0] == name for other in names.values())
+        names[medium] = f"{name}.{taken + 1}" if taken else name
+    return names
+
+
+def _bsdf(medium: Medium, name: str, carrier_hz: float) -> str:
+    numbers = {"thickness": medium.thickness_m, "scattering_coefficient": medium.scattering_coefficient}
+    if (medium.own_permittivity, medium.own_conductivity_s_per_m) == (None, None):
+        kind, what = "itu-radio-material", f'<string name="type" value="{medium.material}"/>'
+    else:
+        kind, what = "radio-material", ""
+        numbers["relative_permittivity"], numbers["conductivity"] = (
+            medium.permittivity(carrier_hz),
+            medium.conductivity(carrier_hz),
+        )
+    numbers = "".join(f'<float name="{key}" value="{value}"/>' for key, value in numbers.items())
+    return f'<bsdf type="{kind}" id="mat-{name}">{what}{numbers}</bsdf>'
 
 
 def _write_ply(path: Path, solid: Solid) -> None:
@@ -180,7 +206,8 @@ def _solve(rt, scene, solver, settings, task, planes_of, pairs, patterns):
         array = rt.PlanarArray(num_rows=1, num_cols=1, pattern=pattern, polarization="V")
         setattr(scene, "tx_array" if letter == "t" else "rx_array", array)
         for node in members:
-            scene.add(kind(name=f"{letter}{node}", position=task.position_m[node].tolist()))
+            place = dict(position=task.position_m[node].tolist(), orientation=task.orientation_rad[node].tolist())
+            scene.add(kind(name=f"{letter}{node}", **place))
     paths = solver(
         scene,
         max_depth=settings.max_depth,
