@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "python" / "gr_cast"
-ORDER = "core signals scenario emulation sounding comparing twin diagnose experiments report blocks".split()
+ORDER = "core signals scenario emulation sounding comparing twin diagnose experiments colosseum report blocks".split()
 
 
 def rooms_imported(path: Path):
@@ -57,6 +57,7 @@ LATER_THAN_TWIN = ("gr_cast.diagnose", "gr_cast.experiments", "gr_cast.report", 
         ("gr_cast.sounding.cir", ("gr_cast.comparing", *GNU_RADIO, *PICTURES)),
         ("gr_cast.comparing.similarity", ("gr_cast.diagnose", *GNU_RADIO, *PICTURES)),
         ("gr_cast.experiments.jamming", ("gr_cast.report", *GNU_RADIO, *PICTURES)),
+        ("gr_cast.colosseum.check", ("gr_cast.report", *GNU_RADIO, *PICTURES)),
         ("gr_cast.report", GNU_RADIO),
     ],
 )

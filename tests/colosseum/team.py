@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A team's storage in a folder: images made of scripts, configurations, jobs."""
+
+import io
+import json
+import tarfile
+from pathlib import Path
+
+RADIO_API = "/root/radio_api"
+SCRIPTS = ("start.sh", "stop.sh", "status.sh", "update_environment.sh", "update_outcomes.sh", "scenario_discontinuity.sh")
+GOOD = {
+    "start.sh": "#!/bin/sh\necho ACTIVE > /tmp/state\n",
+    "stop.sh": "#!/bin/sh\necho FINISHED > /tmp/state\n",
+    "status.sh": '#!/bin/sh\nread STATE < /tmp/state\necho "{\\"STATUS\\": \\"${STATE:-READY}\\", \\"INFO\\": \\"\\"}"\n',
+    "update_environment.sh": "#!/bin/sh\nexit 0\n",
+    "update_outcomes.sh": "#!/bin/sh\nexit 0\n",
+    "scenario_discontinuity.sh": "#!/bin/sh\nexit 0\n",
+}
+
+
+def write_image(path: Path, files: dict[str, str | bytes], modes: dict[str, int] | None = None) -> Path:
+    """An LXC image of these files; a shell that is none stands at /bin/sh where the files hold none."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tarfile.open(path, "w:gz") as tar:
+        for name, content in ({"/bin/sh": b"\x7fELF\0", "/usr/bin/python3": b"\x7fELF\0"} | files).items():
+            data = content.encode() if isinstance(content, str) else content
+            member = tarfile.TarInfo(f"rootfs{name}")
+            member.size, member.mode = len(data), (modes or {}).get(name, 0o755)
+            tar.addfile(member, io.BytesIO(data))
+    return path
+
+
+def radio_api(**changed) -> dict[str, str]:
+    """The good scripts with some replaced (start="…"); None leaves one out."""
+    scripts = GOOD | {f"{name}.sh": text for name, text in changed.items()}
+    return {f"{RADIO_API}/{name}": text for name, text in scripts.items() if text is not None}
+
+
+def job_document(srns: int = 3, image: str = "good") -> dict:
+    return {
+        "BatchName": "a job", "Duration": 60, "RFScenario": 90003, "TrafficScenario": 2,
+        "NodeData": [
+            {"RFNode_ID": n, "ImageName": image, "ModemConfig": "radio.conf", "isGateway": n == 1, "TrafficNode_ID": n,
+             "node_type": "competitor"}
+            for n in range(1, srns + 1)
+        ],
+    }  # fmt: skip
+
+
+def make(folder: Path) -> Path:
+    """TEAM's folder with a good image, a configuration and a job."""
+    team = folder / "team"
+    for name in ("batch", "config", "images"):
+        (team / name).mkdir(parents=True)
+    (team / "config" / "radio.conf").write_text("{}\n")
+    write_image(team / "images" / "good.tar.gz", radio_api())
+    (team / "batch" / "job.json").write_text(json.dumps(job_document()))
+    return team
