@@ -8,8 +8,12 @@ import os
 import random
 import select
 import socket
+import subprocess
+import sys
 import threading
+from pathlib import Path
 
+import gr_cast
 import pytest
 import zmq
 from gr_cast import scenario as sc
@@ -77,6 +81,36 @@ def test_a_malformed_request_is_refused_and_the_next_one_is_answered(asked, part
     assert answer["ok"] is False and answer["errors"] and max(map(len, answer["errors"])) < 11_000
     after = said(asked, command="status")
     assert after["ok"] and after["status"]["active_taps"] == before["active_taps"]
+
+
+def test_a_fault_of_the_emulators_own_is_an_answer_and_not_the_end_of_all_answers(asked, monkeypatch, capfd):
+    with monkeypatch.context() as broken:
+        broken.setattr(Emulation, "status", lambda self: {}["no such level"])
+        answer = said(asked, command="status")
+    assert answer == {"ok": False, "errors": ["internal error: KeyError: 'no such level'"]}
+    assert said(asked, command="status")["ok"] and "KeyError" in capfd.readouterr().err
+
+
+ASKED_EARLY = """
+import sys, threading
+from gr_cast import scenario
+from gr_cast.blocks.emulation import Emulation
+
+for _ in range(25):
+    emulation, ended = Emulation(scenario.load(sys.argv[1]), [], 1e6), threading.Event()
+    asking = threading.Thread(target=lambda: [emulation.status() for _ in range(300)] and ended.set())
+    asking.start()
+    emulation.run_until(ended)
+    asking.join()
+"""
+
+
+def test_an_emulator_is_asked_in_every_moment_of_its_start(tmp_path):
+    (tmp_path / "two.yaml").write_text(SCENARIO % -3)
+    command = [sys.executable, "-c", ASKED_EARLY, tmp_path / "two.yaml"]
+    path = {"PYTHONPATH": str(Path(gr_cast.__file__).parents[1])}
+    ended = subprocess.run(command, env=os.environ | path, capture_output=True, text=True, timeout=120)
+    assert ended.returncode == 0, ended.stderr[-2000:]
 
 
 def test_a_scenario_that_cannot_be_is_refused_and_the_old_one_plays_on(asked, tmp_path):

@@ -4,6 +4,7 @@
 import contextlib
 import ipaddress
 import threading
+import traceback
 from pathlib import Path
 
 import zmq
@@ -188,4 +189,9 @@ class ControlServer:
             if not self._socket.poll(100):
                 continue
             command = command_of(self._socket.recv_multipart())
-            self._socket.send_json(obey(emulation, ended, command, self._folders))
+            try:
+                answer = obey(emulation, ended, command, self._folders)
+            except Exception as error:  # a fault of ours: whoever asks is told, and the next one has an answer too
+                traceback.print_exc()
+                answer = {"ok": False, "errors": [f"internal error: {type(error).__name__}: {error}"]}
+            self._socket.send_json(answer)

@@ -85,6 +85,7 @@ class Emulation(gr.top_block):
                 fixed_point.output_full_scale,
             )
         self._lock = threading.Lock()
+        self._is_up = False
         self._cycle = cycle
         self._off: set[tuple[int, int]] = set()  # links that were switched off one by one
         self._on = True
@@ -139,6 +140,10 @@ class Emulation(gr.top_block):
         self._leads.append(Lead(lambda: now_s(radio), LEAD_S))
         self.connect((self.emulator, index), self._leads[-1], radio)
         return radio
+
+    def start(self, *args) -> None:
+        super().start(*args)
+        self._is_up = True
 
     def load(self, scenario: Scenario) -> None:
         """Play another scenario of the same nodes from the next sample on."""
@@ -242,6 +247,8 @@ class Emulation(gr.top_block):
 
     def _waiting_for(self) -> list[str]:
         """NODE:tx=ADDRESS of whom nothing comes, NODE:rx=ADDRESS of who takes nothing, once nothing has moved for a while."""
+        if not self._is_up:  # GNU Radio makes the counts of its blocks while it starts: who reads one then may end the program
+            return []
         return [_told(port) for port in self._held_up_by()] if self._still_s() >= _STILL_S else []
 
     def _still_s(self) -> float:

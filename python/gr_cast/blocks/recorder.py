@@ -22,7 +22,7 @@ class _Writer(gr.sync_block):
 
     def __init__(self, item, path, captures: list[dict], sample_rate_hz: float, on_gap):
         gr.sync_block.__init__(self, "sigmf_writer", in_sig=[item], out_sig=None)
-        self.failure = None
+        self.failure, self.samples = None, 0
         self.file = open(path, "wb", buffering=0)  # what is written survives a kill
         self._item_bytes = np.dtype(item).itemsize
         self._captures = captures
@@ -43,6 +43,7 @@ class _Writer(gr.sync_block):
                 self._time(sample, seconds, fraction)
             if len(self._captures) > known:
                 self._on_gap()
+            self.samples += len(samples)
         except OSError as failure:  # a full disk ends the recording, not the program
             self.failure = failure
             self.file.truncate(self.nitems_read(0) * self._item_bytes)
@@ -88,8 +89,8 @@ class SigmfRecorder:
 
     @property
     def samples(self) -> int:
-        """How many came so far."""
-        return self._writer.nitems_read(0)
+        """How many came so far; any thread may ask, at any time, which GNU Radio's own count does not bear."""
+        return self._writer.samples
 
     @property
     def not_finite(self) -> int:

@@ -153,7 +153,7 @@ def requests(rng: random.Random, folder: Path) -> str:
         def ask(parts: list[bytes]) -> dict:
             remote.send_multipart(parts)
             if not remote.poll(1e3 * START_S):
-                raise Wrong(f"no answer to {parts!r:.200}")
+                raise Wrong(f"no answer to {parts!r:.200}: {emulator.stuck()}")
             return remote.recv_json()
 
         try:

@@ -40,6 +40,7 @@ class Watched:
         spare = folder / "tmp"
         spare.mkdir(exist_ok=True)
         environment = os.environ | {_MARK: self.mark, "TMPDIR": str(spare), "MPLBACKEND": "Agg", "HOME": str(folder)}
+        environment["PYTHONFAULTHANDLER"] = "1"  # see `stuck`
         program, *rest = map(str, command)
         program = str(ROOT / "apps" / program) if not program.startswith("/") else program
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "errors": "replace"}
@@ -63,6 +64,15 @@ class Watched:
         if "Traceback" in errors and not (_EARLY.search(errors) and ", in main\n" not in errors):
             raise Wrong(f"traceback: {errors.strip().splitlines()[-1]}")
         return Ended(self.process.returncode, errors)
+
+    def stuck(self) -> str:
+        """End it, and tell where each of its threads was (Python's faulthandler), or what it had told."""
+        self.signal(signal.SIGABRT)
+        try:
+            told = self.process.communicate(timeout=GONE_S)[1].partition("Extension modules")[0]
+            return told[-3000:]
+        except subprocess.TimeoutExpired:
+            return "not even ended by SIGABRT"
 
     def end(self) -> None:
         """Kill it and all that it started."""
