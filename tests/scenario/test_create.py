@@ -392,3 +392,29 @@ def test_a_path_that_vanishes_fades_and_keeps_its_doppler():
     np.testing.assert_allclose(amplitude / amplitude[0], 1 - (fine_s - 0.02) / 0.02, atol=1e-6)
     rate = moving_path(traced, np.ones(3)).rate_after[1, 0]
     np.testing.assert_allclose(np.diff(delay_s[:, 0]) / np.diff(fine_s), rate, rtol=1e-6)
+
+
+def test_effects_are_played_and_a_gain_anew_needs_no_new_sampling(yard):
+    def made(text):
+        (yard / "yard.yaml").write_text(SPEC + text)
+        told = []
+        record = pipeline.create(spec.read(yard / "yard.yaml"), pipeline.Run(folder=yard / "work", tell=told.append))
+        matrix = sc.path_gain_matrix_db(sc.load("yard"))
+        return record, matrix[~np.eye(3, dtype=bool)].reshape(3, 2), told
+
+    before = made("")[1]
+    entry = "\n  - {family: %s, owner: {level: %s, name: %s}, parameters: {%s}}"
+    record, louder, told = made("effects:" + entry % ("node_gain", "node", "a", "error_db: 4.5"))
+    np.testing.assert_allclose(louder - before, [[4.5, 4.5], [4.5, 0], [4.5, 0]], atol=0.02)
+    assert "sampling: done before, taken up" in told and record["environment"]["summary"].get("effects played") is None
+    person = entry % ("moving_scatterer", "place", "place", "")
+    record, lower, _ = made("effects:" + entry % ("carrier", "place", "place", "carrier_hz: 1.2e+9") + person)
+    np.testing.assert_allclose(lower - before, 20 * np.log10(2), atol=0.1)  # half the carrier: 6 dB less loss in free space
+    assert sc.load("yard").center_frequency_hz == 1.2e9
+    assert record["environment"]["summary"]["effects left out"] == "moving_scatterer (place)"
+
+
+def test_a_band_wider_than_the_grid_is_played_as_far_as_taps_stand_for_it(yard):
+    (yard / "yard.yaml").write_text(SPEC.replace("20e6", "400e6"))
+    record = pipeline.create(spec.read(yard / "yard.yaml"), run(yard / "work"))
+    assert sc.load("yard").bandwidth_hz == 1e8 and record["approximation"]["summary"]["over MHz"] == 100

@@ -31,14 +31,14 @@ def ray_tracer():
         pytest.skip(f"NO RAY TRACER at {PYTHON}: bash apps/install_raytracer.sh")
 
 
-def traced(solids, tx_m, rx_m, depth, velocity=(0.0, 0.0, 0.0)):
+def traced(solids, tx_m, rx_m, depth, velocity=(0.0, 0.0, 0.0), antenna="iso", tx_orientation=(0.0, 0.0, 0.0), **mechanisms):
     """Trace one pair in the tracer's Python; rx moves at `velocity`."""
     task = trace.Task(
-        name="test", pairs=((0, 1),), antennas=("iso", "iso"), orientation_rad=np.zeros((2, 3)),
+        name="test", pairs=((0, 1),), antennas=(antenna, "iso"), orientation_rad=np.array([tx_orientation, (0, 0, 0)], float),
         position_m=np.array([tx_m, rx_m], float),
         velocity_before=np.array([(0, 0, 0), velocity], float), velocity_after=np.array([(0, 0, 0), velocity], float),
     )  # fmt: skip
-    settings = trace.Settings(carrier_hz=CARRIER_HZ, max_depth=depth, rays=50_000, refraction=False)
+    settings = trace.Settings(carrier_hz=CARRIER_HZ, max_depth=depth, rays=50_000, **mechanisms)
     code = (
         "import pickle, sys; sys.path[:0] = pickle.load(sys.stdin.buffer); from gr_cast.scenario.create import trace;"
         "table = trace.run(*pickle.load(sys.stdin.buffer)); sys.stdout.buffer.write(b'RESULT' + pickle.dumps(table))"
@@ -50,12 +50,12 @@ def traced(solids, tx_m, rx_m, depth, velocity=(0.0, 0.0, 0.0)):
     return pickle.loads(done.stdout.partition(b"RESULT")[2])
 
 
-def sheet(name, material, *corners):
+def sheet(name, material, *corners, **numbers):
     return Solid(
         name=name,
         vertices_m=np.array(corners, float),
         faces=[[0, 1, 2], [0, 2, 3]],
-        medium=Medium(material=material, thickness_m=THICK_M[material]),
+        medium=Medium(**dict(material=material, thickness_m=THICK_M.get(material, 0.1)) | numbers),
     )
 
 
@@ -189,3 +189,104 @@ def test_a_second_tracer_finds_the_same_paths_in_the_arena():
     lengths_m = np.sort(json.loads(done.stdout.partition(b"LENGTHS")[2]))
     assert len(table.delay_s) == len(lengths_m) == 48
     np.testing.assert_allclose(np.sort(table.delay_s) * C_M_PER_S, lengths_m, rtol=2e-6)
+
+
+def test_an_antenna_looks_where_its_orientation_turns_it():
+    """3GPP TR 38.901, table 7.3-1: 8 dB ahead, 12 (φ/65°)² less aside, 12 (θ/65°)² less above, 22 dB below at most."""
+    tx = np.zeros(3)
+    for direction, orientation, loss_db in (
+        ((1, 0, 0), (0, 0, 0), 0.0),
+        ((0, 1, 0), (np.pi / 2, 0, 0), 0.0),
+        ((0, 1, 0), (np.pi / 2 - 0.5, 0, 0), 12 * (np.degrees(0.5) / 65) ** 2),
+        ((np.cos(0.4), 0, -np.sin(0.4)), (0, 0.4, 0), 0.0),  # a positive pitch looks down
+        ((1, 0, 0), (0, 0.4, 0), 12 * (np.degrees(0.4) / 65) ** 2),
+    ):
+        table = traced(
+            [GROUND], tx + [0, 0, 500], 30 * np.array(direction) + [0, 0, 500], 0, antenna="tr38901", tx_orientation=orientation
+        )
+        found_db = db(table.gain[0] / (WAVELENGTH_M / (4 * np.pi * 30)))
+        # Turned up or down, its field is no longer vertical where it arrives aside; here it stays in the plane of sight.
+        assert found_db == pytest.approx(8 - loss_db, abs=0.02)
+
+
+PANEL = ((-40, 0, -40), (40, 0, -40), (40, 0, 40), (-40, 0, 40))
+
+
+def test_a_leg_through_a_wall_has_the_transmission_of_its_slab_and_needs_no_depth():
+    wall = sheet("wall", "concrete", *PANEL, thickness_m=0.1)
+    tx, rx = np.array([0.0, -5, 0]), np.array([2.0, 7, 0])
+    assert not len(traced([wall], tx, rx, 0).gain)
+    table = traced([wall], tx, rx, 0, refraction=True)
+    assert len(table.gain) == 1 and table.delay_s[0] == pytest.approx(np.linalg.norm(rx - tx) / C_M_PER_S, rel=1e-9)
+    cosine = 12 / np.linalg.norm(rx - tx)
+    a, b, c, d = ITU["concrete"]
+    eta = a - 1j * c * 2.4**d / (2 * np.pi * CARRIER_HZ * EPSILON_0)
+    root = np.sqrt(eta - (1 - cosine**2))
+    te = (cosine - root) / (cosine + root)
+    once = np.exp(-2j * np.pi * 0.1 / WAVELENGTH_M * root)
+    through = (1 - te**2) * once / (1 - te**2 * once**2)  # P.2040-3, eq. 38; the wall stands up, its field lies across: TE
+    assert table.gain[0] / (WAVELENGTH_M / (4 * np.pi * np.linalg.norm(rx - tx))) == pytest.approx(through, rel=1e-3)
+
+
+def test_numbers_of_a_wall_of_its_own_make_its_reflection():
+    tx, rx = np.array([-3.0, -4, 0]), np.array([3.0, -4, 0])
+    wall = sheet("wall", None, *PANEL, own_permittivity=9.0, own_conductivity_s_per_m=0.0, thickness_m=0.02)
+    table = traced([wall], tx, rx, 1)
+    bounced = table.gain[np.argmax(table.delay_s)] / (WAVELENGTH_M / (4 * np.pi * 10))
+    root = np.sqrt(9 - 0.36)
+    r, phase = (0.8 - root) / (0.8 + root), np.exp(-4j * np.pi * 0.02 / WAVELENGTH_M * root)
+    assert bounced == pytest.approx(r * (1 - phase) / (1 - r**2 * phase), rel=1e-3)
+
+
+def test_roughness_takes_from_reflections_what_ament_says():
+    tx, rx = np.array([-3.0, -4, 0]), np.array([3.0, -4, 0])
+    smooth, rough = (traced([sheet("wall", "concrete", *PANEL, height_rms_m=h)], tx, rx, 1) for h in (0.0, 0.01))
+    direct, bounced = np.argsort(smooth.delay_s)
+    ratio = np.abs(rough.gain / smooth.gain)
+    assert ratio[direct] == pytest.approx(1)
+    assert ratio[bounced] == pytest.approx(np.exp(-8 * (np.pi * 0.01 * 0.8 / WAVELENGTH_M) ** 2), rel=1e-4)
+
+
+def test_behind_an_edge_the_field_is_that_of_a_knife_edge():
+    """ITU-R P.526-15, section 4.1: a half plane's loss by its parameter ν."""
+    screen = sheet("screen", "metal", (-200, 0, -200), (200, 0, -200), (200, 0, 0), (-200, 0, 0))
+    for depth_m in (0.7, 1.5):  # below the edge, with 20 m on either side
+        tx, rx = np.array([0, -20.0, -depth_m]), np.array([0, 20.0, -depth_m])
+        table = traced([screen], tx, rx, 0, velocity=(0, 1.0, 0), diffraction=True)
+        nearest = np.argmin(table.delay_s)
+        way_m = 2 * np.hypot(20, depth_m)
+        assert table.delay_s[nearest] == pytest.approx(way_m / C_M_PER_S, rel=1e-6)
+        assert table.rate_after[nearest] == pytest.approx(20 / (way_m / 2) / C_M_PER_S, rel=1e-3)
+        nu = depth_m * np.sqrt(2 / WAVELENGTH_M * (1 / 20 + 1 / 20))
+        knife_db = 6.9 + 20 * np.log10(np.sqrt((nu - 0.1) ** 2 + 1) + nu - 0.1)
+        assert db(table.gain[nearest] / (WAVELENGTH_M / (4 * np.pi * 40))) == pytest.approx(-knife_db, abs=1.5)
+
+
+def test_a_wall_that_scatters_takes_it_from_its_reflection_and_gives_it_to_patches():
+    tx, rx = np.array([-3.0, -4, 0]), np.array([3.0, -4, 0])
+    found = {}
+    for share in (0.0, 0.2, 0.4):
+        wall = sheet("wall", "metal", (-9, 0, -9), (9, 0, -9), (9, 0, 9), (-9, 0, 9), scattering_coefficient=share)
+        table = traced([wall], tx, rx, 1, scattering=True)
+        patch = table.surfaces[:, -1] >= 0
+        bounced = np.isclose(table.delay_s, 10 / C_M_PER_S, rtol=1e-6) & ~patch
+        found[share] = np.abs(table.gain[bounced]).max(), (np.abs(table.gain[patch]) ** 2).sum()
+        assert len({tuple(row) for row in table.surfaces.tolist()}) == len(table.surfaces)
+        if patch.any():
+            assert (table.delay_s[patch] > 10 / C_M_PER_S * (1 - 1e-6)).all()  # no way by the wall is shorter
+    assert found[0.0][1] == 0
+    for share in (0.2, 0.4):
+        assert found[share][0] / found[0.0][0] == pytest.approx(np.sqrt(1 - share**2), rel=1e-3)
+    assert found[0.4][1] / found[0.2][1] == pytest.approx(4, rel=0.1)  # of as many rays
+    # Degli-Esposti 2007, Lambertian: each patch gives what falls on it back by the cosine over π.
+    x, z = np.meshgrid(np.linspace(-8.9, 8.9, 90), np.linspace(-8.9, 8.9, 90))
+    patch_m = np.stack([x, 0 * x, z], axis=-1)
+    to, on = np.linalg.norm(patch_m - tx, axis=2), np.linalg.norm(rx - patch_m, axis=2)
+    density = (WAVELENGTH_M / (4 * np.pi)) ** 2 * 0.4**2 * (4 / to) * (4 / on) / np.pi / (to * on) ** 2
+    assert 10 * np.log10(found[0.4][1] / (density.sum() * 0.2**2)) == pytest.approx(0, abs=3)
+
+
+def test_without_the_mechanism_a_scattering_wall_reflects_as_any():
+    tx, rx = np.array([-3.0, -4, 0]), np.array([3.0, -4, 0])
+    plain, other = (traced([sheet("wall", "metal", *PANEL, scattering_coefficient=s)], tx, rx, 1) for s in (0.0, 0.5))
+    np.testing.assert_array_equal(plain.gain, other.gain)

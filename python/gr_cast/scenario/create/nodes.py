@@ -15,7 +15,8 @@ COHERENCE_DISTANCE_M = 15.0  # beyond which large-scale parameters change (3GPP 
 
 @dataclass(frozen=True, kw_only=True)
 class Node:
-    """One radio: way-points (W, 3) in m walked at `speed_m_per_s` (0 and one point for a static one), and its equipment.
+    """One radio: way-points (W, 3) in m walked at `speed_m_per_s` from `start_s` on (0 and one point for a static one), and its
+    equipment.
 
     An antenna looks along +x, turned by `orientation_rad`: yaw about z, then pitch about y, then roll about x."""
 
@@ -26,6 +27,7 @@ class Node:
     power_dbm: float = 0.0
     noise_figure_db: float = 0.0
     orientation_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    start_s: float = 0.0
 
     def __post_init__(self):
         points = np.array(self.waypoints_m, np.float64, ndmin=2)
@@ -51,7 +53,7 @@ def corner_times_s(node: Node) -> np.ndarray:
     if not node.is_moving:
         return np.zeros(1)
     legs_m = np.linalg.norm(np.diff(node.waypoints_m, axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(legs_m)]) / node.speed_m_per_s
+    return node.start_s + np.concatenate([[0.0], np.cumsum(legs_m)]) / node.speed_m_per_s
 
 
 def position_m(node: Node, time_s: np.ndarray) -> np.ndarray:
@@ -80,9 +82,9 @@ def sampling_times_s(nodes: list[Node], duration_s: float, step_s: float) -> np.
     if not any(node.is_moving for node in nodes):
         return np.zeros(1)
     regular = np.arange(0.0, duration_s + 1e-9, step_s)
-    corners = [corner_times_s(node)[1:] for node in nodes if node.is_moving]
+    corners = [corner_times_s(node) for node in nodes if node.is_moving]
     times = np.round(np.concatenate([regular, [duration_s], *corners]), 9)
-    return np.unique(times[times <= duration_s + 1e-9])
+    return np.unique(times[(times >= 0) & (times <= duration_s + 1e-9)])
 
 
 def check(nodes: list[Node], solids: list[Solid], time_s: np.ndarray, step_s: float) -> list[str]:

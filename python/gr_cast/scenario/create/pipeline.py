@@ -28,8 +28,8 @@ from ...core.files import locked, sweep, write_json, write_text, written_aside
 from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
 from .. import catalogue, zarr_file
 from ..band import path_gain_matrix_db, taps_over_band_db
-from ..model import MAX_DELAY_S, LinkTaps, Scenario, link_name
-from . import geometry, materials, model, nodes, paths, reduce, trace
+from ..model import GRID_STEP_S, MAX_DELAY_S, LinkTaps, Scenario, link_name
+from . import effects, geometry, materials, model, nodes, paths, reduce, scene_file, trace
 from .spec import SWITCHES, Spec
 
 STEPS = ("environment", "model", "materials", "nodes", "sampling", "parsing", "approximation", "install")
@@ -55,6 +55,7 @@ class Run:
 
 def create(spec: Spec, run: Run, only: str | None = None) -> dict:
     """Do every step that is not done yet, or up to `only`; returns the record of all steps (also in steps.json)."""
+    spec = effects.world(spec)
     run.folder.mkdir(parents=True, exist_ok=True)
     with locked(run.folder):
         sweep(run.folder)
@@ -119,6 +120,7 @@ def _read_record(folder: Path) -> dict:
 
 def _fingerprint(before: str, spec: Spec, step: str) -> str:
     own = {name: spec.sections.get(name) for name in _SECTIONS[step]}
+    own |= {"effects": [entry for entry in spec.effects if effects.step_of(entry) == step]}
     # What a material's name stands for is no part of the file.
     content = {"model": spec.model_path.read_bytes, "materials": lambda: repr(spec.materials).encode()}.get(step, bytes)()
     return hashlib.sha256(json.dumps([before, step, own], sort_keys=True, default=str).encode() + content).hexdigest()
@@ -157,7 +159,7 @@ def _environment(spec: Spec, run: Run, folder: Path):
     }  # fmt: skip
     path = folder / "environment.json"
     write_json(path, summary)
-    return path, summary
+    return path, summary | effects.summary(spec.effects)
 
 
 def _model(spec: Spec, run: Run, folder: Path):
@@ -182,10 +184,10 @@ def _where_open(solid: geometry.Solid) -> str:
 
 def _materials(spec: Spec, run: Run, folder: Path):
     before = _load(run, "model/solids.pickle")
-    solids = materials.assign(before, spec.materials, spec.carrier_hz)
+    solids = effects.with_ground(spec.effects, materials.assign(before, spec.materials, spec.carrier_hz))
     used = Counter(solid.medium.material or "of its own numbers" for solid in solids)
     summary = {"objects in": len(before), "objects out": len(solids), **dict(sorted(used.items()))}
-    trace.write_scene(folder, solids, spec.carrier_hz)  # for other tools; the tracer makes its own
+    scene_file.write(folder, solids, spec.carrier_hz)  # for other tools; the tracer makes its own
     return _save(folder / "solids.pickle", solids), summary
 
 
@@ -270,7 +272,8 @@ def _parsing(spec: Spec, run: Run, folder: Path):
     about = dict(carrier_hz=spec.carrier_hz, bandwidth_hz=spec.bandwidth_hz)
     links, errors_db = {}, []
     for own, own_db in _every_task(run, folder, _parse_tables, about, inputs):
-        links |= own
+        for (tx, rx), link in own.items():
+            links[tx, rx] = effects.on_link(spec.effects, spec.nodes[tx].name, spec.nodes[rx].name, link, spec.carrier_hz)
         errors_db += own_db
     moving = [link for link in links.values() if len(link.time_s) > 1]
     late = _beyond_reach(spec, links)
@@ -309,6 +312,11 @@ def _beyond_reach(spec: Spec, links: dict) -> int:
     return late
 
 
+def _band_hz(spec: Spec) -> float:
+    """What taps on the grid can stand for of the SPEC's band: they repeat beyond one over its step."""
+    return min(spec.bandwidth_hz, 1 / GRID_STEP_S)
+
+
 def _reduce_links(about: dict, links: dict[tuple[int, int], paths.LinkPaths]) -> dict[tuple[int, int], reduce.Reduced]:
     return {pair: reduce.reduce(reduce.Job(link=link, **about)) for pair, link in links.items()}
 
@@ -320,7 +328,7 @@ def _approximation(spec: Spec, run: Run, folder: Path):
     groups = [pairs[start : start + _LINKS_PER_TASK] for start in range(0, len(pairs), _LINKS_PER_TASK)]
     about = dict(
         carrier_hz=spec.carrier_hz,
-        bandwidth_hz=spec.bandwidth_hz,
+        bandwidth_hz=_band_hz(spec),
         method=spec.method,
         clock_s=clock_s,
         hold_s=spec.hold_s,
@@ -344,6 +352,8 @@ def _approximation(spec: Spec, run: Run, folder: Path):
         "base loss dB": round(-float(db_from_amplitude(strongest)), 3),
         "taps below the dynamic range": weak,
     }  # fmt: skip
+    if _band_hz(spec) < spec.bandwidth_hz:
+        summary["over MHz"] = _band_hz(spec) / 1e6
     return _save(folder / "all.pickle", (clock_s, every, float(strongest), float(floor))), summary
 
 
@@ -379,7 +389,7 @@ def scenario(spec: Spec, run: Run) -> Scenario:
         links=links,
         time_s=clock_s,
         center_frequency_hz=spec.carrier_hz,
-        bandwidth_hz=spec.bandwidth_hz,
+        bandwidth_hz=_band_hz(spec),
         base_loss_db=-float(db_from_amplitude(strongest)),
         position_m=where,
     )
@@ -414,7 +424,7 @@ def _install(spec: Spec, run: Run, folder: Path):
     size_mb = sum(file.stat().st_size for file in target.rglob("*") if file.is_file()) / 1e6
     summary = {
         "id": spec.id, "version": version, "sha256": content[:12], "megabytes": round(size_mb, 2),
-        f"path loss dB in {spec.bandwidth_hz / 1e6:g} MHz": f"{-finite.max():.1f} to {-finite.min():.1f}",
+        f"path loss dB in {_band_hz(spec) / 1e6:g} MHz": f"{-finite.max():.1f} to {-finite.min():.1f}",
     }  # fmt: skip
     least_db, most_db = taps_over_band_db(made)
     if max(most_db, -least_db) >= 0.05:

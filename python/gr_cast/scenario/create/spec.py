@@ -11,7 +11,7 @@ from ...core.documents import Reader, yaml_file
 from ...core.errors import CastError
 from ...core.files import is_file
 from ..model import MAX_NODES
-from . import materials, osm
+from . import families, materials, osm
 from .media import Medium
 from .nodes import Node
 
@@ -20,7 +20,7 @@ SWITCHES = ("refraction", "diffraction", "scattering")  # mechanisms beyond refl
 METHODS = ("least_squares", "kmeans")
 _KEYS = {
     "cast_create", "id", "name", "description", "environment", "model", "materials", "nodes", "node_grids", "sampling",
-    "approximation",
+    "approximation", "effects",
 }  # fmt: skip
 _PLACES = ("position_m", "waypoints_m", "position_deg", "waypoints_deg")
 _NODE_KEYS = {*_PLACES, "speed_m_per_s", "antenna", "orientation_rad", "power_dbm", "noise_figure_db"}
@@ -56,6 +56,7 @@ class Spec:
     update_s: float = 1e-3
     hold_s: float = 1.0
     dynamic_range_db: float = 43.0
+    effects: tuple[dict, ...] = ()
     sections: dict = field(default_factory=dict)
 
 
@@ -76,12 +77,14 @@ def read(path: str | Path) -> Spec:
         faults.add("nodes", "the same node is named twice")
     if len(nodes) < 2 and not faults:
         faults.add("nodes", f"got {len(nodes)}, needs at least 2")
+    found = families.read(get, document.get("effects", []), [node.name for node in nodes])
     title = get.text(document.get("name", name), "name")
     description = str(document.get("description", "")).strip()
     faults.raise_if_any()
     sections = {key: document.get(key) for key in _KEYS}
     return Spec(
-        id=name, name=title, description=description, materials=rules, nodes=tuple(nodes), sections=sections, **values
+        id=name, name=title, description=description, materials=rules, nodes=tuple(nodes), effects=found,
+        sections=sections, **values
     )  # fmt: skip
 
 

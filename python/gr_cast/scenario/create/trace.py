@@ -8,21 +8,20 @@ specular, delay and its rate are computed anew in double precision from the mirr
 import os
 import tempfile
 import threading
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ...core.errors import CastError
-from ...core.files import write_text, written_aside
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
-from .geometry import Solid, planes
-from .media import Medium
+from . import legs, scene_file
+from .geometry import Solid, assigned, planes
 
 _LLVM = "*/libLLVM.so.19.1"  # under /usr/lib, in the folder of the machine's architecture
 INSTALL = "the ray tracer is not installed here: bash apps/install_raytracer.sh"
-_SPECULAR, _REFRACTION = 1, 4  # of the tracer's interaction types; 0 is none
+_TRANSMISSIONS = 6  # walls that a path may pass beside its reflections
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,12 +67,15 @@ class Traced:
 
 @dataclass(frozen=True, kw_only=True)
 class Surfaces:
-    """Planes of all faces of all objects, in order: `start` of each object, `plane` number of each face, normal, point."""
+    """Planes of all faces of all objects, in order: `start` of each object, `plane` number of each face, normal, point, corners
+    (F, 3, 3), and rms height of its roughness."""
 
     start: np.ndarray
     plane: np.ndarray
     normal: np.ndarray
     point_m: np.ndarray
+    corners_m: np.ndarray
+    height_rms_m: np.ndarray
 
 
 def surfaces(solids: Sequence[Solid]) -> Surfaces:
@@ -87,7 +89,15 @@ def surfaces(solids: Sequence[Solid]) -> Surfaces:
     # The tenth of a millimetre tells parallel planes apart; coordinates are whole multiples of far less.
     offset_m = np.einsum("ij,ij->i", upright, point_m)
     _, plane = np.unique(np.column_stack([owner, np.round(upright, 6), np.round(offset_m, 4)]), axis=0, return_inverse=True)
-    return Surfaces(start=start, plane=plane.reshape(-1), normal=normal, point_m=point_m)
+    rough_m = [solid.medium.height_rms_m if solid.medium else 0.0 for solid in solids]
+    return Surfaces(
+        start=start,
+        plane=plane.reshape(-1),
+        normal=normal,
+        point_m=point_m,
+        corners_m=np.concatenate([solid.vertices_m[solid.faces] for solid in solids]),
+        height_rms_m=np.array(rough_m)[owner],
+    )
 
 
 def is_installed() -> bool:
@@ -114,67 +124,17 @@ _one_at_a_time = threading.Lock()  # a worker of a cluster may have threads; the
 
 
 def _scene(rt, solids: Sequence[Solid], settings: Settings):
+    if not settings.scattering:  # the tracer takes what is scattered from reflections, though it leaves the scattered out
+        solids = [assigned(solid, replace(solid.medium, scattering_coefficient=0.0)) for solid in solids]
     key = hash(tuple((solid.name, solid.medium, solid.vertices_m.tobytes(), solid.faces.tobytes()) for solid in solids))
     key = (key, settings.carrier_hz)
     if key not in _scenes:
         _scenes.clear()
         with tempfile.TemporaryDirectory() as folder:
-            scene = rt.load_scene(str(write_scene(Path(folder), solids, settings.carrier_hz)), merge_shapes=False)
+            scene = rt.load_scene(str(scene_file.write(Path(folder), solids, settings.carrier_hz)), merge_shapes=False)
         scene.frequency = settings.carrier_hz
         _scenes[key] = (scene, rt.PathSolver(deterministic=True))
     return _scenes[key]
-
-
-def write_scene(folder: Path, solids: Sequence[Solid], carrier_hz: float) -> Path:
-    """The objects as a Mitsuba scene with radio materials, `scene.xml` and a PLY file each."""
-    lines = ['<scene version="2.1.0">']
-    names = _names({solid.medium: None for solid in solids})
-    lines += [_bsdf(medium, name, carrier_hz) for medium, name in names.items()]
-    for index, solid in enumerate(solids):
-        _write_ply(folder / f"{index}.ply", solid)
-        lines.append(
-            f'<shape type="ply" id="mesh-{index}"><string name="filename" value="{index}.ply"/>'
-            f'<boolean name="face_normals" value="true"/><ref id="mat-{names[solid.medium]}" name="bsdf"/></shape>'
-        )
-    path = folder / "scene.xml"
-    write_text(path, "\n".join([*lines, "</scene>"]))
-    return path
-
-
-def _names(media: Iterable[Medium]) -> dict[Medium, str]:
-    """A name for each medium: its material's, with a number from the second one on."""
-    names: dict[Medium, str] = {}
-    for medium in media:
-        name = medium.material or "own"
-        taken = sum(other.split(".")[0] == name for other in names.values())
-        names[medium] = f"{name}.{taken + 1}" if taken else name
-    return names
-
-
-def _bsdf(medium: Medium, name: str, carrier_hz: float) -> str:
-    numbers = {"thickness": medium.thickness_m, "scattering_coefficient": medium.scattering_coefficient}
-    if (medium.own_permittivity, medium.own_conductivity_s_per_m) == (None, None):
-        kind, what = "itu-radio-material", f'<string name="type" value="{medium.material}"/>'
-    else:
-        kind, what = "radio-material", ""
-        numbers["relative_permittivity"], numbers["conductivity"] = (
-            medium.permittivity(carrier_hz),
-            medium.conductivity(carrier_hz),
-        )
-    numbers = "".join(f'<float name="{key}" value="{value}"/>' for key, value in numbers.items())
-    return f'<bsdf type="{kind}" id="mat-{name}">{what}{numbers}</bsdf>'
-
-
-def _write_ply(path: Path, solid: Solid) -> None:
-    head = (
-        "ply\nformat binary_little_endian 1.0\n"
-        f"element vertex {len(solid.vertices_m)}\nproperty double x\nproperty double y\nproperty double z\n"
-        f"element face {len(solid.faces)}\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    faces = np.zeros(len(solid.faces), np.dtype([("n", "u1"), ("v", "<i4", 3)]))
-    faces["n"], faces["v"] = 3, solid.faces
-    with written_aside(path) as aside:
-        aside.write_bytes(head.encode() + solid.vertices_m.astype("<f8").tobytes() + faces.tobytes())
 
 
 def run(solids: Sequence[Solid], settings: Settings, task: Task) -> Traced:
@@ -208,11 +168,15 @@ def _solve(rt, scene, solver, settings, task, planes_of, pairs, patterns):
         for node in members:
             place = dict(position=task.position_m[node].tolist(), orientation=task.orientation_rad[node].tolist())
             scene.add(kind(name=f"{letter}{node}", **place))
+    depth = settings.max_depth + _TRANSMISSIONS * settings.refraction + settings.diffraction + settings.scattering
     paths = solver(
         scene,
-        max_depth=settings.max_depth,
+        max_depth=depth,
         samples_per_src=settings.rays,
         refraction=settings.refraction,
+        diffraction=settings.diffraction,
+        edge_diffraction=settings.diffraction,
+        diffuse_reflection=settings.scattering,
         synthetic_array=True,
     )
     real, imaginary = (part.numpy()[:, 0, :, 0, :] for part in paths.a)
@@ -220,11 +184,23 @@ def _solve(rt, scene, solver, settings, task, planes_of, pairs, patterns):
     wanted = np.zeros(valid.shape[:2], bool)
     for a, b in pairs:
         wanted[sides[1].index(b), sides[0].index(a)] = True
-    row, column, path = np.nonzero(valid & wanted[:, :, None])
-    gain = (real + 1j * imaginary)[row, column, path].astype(np.complex128)
-    tx, rx = np.array(sides[0], np.int32)[column], np.array(sides[1], np.int32)[row]
-    depth = max(settings.max_depth, 1)
-    kinds, faces = np.zeros((len(path), depth), np.int64), np.full((len(path), depth), -1)
+    chosen = np.nonzero(valid & wanted[:, :, None] & _allowed(paths.interactions.numpy(), settings))
+    gain = (real + 1j * imaginary)[chosen].astype(np.complex128)
+    tx, rx = np.array(sides[0], np.int32)[chosen[1]], np.array(sides[1], np.int32)[chosen[0]]
+    return _told(task, settings, planes_of, tx, rx, gain, *_met(scene, paths, planes_of, chosen, max(depth, 1)))
+
+
+def _allowed(kinds: np.ndarray, settings: Settings) -> np.ndarray:
+    """Which paths count, of interactions (depth, …): transmissions are free, and a path has one edge or patch at most."""
+    reflections, edges, patches = ((kinds == kind).sum(axis=0) for kind in (legs.SPECULAR, legs.DIFFRACTION, legs.DIFFUSE))
+    return (reflections <= settings.max_depth) & (edges + patches <= 1)
+
+
+def _met(scene, paths, planes_of: Surfaces, chosen: tuple, depth: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Kinds of interaction (n, depth), faces (−1: none), and places in m (n, depth, 3) of the chosen paths."""
+    count = len(chosen[0])
+    kinds, faces, met_m = np.zeros((count, depth), np.int64), np.full((count, depth), -1), np.zeros((count, depth, 3))
+    row, column, path = chosen
     found = paths.interactions.numpy()[:, row, column, path].T.astype(np.int64)
     if found.size:
         kinds[:, : found.shape[1]] = found
@@ -235,11 +211,32 @@ def _solve(rt, scene, solver, settings, task, planes_of, pairs, patterns):
         primitive = paths.primitives.numpy()[:, row, column, path].T.astype(np.int64)
         met = found != 0
         faces[:, : found.shape[1]][met] = planes_of.start[object_of[owner[met]]] + primitive[met]
-    if not np.isin(kinds, (0, _SPECULAR, _REFRACTION)).all():
-        raise CastError("trace: a path with another interaction than reflection and refraction")
-    delay_s, rates = image_delays(planes_of, kinds == _SPECULAR, faces, task, tx, rx)
-    names = np.where(faces >= 0, 2 * planes_of.plane[faces] + (kinds == _REFRACTION), -1)
-    return tx, rx, names.astype(np.int32), delay_s, *rates, gain
+        met_m[:, : found.shape[1]] = paths.vertices.numpy()[:, row, column, path].transpose(1, 0, 2)
+    return kinds, faces, met_m
+
+
+def _told(task: Task, settings: Settings, planes_of: Surfaces, tx, rx, gain, kinds, faces, met_m) -> tuple:
+    """Columns of a table: what mirror images say of the delays, and for paths with an edge or a patch their corners."""
+    points_m = legs.points(task.position_m[tx], met_m, kinds, task.position_m[rx])
+    delay_s, rates = image_delays(planes_of, kinds == legs.SPECULAR, faces, task, tx, rx)
+    cornered = np.isin(kinds, (legs.DIFFRACTION, legs.DIFFUSE)).any(axis=1)
+    ends = (task.velocity_before, task.velocity_after)
+    corner_s, corner_rates = legs.delays(
+        points_m, (kinds != 0).sum(axis=1), [speed[tx] for speed in ends], [speed[rx] for speed in ends]
+    )
+    delay_s = np.where(cornered, corner_s, delay_s)
+    rates = [np.where(cornered, corner, image) for corner, image in zip(corner_rates, rates, strict=True)]
+    rough = legs.rough_loss(
+        points_m, planes_of.normal[faces], planes_of.height_rms_m[faces], kinds, SPEED_OF_LIGHT_M_PER_S / settings.carrier_hz
+    )
+    names = np.where(faces >= 0, 4 * planes_of.plane[faces] + (kinds == legs.REFRACTION) + 3 * (kinds == legs.DIFFUSE), -1)
+    edge = kinds == legs.DIFFRACTION
+    names[edge] = -2 - 3 * faces[edge] - legs.nearest_edge(met_m[edge], planes_of.corners_m[faces[edge]])
+    if settings.scattering:
+        number = legs.patch_numbers(np.column_stack([tx, rx, names]), kinds, met_m)
+        names = np.column_stack([names, number])
+        gain = gain * legs.patch_phase(number)
+    return tx, rx, names.astype(np.int32), delay_s, *rates, gain * rough
 
 
 def image_delays(planes_of: Surfaces, reflects: np.ndarray, faces: np.ndarray, task: Task, tx: np.ndarray, rx: np.ndarray):
