@@ -144,6 +144,7 @@ def batch(args) -> None:
         load(args.scenario), recordings, Path(args.output), rate_hz=args.rate, duration_s=args.duration, receivers=args.receivers,
         chunk_samples=args.chunk, noise_power=_noise_power(args), seed=args.seed, fixed_point=_fixed_point(args), dask=args.dask,
         workers=args.workers, fields=_told(args), cycle=args.cycle,
+        device=args.device, precision=args.precision, report=lambda line: print(line, file=sys.stderr),
         progress=lambda done, total: _program.progress("chunks", done, total),
     )  # fmt: skip
 
@@ -289,6 +290,19 @@ def key(args) -> None:
     write_key(args.file)
 
 
+def _add_device(command) -> None:
+    command.add_argument(
+        "--device", choices=("cpu", "cuda", "auto"), default="cpu",
+        help="what computes the network: this processor, a graphics card by CuPy, or the card while it can",
+    )  # fmt: skip
+    command.add_argument(
+        "--precision",
+        choices=("fp32", "tf32"),
+        default="fp32",
+        help="of the card: errors of -95 dB and less, or of -65 dB, sooner",
+    )
+
+
 def _add_control_key(command) -> None:
     command.add_argument("--control-key", metavar="FILE", help="made by `key`, the same at both ends")
 
@@ -354,6 +368,7 @@ def main(argv=None) -> int:
     command.add_argument("--output", required=True, help="folder of the received recordings")
     command.add_argument("--receivers", nargs="+", help="nodes to receive; all without it")
     command.add_argument("--chunk", type=int, default=1 << 20, help="samples that one worker does at a time")
+    _add_device(command)
     command.add_argument("--workers", type=int, default=1, help="processes on this machine")
     command.add_argument("--dask", metavar="ADDRESS", help="a Dask scheduler, such as tcp://host:8786")
     command.set_defaults(function=batch)

@@ -3,6 +3,7 @@
 
 import os
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from gr_cast import scenario as sc
 from gr_cast.blocks import batch
 from gr_cast.core.errors import CastError
 from gr_cast.core.files import locked
+from gr_cast.emulation.gpu.device import open_device
 from gr_cast.signals import recording
 
 RATE_HZ = 1e6
@@ -109,3 +111,24 @@ def test_an_input_is_read_once_to_be_checked(job, tmp_path, monkeypatch):
     monkeypatch.setattr(recording, "sha512_of", lambda path: hashed.append(Path(path).name) or real(path))
     job(tmp_path / "out", chunk_samples=100)
     assert hashed.count("x.sigmf-data") == 1
+
+
+def test_a_device_makes_what_the_processor_makes_and_tells_how(job, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    told = []
+    job(tmp_path / "processor")
+    job(tmp_path / "device", device="numpy", report=told.append)
+    wanted, got = (recording.read(tmp_path / where / "b").samples for where in ("processor", "device"))
+    assert np.abs(got - wanted).max() < 1e-5 and len(told) == 1 and "MS/s per node, best of" in told[0]
+
+
+def test_without_a_card_nothing_is_written_but_where_the_processor_may_go_on(job, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "cupy", None)
+    open_device.cache_clear()
+    told = []
+    with pytest.raises(CastError, match="CuPy is not in this Python"):
+        job(tmp_path / "none", device="cuda")
+    assert not (tmp_path / "none").exists()
+    job(tmp_path / "auto", device="auto", report=told.append)
+    job(tmp_path / "processor")
+    assert samples(tmp_path / "auto") == samples(tmp_path / "processor") and "going on with the processor" in told[0]

@@ -5,10 +5,12 @@ A chunk depends on nothing but the files, so that chunks run in any order on any
 cluster, with the same result to the last bit; what is done is kept, and a run that was killed goes on where it was.
 """
 
+import functools
 import hashlib
 import os
 import shutil
-from dataclasses import asdict, dataclass
+import sys
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +20,8 @@ from ..core.documents import json_file
 from ..core.errors import CastError, Faults
 from ..core.files import locked, write_json
 from ..core.units import db_from_power
+from ..emulation.gpu.faults import DeviceFault
+from ..emulation.gpu.scenario import planned
 from ..emulation.reference import FixedPoint, filter_length
 from ..scenario import Scenario
 from ..signals import recording
@@ -45,6 +49,8 @@ class BatchJob:
     fixed_point: FixedPoint | None
     fields: dict
     cycle: bool
+    device: str
+    precision: str
 
     @property
     def n_chunks(self) -> int:
@@ -66,7 +72,27 @@ class BatchJob:
 
 
 def make_chunk(job: BatchJob, chunk: int) -> int:
-    """Compute and store one chunk of every receiver; returns its number."""
+    """Compute and store one chunk of every receiver; returns its number. With device auto a card that fails is done without."""
+    try:
+        y = _received(job, chunk, "cuda" if job.device == "auto" else job.device)
+    except DeviceFault as fault:
+        if job.device != "auto":
+            raise
+        tell_once(f"{fault}; going on with the processor")
+        y = _received(job, chunk, "cpu")
+    begin = chunk * job.chunk_samples
+    for receiver, samples in zip(job.receivers, y, strict=True):
+        with open(job.part(receiver), "r+b") as file:
+            file.seek(begin * _ITEM.itemsize)
+            file.write(samples.tobytes())
+            file.flush()
+            os.fsync(file.fileno())
+    job.mark(chunk).touch()
+    return chunk
+
+
+def _received(job: BatchJob, chunk: int, device: str) -> np.ndarray:
+    """The chunk's samples of every wanted receiver."""
     begin = chunk * job.chunk_samples
     end = min(begin + job.chunk_samples, job.n_samples)
     nodes = job.scenario.nodes
@@ -74,7 +100,10 @@ def make_chunk(job: BatchJob, chunk: int) -> int:
     # An output for every node, wanted or not: a node's noise is the same whoever else receives.
     wanted = [nodes.index(node) for node in job.receivers]
     until_s = end / job.sample_rate_hz
-    kernel = scenario_kernel(job.scenario, job.sample_rate_hz, until_s, seed=job.seed, receivers=wanted, cycle=job.cycle)
+    kernel = scenario_kernel(
+        job.scenario, job.sample_rate_hz, until_s, seed=job.seed, receivers=wanted, cycle=job.cycle, device=device,
+        precision=job.precision,
+    )  # fmt: skip
     for index in wanted:
         kernel.set_noise_power(index, job.noise_power)
     if job.fixed_point:
@@ -86,15 +115,13 @@ def make_chunk(job: BatchJob, chunk: int) -> int:
         sent = stored.between(first, end) if isinstance(stored, Repeated) else stored[first:end]
         at = past - (begin - first)
         x[nodes.index(node), at : at + len(sent)] = sent
-    y = kernel.process(x)
-    for receiver, samples in zip(job.receivers, y[wanted], strict=True):
-        with open(job.part(receiver), "r+b") as file:
-            file.seek(begin * _ITEM.itemsize)
-            file.write(samples.tobytes())
-            file.flush()
-            os.fsync(file.fileno())
-    job.mark(chunk).touch()
-    return chunk
+    return kernel.process(x)[wanted]
+
+
+@functools.cache
+def tell_once(line: str) -> None:
+    """A warning, once a process."""
+    print(f"warning: {line}", file=sys.stderr, flush=True)
 
 
 def run_batch(
@@ -113,16 +140,25 @@ def run_batch(
     workers: int = 1,
     fields: dict | None = None,
     cycle: bool = False,
+    device: str = "cpu",
+    precision: str = "fp32",
+    report=lambda line: None,
     progress=lambda done, total: None,
 ) -> None:
     """Write `folder`/NODE, a SigMF recording, for every receiver; `fields` go into its metadata.
 
-    `transmit` maps a node to the stem of its recording, or to a code, which was on the air before and stays, at `rate_hz` (else
-    that of the recordings) for `duration_s` (else as long as the longest recording). Raises CastError, all faults at once,
-    before any work.
+    `device` is cpu, cuda (with `precision` tf32 or fp32), or auto: cuda, and the processor for what a card cannot do; `report`
+    gets a line that says how the network is computed. `transmit` maps a node to the stem of its recording, or to a code, which
+    was on the air before and stays, at `rate_hz` (else that of the recordings) for `duration_s` (else as long as the longest
+    recording). Raises CastError, all faults at once, before any work.
     """
     transmitted = _transmitted(transmit, rate_hz, duration_s)
-    job = _job(scenario, transmitted, folder, receivers, chunk_samples, noise_power, seed, fixed_point, fields or {}, cycle)
+    job = _job(
+        scenario, transmitted, folder, receivers, chunk_samples, noise_power, seed, fixed_point, fields or {}, cycle,
+        device, precision,
+    )  # fmt: skip
+    if job.device != "cpu":
+        job = _on_device(job, report)
     Path(job.folder).mkdir(parents=True, exist_ok=True)
     with locked(Path(job.folder)):
         todo = _prepare(job)
@@ -187,7 +223,9 @@ def _transmitted(transmit: dict[str, str], rate_hz: float | None, duration_s: fl
     return _Transmitted(samples=samples, waveforms=waveforms, rate_hz=rate, faults=faults)
 
 
-def _job(scenario, transmitted, folder, receivers, chunk_samples, noise_power, seed, fixed_point, fields, cycle) -> BatchJob:
+def _job(
+    scenario, transmitted, folder, receivers, chunk_samples, noise_power, seed, fixed_point, fields, cycle, device, precision
+) -> BatchJob:
     faults = transmitted.faults
     for node in [*transmitted.waveforms, *(receivers or ())]:
         if node not in scenario.nodes:
@@ -209,7 +247,22 @@ def _job(scenario, transmitted, folder, receivers, chunk_samples, noise_power, s
         fixed_point=fixed_point,
         fields=fields,
         cycle=cycle,
+        device=device,
+        precision=precision,
     )
+
+
+def _on_device(job: BatchJob, report) -> BatchJob:
+    """The job with the device that is there, which it tells. Raises DeviceFault where one was asked for that is not."""
+    try:
+        choice = planned("cuda" if job.device == "auto" else job.device, job.scenario, job.sample_rate_hz, job.precision)
+    except DeviceFault as fault:
+        if job.device != "auto":
+            raise
+        report(f"{fault}; going on with the processor")
+        return replace(job, device="cpu")
+    report(f"network: {choice.words()}")
+    return job
 
 
 def _fingerprint(job: BatchJob) -> dict:
@@ -228,6 +281,7 @@ def _fingerprint(job: BatchJob) -> dict:
         "seed": job.seed,
         "fixed_point": fixed,
         "cycle": job.cycle,
+        "device": [job.device, job.precision],
     }
 
 

@@ -11,6 +11,7 @@ from gnuradio import gr
 
 from ..core.errors import CastError, Faults
 from ..core.units import db_from_power, power_from_db
+from ..emulation.gpu.scenario import send_update
 from ..emulation.reference import (
     FixedPoint,
     filter_length,
@@ -21,7 +22,7 @@ from ..emulation.reference import (
 )
 from ..scenario import Scenario
 from .cast_python import channel_emulator
-from .network import heard, send_update, set_noise, usable_band
+from .network import heard, set_noise, usable_band
 from .ports import LEAD_S, Port, connect_sink, source_block, waveform_entry
 from .radio_events import ReceiveEvents, TransmitEvents, summary
 from .recorder import SigmfRecorder

@@ -8,19 +8,12 @@ import numpy as np
 import pmt
 
 from ..core.errors import CastError
-from ..emulation.reference import INTERPOLATOR_BAND, LinkUpdate, filter_length, has_taps_between_samples, scenario_updates
+from ..emulation.gpu.network import DeviceNetwork
+from ..emulation.gpu.scenario import device_network, send_update
+from ..emulation.reference import INTERPOLATOR_BAND, filter_length, has_taps_between_samples, scenario_updates
 from ..scenario import Scenario
 from ..signals import on_air
 from .cast_python import channel_emulator, emulator_kernel
-
-
-def send_update(emulator: channel_emulator | emulator_kernel, update: LinkUpdate, begin: int = 0) -> None:
-    """Hand the emulator an update of a scenario whose sample 0 is sample `begin` of the streams."""
-    offset = None if update.at_sample == 0 else begin + update.at_sample
-    delays = np.flatnonzero(update.taps)
-    emulator.set_sparse_taps(update.tx, update.rx, delays.tolist(), update.taps[delays].tolist(), offset, update.ramp_samples)
-    if update.base_loss_db is not None:
-        emulator.set_base_loss(update.tx, update.rx, update.base_loss_db, offset)
 
 
 def emulated_network(
@@ -86,13 +79,19 @@ def scenario_kernel(
     seed: int = 0,
     receivers: list[int] | None = None,
     cycle: bool = False,
-) -> emulator_kernel:
+    device: str = "cpu",
+    precision: str = "fp32",
+) -> emulator_kernel | DeviceNetwork:
     """The emulator without a scheduler, from and to every node, with all that a scenario plays until `until_s` queued.
 
-    Only links to `receivers` (numbers of nodes; all without it) are. With `cycle` it begins again whenever it ends.
+    Only links to `receivers` (numbers of nodes; all without it) are. With `cycle` it begins again whenever it ends. `device`
+    is cpu, or one on which the network is then. Raises DeviceFault.
     """
     nodes = len(scenario.nodes)
-    kernel = emulator_kernel(nodes, nodes, filter_length(sample_rate_hz), seed=seed)
+    if device == "cpu":
+        kernel = emulator_kernel(nodes, nodes, filter_length(sample_rate_hz), seed=seed)
+    else:
+        kernel = device_network(device, scenario, sample_rate_hz, precision=precision, seed=seed)
     heard = range(nodes) if receivers is None else receivers
     links = set(itertools.product(scenario.nodes, (scenario.nodes[rx] for rx in heard)))
     for update in scenario_updates(scenario, sample_rate_hz, until_s=until_s, links=links, cycle=cycle):

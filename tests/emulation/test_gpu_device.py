@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A card that is not there, does not fit, fills up or vanishes is one line; the processor goes on only where it is asked."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gr_cast import emulate
+from gr_cast import scenario as sc
+from gr_cast.emulation.gpu import planner
+from gr_cast.emulation.gpu.device import open_device
+from gr_cast.emulation.gpu.faults import DeviceFault
+from gr_cast.emulation.gpu.form import Form
+from gr_cast.emulation.gpu.network import DeviceNetwork
+from gr_cast.emulation.gpu.scenario import _planned
+from gr_cast.signals.recording import Recording
+
+sys.path.append(str(Path(__file__).resolve().parent))
+import fake_cupy
+from fake_cupy import CUDARuntimeError, OutOfMemoryError
+
+PRECISIONS = {"fp32": -120, "fp16": -65, "split": -120, "tf32": -120}  # the stand-in's tf32 is exact
+FAULTS = {
+    "no driver": ({"getDeviceCount": (CUDARuntimeError("cudaErrorInsufficientDriver: too old"), 0)}, "no driver of NVIDIA"),
+    "no card": ({"getDeviceCount": (CUDARuntimeError("cudaErrorNoDevice: none"), 0)}, "no card"),
+    "out of memory": ({"empty": (OutOfMemoryError("Out of memory allocating 9 bytes"), 3)}, "memory is full"),
+    "gone": ({"launch": (CUDARuntimeError("cudaErrorDevicesUnavailable: gone"), 2)}, "failed or is gone"),
+    "wrong CUDA": ({"launch": (CUDARuntimeError("CUDA_ERROR_NO_BINARY: NoKernelImage"), 0)}, "not for this card"),
+}
+
+
+@pytest.fixture(autouse=True)
+def fresh(monkeypatch, tmp_path):
+    """No device is open, nothing was measured before, and little is tried."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(planner, "candidates", lambda task, tiles: [form(task)])
+    for cached in (open_device, _planned):
+        cached.cache_clear()
+    yield
+    for cached in (open_device, _planned):
+        cached.cache_clear()
+
+
+def form(task, **more):
+    return Form(n_inputs=task.n_inputs, n_outputs=task.n_outputs, n_taps=task.n_taps, n_bins=1024, **more)
+
+
+@pytest.fixture
+def heard():
+    """heard(device): what node b hears of a recording, alone and through the scenario."""
+    link = sc.LinkTaps(delay_s=np.array([[0, 3e-6], [2e-6, 0]]), gain=np.array([[1, 0.5], [2j, 0]]))
+    scenario = sc.Scenario(name="s", nodes=("a", "b"), links={("a", "b"): link}, time_s=[0, 1e-3], base_loss_db=20)
+    rng = np.random.default_rng(1)
+    samples = (rng.standard_normal(2500) + 1j * rng.standard_normal(2500)).astype(np.complex64)
+    sent = Recording(samples=samples, sample_rate_hz=1e6)
+    return lambda device: emulate(scenario, {"a": sent}, device=device)["b"].samples
+
+
+def need_compiler():
+    if shutil.which("g++") is None:
+        pytest.skip("NO G++: CuPy is not stood in for")
+
+
+def test_a_missing_cupy_is_named_with_what_to_type(monkeypatch, heard):
+    monkeypatch.setitem(sys.modules, "cupy", None)
+    with pytest.raises(DeviceFault, match="CuPy is not in this Python: pip install cupy-cuda1"):
+        heard("cuda")
+    np.testing.assert_array_equal(heard("auto"), heard("cpu"))
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_card_that_fails_is_one_line_and_the_processor_goes_on_only_if_asked(monkeypatch, heard, fault):
+    need_compiler()
+    planted, words = FAULTS[fault]
+    fake_cupy.install(monkeypatch, planted)
+    with pytest.raises(DeviceFault, match=words) as caught:
+        heard("cuda")
+    assert len(caught.value.faults) == 1 and "\n" not in caught.value.faults[0]
+    np.testing.assert_array_equal(heard("auto"), heard("cpu"))
+
+
+def test_what_a_node_hears_by_the_card_is_what_it_hears_by_the_processor(monkeypatch, heard):
+    need_compiler()
+    fake_cupy.install(monkeypatch)
+    by_card, by_processor = heard("cuda"), heard("cpu")
+    assert np.abs(by_card - by_processor).max() < 1e-6 * np.abs(by_processor).max()
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_products_by_cublas_are_those_of_the_definition(monkeypatch, precision):
+    need_compiler()
+    fake_cupy.install(monkeypatch)
+    task = planner.Task(n_inputs=3, n_outputs=2, n_taps=100, life_samples=1500, int16=True)
+    _, db = planner.measure(open_device("cuda"), form(task, precision=precision), task)
+    assert db < PRECISIONS[precision]
+
+
+def test_what_was_measured_is_kept_and_a_wrong_form_is_never_chosen(monkeypatch):
+    task = planner.Task(n_inputs=2, n_outputs=2, n_taps=50, life_samples=2000, precision="tf32", int16=True)
+    forms = [form(task, precision=p) for p in ("fp16", "tf32")]
+    monkeypatch.setattr(planner, "candidates", lambda task, tiles: forms)
+    ops, told = open_device("numpy"), []
+    monkeypatch.setattr(
+        planner, "measure", lambda ops, form, task: {"fp16": (1e-9, -20.0), "tf32": (1e-8, -70.0)}[form.precision]
+    )
+    choice = planner.choose(ops, task, told.append)
+    assert choice.form.precision == "tf32" and any("limit -65 dB: left out" in line for line in told)
+    monkeypatch.setattr(planner, "measure", lambda *_: pytest.fail("measured again"))
+    assert planner.choose(ops, task) == choice
+    planner.wisdom_path().write_text("{ broken")
+    monkeypatch.setattr(planner, "measure", lambda *_: (1e-9, -70.0))
+    assert planner.choose(ops, task).form.precision == "fp16"
+
+
+def test_a_form_that_a_card_cannot_do_is_left_out(monkeypatch):
+    task = planner.Task(n_inputs=2, n_outputs=2, n_taps=50, life_samples=2000)
+    monkeypatch.setattr(planner, "candidates", lambda task, tiles: [form(task), form(task, method="direct")])
+    real = DeviceNetwork.run
+
+    def run(network, *arguments):
+        if network.form.method == "direct":
+            raise OutOfMemoryError("Out of memory allocating 9 bytes")
+        return real(network, *arguments)
+
+    monkeypatch.setattr(DeviceNetwork, "run", run)
+    choice = planner.choose(open_device("numpy"), task)
+    assert choice.form.method == "overlap-save" and choice.tried == 1 and choice.error_db < -95
