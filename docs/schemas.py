@@ -19,12 +19,14 @@ import numpy as np
 from gr_cast.core import documents
 from gr_cast.core.documents import Reader
 from gr_cast.experiments.traffic import flows
+from gr_cast.pipeline import document, site
 from gr_cast.scenario import examples_folder, yaml_file
 from gr_cast.scenario.create import spec
 from gr_cast.signals import recording
 from gr_cast.twin.document import read_twin
 
 FILES = Path(__file__).resolve().parent / "examples" / "files"
+STACK = FILES.parent / "stack"
 TRAFFIC = Path(flows.__file__).parent / "examples"
 # format → (what it is, its reader, examples that together use every key)
 FORMATS = {
@@ -36,6 +38,8 @@ FORMATS = {
     "place": ("A place to create a scenario of, cast_create: 1", spec.read, list(examples_folder().glob("*.yaml"))),
     "twin": ("A twin, cast_twin: 1", read_twin, list(FILES.glob("twin*.yaml"))),
     "traffic": ("Flows of packets, cast_traffic: 1", flows.read, [*TRAFFIC.glob("*.yaml"), *FILES.glob("traffic*.yaml")]),
+    "pipeline": ("A stack's pipeline, cast_pipeline: 1", document.read, [STACK / "pipeline.yaml", FILES / "pipeline.yaml"]),
+    "site": ("A site's inventory, cast_site: 1", site.read, [*FILES.glob("site*.yaml"), *STACK.glob("sites/*.yaml")]),
 }
 ASKED = ("keys", "number", "whole", "truth", "text", "name", "path_inside", "choice", "sequence", "mapping")
 TEXT = {"type": ["string", "integer"]}  # a whole number stands for its digits
@@ -57,13 +61,13 @@ class Node:
 
 
 @contextmanager
-def noted(root: Node):
-    """While this is entered, every question to a Reader is noted in `root`."""
+def noted(root: Node, names: set[str]):
+    """While this is entered, every question to a Reader of a file with one of these names is noted in `root`."""
     own = {name: getattr(Reader, name) for name in ASKED}
 
     def noting(name):
         def ask(self, value, place, *told, **more):
-            if re.fullmatch(r"[\w>.\[\]-]*", place) and self.faults.where.endswith((".yaml", ".json")):
+            if re.fullmatch(r"[\w>.\[\]-]*", place) and Path(self.faults.where).name in names:
                 steps = ["[]" if step.startswith("[") else step for step in re.findall(r"\[\d+\]|[^.\[\]]+", place)]
                 root.at(steps).asked.setdefault(name, []).append((told, more))
             return own[name](self, value, place, *told, **more)
@@ -71,7 +75,8 @@ def noted(root: Node):
         return ask
 
     def version(self, key, value):
-        root.at([key]).asked.setdefault("version", []).append(((value,), {}))
+        if Path(self.faults.where).name in names:
+            root.at([key]).asked.setdefault("version", []).append(((value,), {}))
         return own["version"](self, key, value)
 
     for name in ASKED:
@@ -165,8 +170,9 @@ def schema(node: Node) -> dict:
 def made(name: str) -> dict:
     title, read, examples = FORMATS[name]
     root = Node()
-    with tempfile.TemporaryDirectory() as folder, noted(root):
+    with tempfile.TemporaryDirectory() as folder, noted(root, {path.name for path in examples}):
         recording.write(Path(folder) / "reference", np.ones(64), sample_rate_hz=2e6)  # that a twin names
+        shutil.copy(FILES / "flows.yaml", folder)  # that a pipeline names
         for path in examples:
             read(path if path.parent != FILES else shutil.copy(path, folder))
     for path in examples:

@@ -32,7 +32,9 @@ def test_a_schema_takes_what_the_reader_takes_and_refuses_what_it_refuses(name, 
         assert not list(check.iter_errors(document)), path
         version = next(key for key in document if key.startswith("cast_"))
         number = next(
-            key for key in ("duration_s", "base_loss_db", "sample_rate_hz", "sampling") if key in {*document, "sampling"}
+            key
+            for key in ("duration_s", "base_loss_db", "sample_rate_hz", "noise_power_db", "sampling")
+            if key in {*document, "sampling"}
         )
         for wrong in (document | {"nobody_knows": 1}, document | {version: 7}, document | {number: "many"}):
             assert list(check.iter_errors(wrong)), wrong

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "python" / "gr_cast"
-ORDER = "core signals scenario emulation sounding comparing twin diagnose experiments colosseum report blocks".split()
+ORDER = "core signals scenario emulation sounding comparing twin diagnose experiments colosseum pipeline report blocks".split()
 
 
 def rooms_imported(path: Path):

@@ -1,0 +1,92 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: GPL-3.0-or-later
+# PYTHON_ARGCOMPLETE_OK
+"""Twin a protocol stack: build a commit once, try it on twin and testbed, and say where and why it differs."""
+
+import argparse
+import os
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # small products: one thread each is faster
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import _program
+from gr_cast.core.errors import CastError
+from gr_cast.core.files import check_writable
+from gr_cast.pipeline import clean, document, site
+from gr_cast.pipeline.run import Bench
+from gr_cast.pipeline.source import Source
+from gr_cast.pipeline.stages import Storage
+
+
+def check(args) -> int:
+    """Every fault of a pipeline, and of its sites' inventories where a folder of them is given."""
+    pipeline, faults = document.read(args.path), []
+    folder = args.path if args.path.is_dir() else args.path.parent
+    if args.sites:
+        faults = site.read_all(args.sites, pipeline, folder)[1]
+    if faults:
+        raise CastError(*faults)
+    repeats = sum(one.repeats for one in pipeline.experiments)
+    print(f"{pipeline.name}: {len(pipeline.experiments)} experiments, {repeats} repeats at each of {', '.join(pipeline.sites)}")
+    return 0
+
+
+def _bench(args) -> Bench:
+    from gr_cast import report
+
+    check_writable(args.storage)
+    if not args.budget > 0:
+        raise CastError(f"--budget: got {args.budget}, needs more than 0 seconds")
+    storage = Storage(args.storage)
+    source = Source(args.repository, storage.folder)
+    source.update()
+    return Bench(
+        storage=storage,
+        source=source,
+        inventories=args.sites,
+        room=clean.chosen(args.room, args.root_filesystem),
+        budget_s=args.budget,
+        render=report.render,
+        progress=lambda line: print(line, flush=True),
+    )
+
+
+def run(args) -> int:
+    """Judge commits, one after the other; status 1 where one is anything but the same on both."""
+    bench, well = _bench(args), True
+    for name in args.commits:
+        found = bench.commit(name).judged()
+        print(f"{found['commit'][:10]} {found['subject']}")
+        for one in found["verdicts"]:
+            print(f"    {one['kind']}: {one['sentence']}")
+        well = well and found["kinds"] == ["same on both"]
+    return 0 if well else 1
+
+
+def main(argv=None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    verbs = parser.add_subparsers(dest="verb", required=True)
+    command = verbs.add_parser("check", help=check.__doc__, description=check.__doc__)
+    command.add_argument("path", type=Path, nargs="?", default=Path(), help="pipeline.yaml, or its folder (default: here)")
+    command.add_argument("--sites", type=Path, metavar="DIR", help="folder of inventories, NAME.yaml each")
+    command.set_defaults(call=check)
+    command = verbs.add_parser("run", help=run.__doc__, description=run.__doc__)
+    command.add_argument("commits", nargs="+", metavar="COMMIT", help="any name that Git knows")
+    _add_bench(command)
+    command.set_defaults(call=run)
+    args = _program.parse(parser, argv)
+    return args.call(args)
+
+
+def _add_bench(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--repository", default=".", metavar="ADDRESS", help="of the stack: a folder or what Git clones")
+    command.add_argument("--storage", type=Path, required=True, metavar="DIR", help="images, results and verdicts are kept here")
+    command.add_argument("--sites", type=Path, required=True, metavar="DIR", help="folder of inventories, NAME.yaml each")
+    command.add_argument("--room", choices=clean.KINDS, default="auto", help="what commands run in (default: the best there is)")
+    command.add_argument("--root-filesystem", type=Path, metavar="DIR", help="of the LXC container that builds")
+    command.add_argument("--budget", type=float, default=120.0, metavar="SECONDS", help="for a diagnosis (default 120)")
+
+
+if __name__ == "__main__":
+    _program.run(main)

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Clean rooms for commands of a stack: namespaces of their own where the system allows them, else a bare environment.
+
+A folder is seen as /mnt; there is no network, no variable, no home of the caller's. `kind` says what was used, for provenance.
+"""
+
+import os
+import shutil
+import subprocess
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from ..core.errors import CastError
+
+KINDS = ("auto", "lxc", "namespaces", "process")
+PATH = "/usr/local/bin:/usr/bin:/bin"
+_FLAGS = ("--mount", "--net", "--ipc", "--pid", "--fork", "--kill-child", "--mount-proc")
+_ENTER = 'mount --make-rprivate / && mount --bind "$0" /mnt && cd "/mnt/$1" && shift && exec "$@"'
+_MOST_LOG = 1 << 20  # bytes of a command's output that are kept
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """How a command ended: `status` is None where it was stopped after its time."""
+
+    status: int | None
+    log: str
+
+    @property
+    def last_line(self) -> str:
+        lines = [line.strip() for line in self.log.splitlines() if line.strip()]
+        return lines[-1] if lines else "without a word"
+
+
+@lru_cache
+def has_namespaces() -> bool:
+    """Whether this user may make them, as root or as root of a user namespace."""
+    if shutil.which("unshare") is None:
+        return False
+    return subprocess.run([*_unshare(), "mount", "--make-rprivate", "/"], capture_output=True, check=False).returncode == 0
+
+
+def _unshare() -> list[str]:
+    return ["unshare", *([] if os.geteuid() == 0 else ["--user", "--map-root-user"]), *_FLAGS, "--"]
+
+
+def chosen(kind: str, root: Path | None = None) -> "Room":
+    """The room of a kind; `auto`: LXC where it is installed and a root file system is given, else namespaces, else a process."""
+    has_lxc = shutil.which("lxc-execute") is not None and os.geteuid() == 0
+    if kind == "lxc" and not (has_lxc and root):
+        raise CastError("lxc: needs root, Debian's lxc, and a root file system (--root-filesystem)")
+    if kind == "namespaces" and not has_namespaces():
+        raise CastError("namespaces: not allowed here: needs root, or user namespaces that are not switched off")
+    if kind == "auto":
+        kind = "lxc" if root and has_lxc else "namespaces" if has_namespaces() else "process"
+    return Room(kind=kind, root=root if kind == "lxc" else None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Room:
+    """One kind of clean room."""
+
+    kind: str
+    root: Path | None = None
+
+    def place(self, folder: Path) -> str:
+        """What commands see `folder` as."""
+        return str(folder.resolve()) if self.kind == "process" else "/mnt"
+
+    def run(self, folder: Path, command: str, *, within: str, environment: dict[str, str], timeout_s: float) -> Outcome:
+        """Run a command of a shell in `folder`/`within`, and end it with all that it started after `timeout_s`."""
+        words = ["env", "-i", *(f"{key}={value}" for key, value in sorted((_bare() | environment).items())), "sh", "-ec", command]
+        log, cwd = folder / "output.log", folder / within
+        if self.kind == "namespaces":
+            words = [*_unshare(), "sh", "-ec", _ENTER, str(folder.resolve()), within, *words]
+        elif self.kind == "lxc":
+            words = ["lxc-execute", *self._container(folder), "--", "sh", "-ec", 'cd "$0" && exec "$@"', f"/mnt/{within}", *words]
+        words = ["setpriv", "--pdeathsig", "KILL", *words]  # who starts it may be killed
+        with open(log, "wb") as file:
+            process = subprocess.Popen(
+                words, cwd=cwd, stdout=file, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, start_new_session=True
+            )
+            try:
+                status = process.wait(timeout_s)
+            except subprocess.TimeoutExpired:
+                status = None
+            finally:
+                _end(process)
+        with open(log, "rb") as file:
+            text = file.read(_MOST_LOG).decode(errors="replace")
+        log.unlink()
+        return Outcome(status=status, log=text)
+
+    def _container(self, folder: Path) -> list[str]:
+        """A container without network on a read-only root, for one command."""
+        told = {
+            "lxc.rootfs.path": f"dir:{self.root}",
+            "lxc.rootfs.options": "ro",
+            "lxc.net.0.type": "empty",
+            "lxc.mount.auto": "proc:mixed sys:ro",
+            "lxc.mount.entry": f"{folder.resolve()} mnt none bind 0 0",
+            "lxc.apparmor.profile": "unconfined",
+        }
+        name = f"cast-{os.getpid()}-{folder.resolve().stat().st_ino}"
+        return ["--name", name, *(part for key, value in told.items() for part in ("--define", f"{key}={value}"))]
+
+
+def _bare() -> dict[str, str]:
+    """What every command finds: the same on every machine."""
+    python = {"PYTHONHASHSEED": "0", "PYTHONDONTWRITEBYTECODE": "1"}
+    return {"PATH": PATH, "HOME": "/nonexistent", "LANG": "C.UTF-8", "TZ": "UTC", "OPENBLAS_NUM_THREADS": "1"} | python
+
+
+def _end(process: subprocess.Popen) -> None:
+    """Kill what is left of a command's session."""
+    try:
+        os.killpg(process.pid, 9)
+    except ProcessLookupError:
+        pass
+    process.wait()

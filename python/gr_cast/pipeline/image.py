@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From a commit to an image: a tarball that is the same, to the last bit, whenever the same inputs are built again."""
+
+import shutil
+import subprocess
+import tarfile
+import tempfile
+from pathlib import Path
+
+from .. import __version__
+from ..core.errors import CastError, Faults
+from ..core.files import write_json, written_aside
+from .clean import Outcome, Room
+from .document import Environment, Pipeline
+from .source import Source
+from .stages import Storage, file_hash
+
+STACK = "stack"  # the folder of a room that holds the tree or the unpacked image
+LONGEST_S = 3600.0  # of a build, and of its tests
+
+
+def software(environment: Environment) -> dict[str, str]:
+    """Version of every package that the pipeline asks for, and of the compiler. Raises CastError with all that is missing."""
+    faults, found = Faults("environment"), {}
+    for name in environment.packages:
+        done = subprocess.run(["dpkg-query", "-W", "-f", "${Version}", name], capture_output=True, text=True, check=False)
+        found[name] = done.stdout.strip()
+        if done.returncode or not found[name]:
+            faults.add("packages", f"{name} is not installed: apt-get install {name}")
+    if shutil.which(environment.compiler) is None:
+        faults.add("compiler", f"{environment.compiler} is not installed")
+    else:
+        done = subprocess.run([environment.compiler, "--version"], capture_output=True, text=True, check=False)
+        found[environment.compiler] = (done.stdout.splitlines() or ["unknown"])[0]
+    told, wanted = _system(), environment.system
+    if told != wanted:
+        faults.add("system", f"got {told}, needs {wanted}")
+    faults.raise_if_any()
+    return found
+
+
+def _system() -> str:
+    """ID-VERSION of this machine, such as debian-12."""
+    try:
+        lines = Path("/etc/os-release").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return "unknown"
+    told = dict(line.split("=", 1) for line in lines if "=" in line)
+    return "-".join(told.get(key, "").strip('"') for key in ("ID", "VERSION_ID")).strip("-") or "unknown"
+
+
+def built(storage: Storage, source: Source, commit: str, pipeline: Pipeline, room: Room) -> dict:
+    """The image of a commit and how its build and tests ended: as the stage of this tree and recipe keeps it."""
+    tools = software(pipeline.environment)
+    inputs = {"tree": source.tree(commit), "recipe": pipeline.recipe, "test": pipeline.test, "software": tools, "room": room.kind}
+
+    def work(folder: Path) -> dict:
+        with tempfile.TemporaryDirectory(prefix="cast-build-") as name:
+            return _build(storage, source, commit, pipeline, room, tools, Path(name))
+
+    return storage.stage("image", inputs, work)[0]
+
+
+def _build(storage, source, commit, pipeline, room, tools, folder: Path) -> dict:
+    source.check_out(commit, folder / STACK)
+    # One date for one tree: the image depends on what is in a commit, not on when it was made.
+    environment = {"SOURCE_DATE_EPOCH": "0", "CAST_STACK": pipeline.name}
+    result = {"image": None, "fails": None, "software": tools, "room": room.kind}
+    fails, log = _through(room, folder, pipeline.build, "build", environment)
+    if fails:
+        return result | {"fails": fails, "log": log}
+    result["image"] = _packed(storage, pipeline, folder / STACK)
+    provenance = {
+        "cast_image": 1,
+        "image": result["image"],
+        "made_by": f"gr-cast {__version__}",
+        "repository": source.address,
+        "commit": commit,
+        "tree": source.tree(commit),
+        "recipe": pipeline.recipe,
+        "software": tools,
+        "room": room.kind,
+    }
+    about = storage.folder / "images" / f"{result['image']}.json"
+    if not about.exists():  # who built it first
+        write_json(about, provenance)
+    fails, test_log = _through(room, folder, pipeline.test, "test", environment)
+    return result | {"fails": fails, "log": log + test_log}
+
+
+def _through(room: Room, folder: Path, commands, what: str, environment) -> tuple[str | None, str]:
+    """(what failed, all that was printed) of commands one after the other."""
+    printed = ""
+    for command in commands:
+        done: Outcome = room.run(folder, command, within=STACK, environment=environment, timeout_s=LONGEST_S)
+        printed += f"$ {command}\n{done.log}"
+        if done.status != 0:
+            how = f"stopped after {LONGEST_S:g} s" if done.status is None else f"status {done.status}"
+            return f"{what}: {command}: {how}: {done.last_line}", printed
+    return None, printed
+
+
+def _packed(storage: Storage, pipeline: Pipeline, tree: Path) -> str:
+    """The hash of the image of a built tree, which lies in the storage from then on."""
+    parts = [tree / name for name in pipeline.image] or [tree]
+    missing = [name for name, part in zip(pipeline.image, parts, strict=False) if not part.exists()]
+    if missing:
+        raise CastError(*(f"image: {name}: the build has not made it" for name in missing))
+    files = sorted({path for part in parts for path in ([part, *part.rglob("*")] if part.is_dir() else [part])} - {tree})
+    with tempfile.NamedTemporaryFile(dir=storage.folder / "images", prefix=".new-", delete=False) as file:
+        new = Path(file.name)
+    try:
+        with tarfile.open(new, "w", format=tarfile.PAX_FORMAT) as tar:
+            for path in files:
+                tar.add(path, arcname=str(path.relative_to(tree)), recursive=False, filter=_plain)
+        digest = file_hash(new)
+        with written_aside(storage.folder / "images" / f"{digest}.tar") as aside:
+            new.chmod(0o644)
+            new.rename(aside)
+    finally:
+        new.unlink(missing_ok=True)
+    return digest
+
+
+def _plain(entry: tarfile.TarInfo) -> tarfile.TarInfo:
+    """Without date, owner and all of the mode but whether it runs."""
+    entry.mtime, entry.uid, entry.gid, entry.uname, entry.gname = 0, 0, 0, "root", "root"
+    entry.mode = 0o755 if entry.isdir() or entry.mode & 0o100 else 0o644
+    return entry
+
+
+def unpacked(storage: Storage, digest: str, folder: Path) -> None:
+    """Deploy an image into a new folder, once its hash is right."""
+    path = storage.folder / "images" / f"{digest}.tar"
+    if not path.is_file() or file_hash(path) != digest:
+        raise CastError(f"{path}: is missing or changed: its SHA-256 is not its name")
+    folder.mkdir(parents=True)
+    subprocess.run(["tar", "-x", "-C", folder, "-f", path], check=True)

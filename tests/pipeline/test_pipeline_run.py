@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A commit from its sources to its verdict, against a testbed by closed formulas."""
+
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from gr_cast.core.errors import CastError
+from gr_cast.pipeline import clean, trial
+
+PROGRAM = Path(__file__).resolve().parents[2] / "apps" / "cast_pipeline.py"
+BROKEN_SCRAMBLER = (
+    r"data \^= scrambling\(scrambler, len\(data\)\)",
+    "data ^= np.concatenate([scrambling(scrambler, 1024), scrambling(scrambler ^ 1, len(data))])[: len(data)]",
+)
+
+
+def test_one_tree_has_one_image_whoever_builds_it_and_wherever(stack, tmp_path):
+    kinds = ["process", "auto"]
+    images = [stack.bench(tmp_path / kind, kind).commit("HEAD").built["image"] for kind in kinds]
+    other = stack.commit("A word", src_send=(r"Node that sends", "The node that sends"))
+    assert images[0] == images[1] != stack.bench(tmp_path / "auto").commit(other).built["image"]
+    path = tmp_path / "auto" / "images" / f"{images[0]}.tar"
+    assert hashlib.sha256(path.read_bytes()).hexdigest() == images[0]
+    listed = subprocess.run(["tar", "-tvf", path], capture_output=True, text=True, check=True).stdout
+    assert "bin/viterbi.so" in listed and "src/" not in listed and all("root/root" in line for line in listed.splitlines())
+    about = json.loads(path.with_suffix(".json").read_text())
+    assert about["commit"] == stack.git("rev-parse", "HEAD~1") and "GCC" in about["software"]["gcc"].upper() + "GCC"
+    assert set(about["software"]) == {"gcc", "make", "python3", "python3-numpy", "python3-yaml"}
+
+
+def test_a_room_shows_a_command_nothing_of_the_caller(tmp_path, monkeypatch):
+    monkeypatch.setenv("SECRET", "told")
+    for kind in ("process", "namespaces") if clean.has_namespaces() else ("process",):
+        (tmp_path / "stack").mkdir(exist_ok=True)
+        room = clean.chosen(kind)
+        done = room.run(
+            tmp_path, "env; cat /sys/class/net/*/address | wc -l; pwd", within="stack", environment={"A": "b"}, timeout_s=20
+        )
+        assert done.status == 0 and "SECRET" not in done.log and "A=b" in done.log
+        if kind == "namespaces":
+            assert done.log.splitlines()[-1] == "/mnt/stack"
+        late = room.run(tmp_path, "sleep 60 & sleep 60", within="stack", environment={}, timeout_s=0.3)
+        assert late.status is None
+
+
+def test_equal_sites_are_the_same_and_a_hidden_amplifier_is_named(stack, tmp_path):
+    stack.testbed()
+    assert stack.bench(tmp_path / "equal").commit("HEAD").judged()["kinds"] == ["same on both"]
+    stack.testbed("amplifier")
+    found = stack.bench(tmp_path / "bent").commit("HEAD").judged()
+    assert found["kinds"] == ["twin and testbed differ"]
+    assert found["verdicts"][0]["cause"]["families"][0] == "pa_nonlinearity" and found["verdicts"][0]["cause"]["kind"] == "radio"
+
+
+def test_a_scrambler_that_only_long_frames_notice_is_worse_at_both_sites_since_its_commit(stack, tmp_path):
+    stack.testbed()
+    bench = stack.bench(tmp_path / "store")
+    assert bench.commit("HEAD").judged()["kinds"] == ["same on both"]
+    bad = stack.commit("Scramble on", src_modem=BROKEN_SCRAMBLER)
+    after = stack.commit("A word", src_send=(r"Node that sends", "The node that sends"))
+    bench.source.update()
+    found = bench.commit(bad).judged()
+    assert found["kinds"] == ["worse than its parent"] * 2 and {one["since"] for one in found["verdicts"]} == {bad}
+    assert "loss of node 2 in long frames: +1" in found["verdicts"][0]["sentence"]
+    assert {one["since"] for one in bench.commit(after).judged()["verdicts"]} == {bad}
+
+
+def test_a_gain_that_only_clips_on_the_testbed_is_named_and_laid_to_its_commit(stack, tmp_path):
+    stack.testbed("rails")
+    bench = stack.bench(tmp_path / "store")
+    assert bench.commit("HEAD").judged()["kinds"] == ["same on both"]
+    louder = stack.commit("Louder", src_air=(r"GAIN = 0.25", "GAIN = 0.7"))
+    bench.source.update()
+    found = next(one for one in bench.commit(louder).judged()["verdicts"] if one["kind"] == "twin and testbed differ")
+    assert found["cause"]["families"][0] == "adc_clipping" and found["since"] == louder
+    assert "the commit brings it out" in found["sentence"]
+
+
+def test_what_fails_is_named_with_its_command_and_its_last_word(stack, tmp_path, monkeypatch):
+    monkeypatch.setattr(trial, "PATIENCE", 1.0)
+    first = stack.commit("Typo", src_send=(r"import os", "import oz"))
+    second = stack.commit("Slow", src_send="import time\ntime.sleep(60)\n")
+    third = stack.commit("Untested", pipeline=(r"make check", "exit 3"))
+    bench = stack.bench(tmp_path / "store")
+    said = [bench.commit(name).judged()["verdicts"][0] for name in (first, second, third)]
+    assert {one["kind"] for one in said} == {"fails"}
+    assert "node 1: python3 bin/send.py: status 1: ModuleNotFoundError: No module named 'oz'" in said[0]["sentence"]
+    assert "stopped after 1." in said[1]["sentence"] and "test: exit 3: status 3" in said[2]["sentence"]
+
+
+def test_what_a_machine_lacks_is_named_before_anything_is_built(stack, tmp_path):
+    stack.commit("Needs", pipeline=(r"\[gcc, make", "[gcc, no-such-package, make"))
+    stack.commit("System", pipeline=(r"debian-12", "hurd-1"))
+    with pytest.raises(CastError) as error:
+        stack.bench(tmp_path / "store").commit("HEAD").judged()
+    assert len(error.value.faults) == 2 and "no-such-package is not installed" in str(error.value)
+    assert not list((tmp_path / "store" / "images").iterdir())
+
+
+def test_a_killed_run_goes_on_where_it_was(stack, tmp_path):
+    words = [
+        sys.executable,
+        PROGRAM,
+        "run",
+        "HEAD",
+        "--repository",
+        stack.folder,
+        "--storage",
+        tmp_path / "store",
+        "--sites",
+        stack.sites,
+    ]
+    begun = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+    said = []
+    for line in begun.stdout:
+        said.append(line.strip())
+        if "repeat 3" in line:
+            os.kill(begun.pid, signal.SIGKILL)
+            break
+    begun.wait()
+    begun.stdout.close()
+    done = subprocess.run(words, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0 and "same on both" in done.stdout, done.stderr
+    again = done.stdout.splitlines()
+    assert len(said) > 2 and not set(said[:-1]) & {line for line in again if "repeat" in line}
+    assert said[-1] in again, "what was cut is done again"
+    assert not [path for path in (tmp_path / "store" / "stages").iterdir() if path.name.startswith(".")]
