@@ -24,6 +24,7 @@ from gr_cast.scenario import examples_folder, yaml_file
 from gr_cast.scenario.create import spec
 from gr_cast.signals import recording
 from gr_cast.twin.document import read_twin
+from gr_cast.twin.places import document as places
 
 FILES = Path(__file__).resolve().parent / "examples" / "files"
 STACK = FILES.parent / "stack"
@@ -35,7 +36,12 @@ FORMATS = {
         yaml_file.read,
         list(FILES.glob("scenario*.yaml")),
     ),
-    "place": ("A place to create a scenario of, cast_create: 1", spec.read, list(examples_folder().glob("*.yaml"))),
+    "place": (
+        "A place to create a scenario of, cast_create: 1",
+        spec.read,
+        [*examples_folder().glob("*.yaml"), FILES / "spec.yaml"],
+    ),
+    "place_case": ("What was sounded in a place, cast_place: 1", places.read_file, list(FILES.glob("place*.yaml"))),
     "twin": ("A twin, cast_twin: 1", read_twin, list(FILES.glob("twin*.yaml"))),
     "traffic": ("Flows of packets, cast_traffic: 1", flows.read, [*TRAFFIC.glob("*.yaml"), *FILES.glob("traffic*.yaml")]),
     "pipeline": ("A stack's pipeline, cast_pipeline: 1", document.read, [STACK / "pipeline.yaml", FILES / "pipeline.yaml"]),
@@ -160,8 +166,9 @@ def schema(node: Node) -> dict:
             found.append({"type": "array"} | items(node))
     if {"keys", "mapping"} & set(node.asked):
         found.append(mapping(node))
-    if not found and {"text", "name", "path_inside"} & set(node.asked):
-        found.append(TEXT)
+    asked_text = {"text", "name", "path_inside"} & set(node.asked)
+    if asked_text and (not found or ("keys" in node.asked and any(isinstance(value, str) for value in node.values))):
+        found.append(TEXT)  # a name may stand for a mapping
     if None in node.values and found:
         found.append({"type": "null"})
     return {} if not found else found[0] if len(found) == 1 else {"anyOf": found}
@@ -173,6 +180,7 @@ def made(name: str) -> dict:
     with tempfile.TemporaryDirectory() as folder, noted(root, {path.name for path in examples}):
         recording.write(Path(folder) / "reference", np.ones(64), sample_rate_hz=2e6)  # that a twin names
         shutil.copy(FILES / "flows.yaml", folder)  # that a pipeline names
+        shutil.copy(FILES / "spec.obj", folder)  # that a SPEC names
         for path in examples:
             read(path if path.parent != FILES else shutil.copy(path, folder))
     for path in examples:

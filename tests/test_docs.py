@@ -33,10 +33,10 @@ def test_a_schema_takes_what_the_reader_takes_and_refuses_what_it_refuses(name, 
         version = next(key for key in document if key.startswith("cast_"))
         number = next(
             key
-            for key in ("duration_s", "base_loss_db", "sample_rate_hz", "noise_power_db", "sampling")
+            for key in ("duration_s", "base_loss_db", "sample_rate_hz", "noise_power_db", "twin", "sampling")
             if key in {*document, "sampling"}
         )
-        for wrong in (document | {"nobody_knows": 1}, document | {version: 7}, document | {number: "many"}):
+        for wrong in (document | {"nobody_knows": 1}, document | {version: 7}, document | {number: ["many"]}):
             assert list(check.iter_errors(wrong)), wrong
             (tmp_path / "wrong.yaml").write_text(documents.yaml_text(wrong))
             with pytest.raises(CastError):

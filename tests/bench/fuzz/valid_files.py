@@ -18,6 +18,7 @@ from gr_cast.scenario.create import mesh_files, osm, p2m, pipeline, spec
 from gr_cast.signals import recording
 from gr_cast.sounding import calibration
 from gr_cast.twin import document as twin
+from gr_cast.twin.places import document as places
 
 
 def _yaml(folder: Path, name: str, document) -> Path:
@@ -79,16 +80,21 @@ def scenario_yaml(folder):
 def spec_yaml(folder):
     (folder / "room.obj").write_text("v 0 0 0\n")
     document = {
-        "cast_create": 1, "id": "room", "name": "Room", "description": "d", "materials": {"wall": "concrete", "*": "wood"},
+        "cast_create": 1, "id": "room", "name": "Room", "description": "d",
+        "materials": {"wall": "concrete", "*": {"permittivity": 3.0, "thickness_m": 0.1}, "x": {"material": "wood"}},
         "environment": {"place": "here", "carrier_hz": 2.4e9, "bandwidth_hz": 80e6, "area_m": [0, 0, 9, 9]},
         "model": {"mesh": "room.obj"},
         "sampling": {"duration_s": 1.0, "step_s": 0.03, "max_depth": 3, "rays": 1000, "refraction": False, "check_instants": 2},
         "approximation": {"method": "kmeans", "update_s": 1e-3, "hold_s": 1.0, "dynamic_range_db": 43},
         "nodes": {
-            "a": {"position_m": [1, 1, 1], "antenna": "iso", "power_dbm": 20},
+            "a": {"position_m": [1, 1, 1], "antenna": "iso", "power_dbm": 20, "orientation_rad": [0.1, 0, 0]},
             "b": {"waypoints_m": [[1, 2, 1], [3, 2, 1]], "speed_m_per_s": 1.0},
         },
         "node_grids": [{"prefix": "n", "origin_m": [0, 0, 1], "count": [2, 2], "spacing_m": [1, 1]}],
+        "effects": [
+            {"family": "node_gain", "owner": {"level": "link", "name": "a>b"}, "parameters": {"error_db": {"value": 1}}},
+            {"family": "node_position", "owner": {"level": "node", "name": "a"}, "parameters": {"offset_m": [0.1, 0, 0]}},
+        ],
     }  # fmt: skip
     return _yaml(folder, "spec.yaml", document), spec.read
 
@@ -294,8 +300,40 @@ def map_osm(folder):
     return _text(folder, "x.osm", text), osm.read
 
 
+def _place(folder, name):
+    floor = "o floor\nv 0 0 0\nv 9 0 0\nv 9 9 0\nf 1 2 3\n"
+    (folder / "room.obj").write_text(floor)
+    spec_document = {
+        "cast_create": 1, "environment": {"carrier_hz": 5e9, "bandwidth_hz": 2e8}, "model": {"mesh": "room.obj"},
+        "materials": {"*": "wood"}, "nodes": {"a": {"position_m": [1, 1, 1]}, "b": {"position_m": [2, 2, 1]}},
+    }  # fmt: skip
+    _yaml(folder, "spec.yaml", spec_document)
+    campaigns = [{"file": "one.npz", "kind": "response"}, {"file": "two.npz", "kind": "power", "use": "vault"}]
+    document = {"cast_place": 1, "twin": "spec.yaml", "soundings": campaigns, "unknown": {"phase": "link"}}
+    _yaml(folder, "place.yaml", document | {"limits": {"max_range_m": 100}})
+    link = dict(tx=np.array(["a"]), rx=np.array(["b"]), time_s=np.arange(2.0))
+    response = np.full((1, 2, 4), 1 + 1j, np.complex64)
+    np.savez(folder / "one.npz", **link, frequency_hz=np.arange(4.0), response=response, noise_power=np.array([1e-9]))
+    power = dict(power_db=np.full((1, 2), -60.0), std_db=np.ones(1), limits_db=np.array([-100.0, -20.0]))
+    np.savez_compressed(folder / "two.npz", **link, **power, position_b=np.zeros((2, 3)))
+    return folder / name, lambda path: places.read(path.parent)
+
+
+def place_yaml(folder):
+    return _place(folder, "place.yaml")
+
+
+def place_response(folder):
+    return _place(folder, "one.npz")
+
+
+def place_power(folder):
+    return _place(folder, "two.npz")
+
+
 READERS = (
     twin_yaml, scenario_yaml, spec_yaml, flows_yaml, series_json, series_rows, series_csv, result_json, calibration_json,
     radio_map, node_map, sigmf, iperf3, terminal_metrics, station_metrics, mgen, mat, mat_unpacked, zarr_attributes, zarr_array,
     zarr_chunk, steps_json, request, paths_p2m, mesh_obj, mesh_ply, mesh_binary_ply, mesh_stl, mesh_dae, map_osm,
+    place_yaml, place_response, place_power,
 )  # fmt: skip

@@ -47,18 +47,10 @@ def read(folder: str | Path) -> Place:
     """Read a place case. CastError names file, place, value and limit of every fault at once."""
     folder = Path(folder)
     get = yaml_file(folder / FILE, missing=": a place case is a folder with a place.yaml")
-    document, faults = get.document, get.faults
-    get.keys(document, "", {"cast_place", "twin", "soundings", "unknown", "limits"}, ("twin", "soundings"))
-    get.version("cast_place", VERSION)
-    twin = get.path_inside(document["twin"], "twin") if "twin" in document else ""
-    campaigns = _campaigns(get, document.get("soundings", []))
-    given = get.keys(document.get("unknown", {}), "unknown", UNKNOWN)
-    unknown = {key: get.choice(given.get(key, "none"), f"unknown.{key}", choices) for key, choices in UNKNOWN.items()}
-    limits = get.keys(document.get("limits", {}), "limits", {"max_range_m"})
-    farthest_m = get.number(limits["max_range_m"], "limits.max_range_m", "m", 0.1, 1e6) if "max_range_m" in limits else None
+    twin, campaigns, unknown, farthest_m = _contents(get)
     told: list[str] = []
     with _told(told):
-        faults.raise_if_any()
+        get.faults.raise_if_any()
     made = solids = None
     with _told(told):
         made = spec.read(folder / twin) if twin else None
@@ -75,6 +67,28 @@ def read(folder: str | Path) -> Place:
         name=folder.resolve().name, folder=folder, spec=made, solids=tuple(solids),
         media={solid.name: solid.medium for solid in solids}, soundings=tuple(found), unknown=unknown, max_range_m=farthest_m,
     )  # fmt: skip
+
+
+def read_file(path: str | Path) -> dict:
+    """What a place.yaml says by itself. CastError has all its faults."""
+    get = yaml_file(path)
+    _contents(get)
+    get.faults.raise_if_any()
+    return get.document
+
+
+def _contents(get: Reader) -> tuple[str, list[dict], dict[str, str], float | None]:
+    """The SPEC's file, the campaigns, what is unknown, and the range, of a place.yaml."""
+    document = get.document
+    get.keys(document, "", {"cast_place", "twin", "soundings", "unknown", "limits"}, ("twin", "soundings"))
+    get.version("cast_place", VERSION)
+    twin = get.path_inside(document["twin"], "twin") if "twin" in document else ""
+    campaigns = _campaigns(get, document.get("soundings", []))
+    given = get.keys(document.get("unknown", {}), "unknown", UNKNOWN)
+    unknown = {key: get.choice(given.get(key, "none"), f"unknown.{key}", choices) for key, choices in UNKNOWN.items()}
+    limits = get.keys(document.get("limits", {}), "limits", {"max_range_m"})
+    farthest_m = get.number(limits["max_range_m"], "limits.max_range_m", "m", 0.1, 1e6) if "max_range_m" in limits else None
+    return twin, campaigns, unknown, farthest_m
 
 
 @contextmanager
