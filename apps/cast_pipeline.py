@@ -14,9 +14,11 @@ import _program
 from gr_cast.core.errors import CastError
 from gr_cast.core.files import check_writable
 from gr_cast.pipeline import clean, document, site
+from gr_cast.pipeline.bisect import bisect as find
 from gr_cast.pipeline.run import Bench
 from gr_cast.pipeline.source import Source
 from gr_cast.pipeline.stages import Storage
+from gr_cast.pipeline.verdict import SAME
 
 
 def check(args) -> int:
@@ -54,14 +56,30 @@ def _bench(args) -> Bench:
 
 def run(args) -> int:
     """Judge commits, one after the other; status 1 where one is anything but the same on both."""
-    bench, well = _bench(args), True
-    for name in args.commits:
-        found = bench.commit(name).judged()
-        print(f"{found['commit'][:10]} {found['subject']}")
-        for one in found["verdicts"]:
-            print(f"    {one['kind']}: {one['sentence']}")
-        well = well and found["kinds"] == ["same on both"]
-    return 0 if well else 1
+    bench = _bench(args)
+    return 0 if all([_judge(bench, name) for name in args.commits]) else 1
+
+
+def _judge(bench: Bench, name: str) -> bool:
+    """Print the verdict of a commit; whether all is well."""
+    found = bench.commit(name).judged()
+    print(f"{found['commit'][:10]} {found['subject']}")
+    for one in found["verdicts"]:
+        print(f"    {one['kind']}: {one['sentence']}")
+    return found["kinds"] == [SAME]
+
+
+def bisect(args) -> int:
+    """The first commit that is worse than GOOD, of those up to BAD, and why."""
+    bench = _bench(args)
+    found = find(bench, args.good, args.bad)
+    print("\n".join(found.symptoms))
+    if len(found.suspects) > 1:
+        print(f"one of {len(found.suspects)}, for those between cannot be tried or decided: {' '.join(found.suspects)}")
+    else:
+        print(f"first bad commit, of {len(found.tried)} tried: {found.suspects[0]}")
+        _judge(bench, found.suspects[0])
+    return 0
 
 
 def main(argv=None) -> int:
@@ -75,6 +93,11 @@ def main(argv=None) -> int:
     command.add_argument("commits", nargs="+", metavar="COMMIT", help="any name that Git knows")
     _add_bench(command)
     command.set_defaults(call=run)
+    command = verbs.add_parser("bisect", help=bisect.__doc__, description=bisect.__doc__)
+    command.add_argument("good", metavar="GOOD")
+    command.add_argument("bad", metavar="BAD")
+    _add_bench(command)
+    command.set_defaults(call=bisect)
     args = _program.parse(parser, argv)
     return args.call(args)
 

@@ -5,21 +5,27 @@
 # Usage: bash apps/install_raytracer.sh [FOLDER]; elsewhere than the default, set CAST_RAYTRACER=FOLDER/bin/python.
 #        bash apps/install_raytracer.sh --second [FOLDER]: a second tracer, which tests compare the first with; elsewhere, set
 #        CAST_DIFFERT=FOLDER/bin/python.
+#        bash apps/install_raytracer.sh --server [FOLDER]: Buildbot, for cast_pipeline.py serve; elsewhere, set
+#        CAST_SERVER=FOLDER/bin/python.
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
 unset PYTHONHOME PYTHONPATH PIP_PREFIX PIP_TARGET PIP_USER # each would put packages elsewhere
 
 name=raytracer modules="distributed, sionna.rt, xarray, zarr"
 sees=(--system-site-packages) # its NumPy is GNU Radio's kind, so that emulator and Dask meet in one Python
+debian=(libllvm19 python3-venv) # the tracer's compiler on the CPU, older ones fail
+needs_mb=2000                # about half in the end, the rest while unpacking
 if [ "${1:-}" = --second ]; then
     name=differt modules=differt.geometry sees=()
+    shift
+elif [ "${1:-}" = --server ]; then
+    name=server modules="buildbot, buildbot_worker, buildbot_www" sees=() debian=(git python3-venv) needs_mb=400
     shift
 fi
 lock=$(dirname "${BASH_SOURCE[0]}")/requirements/$name.lock
 folder=${1:-${XDG_DATA_HOME:-${HOME:?is not set: name a FOLDER}/.local/share}/gr_cast/$name}
 folder=${folder%/}
 mark=$folder/made-by-gr_cast # in folders that this script made, the only ones that it removes
-needs_mb=2000                # about half in the end, the rest while unpacking
 
 fail() { echo "error: $*" >&2; exit 2; }
 
@@ -47,7 +53,7 @@ mkdir -p "$folder" 2>/dev/null && : 2>/dev/null >"$mark" || fail "$folder: canno
 trap remove EXIT # what is there works, or is not there
 free_mb=$(($(df -Pk "$folder" | awk 'NR == 2 {print $4}') / 1024))
 [ "$free_mb" -ge "$needs_mb" ] || fail "$folder: $free_mb MB free on this disk, needs $needs_mb MB"
-install_missing libllvm19 python3-venv # the tracer's compiler on the CPU, older ones fail
+install_missing "${debian[@]}"
 say "installing $name from PyPI in $folder, $(grep -c == "$lock") releases"
 /usr/bin/python3 -m venv "${sees[@]}" "$folder"
 "$folder/bin/python" -m pip install -q --retries 2 --only-binary :all: --require-hashes -r "$lock" ||

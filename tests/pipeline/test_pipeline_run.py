@@ -10,14 +10,14 @@ import sys
 from pathlib import Path
 
 import pytest
+
+sys.path.append(str(Path(__file__).resolve().parent))
+from faults import GAIN, SCRAMBLER, harmless
 from gr_cast.core.errors import CastError
 from gr_cast.pipeline import clean, trial
+from gr_cast.pipeline.bisect import bisect
 
 PROGRAM = Path(__file__).resolve().parents[2] / "apps" / "cast_pipeline.py"
-BROKEN_SCRAMBLER = (
-    r"data \^= scrambling\(scrambler, len\(data\)\)",
-    "data ^= np.concatenate([scrambling(scrambler, 1024), scrambling(scrambler ^ 1, len(data))])[: len(data)]",
-)
 
 
 def test_one_tree_has_one_image_whoever_builds_it_and_wherever(stack, tmp_path):
@@ -62,7 +62,7 @@ def test_a_scrambler_that_only_long_frames_notice_is_worse_at_both_sites_since_i
     stack.testbed()
     bench = stack.bench(tmp_path / "store")
     assert bench.commit("HEAD").judged()["kinds"] == ["same on both"]
-    bad = stack.commit("Scramble on", src_modem=BROKEN_SCRAMBLER)
+    bad = stack.commit("Scramble on", **SCRAMBLER)
     after = stack.commit("A word", src_send=(r"Node that sends", "The node that sends"))
     bench.source.update()
     found = bench.commit(bad).judged()
@@ -71,11 +71,19 @@ def test_a_scrambler_that_only_long_frames_notice_is_worse_at_both_sites_since_i
     assert {one["since"] for one in bench.commit(after).judged()["verdicts"]} == {bad}
 
 
+def test_bisection_finds_the_first_bad_commit_in_as_few_runs_as_halving_needs(stack, tmp_path):
+    stack.testbed()
+    commits = [stack.commit(f"Commit {k}", **(SCRAMBLER if k == 5 else harmless(k))) for k in range(1, 7)]
+    found = bisect(stack.bench(tmp_path / "store"), "HEAD~6", "HEAD")
+    assert found.suspects == (commits[4],) and len(found.tried) <= 1 + 3
+    assert any("loss of node 2 in long frames: +1" in line for line in found.symptoms)
+
+
 def test_a_gain_that_only_clips_on_the_testbed_is_named_and_laid_to_its_commit(stack, tmp_path):
     stack.testbed("rails")
     bench = stack.bench(tmp_path / "store")
     assert bench.commit("HEAD").judged()["kinds"] == ["same on both"]
-    louder = stack.commit("Louder", src_air=(r"GAIN = 0.25", "GAIN = 0.7"))
+    louder = stack.commit("Louder", **GAIN)
     bench.source.update()
     found = next(one for one in bench.commit(louder).judged()["verdicts"] if one["kind"] == "twin and testbed differ")
     assert found["cause"]["families"][0] == "adc_clipping" and found["since"] == louder

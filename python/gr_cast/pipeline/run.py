@@ -77,12 +77,11 @@ class Commit:
         self.bench.progress(f"{self.short}: build")
         return image.built(self.bench.storage, self.bench.source, self.hash, self.pipeline, self.bench.room)
 
-    def trials(self, only: frozenset[str] = frozenset()) -> judge.Trials:
-        """Repeats of all experiments at all sites, or at those named."""
+    def trials(self) -> judge.Trials:
+        """Repeats of all experiments at all sites."""
         return {
             one.name: {experiment.name: self._repeats(one, experiment) for experiment in self.pipeline.experiments}
             for one in self.sites
-            if not only or one.name in only
         }
 
     def _repeats(self, where: site.Site, experiment: Experiment) -> list[Trial]:
