@@ -23,6 +23,7 @@ sys.path[:0] = [str(place) for place in _PLACES if (place / "gr_cast").is_dir()]
 from gr_cast import __version__
 from gr_cast.core import interrupts
 from gr_cast.core.errors import CastError
+from gr_cast.core.frequencies import LEAST_CARRIER_HZ, LEAST_RATE_HZ, hertz
 
 _main = getattr(sys.modules["__main__"], "__file__", None)  # not of a program where this is only imported
 if multiprocessing.parent_process() is not None or _main and Path(_main).resolve().parent == _HERE:
@@ -42,7 +43,23 @@ def parse(parser: argparse.ArgumentParser, argv=None, namespace=None) -> argpars
             argcomplete.autocomplete(parser)
     for one in _parsers(parser):
         one._negative_number_matcher = _NEGATIVE  # argparse's own takes -2e6 for an option
+        for action in one._actions:
+            action.help = _with_default(action)
     return parser.parse_args(argv, namespace)
+
+
+def _with_default(action: argparse.Action) -> str | None:
+    """An option's help with its default, where it has one and does not tell it."""
+    told, default = action.help or "", action.default
+    if (
+        default in (None, "", argparse.SUPPRESS)
+        or default is False
+        or default == []
+        or "default" in told
+        or not action.option_strings
+    ):
+        return action.help
+    return f"{told} (default {default:g})".strip() if isinstance(default, float) else f"{told} (default {default})".strip()
 
 
 def _parsers(parser: argparse.ArgumentParser):
@@ -58,31 +75,23 @@ _MISSING = {  # modules whose absence is a first mistake, and what to type next
     "gr_cast.blocks.cast_python": NOT_BUILT,
     "gnuradio": f"no GNU Radio in {sys.executable}: apt-get install gnuradio, and run this with /usr/bin/python3",
 }
-_UNITS = {"": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
-_FREQUENCY = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)([kMG]?)(Hz|S/s)?")
 
 
 def _frequency(text: str, least_hz: float, what: str) -> float:
-    match = _FREQUENCY.fullmatch(text)
     try:
-        value = float(match[1]) * _UNITS[match[2]]
-    except (TypeError, ValueError):
-        raise argparse.ArgumentTypeError(f"got {text!r}, needs a number of Hz, such as 20e6, 20M or 30.72M") from None
-    if 0 < value < least_hz and not match[3]:
-        raise argparse.ArgumentTypeError(
-            f"got {text}, {value:g} Hz: is {match[1]}M meant? {what} below {least_hz:g} Hz needs its unit: {text}Hz"
-        )
-    return value
+        return hertz(text, least_hz, what)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def rate(text: str) -> float:
     """A sample rate, argparse's type: `20e6`, `20M`, `30.72MS/s`; some hundred samples a second are questioned."""
-    return _frequency(text, 1e3, "a rate")
+    return _frequency(text, LEAST_RATE_HZ, "a rate")
 
 
 def carrier(text: str) -> float:
     """A carrier, argparse's type: `2.4e9`, `2.4G`, `2400M`; kilohertz are questioned."""
-    return _frequency(text, 1e6, "a carrier")
+    return _frequency(text, LEAST_CARRIER_HZ, "a carrier")
 
 
 _begun: dict = {}  # of what progress is shown: (seconds, how much was done) when it was first

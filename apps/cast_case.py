@@ -26,6 +26,9 @@ def make_case(args) -> None:
         raise CastError(f"--link: got {args.link!r}, needs TX>RX, such as --link 'a>b'")
     waveform = entry_from_text(args.code) if args.code else None
     recordings = [make.heard(path, link=link, waveform=waveform) for path in args.recordings]
+    for one in recordings:
+        for line in one.doubts:
+            print(f"warning: {one.stem.name}: {line}", file=sys.stderr)
     keys = dict.fromkeys(key for one in recordings for key in one.links)
     if args.sounding:
         taps, floor_db = read_taps(args.sounding)
@@ -44,6 +47,9 @@ def _believed(args, recordings, keys) -> dict:
     name = args.scenario or next((one.scenario for one in recordings if one.scenario), None)
     if name is None:
         raise CastError("what does the twin believe? add --scenario ID or FILE, or --sounding FOLDER")
+    for one in recordings:
+        if one.scenario not in (None, name):
+            print(f"{one.stem.name}: was made by scenario {one.scenario}, the twin believes {name}", file=sys.stderr)
     scenario, taps = sc.load(name), {}
     for key in keys:
         one = next(one for one in recordings if key in one.links)

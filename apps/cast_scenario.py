@@ -265,7 +265,9 @@ def main(argv=None) -> int:
     command = commands.add_parser("show", help="links, taps, and power over time")
     command.add_argument("scenario", help="catalogue id or file (.yaml, .mat, .zarr)")
     command.add_argument("--all", action="store_true", help="every link of the table")
-    command.add_argument("--band", type=float, metavar="HZ", help="band of path gains (default: the scenario's own, else 80e6)")
+    command.add_argument(
+        "--band", type=_program.rate, metavar="HZ", help="band of path gains (default: the scenario's own, else 80e6)"
+    )
     command.add_argument("--plot", metavar="PNG", help="also a picture of them")
     command.add_argument("--plan", metavar="HTML", help="also the place from above, to be clicked on in a browser")
     command.set_defaults(call=show)
@@ -288,7 +290,7 @@ def main(argv=None) -> int:
     command.add_argument("files", nargs="+", metavar="P2M", help="one file per transmitter")
     command.add_argument("--output", required=True, help="scenario file (.yaml, .mat, .zarr)")
     command.add_argument("--tx-power-dbm", type=float, default=0.0, help="power that the files were made with (default 0)")
-    command.add_argument("--band", type=float, default=80e6, metavar="HZ", help="band to fit (default 80e6)")
+    command.add_argument("--band", type=_program.rate, default=80e6, metavar="HZ", help="band to fit (default 80e6)")
     command.set_defaults(call=import_paths)
     command = commands.add_parser("create", help="from a place to an installed scenario, in eight steps that resume")
     command.add_argument("spec", help="SPEC.yaml, or the name of an example: arena, street")
@@ -301,7 +303,7 @@ def main(argv=None) -> int:
     command.add_argument("--links", type=int, default=12, help="how many links, spread over all (default 12)")
     command.add_argument("--link", action="append", metavar="TX>RX", help="this link (may be given more than once)")
     command.add_argument(
-        "--band", type=float, metavar="HZ", help="band of losses and errors (default: the scenario's own, else 80e6)"
+        "--band", type=_program.rate, metavar="HZ", help="band of losses and errors (default: the scenario's own, else 80e6)"
     )
     command.add_argument("--plot", metavar="PNG", help="the heat map (default: SCENARIO-path-loss.png in this folder)")
     command.set_defaults(call=check)

@@ -32,7 +32,6 @@ _RANGES = {
 
 
 def _arguments() -> argparse.ArgumentParser:
-    formatter = argparse.ArgumentDefaultsHelpFormatter
     output = argparse.ArgumentParser(add_help=False)
     output.add_argument("--output", default="sounding", metavar="DIR", help="folder for the result")
 
@@ -88,11 +87,11 @@ def _arguments() -> argparse.ArgumentParser:
     radio.add_argument("--duration", type=float, metavar="S", help="default: until Ctrl-C")
     radio.add_argument("--node", default="", help="name of this node, kept in the recording")
 
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=formatter)
+    parser = argparse.ArgumentParser(description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     def command(name, help, *parents):
-        return commands.add_parser(name, help=help, description=help, parents=list(parents), formatter_class=formatter)
+        return commands.add_parser(name, help=help, description=help, parents=list(parents))
 
     run = command("run", "sound a scenario over the embedded emulator: no radio (the default command)", code, estimate, output)
     run.add_argument("--scenario", default="four_tap", help="catalogue id or file")

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from gr_cast.core import documents
+from gr_cast.core import documents, frequencies
 from gr_cast.core.documents import Reader
 from gr_cast.experiments.traffic import flows
 from gr_cast.pipeline import document, site
@@ -47,7 +47,7 @@ FORMATS = {
     "pipeline": ("A stack's pipeline, cast_pipeline: 1", document.read, [STACK / "pipeline.yaml", FILES / "pipeline.yaml"]),
     "site": ("A site's inventory, cast_site: 1", site.read, [*FILES.glob("site*.yaml"), *STACK.glob("sites/*.yaml")]),
 }
-ASKED = ("keys", "number", "whole", "truth", "text", "name", "path_inside", "choice", "sequence", "mapping")
+ASKED = ("keys", "number", "hertz", "whole", "truth", "text", "name", "path_inside", "choice", "sequence", "mapping")
 TEXT = {"type": ["string", "integer"]}  # a whole number stands for its digits
 
 
@@ -154,6 +154,9 @@ def schema(node: Node) -> dict:
                 found.append(numbers)
             if "sequence" not in node.asked and any(isinstance(value, list) for value in node.values):
                 found.append({"type": "array", "items": numbers})
+        elif kind == "hertz":
+            found.append({"type": "number", "minimum": asked[0][0][0], "description": "in Hz"})
+            found.append({"type": "string", "pattern": f"^{frequencies.FREQUENCY.pattern}$"})
         elif kind == "whole":
             found.append({"type": "integer"} | limits(asked))
         elif kind == "version":

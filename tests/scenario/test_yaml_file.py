@@ -160,6 +160,29 @@ VALUES = st.recursive(
 )  # fmt: skip
 
 
+def test_faults_of_every_tap_come_at_once_each_at_its_place(tmp_path):
+    taps = "{delay_s: -1, gain_db: 3}, {delay_s: 0, gain_db: 3000}, {delay_s: x, gain_db: 0}"
+    (tmp_path / "s.yaml").write_text(f"cast_scenario: 1\nnodes: 2\nlinks: [{{tx: 1, rx: 2, taps: [{taps}]}}, 3]\n")
+    with pytest.raises(CastError) as refused:
+        yaml_file.read(tmp_path / "s.yaml")
+    places = [fault.split(": ")[1] for fault in refused.value.faults]
+    assert {"links[0].taps[0]", "links[0].taps[1].gain_db", "links[0].taps[2].delay_s", "links[1]"} <= set(places)
+
+
+def test_megahertz_without_their_unit_are_questioned_as_on_the_command_line(tmp_path):
+    text = (
+        "cast_scenario: 1\nnodes: 2\ncenter_frequency_hz: %s\nbandwidth_hz: 20M\nall_links: {taps: [{delay_s: 0, gain_db: 0}]}\n"
+    )
+    (tmp_path / "s.yaml").write_text(text % 2400)
+    with pytest.raises(CastError, match="center_frequency_hz: got 2400, 2400 Hz: is 2400M meant?"):
+        yaml_file.read(tmp_path / "s.yaml")
+    (tmp_path / "s.yaml").write_text(text % "2400Hz")
+    scenario = yaml_file.read(tmp_path / "s.yaml")
+    assert (scenario.center_frequency_hz, scenario.bandwidth_hz) == (2400.0, 20e6)
+    yaml_file.write(tmp_path / "again.yaml", scenario)
+    assert yaml_file.read(tmp_path / "again.yaml") == scenario
+
+
 @settings(max_examples=1500, deadline=None)
 @given(st.dictionaries(st.sampled_from(sorted(yaml_file.KEYS)), VALUES, max_size=8))
 def test_any_mapping_is_read_or_refused_but_never_crashes(monkeypatch_module, document):

@@ -165,3 +165,14 @@ def test_any_bytes_are_read_or_refused(tmp_path, meta, data, raw_format, rate):
             assert len(read().samples) > 0
         except CastError:
             pass
+
+
+def test_a_cut_file_is_told_with_its_size_also_where_a_checksum_is_known(tmp_path):
+    recording.write(tmp_path / "a", np.ones(100), sample_rate_hz=1e6)
+    data = recording.data_path(tmp_path / "a")
+    data.write_bytes(data.read_bytes()[:401])
+    with pytest.raises(CastError, match="truncated: 401 bytes is not a whole number of cf32_le samples"):
+        recording.read(tmp_path / "a")
+    data.write_bytes(data.read_bytes()[:400])
+    with pytest.raises(CastError, match=r"truncated or changed: holds 50 samples \(400 bytes\)"):
+        recording.read(tmp_path / "a")

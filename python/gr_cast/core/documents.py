@@ -19,6 +19,7 @@ import yaml
 
 from .errors import CastError, Faults
 from .files import NAME_RULE, is_inside, is_name
+from .frequencies import hertz
 
 MAX_BYTES = 64 << 20  # of a file, and of its text with aliases written out
 MAX_VALUES = 2_000_000  # of a document, aliases written out: some 500 MB once they are Python's
@@ -117,6 +118,17 @@ class Reader:
             (low > -math.inf, high < math.inf), f" in {low:g} to {high:g}"
         )
         self.faults.add(place, f"got {short(value)}, needs a finite number{f' of {unit}' if unit else ''}{limit}")
+        return math.nan
+
+    def hertz(self, value, place: str, least_hz: float, what: str, high_hz: float = math.inf) -> float:
+        """A frequency above 0 as on the command line (`frequencies`): a number, or text such as 20M or 2400Hz; else NaN."""
+        try:
+            number_hz = hertz(value if is_number(value) or isinstance(value, str) else short(value), least_hz, what)
+            if 0 < number_hz <= high_hz:
+                return number_hz
+            self.faults.add(place, f"got {short(value)}, needs a frequency above 0, at most {high_hz:g} Hz")
+        except (ValueError, OverflowError) as error:
+            self.faults.add(place, str(error))
         return math.nan
 
     def whole(self, value, place: str, unit: str, low: int, high: int) -> int:

@@ -16,7 +16,7 @@ from ..core.units import amplitude_from_db, db_from_amplitude, db_from_power
 GRID_STEP_S = 10e-9
 GRID_TAPS = 512
 MAX_DELAY_S = (GRID_TAPS - 1) * GRID_STEP_S
-MOST_GAIN = 1e6  # of a tap, 120 dB: no channel, and far from what single precision holds
+MOST_GAIN_DB = 120.0  # of a tap: no channel, and far from what single precision holds
 MAX_NODES = 256  # antennas of the emulator's mesh
 INTERPOLATIONS = ("hold", "linear")
 
@@ -38,8 +38,8 @@ class LinkTaps:
             raise CastError(f"taps: got shapes {delay_s.shape} and {gain.shape}, delay_s and gain need one shape (T, P)")
         if not (np.isfinite(delay_s).all() and np.isfinite(gain).all()):
             raise CastError("taps: delay_s and gain must be finite")
-        if np.abs(gain).max() > MOST_GAIN:
-            raise CastError(f"taps: gain: got {db_from_amplitude(np.abs(gain).max()):.0f} dB, limit 120 dB")
+        if (most_db := db_from_amplitude(np.abs(gain).max())) > MOST_GAIN_DB + 1e-9:
+            raise CastError(f"taps: gain: got {most_db:.0f} dB, limit {MOST_GAIN_DB:g} dB")
         for name, value in (("delay_s", delay_s), ("gain", gain)):
             value.flags.writeable = False
             object.__setattr__(self, name, value)
@@ -113,8 +113,8 @@ class Scenario:
                 faults.add(f"link {link_name(key)}", "names a node that is not in nodes")
             if taps.gain.shape[0] not in (1, steps.size):
                 faults.add(f"link {link_name(key)}", f"got {taps.gain.shape[0]} instants, time_s has {steps.size}")
-            for line in _taps_off_grid(taps):
-                faults.add(f"link {link_name(key)}", line)
+            for tap, line in taps_off_grid(taps):
+                faults.add(f"link {link_name(key)}: tap {tap + 1}", line)
         for node, place in self.position_m.items():
             place = np.asarray(place)
             if node not in known or place.shape not in ((1, 3), (steps.size, 3)) or not np.isfinite(place).all():
@@ -130,16 +130,17 @@ def link_name(key: tuple[str, str]) -> str:
     return f"{key[0]}>{key[1]}"
 
 
-def _taps_off_grid(taps: LinkTaps):
-    """A line for every tap that no 512-tap filter on the 10 ns grid can play."""
+def taps_off_grid(taps: LinkTaps):
+    """(tap, what is wrong) of every tap that no 512-tap filter on the 10 ns grid can play."""
     used = taps.gain != 0
     # Half a picosecond of room for decimal delays that binary numbers cannot hold.
     off = used & ((taps.delay_s < -5e-13) | (taps.delay_s > MAX_DELAY_S + 5e-13))
     for tap in np.flatnonzero(off.any(axis=0)):
         delay_s = taps.delay_s[np.argmax(off[:, tap]), tap]
         yield (
-            f"tap {tap + 1}: delay_s: got {delay_s:.4g} s (tap index {round(delay_s / GRID_STEP_S)} on the 10 ns grid), "
-            f"limit 0 to {MAX_DELAY_S * 1e6:.2f} us (index {GRID_TAPS - 1})"
+            int(tap),
+            f"delay_s: got {delay_s:.4g} s (tap index {round(delay_s / GRID_STEP_S)} on the 10 ns grid), "
+            f"limit 0 to {MAX_DELAY_S * 1e6:.2f} us (index {GRID_TAPS - 1})",
         )
 
 

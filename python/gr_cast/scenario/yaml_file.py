@@ -9,8 +9,9 @@ import numpy as np
 from ..core.documents import MAX_VALUES, Reader, short, yaml_file, yaml_text
 from ..core.errors import CastError
 from ..core.files import write_text
+from ..core.frequencies import LEAST_CARRIER_HZ, LEAST_RATE_HZ, written
 from ..core.units import amplitude_from_db, db_from_amplitude
-from .model import INTERPOLATIONS, MAX_NODES, LinkTaps, Scenario, reciprocal
+from .model import INTERPOLATIONS, MAX_NODES, MOST_GAIN_DB, LinkTaps, Scenario, reciprocal, taps_off_grid
 
 VERSION = 1
 KEYS = {
@@ -19,6 +20,7 @@ KEYS = {
 }  # fmt: skip
 LINK_KEYS = {"tx", "rx", "base_loss_db", "taps"}
 TAP_KEYS = {"delay_s", "gain_db", "phase_rad", "doppler_hz"}
+FREQUENCIES = {"center_frequency_hz": (LEAST_CARRIER_HZ, "a carrier"), "bandwidth_hz": (LEAST_RATE_HZ, "a band")}
 MAX_INSTANTS = 1_000_000
 MAX_TAPS = 25_000_000  # of all links at all instants together: 0.6 GB
 UPDATE_S = 1e-3  # the hardware's own
@@ -67,8 +69,9 @@ def _scenario(get: Reader, stem: str):
             losses[key] = get.number(entry["base_loss_db"], f"{place}.base_loss_db", "dB")
     if both_ways:
         named, losses = reciprocal(named), {(rx, tx): loss for (tx, rx), loss in losses.items()} | losses
-    given = [place for place in ("center_frequency_hz", "bandwidth_hz") if document.get(place) is not None]
-    about = {place: get.number(document[place], place, "Hz", 1.0, 1e12) for place in given} | dict(
+    about = {
+        place: get.hertz(document[place], place, *FREQUENCIES[place], 1e12) for place in FREQUENCIES if place in document
+    } | dict(
         name=get.text(document.get("name", stem), "name"),
         description=get.text(document.get("description", " - "), "description").strip(" -\n"),
         base_loss_db=get.number(document.get("base_loss_db", 0.0), "base_loss_db", "dB"),
@@ -157,7 +160,11 @@ def _taps(entry: dict, place: str, time_s: np.ndarray, get: Reader, keys: set[st
             key: _series(tap.get(key, 0.0), f"{where}.{key}", unit, time_s, get)
             for key, unit in (("delay_s", "s"), ("gain_db", "dB"), ("phase_rad", "rad"), ("doppler_hz", "Hz"))
         }
-        columns.append(_tap(series, where, time_s, get))
+        column = _tap(series, where, time_s, get)
+        columns.append(column)
+        if all(np.isfinite(value).all() for value in column):  # told where they stand, beside all else that is wrong
+            for _, line in taps_off_grid(LinkTaps(delay_s=column[0][:, None], gain=column[1][:, None])):
+                get.faults.add(where, line)
     instants = max((column[0].size for column in columns), default=1)
     if not columns or any(not np.isfinite(value).all() for column in columns for value in column):
         return None
@@ -179,7 +186,7 @@ def _gain_or_number(value, place: str, unit: str, get: Reader) -> float:
     # YAML's own -.inf: a tap that is absent at that instant.
     if unit == "dB" and value == -math.inf:
         return -math.inf
-    return get.number(value, place, unit, -1e4, 1e4) if unit == "dB" else get.number(value, place, unit)
+    return get.number(value, place, unit, -1e4, MOST_GAIN_DB) if unit == "dB" else get.number(value, place, unit)
 
 
 def _tap(series: dict, place: str, time_s: np.ndarray, get: Reader) -> tuple[np.ndarray, np.ndarray]:
@@ -214,9 +221,9 @@ def to_text(scenario: Scenario) -> str:
     head: dict = {"cast_scenario": VERSION, "name": scenario.name}
     if scenario.description:
         head["description"] = scenario.description
-    for place in ("center_frequency_hz", "bandwidth_hz"):
-        if getattr(scenario, place) is not None:
-            head[place] = getattr(scenario, place)
+    for place, (least_hz, _) in FREQUENCIES.items():
+        if (value_hz := getattr(scenario, place)) is not None:
+            head[place] = written(value_hz, least_hz)
     if scenario.time_s.size > 1:
         head["time_s"] = scenario.time_s.tolist()
     head |= {"interpolation": scenario.interpolation, "reciprocal": False, "base_loss_db": scenario.base_loss_db}

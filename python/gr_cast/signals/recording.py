@@ -24,6 +24,7 @@ DATATYPES = {
     "cu8": ("u1", 127.5, 128.0),
 }
 RAW_FORMATS = {"cf32": "cf32_le", "ci16": "ci16_le", "ci8": "ci8", "cu8": "cu8"}
+_DOUBTED = 1e-3  # share of samples that are no numbers, beyond which they may be of another datatype
 MAX_RATE_HZ = 1e15  # of samples: beyond any, and still a number with all that is worked out of it
 EXTENSION = {"name": "cast", "version": __version__, "optional": True}  # the cast: fields explain, a reader may skip them
 
@@ -179,7 +180,8 @@ def _read_samples(path: Path, datatype: str, start: int, count: int | None, allo
                 first = at + int(np.argmax(wrong))
             bad, at = bad + int(wrong.sum()), at + len(piece)
         if bad:
-            raise CastError(f"{path}: {bad} samples are NaN or infinite, the first at index {first}")
+            doubt = ": is core:datatype right?" if bad > _DOUBTED * (stop - start) else ""
+            raise CastError(f"{path}: {bad} of {stop - start} samples are NaN or infinite, the first at index {first}{doubt}")
     return samples
 
 
@@ -197,12 +199,12 @@ def _check_whole(path: Path, fields: dict) -> None:
     expected = fields.get("core:sha512")
     if expected is None:
         return
-    try:
-        found = sha512_of(path)
-    except FileNotFoundError:
-        raise CastError(f"{path}: no such file") from None
-    if found != str(expected).lower():
-        raise CastError(f"{path}: truncated or changed: its SHA-512 differs from core:sha512 of the metadata")
+    count = _count_samples(path, fields["core:datatype"])
+    if sha512_of(path) != str(expected).lower():
+        raise CastError(
+            f"{path}: truncated or changed: holds {count} samples ({path.stat().st_size} bytes), and its SHA-512 is not the "
+            "core:sha512 of the metadata"
+        )
 
 
 def read(

@@ -8,6 +8,7 @@ from scipy.stats import gamma
 
 from ..core.errors import CastError
 from ..core.units import db_from_power
+from ..signals.doubts import doubts
 from ..signals.recording import Recording
 from ..signals.waveform import Waveform
 from .carrier import NO_OFFSET, CarrierOffset, find_beyond, find_offset, find_offset_once
@@ -465,7 +466,7 @@ def _carrier_warnings(offset: CarrierOffset, recording: Recording, options: Soun
 
 
 def _recording_warnings(recording: Recording) -> list[str]:
-    warnings = []
+    warnings = doubts(recording)
     clipped = clipped_fraction(recording.samples, recording.datatype)
     if clipped:
         warnings.append(f"clipping: {100 * clipped:.2g} % of the samples sit at the largest value; lower the receive gain")

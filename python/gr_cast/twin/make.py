@@ -13,8 +13,11 @@ from ..core.files import written_aside
 from ..core.units import amplitude_from_db, db_from_amplitude, db_from_power
 from ..scenario import Scenario, base_loss_db, link_name, taps_at
 from ..signals import on_air, recording
+from ..signals.doubts import doubts
+from ..signals.waveform import waveform_from_entry
 from .document import TWIN_FILE, VERSION, read_case
 
+LEAST_SAMPLES = 256  # of a recording: fewer tell nothing apart
 LONGEST_LOOK = 10_000  # instants of a scenario that one recording is compared with
 
 
@@ -31,6 +34,7 @@ class Heard:
     duration_s: float
     at_s: float
     scenario: str | None
+    doubts: tuple[str, ...]
 
     @property
     def links(self) -> list[tuple[str, str]]:
@@ -54,6 +58,11 @@ def heard(path: str | Path, *, link: tuple[str, str] | None = None, waveform: di
         get.faults.add("core:sample_rate", "missing, needs the rate in Hz")
     amplitude = get.number(about.get("cast:tx_amplitude", 1.0), "cast:tx_amplitude")
     at_s = get.number(about.get("cast:scenario_at_s", 0.0), "cast:scenario_at_s", "s")
+    for tx, entry in sent.items():
+        period = len(waveform_from_entry(entry).samples) if "code" in (entry or {}) else LEAST_SAMPLES
+        if len(taken.samples) < max(period, LEAST_SAMPLES):
+            least = f"{period} of one period of its code" if period > LEAST_SAMPLES else f"{LEAST_SAMPLES}"
+            get.faults.add("", f"holds {len(taken.samples)} samples of what {tx} sends, needs {least} at least")
     get.faults.raise_if_any()
     return Heard(
         stem=stem,
@@ -65,6 +74,7 @@ def heard(path: str | Path, *, link: tuple[str, str] | None = None, waveform: di
         duration_s=len(taken.samples) / taken.sample_rate_hz,
         at_s=at_s,
         scenario=about.get("cast:scenario"),
+        doubts=tuple(doubts(taken)),
     )
 
 

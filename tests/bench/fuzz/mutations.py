@@ -80,9 +80,10 @@ def _mutate_tree(tree, rng: random.Random):
         box[key] = odd(rng)
     elif kind == "copy":
         other, place = rng.choice(places)
-        box[key] = copy.deepcopy(other[place])
+        with suppress(RecursionError):  # of what was made deep before: it stays where it is
+            box[key] = copy.deepcopy(other[place])
     elif kind == "double" and isinstance(box, dict):
-        box[f"{key}{TWICE}"] = copy.deepcopy(box[key]) if rng.random() < 0.5 else odd(rng)
+        box[f"{key}{TWICE}"] = copy.copy(box[key]) if rng.random() < 0.5 else odd(rng)
     elif kind == "wrap":
         box[key] = rng.choice(([box[key]], {"value": box[key]}, {str(key): box[key]}))
     elif kind == "grow":
