@@ -1,14 +1,33 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: GPL-3.0-or-later
 # PYTHON_ARGCOMPLETE_OK
-"""Colosseum in a box: batch jobs and images checked before anyone spends a reservation on them."""
+"""Colosseum in a box: batch jobs and images checked, and played in containers, before anyone spends a reservation on them."""
 
 import argparse
+import re
+import subprocess
+import sys
+import threading
+import time
 from pathlib import Path
 
 import _program
-from gr_cast.colosseum import check, image, job, storage
+from gr_cast.colosseum import box, check, host, image, job, play, session, storage, timeline
+from gr_cast.colosseum.emulator import Channel
+from gr_cast.core import interrupts
 from gr_cast.core.errors import CastError
+from gr_cast.core.files import check_writable, write_json, write_text
+from gr_cast.sounding.result import output_folder
+
+PROGRAM = Path(__file__).resolve().parent / "cast_emulator.py"
+_RANGES = {
+    "srns": (1, job.MAX_SRNS, "SRNs"),
+    "time_scale": (1, 1e4, ""),
+    "base_loss": (0, 200, "dB"),
+    "noise_power_db": (-400, 400, "dB"),
+    "rate": (1e4, 1e9, "samples/s"),
+    "seed": (0, 2**64 - 1, ""),
+}
 
 
 def _storage(args, path: Path) -> storage.Storage:
@@ -41,6 +60,123 @@ def _image_faults(path: Path) -> list[str]:
         return check.faults_of(path)
     except CastError as error:
         return list(error.faults)
+
+
+def _channel(args) -> Channel:
+    return Channel(rate_hz=args.rate, base_loss_db=args.base_loss, noise_power_db=args.noise_power_db, seed=args.seed)
+
+
+def _check_name(name: str | None) -> None:
+    if name is not None and (not re.fullmatch(r"[A-Za-z0-9-]{1,24}", name) or name == "images"):
+        raise CastError(f"--name: got {name!r}, needs letters, digits and dashes, at most 24")
+
+
+def up(args) -> int:
+    """Start standard radio nodes as containers on the channel emulator, with the interactive command line in each."""
+    _check_name(args.name)
+    host.check_host()
+    here = storage.storage_of(Path("x"), args.team or Path.cwd())
+    images = here.images()
+    if args.image not in images:
+        raise CastError(f"--image: got {args.image!r}, needs an image of the team or a common one: {', '.join(images) or 'none'}")
+    numbers = storage.rf_scenarios()
+    if args.scenario is not None and args.scenario not in numbers:
+        raise CastError(f"--scenario: got {args.scenario}, needs one of {', '.join(map(str, sorted(numbers)))}")
+    if not args.foreground:
+        return _up_behind(args)
+    srns = [box.Srn(number=number, image=images[args.image]) for number in range(1, args.srns + 1)]
+    ended = threading.Event()
+    with interrupts.heeded(ended.set), box.Box(args.name, here, srns, _channel(args), PROGRAM, interactive=True) as made:
+        kept = session.Session(made, args.time_scale, say=lambda line: print(line, flush=True))
+        if args.scenario is not None:
+            kept.begin(args.scenario)
+        kept.run(ended)
+    return 0
+
+
+def _up_behind(args) -> int:
+    """The same in a process of its own, until all of it stands."""
+    name = args.name or box.free_name()
+    words = [sys.executable, __file__, "up", *sys.argv[2:], "--foreground", *([] if args.name else ["--name", name])]
+    log = host.boxes_folder() / f".{name}.log"
+    log.parent.mkdir(parents=True, exist_ok=True)
+    with open(log, "wb") as out:
+        process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=out, stderr=out, start_new_session=True)
+    try:
+        while not box.state_of(host.boxes_folder() / name).get("ready"):
+            if process.poll() is not None:
+                lines = log.read_text(errors="replace").strip().splitlines()
+                raise CastError(*(line.removeprefix("error: ") for line in lines[-20:]))
+            time.sleep(0.1)
+    finally:
+        log.unlink(missing_ok=True)
+    state = box.state_of(host.boxes_folder() / name)
+    print(f"{name}: {', '.join(state['srns'])}")
+    print(f"a shell in one: cast_colosseum.py enter {name} {state['srns'][0]}; end: cast_colosseum.py down {name}")
+    return 0
+
+
+def enter(args) -> int:
+    """Run a command, or a shell, in a container of a box."""
+    folder = box.boxes().get(args.box)
+    if folder is None or not box.is_held(folder):
+        raise CastError(f"{args.box}: no such box: {', '.join(box.boxes()) or 'there is none'}")
+    names = box.state_of(folder).get("srns", [])
+    if args.srn not in names:
+        raise CastError(f"{args.srn}: got no container of {args.box}, which has {', '.join(names)}")
+    return subprocess.run(box.words_into(folder, args.srn, args.words or ["/bin/sh"]), check=False).returncode
+
+
+def down(args) -> int:
+    """End boxes and remove all that is left of them, also after a runner was killed; what no box started is never touched."""
+    host.check_host()
+    found = box.boxes()
+    unknown = [name for name in args.box if name not in found]
+    if unknown:
+        raise CastError(*(f"{name}: no such box: {', '.join(found) or 'there is none'}" for name in unknown))
+    chosen = args.box or [name for name, folder in found.items() if args.all or not box.is_held(folder)]
+    for name in chosen:
+        print(f"{name}: removed {', '.join(box.remove(name, found[name])) or 'nothing: it was gone'}")
+    for name in found:
+        if name not in chosen and not args.box:
+            print(f"{name}: is in use; `down {name}` ends it")
+    return 0
+
+
+def run(args) -> int:
+    """Play a batch job by the documented timeline, and write one report of it; all containers are gone afterwards."""
+    from gr_cast.report.colosseum_page import page
+
+    _check_name(args.name)
+    here = _storage(args, args.job)
+    taken = job.read(args.job, here)
+    host.check_host()
+    check_writable(args.output)
+    clock = timeline.Clock(profile=timeline.PROFILES[args.profile], scale=args.time_scale, duration_s=taken.duration_s)
+    scenario = play.sc.load(str(taken.rf_scenario))
+    changes = play.changes_of(taken, clock.run_s, scenario, _channel(args), args.updates)
+    warned = [fault for path in dict.fromkeys(node.image_path for node in taken.nodes) for fault in _image_faults(path)]
+    for fault in warned:
+        print(f"warning: {fault}", file=sys.stderr)
+    status = 0
+    for number in range(1, taken.loops + 1):
+        folder = output_folder(args.output / f"loop{number}" if taken.loops > 1 else args.output)
+        player = play.Player(
+            taken, here, clock, _channel(args), PROGRAM, folder, changes=changes, name=args.name,
+            say=lambda line: print(line, flush=True),
+        )  # fmt: skip
+        document = player.run()
+        document["images"] = warned
+        write_json(folder / "report.json", document)
+        write_text(folder / "report.html", page(document))
+        for fault in document["faults"]:
+            print(f"fault: {fault}", file=sys.stderr)
+        told = f"{document['outcome']} in {document['seconds']:.0f} s, {len(document['faults'])} faults"
+        print(f"{told}: {folder}/report.html, report.json")
+        if document["outcome"] == "interrupted":
+            raise KeyboardInterrupt
+        status = max(status, 1 if document["faults"] else 0)
+    return status
 
 
 def image_list(args) -> int:
@@ -80,6 +216,47 @@ def main(argv=None) -> int:
     added = with_team(command(validate))
     added.add_argument("job", type=Path, metavar="JOB.json")
 
+    def with_channel(added):
+        added.add_argument("--rate", type=_program.rate, default=1e6, metavar="HZ", help="samples/s of every radio (default 1e6)")
+        added.add_argument(
+            "--base-loss", type=float, default=Channel.base_loss_db, metavar="DB", help="of every link (default 57.55)"
+        )
+        added.add_argument(
+            "--noise-power-db", type=float, default=Channel.noise_power_db, metavar="DB", help="of every receiver (default -100)"
+        )
+        added.add_argument("--seed", type=int, default=0, help="of the receivers' noise")
+        added.add_argument("--name", help="of the box; without it one that is free")
+        added.add_argument(
+            "--time-scale", type=float, default=1.0, metavar="X", help="waits are so many times shorter (default 1)"
+        )
+        return added
+
+    added = with_channel(with_team(command(run)))
+    added.add_argument("job", type=Path, metavar="JOB.json")
+    added.add_argument("--output", type=Path, required=True, metavar="DIR", help="for /logs of every node and the report")
+    added.add_argument(
+        "--profile",
+        choices=list(timeline.PROFILES),
+        default="current",
+        help="READY at 5:00 and start at 8:00, or the older 10:00 and 13:00",
+    )
+    added.add_argument("--updates", type=Path, metavar="FILE", help="mandated outcomes and environments that come during the job")
+
+    added = with_channel(with_team(command(up)))
+    added.add_argument("--srns", type=int, required=True, metavar="N")
+    added.add_argument("--scenario", type=int, metavar="ID", help="started at once; without it nothing passes until rf start")
+    added.add_argument("--image", default="cast", metavar="NAME", help="of every SRN (default cast)")
+    added.add_argument("--foreground", action="store_true", help="until Ctrl-C")
+
+    added = command(enter)
+    added.add_argument("box")
+    added.add_argument("srn", metavar="TEAM-srnXXX")
+    added.add_argument("words", nargs=argparse.REMAINDER, metavar="COMMAND", help="default: a shell")
+
+    added = command(down)
+    added.add_argument("box", nargs="*", help="without one: all whose runner is gone")
+    added.add_argument("--all", action="store_true", help="those in use too")
+
     images = commands.add_parser("image", help="images of containers", description="Images of containers.")
     images = images.add_subparsers(required=True, metavar="COMMAND")
     with_team(command(image_list, among=images, name="list"))
@@ -87,6 +264,7 @@ def main(argv=None) -> int:
     added.add_argument("image", type=Path, nargs="+", metavar="IMAGE.tar.gz")
 
     args = _program.parse(parser, argv)
+    _program.check_ranges(args, _RANGES)
     return args.function(args)
 
 

@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A team's storage in a folder: images made of scripts, configurations, jobs."""
 
+import functools
 import io
 import json
+import re
+import shutil
+import subprocess
 import tarfile
 from pathlib import Path
 
@@ -56,3 +60,36 @@ def make(folder: Path) -> Path:
     write_image(team / "images" / "good.tar.gz", radio_api())
     (team / "batch" / "job.json").write_text(json.dumps(job_document()))
     return team
+
+
+PROGRAMS = ("dash", "cat", "sleep", "mkdir", "mv", "cp", "ls", "date", "head", "ip")
+
+
+@functools.cache
+def _programs() -> dict[str, bytes]:
+    """A few of this machine's programs with the libraries that they need: enough of a system for a container."""
+    files = {}
+    for name in PROGRAMS:
+        path = shutil.which(name)
+        listed = subprocess.run(["ldd", path], capture_output=True, text=True, check=True).stdout
+        files[f"/usr/bin/{name}"] = Path(path).read_bytes()
+        files |= {
+            f"/usr{lib}" if not lib.startswith("/usr") else lib: Path(lib).read_bytes() for lib in re.findall(r"(/\S+)", listed)
+        }
+    return files | {"/usr/bin/sh": files["/usr/bin/dash"]}
+
+
+def write_system(path: Path, files: dict[str, str]) -> Path:
+    """An image that boots: the programs above and these files."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tarfile.open(path, "w") as tar:
+        for name, target in (("bin", "usr/bin"), ("sbin", "usr/bin"), ("lib", "usr/lib"), ("lib64", "usr/lib64")):
+            member = tarfile.TarInfo(f"rootfs/{name}")
+            member.type, member.linkname = tarfile.SYMTYPE, target
+            tar.addfile(member)
+        for name, content in (_programs() | files).items():
+            data = content.encode() if isinstance(content, str) else content
+            member = tarfile.TarInfo(f"rootfs{name}")
+            member.size, member.mode = len(data), 0o755
+            tar.addfile(member, io.BytesIO(data))
+    return path

@@ -24,7 +24,7 @@ _KEYS = {
     "start": set(),
     "stop": set(),
     "quit": set(),
-    "load": {"scenario"},
+    "load": {"scenario", "cycle"},
     "set_link": {"tx", "rx", "taps", "enabled"},
     "set_noise": {"power_db", "snr_db"},
 }
@@ -43,13 +43,13 @@ def obey(emulation, ended: threading.Event, command, folders: tuple[Path, ...] |
         if unknown:
             raise CastError(*(f"{name}: unknown key {short(key)}" for key in sorted(unknown)))
         if name == "load":
-            emulation.load(_scenario(_text(command, "scenario"), folders))
+            emulation.load(_scenario(_text(command, "scenario"), folders), _switch(command, "cycle"))
         elif name == "set_link":
             emulation.set_link(
                 _text(command, "tx"),
                 _text(command, "rx"),
                 taps=_taps(command.get("taps"), emulation.sample_rate_hz),
-                enabled=_switch(command),
+                enabled=_switch(command, "enabled"),
             )
         elif name == "set_noise":
             emulation.set_noise(**_noise(command))
@@ -80,11 +80,11 @@ def _text(command: dict, key: str) -> str:
     return command[key]
 
 
-def _switch(command: dict) -> bool | None:
-    enabled = command.get("enabled")
-    if enabled is not None and not isinstance(enabled, bool):
-        raise CastError(f"set_link: enabled: got {short(enabled)}, needs true or false")
-    return enabled
+def _switch(command: dict, key: str) -> bool | None:
+    value = command.get(key)
+    if value is not None and not isinstance(value, bool):
+        raise CastError(f"{command['command']}: {key}: got {short(value)}, needs true or false")
+    return value
 
 
 def _noise(command: dict) -> dict[str, float]:

@@ -146,11 +146,12 @@ class Emulation(gr.top_block):
         super().start(*args)
         self._is_up = True
 
-    def load(self, scenario: Scenario) -> None:
-        """Play another scenario of the same nodes from the next sample on."""
+    def load(self, scenario: Scenario, cycle: bool | None = None) -> None:
+        """Play another scenario of the same nodes from the next sample on; `cycle` None: as before."""
         if scenario.nodes != self.nodes:
             raise CastError(f"{scenario.name}: nodes: got {', '.join(scenario.nodes)}, the ports are of {', '.join(self.nodes)}")
         with self._lock:
+            self._cycle = self._cycle if cycle is None else cycle
             self.scenario = scenario
             self.emulator.set_horizon(0)  # nothing passes until its first taps are there
             self.emulator.clear()

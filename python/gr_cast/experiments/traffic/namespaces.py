@@ -56,9 +56,14 @@ class Namespace:
             raise CastError(f"namespaces: node {name}: unshare --net failed")
         self.run("ip", "link", "set", "lo", "up")
 
+    @property
+    def pid(self) -> int:
+        """Of the process that holds it."""
+        return self._holder.pid
+
     def command(self, *words: str) -> list[str]:
         """The words that run `words` in here."""
-        return ["nsenter", f"--net=/proc/{self._holder.pid}/ns/net", *words]
+        return ["nsenter", f"--net=/proc/{self.pid}/ns/net", *words]
 
     def run(self, *words: str) -> None:
         done = subprocess.run(self.command(*words), capture_output=True, text=True, check=False)
@@ -67,7 +72,7 @@ class Namespace:
 
     def join(self, other: "Namespace") -> None:
         """A wire from here to another namespace, addresses at both ends."""
-        self.run("ip", "link", "add", "cast0", "type", "veth", "peer", "name", "cast0", "netns", str(other._holder.pid))
+        self.run("ip", "link", "add", "cast0", "type", "veth", "peer", "name", "cast0", "netns", str(other.pid))
         for end in (self, other):
             end._up("cast0")
 
@@ -86,7 +91,7 @@ class Namespace:
             os.close(file)
             raise CastError(f"{_TUN}: cannot make a device: {error.strerror}: needs CAP_NET_ADMIN") from None
         device = answer[:16].rstrip(b"\0").decode()
-        moved = ["ip", "link", "set", device, "netns", str(self._holder.pid), "name", "cast0"]
+        moved = ["ip", "link", "set", device, "netns", str(self.pid), "name", "cast0"]
         done = subprocess.run(moved, capture_output=True, text=True, check=False)
         if done.returncode:
             os.close(file)

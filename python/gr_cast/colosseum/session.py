@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""An interactive reservation: the command line's socket in every container, and what it asks for done in the box."""
+
+import subprocess
+import threading
+import time
+from pathlib import Path
+
+from ..core.errors import CastError
+from ..core.files import written_aside
+from ..experiments.traffic import flows
+from . import clisocket, desk, maps, traffic
+from .box import Box, colosseum_config
+from .image import RADIO_API
+from .world import world_of
+
+_LOOK_S = 0.1
+
+
+class Session:
+    """A box's desk, kept by `run(ended)` until the event is set; what goes wrong is said, and the session goes on."""
+
+    def __init__(self, box: Box, time_scale: float = 1.0, say=lambda line: None):
+        self.box, self._say, self._scale = box, say, time_scale
+        self._world = world_of(box.storage, len(box.srns), time_scale)
+        self._desk = desk.Desk(images=frozenset(box.storage.images()))
+        self._lock = threading.Lock()
+        self._generators: traffic.Generators | None = None
+        self._snapshots: list[threading.Thread] = []
+        self._runs = 0
+
+    def begin(self, number: int) -> None:
+        """Start a scenario as `rf start` would. Raises CastError."""
+        request = {"version": desk.VERSION, "command": "rf_scenario_start", "scenario_id": number, "scenario_cycle": False}
+        reply = self._answer(min(self.box.srns), request)
+        if reply["status"] != desk.QUEUED:
+            raise CastError(reply["message"])
+
+    def run(self, ended: threading.Event) -> None:
+        for container in self.box.containers.values():
+            container.put(f"{RADIO_API}/colosseum_config.ini", colosseum_config(self.box.channel, 1e9))
+        paths = {number: self.box.place(number, "socket", "clisocket") for number in self.box.srns}
+        with clisocket.Server(paths, self._answer):
+            self.box.write_state(ready=True)
+            try:
+                while not ended.wait(_LOOK_S):
+                    with self._lock:
+                        self._desk, actions = desk.passed(self._world, self._desk, time.time(), self._played_s())
+                        self._do(actions)
+            finally:
+                if self._generators:
+                    self._generators.stop()
+                for thread in self._snapshots:
+                    thread.join()
+
+    def _played_s(self) -> float | None:
+        """How much of the scenario the emulator has played; what a slow one has not played is not over."""
+        rf = self._desk.rf
+        if rf is None or rf.status != "ACTIVE" or self._world.rf[rf.number].length_s is None:
+            return None
+        return self.box.emulator.status()["scenario_time_s"]
+
+    def _answer(self, srn, request) -> dict:
+        with self._lock:
+            self._desk, reply, actions = desk.answered(self._world, self._desk, request, srn, time.time())
+            self._do(actions)
+        return reply
+
+    def _do(self, actions: tuple[desk.Action, ...]) -> None:
+        for action in actions:
+            try:
+                self._act(action)
+            except (CastError, OSError) as error:
+                self._say(f"{action.what}: {error}")
+
+    def _act(self, action: desk.Action) -> None:
+        if action.what == "play":
+            self.box.emulator.play(action.state.number, maps.node_of_srn(action.state.radio_map), action.state.cycle)
+        elif action.what == "clear":
+            self.box.emulator.clear()
+        elif action.what == "begin_traffic":
+            self._begin_traffic(action.state)
+        elif action.what == "end_traffic" and self._generators:
+            self._generators.stop()
+            self._generators = None
+        elif action.what == "snapshot":
+            path = self.box.storage.folder / "images" / f"{action.name}.tar.gz"
+            thread = threading.Thread(target=self._snapshot, args=(action.srn, path), daemon=True)
+            self._snapshots.append(thread)
+            thread.start()
+
+    def _begin_traffic(self, state: desk.TrafficState) -> None:
+        path = self.box.storage.traffic()[state.number]
+        if path is None:
+            return
+        if not traffic.is_installed():
+            raise CastError("mgen: not installed (Debian: apt install mgen)")
+        self._runs += 1
+        ends = {node: self.box.ends[srn] for node, srn in state.node_map.items()}
+        folder = self.box.folder / "traffic" / str(self._runs)
+        self._generators = traffic.Generators(traffic.read(path, flows.read(path).duration_s), ends, folder, self._scale)
+
+    def _snapshot(self, number: int, path: Path) -> None:
+        try:
+            snapshot(self.box.containers[number].pid(), path)
+            self._say(f"snapshot: {path}")
+        except (CastError, OSError) as error:
+            self._say(f"snapshot: {error}")
+
+
+def snapshot(pid: int, path: Path) -> None:
+    """A running container's own files as an image; what is mounted into it stays out."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with written_aside(path) as aside:
+        words = [
+            "tar", "-C", f"/proc/{pid}/root", "--one-file-system", "--numeric-owner", "--sort=name", "--exclude=./.init",
+            "--transform=s,^\\./,rootfs/,rSh", "-czf", str(aside), "./",
+        ]  # fmt: skip
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+        if done.returncode > 1:  # 1: a file changed while it was read
+            raise CastError(f"{path}: {done.stderr.strip()[-200:]}")

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Images unpacked once and shared by all containers, which only read them: each writes to a layer of its own."""
+
+import hashlib
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+from ..core.errors import CastError
+from ..core.files import written_aside
+from . import image as images
+from .container import INIT
+
+_BLOCK = 1 << 20
+
+
+def digest_of(path: Path) -> str:
+    """SHA-256 of a file."""
+    digest = hashlib.sha256()
+    with open(path, "rb") as file:
+        while block := file.read(_BLOCK):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def unpacked(path: Path, cache: Path) -> Path:
+    """The root of an image, unpacked below `cache` where it is not yet. Raises CastError for what is none."""
+    folder = cache / digest_of(path)[:32]
+    if folder.is_dir():
+        return folder / "rootfs"
+    images.read(path)  # refuses what leaves its folder
+    cache.mkdir(parents=True, exist_ok=True, mode=0o700)
+    with written_aside(folder) as aside:
+        aside.mkdir(mode=0o755)
+        words = ["tar", "-xpf", str(path), "-C", str(aside), "--numeric-owner", "--delay-directory-restore"]
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+        root = aside / "rootfs"
+        if done.returncode or not root.is_dir():
+            raise CastError(f"{path}: cannot be unpacked: {done.stderr.strip().splitlines()[:1]}")
+        for place in ("proc", "sys", "dev", "tmp", "run", "root", "logs"):
+            if not (root / place).is_symlink():
+                (root / place).mkdir(exist_ok=True)
+        if not (root / "sbin/init").exists() and not (root / "sbin/init").is_symlink():
+            (root / ".init").write_text(INIT)
+            (root / ".init").chmod(0o755)
+    return folder / "rootfs"
+
+
+def used_bytes(*folders: Path) -> int:
+    """What folders take on the disk; links are not followed."""
+    total = 0
+    for folder in folders:
+        for place, _, names in os.walk(folder):
+            for name in names:
+                try:
+                    total += os.lstat(os.path.join(place, name)).st_blocks * 512
+                except OSError:
+                    continue
+    return total
+
+
+def copy_logs(source: Path, target: Path) -> None:
+    """Copy what containers left in /logs: files, folders and links as they are, nothing that is read without an end."""
+
+    def special(folder: str, names: list[str]) -> list[str]:
+        return [n for n in names if not (os.path.islink(p := os.path.join(folder, n)) or os.path.isfile(p) or os.path.isdir(p))]
+
+    shutil.copytree(source, target, symlinks=True, ignore=special, dirs_exist_ok=True)

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A box of containers as documented: what a script does wrong is named and the job goes on, and nothing is left behind."""
+
+import json
+import os
+import random
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+sys.path.append(str(Path(__file__).parent))
+import team as teams
+from gr_cast.colosseum import box, host, job, play, session, storage, timeline
+from gr_cast.colosseum.emulator import Channel
+
+APPS = Path(__file__).resolve().parents[2] / "apps"
+KILLS = int(os.environ.get("CAST_KILLS", 3))  # 30 by hand
+FORWARD = """#!/bin/sh
+echo 1 > /proc/sys/net/ipv4/ip_forward
+read ME < /proc/sys/kernel/hostname
+OTHER=1; [ "${ME#*srn}" = 001 ] && OTHER=2
+ip route add 192.168.10$OTHER.0/24 via 172.30.100.$OTHER dev col0
+cat /root/radio_api/radio.conf /root/radio_api/colosseum_config.ini > /logs/config
+echo ACTIVE > /tmp/state
+"""
+
+
+@pytest.fixture
+def boxes(monkeypatch):
+    """A folder of boxes of its own. Skips where containers are not possible."""
+    if os.geteuid() != 0:
+        pytest.skip("NO ROOT: boxes of containers are tested as root")
+    missing = [tool for tool in ("lxc-start", "ip", "nsenter", "setpriv") if shutil.which(tool) is None]
+    if missing:
+        pytest.skip(f"NO LXC: apt install lxc iproute2 ({', '.join(missing)} missing)")
+    folder = Path(tempfile.mkdtemp(prefix="cb", dir="/tmp"))  # sockets have short names
+    monkeypatch.setenv("CAST_BOXES", str(folder / "b"))
+    yield folder
+    for name, path in box.boxes().items():
+        box.remove(name, path)
+    shutil.rmtree(folder)
+
+
+def team_with(folder: Path, images: dict[str, dict]) -> Path:
+    team = teams.make(folder)
+    for name, scripts in images.items():
+        teams.write_system(team / "images" / f"{name}.tar", teams.radio_api(**scripts))
+    return team
+
+
+def player(folder: Path, team: Path, images: list[str], *, traffic: int = 0, duration: int = 600) -> play.Player:
+    document = teams.job_document(len(images)) | {"TrafficScenario": traffic, "Duration": duration}
+    for node, image in zip(document["NodeData"], images, strict=True):
+        node |= {"ImageName": image, "isGateway": True}
+    path = team / "batch" / "job.json"
+    path.write_text(json.dumps(document))
+    here = storage.storage_of(path, None)
+    taken = job.read(path, here)
+    clock = timeline.Clock(
+        profile=timeline.PROFILES["current"], scale=600, duration_s=duration, least_boot_s=3.0, least_stop_s=3.0
+    )
+    scenario = play.sc.load(str(taken.rf_scenario))
+    changes = play.changes_of(taken, clock.run_s, scenario, Channel(), None)
+    output = folder / "out"
+    output.mkdir()
+    return play.Player(taken, here, clock, Channel(), APPS / "cast_emulator.py", output, changes=changes)
+
+
+def left_behind(folder: Path) -> list[str]:
+    """Whatever of the boxes in a folder is still there, as the system tells it and not the box."""
+    found = [f"process {p.parent.name}" for p in Path("/proc").glob("[0-9]*/environ") if mentions(p, str(folder / "b"))]
+    found += [line for line in Path("/proc/self/mounts").read_text().splitlines() if str(folder) in line]
+    found += [line for line in Path("/proc/net/unix").read_text().splitlines() if str(folder) in line]
+    links = subprocess.run(["ip", "-o", "link"], capture_output=True, text=True, check=True).stdout
+    found += [line for line in links.splitlines() if ": tr" in line or ": col" in line]
+    found += [str(path) for path in (folder / "b").glob("*") if path.name != "images"]
+    return (
+        found
+        + [str(p) for p in Path("/sys/fs/cgroup").glob("*/cast_box*")]
+        + [str(p) for p in Path("/sys/fs/cgroup").glob("cast_box*")]
+    )
+
+
+def mentions(path: Path, text: str) -> bool:
+    try:
+        return int(path.parent.name) != os.getpid() and f"CAST_BOX={text}".encode() in path.read_bytes()
+    except OSError:
+        return False
+
+
+def test_a_job_is_played_and_its_traffic_passes_through_tr0(boxes):
+    if shutil.which("mgen") is None:
+        pytest.skip("NO MGEN: apt install mgen")
+    team = team_with(boxes, {"wire": {"start": FORWARD}})
+    document = player(boxes, team, ["wire", "wire"], traffic=1, duration=1800).run()
+    assert document["outcome"] == "played", document["faults"]
+    assert [fault for fault in document["faults"] if "no sample" not in fault] == []
+    for node in document["nodes"]:
+        assert [state["state"] for state in node["states"]] == ["READY", "ACTIVE", "FINISHED"]
+        assert [c["script"] for c in node["calls"]] == ["start.sh", "update_outcomes.sh", "update_environment.sh", "stop.sh"]
+    rows = document["traffic"]
+    assert len(rows) == 2 and all(row["sent"] > 10 and row["received"] >= row["sent"] - 2 for row in rows)
+    config = (boxes / "out" / "team-srn001" / "config").read_text()
+    assert "center_frequency = 1000000000" in config and "device_args = driver=zmq" in config
+    assert left_behind(boxes) == []
+
+
+def test_scripts_that_go_wrong_are_named_and_the_job_goes_on(boxes):
+    wrong = {
+        "hangs": {"start": "#!/bin/sh\nwhile :; do sleep 1; done\n"},
+        "fails": {"start": "#!/bin/sh\necho no radio >&2\nexit 7\n"},
+        "nojson": {"status": "#!/bin/sh\necho ready\n"},
+        "much": {"stop": "#!/bin/sh\nhead -c 300000 /dev/zero\n"},
+        "dies": {"start": "#!/bin/sh\nkill -9 $$\n"},
+    }
+    document = player(boxes, team_with(boxes, wrong), list(wrong)).run()
+    assert document["outcome"] == "played"
+    told = "\n".join(document["faults"])
+    for words in (
+        "team-srn001: start.sh: took more than 5 s: ended", "team-srn002: start.sh: exit status 7, needs 0: no radio",
+        "team-srn003: status.sh: printed 'ready', needs JSON", "team-srn003: not READY at 5:00",
+        "team-srn004: stop.sh: printed 300000 bytes, limit 65536 bytes", "team-srn005: start.sh: exit status 137",
+    ):  # fmt: skip
+        assert words in told
+    assert all("stop.sh" in [call["script"] for call in node["calls"]] for node in document["nodes"])
+    assert left_behind(boxes) == []
+
+
+def test_a_container_has_its_names_and_no_more_than_it_needs(boxes):
+    team = team_with(boxes, {"wire": {}})
+    here = storage.Storage(folder=team)
+    srns = [box.Srn(number=n, image=here.images()["wire"]) for n in (1, 2)]
+    with box.Box("names", here, srns, Channel(), APPS / "cast_emulator.py", interactive=True) as made:
+        with pytest.raises(Exception, match="there is one of that name"):
+            box.Box("names", here, srns, Channel(), APPS / "cast_emulator.py", interactive=True)
+        first = made.containers[1]
+        assert first.run("/bin/cat", "/proc/sys/kernel/hostname") == "team-srn001\n"
+        told = first.run("/bin/ip", "address")
+        assert "192.168.101.1/24" in told and "02:10:c0:a8:65:01" in told and "col0" in told
+        assert "192.168.101.77 dev tr0 lladdr 02:10:c0:a8:65:4d PERMANENT" in first.run("/bin/ip", "neigh")
+        capabilities = int(
+            first.run("/bin/sh", "-c", "while read a b; do [ $a = CapEff: ] && echo $b; done < /proc/self/status; true"), 16
+        )
+        assert capabilities and not capabilities & (1 << 21 | 1 << 16 | 1 << 25 | 1 << 27)  # mounts, modules, the clock, devices
+        ended = threading.Event()
+        kept = session.Session(made)
+        thread = threading.Thread(target=kept.run, args=(ended,))
+        thread.start()
+        path = made.place(2, "socket", "clisocket")
+        while not path.exists():
+            time.sleep(0.05)
+        assert first.run("/bin/ls", "/socket", "/share/nas/team").split() == [
+            "/share/nas/team:", "batch", "config", "images", "/socket:", "clisocket"
+        ]  # fmt: skip
+        assert ask(path, command="rf_scenario_start", scenario_id=1009, scenario_cycle=True)["status"] == 100
+        until_s = time.monotonic() + 20
+        while made.emulator.status()["scenario"] != "All paths 0 dB" and time.monotonic() < until_s:
+            time.sleep(0.1)
+        assert made.emulator.status()["scenario"] == "All paths 0 dB"
+        assert ask(path, command="snapshot", filename="mine")["status"] == 200
+        assert ask(path, command="rf_scenario_stop")["status"] == 200
+        assert made.emulator.status()["scenario"] == "cleared"
+        ended.set()
+        thread.join()
+    from gr_cast.colosseum import image
+
+    assert "/root/radio_api/start.sh" in image.read(team / "images" / "mine.tar.gz").entries
+    assert left_behind(boxes) == []
+
+
+def ask(path: Path, **request) -> dict:
+    with socket.socket(socket.AF_UNIX) as client:
+        client.connect(str(path))
+        client.sendall(json.dumps({"version": "3.0"} | request).encode())
+        return json.loads(client.recv(3276800))
+
+
+def test_a_runner_killed_at_any_moment_leaves_nothing_after_down(boxes):
+    team = team_with(boxes, {"good": {}})
+    (team / "images" / "good.tar.gz").unlink()
+    job_file = team / "batch" / "job.json"
+    job_file.write_text(json.dumps(teams.job_document(2) | {"TrafficScenario": 1, "Duration": 600}))
+    words = [sys.executable, str(APPS / "cast_colosseum.py")]
+    rng = random.Random(int(os.environ.get("CAST_SEED", 4)))
+    for _ in range(KILLS):
+        runner = subprocess.Popen(
+            [*words, "run", str(job_file), "--output", str(boxes / "out"), "--time-scale", "120"],
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        time.sleep(rng.uniform(0.5, 14.0))
+        runner.send_signal(signal.SIGKILL)
+        runner.wait()
+        done = subprocess.run([*words, "down"], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        assert left_behind(boxes) == []
+    assert host.groups_of("") == []
