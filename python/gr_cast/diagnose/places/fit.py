@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Joint fit of effects to all soundings: Levenberg-Marquardt over their numbers, unknown phases, delays and gains profiled out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...twin.places.families.base import Effect
+from ...twin.places.predict import Predictor
+from ...twin.places.world import World, frozen
+from .likelihood import Fitted, Heard, profiled, tangents, without_phases
+
+_DAMPING = 1e-3  # of the first step, times the diagonal
+_WORTH = 0.05  # nats: less than this is no step forward
+_LEAST_POWER = 1e-300
+
+
+@dataclass(frozen=True, eq=False)
+class Ear:
+    """One sounding with its predictor."""
+
+    predictor: Predictor
+    heard: Heard
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Model:
+    """A twin with effects, fitted: `energy` in nats, `fits` per sounding; `std` per effect where it was asked for."""
+
+    base: World
+    effects: tuple[Effect, ...]
+    energy: float
+    fits: tuple[Fitted, ...]
+
+    @property
+    def world(self) -> World:
+        return applied(self.base, self.effects)
+
+
+def applied(base: World, effects: Sequence[Effect]) -> World:
+    """The world with effects, in their families' order: what changes the mesh or its nodes goes before what reads them."""
+    for effect in sorted(effects, key=lambda e: e.family.order):
+        base = effect.family.apply(base, effect)
+    return base
+
+
+def evaluated(ears: Sequence[Ear], base: World, effects: Sequence[Effect]) -> Model:
+    world = applied(base, effects)
+    fits = tuple(profiled(ear.heard, ear.predictor.response(world)) for ear in ears)
+    return Model(base=base, effects=tuple(effects), energy=sum(fit.energy for fit in fits), fits=fits)
+
+
+def _split(effects: Sequence[Effect], vector: np.ndarray) -> tuple[Effect, ...]:
+    out, at = [], 0
+    for effect in effects:
+        out.append(effect.moved(vector[at : at + len(effect.values)]))
+        at += len(effect.values)
+    return tuple(out)
+
+
+def _vector(effects: Sequence[Effect]) -> np.ndarray:
+    return np.concatenate([effect.values for effect in effects]) if effects else np.zeros(0)
+
+
+def normal_equations(ears: Sequence[Ear], model: Model, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(A, b) of the free numbers of all effects, unknown gains, delays and phases eliminated: a step is A⁻¹b, covariance A⁻¹/2."""
+    values = _vector(model.effects)
+    steps = np.concatenate([effect.family.steps(model.base, effect) for effect in model.effects])
+    here = model.world
+    top, side = np.zeros((len(free), len(free))), np.zeros(len(free))
+    shifted = []
+    for number in free:
+        moved = values.copy()
+        moved[number] += steps[number]
+        shifted.append(frozen(applied(model.base, _split(model.effects, moved)), here))
+    for ear, fit in zip(ears, model.fits, strict=True):
+        root = np.sqrt(ear.heard.weight)
+        base = ear.predictor.response(frozen(here, here))
+        columns = []
+        for number, world in zip(free, shifted, strict=True):
+            derivative = (ear.predictor.response(world) - base) * fit.factor / steps[number]
+            columns.append(_real(without_phases(ear.heard, fit.model, derivative) * root))
+        others = [_real(without_phases(ear.heard, fit.model, column) * root) for column in tangents(ear.heard, fit.model)]
+        residual = _real(fit.residual * root)
+        j = np.array(columns)
+        if others:
+            basis = np.linalg.qr(np.array(others).T + 0.0)[0] if len(others) == 1 else _basis(np.array(others))
+            residual = residual - basis @ (basis.T @ residual)
+            j = j - (j @ basis) @ basis.T
+        top += j @ j.T
+        side += j @ residual
+    return top, side
+
+
+def _basis(rows: np.ndarray) -> np.ndarray:
+    """Orthonormal columns that span the rows; gains per node may not all be told apart."""
+    scale = np.linalg.norm(rows, axis=1, keepdims=True)
+    rows = rows / np.where(scale > 0, scale, 1)
+    values, vectors = np.linalg.eigh(rows @ rows.T)
+    keep = values > 1e-9 * values.max(initial=0)
+    return rows.T @ (vectors[:, keep] / np.sqrt(values[keep]))
+
+
+def _real(values: np.ndarray) -> np.ndarray:
+    return np.concatenate([values.real.ravel(), values.imag.ravel()])
+
+
+def fitted(ears: Sequence[Ear], model: Model, *, rounds: int = 8, free: Sequence[int] | None = None) -> Model:
+    """The model at its least energy near where it is; `free`: which effects may move (default: all)."""
+    which = range(len(model.effects)) if free is None else free
+    index, at = [], 0
+    for number, effect in enumerate(model.effects):
+        if number in which:
+            index += range(at, at + len(effect.values))
+        at += len(effect.values)
+    index = np.array(index, int)
+    if not len(index):
+        return model
+    damping = _DAMPING
+    for _ in range(rounds):
+        a, b = normal_equations(ears, model, index)
+        before = model
+        for _ in range(4):
+            scale = np.diag(a) + _LEAST_POWER
+            try:
+                step = np.linalg.solve(a + np.diag(damping * scale), b)
+            except np.linalg.LinAlgError:
+                return model
+            values = _vector(model.effects)
+            values[index] += step
+            trial = evaluated(ears, model.base, _split(model.effects, values))
+            if trial.energy < model.energy:
+                model, damping = trial, damping / 5
+                break
+            damping = max(damping * 20, 1e-3)
+        if before.energy - model.energy < _WORTH:
+            break
+    return model
+
+
+def deviations(ears: Sequence[Ear], model: Model) -> list[np.ndarray]:
+    """Covariance of every effect's own numbers, from the curvature of the energy with all others free."""
+    values = _vector(model.effects)
+    if not len(values):
+        return [np.zeros((0, 0)) for _ in model.effects]
+    a, _ = normal_equations(ears, model, np.arange(len(values)))
+    scale = 1 / np.sqrt(np.diag(a) + _LEAST_POWER)
+    covariance = 0.5 * np.linalg.pinv(a * scale[:, None] * scale, rcond=1e-10) * scale[:, None] * scale
+    out, at = [], 0
+    for effect in model.effects:
+        part = slice(at, at + len(effect.values))
+        out.append(covariance[part, part])
+        at = part.stop
+    return out
+
+
+def with_effect(ears: Sequence[Ear], model: Model, effect: Effect) -> Model:
+    return evaluated(ears, model.base, (*model.effects, effect))
+
+
+def without_effect(ears: Sequence[Ear], model: Model, number: int) -> Model:
+    return evaluated(ears, model.base, tuple(e for i, e in enumerate(model.effects) if i != number))
+
+
+def replaced(ears: Sequence[Ear], model: Model, number: int, effect: Effect) -> Model:
+    effects = list(model.effects)
+    effects[number] = effect
+    return evaluated(ears, model.base, tuple(effects))
+
+
+__all__ = ["Ear", "Model", "applied", "deviations", "evaluated", "fitted", "replace", "replaced", "with_effect", "without_effect"]

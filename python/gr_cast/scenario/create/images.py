@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Specular paths by mirror images, in double precision: which faces a path meets, where, and what stands in its way.
+
+Every path of the image law is found, also those that meet two faces millimetres from a corner. What blocks a leg is kept as a
+crossing and not thrown away: an object that is taken away, or let through, needs no new search (Allen & Berkley 1979; Borish 1984).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .geometry import Solid, is_closed, is_inside, planes
+
+_ON_PLANE_M = 1e-6  # nearer to a plane than this is on it: legs begin and end on faces
+_EDGE = 1e-9  # of a triangle, in barycentric coordinates: a point on an edge is inside
+_AT_ONCE = 2_000_000  # candidates in memory at the same time
+
+
+@dataclass(frozen=True, kw_only=True)
+class Faces:
+    """Plane faces of objects: `normal` (F, 3) unit, `level_m` (F,) with normal·x = level on the plane, `owner` (F,) index of the object.
+
+    `sided` (F,): met from the side of its normal alone (the hull of a closed object without a node in it).
+    Triangles (M, 3, 3) of face f are `triangles_m[start[f]:start[f + 1]]`.
+    """
+
+    normal: np.ndarray
+    level_m: np.ndarray
+    owner: np.ndarray
+    sided: np.ndarray
+    start: np.ndarray
+    triangles_m: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Paths:
+    """n paths of image law; `pair` (n,) says between which of the pairs of points. Unused places of `faces` (n, D) are −1.
+
+    Crossings: `path`, `leg` and `face` (c,) of every face that a leg goes through, in the order in which it meets them.
+    """
+
+    pair: np.ndarray
+    faces: np.ndarray
+    crossing_path: np.ndarray
+    crossing_leg: np.ndarray
+    crossing_face: np.ndarray
+
+
+def faces_of(solids: Sequence[Solid], points_m: np.ndarray = np.zeros((0, 3)), *, thick: bool = False) -> Faces:
+    """The plane faces of objects. A closed object with none of `points_m` (n, 3) inside shows its outside alone, unless `thick`:
+    legs that go through its hull meet it from within as well."""
+    normal, level_m, owner, sided, start, triangles = [], [], [], [], [0], []
+    for index, solid in enumerate(solids):
+        normals, anchors_m = planes(solid)
+        corners_m = solid.vertices_m[solid.faces]
+        closed = is_closed(solid)
+        if closed:
+            normals = _outward(solid, normals, corners_m)
+        hollow = not thick and closed and not any(is_inside(solid, point) for point in points_m)
+        if not closed:  # a sheet is one face, however its triangles are wound
+            normals = normals * np.where(_first_sign(normals) < 0, -1.0, 1.0)[:, None]
+        keys = np.round(np.column_stack([normals * 1e6, (normals * anchors_m).sum(axis=1) * 1e5])).astype(np.int64)
+        for group in _groups(keys):
+            normal.append(normals[group[0]])
+            level_m.append(float(normals[group[0]] @ anchors_m[group[0]]))
+            owner.append(index)
+            sided.append(hollow)
+            triangles.append(corners_m[group])
+            start.append(start[-1] + len(group))
+    return Faces(
+        normal=np.array(normal).reshape(-1, 3),
+        level_m=np.array(level_m),
+        owner=np.array(owner, np.int64),
+        sided=np.array(sided, bool),
+        start=np.array(start),
+        triangles_m=np.concatenate(triangles) if triangles else np.zeros((0, 3, 3)),
+    )
+
+
+def _first_sign(normals: np.ndarray) -> np.ndarray:
+    """Sign of the first component that is not nil."""
+    first = np.argmax(np.abs(normals) > 1e-6, axis=1)
+    return np.sign(normals[np.arange(len(normals)), first])
+
+
+def _groups(keys: np.ndarray) -> list[np.ndarray]:
+    """Rows that are alike to the last but one digit: two triangles of one plane may round to neighbouring numbers."""
+    groups: list[list[int]] = []
+    for row, key in enumerate(keys):
+        for group in groups:
+            if np.abs(keys[group[0]] - key).max() <= 2:
+                group.append(row)
+                break
+        else:
+            groups.append([row])
+    return [np.array(group) for group in groups]
+
+
+def _outward(solid: Solid, normals: np.ndarray, corners_m: np.ndarray) -> np.ndarray:
+    middles_m = corners_m.mean(axis=1)
+    turned = [is_inside(solid, middle + 1e-4 * normal) for middle, normal in zip(middles_m, normals, strict=True)]
+    return np.where(np.array(turned)[:, None], -normals, normals)
+
+
+def on_face(faces: Faces, face: np.ndarray, point_m: np.ndarray) -> np.ndarray:
+    """Whether point i (n, 3), which lies on the plane of face i (n,), lies on the face, edges included."""
+    count = faces.start[face + 1] - faces.start[face]
+    inside = np.zeros(len(face), bool)
+    for number in range(int(count.max(initial=0))):
+        rows = np.flatnonzero((count > number) & ~inside)
+        a, b, c = np.moveaxis(faces.triangles_m[faces.start[face[rows]] + number], 1, 0)
+        ab, ac, ap = b - a, c - a, point_m[rows] - a
+        bb, bc, cc = _dot(ab, ab), _dot(ab, ac), _dot(ac, ac)
+        pb, pc = _dot(ap, ab), _dot(ap, ac)
+        area = bb * cc - bc * bc
+        u, v = (cc * pb - bc * pc) / area, (bb * pc - bc * pb) / area
+        inside[rows] = (u >= -_EDGE) & (v >= -_EDGE) & (u + v <= 1 + _EDGE)
+    return inside
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.einsum("...i,...i->...", a, b)
+
+
+def sequences(faces: Faces, order: int, among: np.ndarray | None = None) -> np.ndarray:
+    """Which faces a path may meet in turn, (S, order): each has some part in front of the one before, and the other way round.
+
+    With `among` (F,) bool, those with at least one of these faces alone.
+    """
+    count = len(faces.level_m)
+    if order == 0:
+        return np.zeros((1, 0), np.int64)
+    front = np.zeros((count, count), bool)  # some of face b is in front of face a
+    for a in range(count):
+        height_m = faces.triangles_m @ faces.normal[a] - faces.level_m[a]
+        if not faces.sided[a]:
+            height_m = np.abs(height_m)
+        highest = np.maximum.reduceat(height_m.max(axis=1), faces.start[:-1])
+        front[a] = highest > _ON_PLANE_M
+    follows = front & front.T
+    chains = np.arange(count)[:, None]
+    for _ in range(order - 1):
+        before, after = np.nonzero(follows[chains[:, -1]])
+        chains = np.column_stack([chains[before], after])
+    return chains if among is None else chains[among[chains].any(axis=1)]
+
+
+def search(faces: Faces, tx_m: np.ndarray, rx_m: np.ndarray, max_depth: int, among: np.ndarray | None = None) -> Paths:
+    """All paths from point i of `tx_m` (P, 3) to point i of `rx_m` (P, 3) over up to `max_depth` faces, with what they cross.
+
+    With `among` (F,) bool, those over at least one of these faces alone.
+    """
+    pair, met = [], []
+    for order in range(max_depth + 1):
+        chains = sequences(faces, order, among) if order or among is None else np.zeros((0, 0), np.int64)
+        step = max(1, _AT_ONCE // max(len(chains), 1))
+        for first in range(0, len(tx_m) if len(chains) else 0, step):
+            rows, which = _valid(faces, chains, tx_m[first : first + step], rx_m[first : first + step])
+            padded = np.full((len(rows), max_depth), -1)
+            padded[:, :order] = chains[which]
+            pair.append(rows + first)
+            met.append(padded)
+    pair = np.concatenate(pair) if pair else np.zeros(0, np.int64)
+    met = np.concatenate(met) if met else np.zeros((0, max_depth), np.int64)
+    order = np.lexsort((*met.T[::-1], pair))
+    none = np.zeros(0, np.int64)
+    bare = Paths(pair=pair[order], faces=met[order], crossing_path=none, crossing_leg=none, crossing_face=none)
+    return crossed(faces, bare, tx_m, rx_m)
+
+
+def _valid(faces: Faces, chains: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs and chains whose reflection points all lie on their faces."""
+    order = chains.shape[1]
+    if order == 0:
+        return np.arange(len(tx_m)), np.zeros(len(tx_m), np.int64)
+    # Images of a chain begin with those of its first faces: each is made once per pair and distinct beginning.
+    row, chain = np.divmod(np.arange(len(tx_m) * len(chains)), len(chains))
+    images = [tx_m[row]]
+    for bounce in range(order):
+        face = chains[chain, bounce]
+        height_m = _dot(images[-1], faces.normal[face]) - faces.level_m[face]
+        keep = np.where(faces.sided[face], height_m, np.abs(height_m)) > _ON_PLANE_M
+        row, chain, face, height_m = row[keep], chain[keep], face[keep], height_m[keep]
+        images = [image[keep] for image in images]
+        images.append(images[-1] - 2 * height_m[:, None] * faces.normal[face])
+    end_m = rx_m[row]
+    for bounce in reversed(range(order)):
+        face = chains[chain, bounce]
+        here, there = (_dot(point, faces.normal[face]) - faces.level_m[face] for point in (end_m, images[bounce + 1]))
+        keep = (here * there < 0) & (np.abs(here) > _ON_PLANE_M)
+        row, chain, face, here, there = row[keep], chain[keep], face[keep], here[keep], there[keep]
+        images, end_m = [image[keep] for image in images], end_m[keep]
+        end_m = end_m + (here / (here - there))[:, None] * (images[bounce + 1] - end_m)
+        keep = on_face(faces, face, end_m)
+        row, chain, end_m = row[keep], chain[keep], end_m[keep]
+        images = [image[keep] for image in images]
+    return row, chain
+
+
+def unfold(faces: Faces, met: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray) -> np.ndarray:
+    """Points (n, D + 2, 3) of paths over the planes of `met` (n, D) from `tx_m` to `rx_m` (n, 3); unused places repeat the receiver.
+
+    The planes are taken as endless: which faces a path meets stays as it was.
+    """
+    depth = met.shape[1]
+    images = [tx_m]
+    for bounce in range(depth):
+        face, here = met[:, bounce], met[:, bounce] >= 0
+        height_m = _dot(images[-1], faces.normal[face]) - faces.level_m[face]
+        images.append(images[-1] - 2 * np.where(here, height_m, 0.0)[:, None] * faces.normal[face])
+    points = np.repeat(rx_m[:, None], depth + 2, axis=1)
+    points[:, 0] = tx_m
+    for bounce in reversed(range(depth)):
+        face, here = met[:, bounce], met[:, bounce] >= 0
+        end_m, image_m = points[:, bounce + 2], images[bounce + 1]
+        above, below = (_dot(point, faces.normal[face]) - faces.level_m[face] for point in (end_m, image_m))
+        share = above / np.where(above == below, 1.0, above - below)
+        points[:, bounce + 1] = np.where(here[:, None], end_m + share[:, None] * (image_m - end_m), end_m)
+    return points
+
+
+def crossed(faces: Faces, paths: Paths, tx_m: np.ndarray, rx_m: np.ndarray, among: np.ndarray | None = None) -> Paths:
+    """The same paths with what their legs go through: all faces, or those of `among` (F,) bool anew and the rest as before."""
+    points = unfold(faces, paths.faces, tx_m[paths.pair], rx_m[paths.pair])
+    path, leg, face, share = crossings(faces, points, paths.faces, among)
+    if among is not None:
+        old = ~among[paths.crossing_face]
+        path, leg = np.concatenate([paths.crossing_path[old], path]), np.concatenate([paths.crossing_leg[old], leg])
+        face = np.concatenate([paths.crossing_face[old], face])
+        begin, end = points[path, leg], points[path, leg + 1]
+        above, below = (_dot(point, faces.normal[face]) - faces.level_m[face] for point in (begin, end))
+        share = above / (above - below)
+    order = np.lexsort((share, leg, path))
+    return replace(paths, crossing_path=path[order], crossing_leg=leg[order], crossing_face=face[order])
+
+
+def crossings(faces: Faces, points: np.ndarray, met: np.ndarray, among: np.ndarray | None = None):
+    """Path, leg, face and share of the way (c,) wherever a leg of `points` (n, D + 2, 3) goes through a face."""
+    wanted = np.arange(len(faces.level_m)) if among is None else np.flatnonzero(among)
+    found = []
+    used = np.concatenate([np.ones((len(met), 1), bool), met >= 0], axis=1)  # leg i ends at bounce i or at the receiver
+    for leg in range(met.shape[1] + 1):
+        rows = np.flatnonzero(used[:, leg])
+        step = max(1, _AT_ONCE // max(len(wanted), 1))
+        for first in range(0, len(rows), step):
+            part = rows[first : first + step]
+            begin, end = points[part, leg], points[part, leg + 1]
+            above = begin @ faces.normal[wanted].T - faces.level_m[wanted]
+            below = end @ faces.normal[wanted].T - faces.level_m[wanted]
+            through = (above * below < 0) & (np.minimum(np.abs(above), np.abs(below)) > _ON_PLANE_M)
+            i, j = np.nonzero(through)
+            share = above[i, j] / (above[i, j] - below[i, j])
+            keep = on_face(faces, wanted[j], begin[i] + share[:, None] * (end[i] - begin[i]))
+            found.append((part[i[keep]], np.full(keep.sum(), leg), wanted[j[keep]], share[keep]))
+    if not found:
+        none = np.zeros(0, np.int64)
+        return none, none, none, np.zeros(0)
+    return tuple(np.concatenate(column) for column in zip(*found, strict=True))

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""First-order diffraction at edges: the uniform theory (Kouyoumjian & Pathak 1974), with slab coefficients on both faces
+(Luebbers 1984; ITU-R P.526 and P.2040-3), shadow and lit side."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import fresnel
+
+from . import fields, images
+from .geometry import Solid
+
+_SAME_PLACE = 5  # decimals of a metre
+_TINY = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True)
+class Edges:
+    """Edges (E): from `begin_m` along unit `along` for `length_m`; `face` (E, 3) unit vectors in the 0-face away from the edge,
+    `normal` (E, 3) out of it into the air; `n` (E,): the air's angle is n·π; `owner` (E,) index of the object."""
+
+    begin_m: np.ndarray
+    along: np.ndarray
+    length_m: np.ndarray
+    face: np.ndarray
+    normal: np.ndarray
+    n: np.ndarray
+    owner: np.ndarray
+
+
+def edges_of(solids: tuple[Solid, ...]) -> Edges:
+    """Free edges of sheets (n = 2) and outward edges between two faces of hulls."""
+    rows = []
+    for index, solid in enumerate(solids):
+        rows += _edges(index, solid)
+    if not rows:
+        empty = np.zeros((0, 3))
+        return Edges(
+            begin_m=empty, along=empty, length_m=np.zeros(0), face=empty, normal=empty, n=np.zeros(0), owner=np.zeros(0, int)
+        )
+    columns = [np.array(column) for column in zip(*rows, strict=True)]
+    return Edges(**dict(zip(("begin_m", "along", "length_m", "face", "normal", "n", "owner"), columns, strict=True)))
+
+
+def _edges(index: int, solid: Solid) -> list[tuple]:
+    places, same = np.unique(np.round(solid.vertices_m, _SAME_PLACE), axis=0, return_inverse=True)
+    corners = same.reshape(-1)[solid.faces]
+    shared: dict[tuple[int, int], list[int]] = {}
+    for triangle, (a, b, c) in enumerate(corners):
+        for edge in ((a, b), (b, c), (c, a)):
+            shared.setdefault((min(edge), max(edge)), []).append(triangle)
+    out = []
+    for (a, b), triangles in shared.items():
+        begin, end = places[a], places[b]
+        length = float(np.linalg.norm(end - begin))
+        if length < 1e-6 or len(triangles) > 2:
+            continue
+        along = (end - begin) / length
+        inward = [_inward(places[corners[t]], begin, along) for t in triangles]
+        if len(triangles) == 1:
+            out.append((begin, along, length, inward[0], np.cross(along, inward[0]), 2.0, index))
+            continue
+        cos = float(np.clip(inward[0] @ inward[1], -1, 1))
+        if cos < -1 + 1e-6:  # one plane
+            continue
+        inner = np.arccos(cos)
+        outward = -(inward[0] + inward[1])  # a convex edge: the solid is between the faces
+        normal = np.cross(along, inward[0])
+        normal = normal if normal @ outward > 0 else -normal
+        out.append((begin, along, length, inward[0], normal, 2 - inner / np.pi, index))
+    return out
+
+
+def _inward(triangle_m: np.ndarray, begin: np.ndarray, along: np.ndarray) -> np.ndarray:
+    away = triangle_m - begin
+    away = away - (away @ along)[:, None] * along
+    farthest = away[np.argmax((away**2).sum(axis=1))]
+    return farthest / np.linalg.norm(farthest)
+
+
+def transition(x: np.ndarray) -> np.ndarray:
+    """F(x) = 2j√x·exp(jx)·∫_{√x}^∞ exp(−jτ²)dτ (Kouyoumjian & Pathak, equation 25)."""
+    root = np.sqrt(x)
+    s, c = fresnel(np.sqrt(2 / np.pi) * root)
+    tail = np.sqrt(np.pi / 2) * ((0.5 - c) - 1j * (0.5 - s))
+    return 2j * root * np.exp(1j * x) * tail
+
+
+def coefficient(n, k, distance, sin_beta, phi_in, phi_out, r0, rn) -> np.ndarray:
+    """D of one polarisation; `r0`, `rn`: reflection of both faces; `distance`: s·s'/(s + s')·sin²β."""
+    out = np.zeros(np.shape(phi_in), complex)
+    for sign, beta, weight in ((1, phi_out - phi_in, 1.0), (-1, phi_out - phi_in, 1.0), (-1, phi_out + phi_in, r0), (1, phi_out + phi_in, rn)):
+        turns = np.round((beta + sign * np.pi) / (2 * np.pi * n))
+        a = 2 * np.cos((2 * np.pi * n * turns - beta) / 2) ** 2
+        angle = (np.pi + sign * beta) / (2 * n)
+        near = np.abs(np.sin(angle)) < 1e-7
+        cot = np.cos(angle) / np.where(near, 1.0, np.sin(angle))
+        term = cot * transition(k * distance * a)
+        limit = n * np.exp(1j * np.pi / 4) * np.sqrt(2 * np.pi * k * distance)  # on a shadow boundary
+        out = out + weight * np.where(near, limit, term)
+    return -np.exp(-1j * np.pi / 4) / (2 * n * np.sqrt(2 * np.pi * k) * sin_beta) * out
+
+
+def paths(world, tx_m: np.ndarray, rx_m: np.ndarray, tx_antenna, rx_antenna):
+    """Instant, gain and length of every diffracted path (n,) from point i of `tx_m` to point i of `rx_m` (P, 3)."""
+    edges = edges_of(world.mesh.solids)
+    surface, faces = world.surface, world.faces
+    wavelength_m = world.wavelength_m
+    keep = np.flatnonzero(surface.present[edges.owner])
+    row, edge = (grid.ravel() for grid in np.meshgrid(np.arange(len(tx_m)), keep, indexing="ij"))
+    a, b = tx_m[row] - edges.begin_m[edge], rx_m[row] - edges.begin_m[edge]
+    along = edges.along[edge]
+    za, zb = (np.einsum("ij,ij->i", v, along) for v in (a, b))
+    ra, rb = (np.linalg.norm(v - z[:, None] * along, axis=1) for v, z in ((a, za), (b, zb)))
+    z = za + (zb - za) * ra / np.maximum(ra + rb, _TINY)  # Fermat: both angles with the edge are the same
+    on = (z > 0) & (z < edges.length_m[edge]) & (ra > 1e-4) & (rb > 1e-4)
+    row, edge, z, along = row[on], edge[on], z[on], along[on]
+    point_m = edges.begin_m[edge] + z[:, None] * along
+    first, second = point_m - tx_m[row], rx_m[row] - point_m
+    s_in, s_out = np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1)
+    first, second = first / s_in[:, None], second / s_out[:, None]
+    phi_in, phi_out = (_angle(edges, edge, v) for v in (-first, second))
+    limit = edges.n[edge] * np.pi
+    free = (phi_in > 1e-6) & (phi_in < limit - 1e-6) & (phi_out > 1e-6) & (phi_out < limit - 1e-6)
+    points = np.stack([tx_m[row], point_m, rx_m[row]], axis=1)
+    path, _, face, _ = images.crossings(faces, points, np.zeros((len(row), 1), np.int64))
+    solid = surface.present & ~surface.clear
+    free[path[solid[faces.owner[face]]]] = False
+    row, edge, along, first, second, s_in, s_out, phi_in, phi_out = (
+        v[free] for v in (row, edge, along, first, second, s_in, s_out, phi_in, phi_out)
+    )
+    sin_beta = np.maximum(np.linalg.norm(np.cross(first, along), axis=1), 1e-6)
+    k, n = 2 * np.pi / wavelength_m, edges.n[edge]
+    eta = surface.permittivity - 1j * surface.conductivity * wavelength_m * 59.9584916  # 1/(ε0·ω) = 60·λ
+    owner = edges.owner[edge]
+    # Angles of incidence on both faces (Luebbers): from the nearer of both rays.
+    graze0, grazen = np.minimum(phi_in, phi_out), np.minimum(n * np.pi - phi_in, n * np.pi - phi_out)
+    coefficients = []
+    for graze in (graze0, grazen):
+        cos_in = np.clip(np.abs(np.sin(graze)) * sin_beta, 1e-9, 1)
+        coefficients.append(fields.slab(eta[owner], surface.thickness_m[owner], cos_in, wavelength_m)[:2])
+    distance = s_in * s_out / (s_in + s_out) * sin_beta**2
+    soft, hard = (
+        coefficient(n, k, distance, sin_beta, phi_in, phi_out, coefficients[0][p], coefficients[1][p]) for p in (0, 1)
+    )
+    # Edge-fixed axes: φ across edge and ray, β completes them; soft: the field along β.
+    phi_a = -np.cross(along, first) / sin_beta[:, None]
+    phi_b = np.cross(along, second) / sin_beta[:, None]
+    beta_a, beta_b = np.cross(phi_a, first), np.cross(phi_b, second)
+    sent, taken = fields.far_field(tx_antenna, first), fields.far_field(rx_antenna, -second)
+    dot = lambda u, v: np.einsum("ij,ij->i", u, v)  # noqa: E731
+    field = -soft * dot(sent, beta_a) * dot(taken, beta_b) - hard * dot(sent, phi_a) * dot(taken, phi_b)
+    spread = np.sqrt(1 / (s_in * s_out * (s_in + s_out)))
+    return row, wavelength_m / (4 * np.pi) * spread * field, s_in + s_out
+
+
+def _angle(edges: Edges, edge: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Angle round the edge from the 0-face through the air, 0 to 2π."""
+    x = np.einsum("ij,ij->i", direction, edges.face[edge])
+    y = np.einsum("ij,ij->i", direction, edges.normal[edge])
+    return np.mod(np.arctan2(y, x), 2 * np.pi)

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the engine may ask of a family of place effects. A family is one class; its numbers are those of the contract or tell them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..world import World
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Effect:
+    """A family's physics with its numbers: `owner` is a name of its level, `choice` what it names (a pattern, a geometry)."""
+
+    family: "Family"
+    owner: str
+    values: np.ndarray
+    choice: object = None
+
+    def moved(self, values: np.ndarray) -> "Effect":
+        return replace(self, values=self.family.bounded(np.asarray(values, float)))
+
+    @property
+    def key(self) -> tuple:
+        return self.family.name, self.owner
+
+
+class Family:
+    """Base of all families."""
+
+    name = ""
+    level = "place"
+    order = 5  # of application: lower first
+    price_nats = 0.0  # of what it may name beside its numbers
+    is_flexible = False  # may stand in for much that it is not: tried when nothing simple explains
+    alike: tuple[str, ...] = ()  # families that may say the same, asked of the ambiguity
+
+    def owners(self, view) -> Sequence[str]:
+        """Names that may have it, those that the soundings can see alone."""
+        raise NotImplementedError
+
+    def starts(self, view, owner: str) -> list[Effect]:
+        """First guesses, few; the engine compares their energies and fits the best."""
+        raise NotImplementedError
+
+    def apply(self, world: World, effect: Effect) -> World:
+        raise NotImplementedError
+
+    def steps(self, world: World, effect: Effect) -> np.ndarray:
+        """Steps of numerical derivatives, one per number."""
+        return np.full(len(effect.values), 1e-6)
+
+    def bounded(self, values: np.ndarray) -> np.ndarray:
+        return values
+
+    def is_trivial(self, effect: Effect) -> bool:
+        """Whether these numbers say nothing happened."""
+        return False
+
+    def told(self, view, effect: Effect, covariance: np.ndarray) -> dict:
+        """`parameters` of the contract: name → {value, std}; `view` has the world with all effects."""
+        raise NotImplementedError
+
+    def sentence(self, effect: Effect, told: dict) -> str:
+        raise NotImplementedError
+
+
+def value(number, std=None) -> dict:
+    """One parameter of the contract, a number or three."""
+    plain = lambda v: [float(x) for x in v] if np.ndim(v) else float(v)  # noqa: E731
+    return {"value": plain(number)} | ({} if std is None else {"std": plain(std)})
+
+
+def std_of(covariance: np.ndarray, number: int) -> float:
+    return float(np.sqrt(max(covariance[number, number], 0.0)))

@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the tracer had switched off, or was told wrongly of the whole place: orders, transmission, diffraction, carrier, ground, loss."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ....scenario.create.geometry import Solid
+from ....scenario.create.media import Medium
+from ..world import surface_of
+from .base import Effect, Family, std_of, value
+
+_WIDE_M = 3000.0  # of a ground
+_GROUND_CONDUCTIVITY = 0.01  # S/m, where it cannot be told
+_OCTAVES = 1.3  # that a carrier may be off, up or down
+_BEST = 3
+
+
+class MissingReflections(Family):
+    name = "missing_reflections"
+    order = 3
+
+    def owners(self, view):
+        return ["place"] if view.world.max_depth < 4 else []
+
+    def starts(self, view, owner):
+        depth = view.world.max_depth
+        return [Effect(family=self, owner=owner, values=np.zeros(0), choice=order) for order in (depth + 1, depth + 2) if order <= 3]
+
+    def apply(self, world, effect):
+        return replace(world, max_depth=effect.choice)
+
+    def told(self, view, effect, covariance):
+        return {"order": value(effect.choice)}
+
+    def sentence(self, effect, told):
+        return f"Paths over {effect.choice} faces are in the world; the twin's tracer stops before."
+
+
+class MissingTransmission(Family):
+    name = "missing_transmission"
+    order = 3
+    alike = ("extra_object",)
+
+    def owners(self, view):
+        return [] if view.world.is_clear else ["place", *view.blocking_objects]
+
+    def starts(self, view, owner):
+        return [Effect(family=self, owner=owner, values=np.zeros(0))]
+
+    def apply(self, world, effect):
+        which = slice(None) if effect.owner == "place" else world.mesh.index(effect.owner)
+        return world.with_surface(which, clear=True)
+
+    def told(self, view, effect, covariance):
+        return {"loss_db": value(view.transmission_loss_db(effect), 1.0)}
+
+    def sentence(self, effect, told):
+        through = "objects" if effect.owner == "place" else effect.owner
+        return f"Legs go through {through}; in the twin they are blocked."
+
+
+class MissingDiffraction(Family):
+    name = "missing_diffraction"
+    order = 3
+
+    def owners(self, view):
+        return [] if view.world.diffraction else ["place"]
+
+    def starts(self, view, owner):
+        return [Effect(family=self, owner=owner, values=np.zeros(0))]
+
+    def apply(self, world, effect):
+        return replace(world, diffraction=True)
+
+    def told(self, view, effect, covariance):
+        return {"gain_db": value(view.diffraction_gain_db(effect), 2.0)}
+
+    def sentence(self, effect, told):
+        return "Rays bend round edges; the twin's tracer leaves diffraction out."
+
+
+class Carrier(Family):
+    name = "carrier"
+    order = 1
+
+    def owners(self, view):
+        return ["place"] if view.has_responses else []
+
+    def starts(self, view, owner):
+        found = view.scan_carrier(_OCTAVES, best=_BEST)
+        return [Effect(family=self, owner=owner, values=np.array([np.log(hz)])) for hz in (view.world.carrier_hz, *found)]
+
+    def apply(self, world, effect):
+        carrier_hz = float(np.exp(effect.values[0]))
+        surface = surface_of(world.mesh, world.media, carrier_hz, world.is_clear)
+        return replace(world, carrier_hz=carrier_hz, surface=surface)
+
+    def steps(self, world, effect):
+        return np.array([1e-6])
+
+    def bounded(self, values):
+        return np.clip(values, np.log(1e8), np.log(1e11))
+
+    def told(self, view, effect, covariance):
+        carrier_hz = float(np.exp(effect.values[0]))
+        return {"carrier_hz": value(carrier_hz, carrier_hz * std_of(covariance, 0))}
+
+    def sentence(self, effect, told):
+        return f"The place was sounded at {np.exp(effect.values[0]) / 1e9:.4g} GHz, another carrier than the twin was traced at."
+
+
+class Ground(Family):
+    name = "ground"
+    order = 1
+    alike = ("missing_object",)
+    price_nats = float(np.log(3))
+
+    def owners(self, view):
+        return ["place"] if view.lacks_ground else []
+
+    def starts(self, view, owner):
+        return [Effect(family=self, owner=owner, values=np.array([height_m, np.log(e)])) for height_m in view.scan_ground() for e in (4.0, 15.0)]
+
+    def apply(self, world, effect):
+        height_m, permittivity = effect.values[0], float(np.exp(effect.values[1]))
+        corners = [[x, y, height_m] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))] * np.array([_WIDE_M, _WIDE_M, 1.0])
+        solid = Solid(name="ground", vertices_m=corners, faces=[[0, 1, 2], [0, 2, 3]])
+        medium = Medium(own_permittivity=permittivity, own_conductivity_s_per_m=_GROUND_CONDUCTIVITY)
+        made = world.with_object(solid, permittivity=permittivity, conductivity=_GROUND_CONDUCTIVITY, thickness_m=np.inf)
+        return replace(made, media={**world.media, "ground": medium})
+
+    def steps(self, world, effect):
+        return np.array([world.wavelength_m * 1e-3, 1e-4])
+
+    def bounded(self, values):
+        return np.array([values[0], np.clip(values[1], np.log(1.2), np.log(80.0))])
+
+    def told(self, view, effect, covariance):
+        permittivity = float(np.exp(effect.values[1]))
+        return {
+            "height_m": value(effect.values[0], std_of(covariance, 0)),
+            "permittivity": value(permittivity, permittivity * std_of(covariance, 1)),
+            "point_m": value([*view.centre_m[:2], effect.values[0]], [std_of(covariance, 0)] * 3),
+            "normal": value([0.0, 0.0, 1.0]),
+        }
+
+    def sentence(self, effect, told):
+        return f"A ground at {effect.values[0]:.2f} m that the mesh leaves out, of permittivity {np.exp(effect.values[1]):.1f}."
+
+
+class ExcessLoss(Family):
+    """Of one link."""
+
+    name = "excess_loss"
+    level = "link"
+    alike = ("node_gain",)
+
+    def owners(self, view):
+        return [f"{a}>{b}" for a, b in view.links] if view.can_tell_links else []
+
+    def starts(self, view, owner):
+        return [Effect(family=self, owner=owner, values=np.zeros(1))]
+
+    def apply(self, world, effect):
+        link = tuple(effect.owner.split(">"))
+        return replace(world, link_loss_db={**world.link_loss_db, link: world.link_loss_db.get(link, 0.0) + effect.values[0]})
+
+    def bounded(self, values):
+        return np.clip(values, -60, 90)
+
+    def is_trivial(self, effect):
+        return bool(abs(effect.values[0]) < 0.01)
+
+    def told(self, view, effect, covariance):
+        return {"loss_db": value(effect.values[0], std_of(covariance, 0))}
+
+    def sentence(self, effect, told):
+        return f"{effect.owner} loses {effect.values[0]:+.2f} dB more than in the twin."
+
+
+class DistanceLaw(Family):
+    """Of the whole place: loss goes with another power of the distance."""
+
+    name = "excess_loss"
+
+    def owners(self, view):
+        return ["place"]
+
+    def starts(self, view, owner):
+        return [Effect(family=self, owner=owner, values=np.array([2.0]))]
+
+    def apply(self, world, effect):
+        return replace(world, exponent=float(effect.values[0]))
+
+    def bounded(self, values):
+        return np.clip(values, 0.5, 8)
+
+    def told(self, view, effect, covariance):
+        return {"exponent": value(effect.values[0], std_of(covariance, 0))}
+
+    def sentence(self, effect, told):
+        return f"Power falls with the {effect.values[0]:.2f}th power of the distance, in the twin with the second."

@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What may be wrong at a node: where it is, how its antenna looks and where, its cable, its timing on the track."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ....scenario.create.nodes import ANTENNAS
+from .base import Effect, Family, std_of, value
+
+_FAR_M = 0.7  # farthest offset that is looked for on the grid
+_GRID = 140  # points of the grid across, at most
+_BEST = 4  # maxima of a grid that are fitted
+_YAWS_RAD = np.linspace(-np.pi, np.pi, 16, endpoint=False)
+_PITCHES_RAD = (-0.6, -0.25, 0.0, 0.25, 0.6)
+_SPEED_FACTORS = (0.8, 0.87, 0.93, 0.97, 1.0, 1.03, 1.07, 1.13, 1.2)
+_TIME_OFFSETS_S = (-0.8, -0.5, -0.3, -0.15, -0.05, 0.0, 0.05, 0.15, 0.3, 0.5, 0.8)
+
+
+class _OfNode(Family):
+    level = "node"
+
+    def owners(self, view):
+        return view.nodes
+
+
+class NodePosition(_OfNode):
+    name = "node_position"
+    order = 2
+
+    def starts(self, view, owner):
+        zero = Effect(family=self, owner=owner, values=np.zeros(3))
+        step_m = view.world.wavelength_m / 5
+        reach = min(_GRID // 2, int(np.ceil(_FAR_M / step_m)))
+        grid_m = step_m * np.arange(-reach, reach + 1)
+        found = view.scan_node(owner, grid_m, best=_BEST)
+        return [zero, *(Effect(family=self, owner=owner, values=np.array([x, y, 0.0])) for x, y in found)]
+
+    def apply(self, world, effect):
+        offset_m = np.array(world.radios[effect.owner].offset_m) + effect.values
+        return world.with_radio(effect.owner, offset_m=tuple(offset_m))
+
+    def steps(self, world, effect):
+        return np.full(3, world.wavelength_m * 1e-3)
+
+    def is_trivial(self, effect):
+        return bool(np.linalg.norm(effect.values) < 1e-4)
+
+    def told(self, view, effect, covariance):
+        return {"offset_m": value(effect.values, np.sqrt(np.maximum(np.diag(covariance), 0)))}
+
+    def sentence(self, effect, told):
+        return f"{effect.owner} is {np.linalg.norm(effect.values):.3g} m away from where the twin has it."
+
+
+class NodeGain(_OfNode):
+    name = "node_gain"
+    alike = ("excess_loss",)
+
+    def owners(self, view):
+        return view.nodes if view.gain != "node" else []
+
+    def starts(self, view, owner):
+        return [Effect(family=self, owner=owner, values=np.zeros(1))]
+
+    def apply(self, world, effect):
+        return world.with_radio(effect.owner, gain_db=world.radios[effect.owner].gain_db + effect.values[0])
+
+    def bounded(self, values):
+        return np.clip(values, -60, 60)
+
+    def is_trivial(self, effect):
+        return bool(abs(effect.values[0]) < 0.01)
+
+    def told(self, view, effect, covariance):
+        return {"error_db": value(effect.values[0], std_of(covariance, 0))}
+
+    def sentence(self, effect, told):
+        return f"All that {effect.owner} sends and hears is {effect.values[0]:+.2f} dB against the twin: its cable or amplifier."
+
+
+class NodeDelay(_OfNode):
+    name = "node_delay"
+
+    def owners(self, view):
+        return view.nodes if view.delay == "none" and view.has_responses else []
+
+    def starts(self, view, owner):
+        zero = Effect(family=self, owner=owner, values=np.zeros(1))
+        return [zero, Effect(family=self, owner=owner, values=np.array([view.delay_of_node(owner)]))]
+
+    def apply(self, world, effect):
+        return world.with_radio(effect.owner, delay_s=world.radios[effect.owner].delay_s + effect.values[0])
+
+    def steps(self, world, effect):
+        return np.array([1e-13])
+
+    def told(self, view, effect, covariance):
+        return {"error_s": value(effect.values[0], std_of(covariance, 0))}
+
+    def sentence(self, effect, told):
+        return f"All that {effect.owner} sends and hears comes {effect.values[0] * 1e9:+.2f} ns late: its cable or clock."
+
+
+class AntennaOrientation(_OfNode):
+    name = "antenna_orientation"
+
+    def owners(self, view):
+        return [name for name in view.nodes if view.world.radios[name].node.antenna != "iso"]
+
+    def starts(self, view, owner):
+        round_ = view.world.radios[owner].node.antenna != "tr38901"
+        yaws = _YAWS_RAD[::4] if round_ else _YAWS_RAD
+        pitches = [p for p in _PITCHES_RAD if p or not round_]
+        return [Effect(family=self, owner=owner, values=np.array([yaw, pitch])) for yaw in yaws for pitch in pitches] + (
+            [Effect(family=self, owner=owner, values=np.array([0.0, 0.02]))]
+        )
+
+    def apply(self, world, effect):
+        node = world.radios[effect.owner].node
+        yaw, pitch, roll = node.orientation_rad
+        turned = (float(yaw + effect.values[0]), float(pitch + effect.values[1]), roll)
+        return world.with_radio(effect.owner, node=replace(node, orientation_rad=turned))
+
+    def bounded(self, values):
+        return np.array([(values[0] + np.pi) % (2 * np.pi) - np.pi, np.clip(values[1], -np.pi, np.pi)])
+
+    def is_trivial(self, effect):
+        return bool(np.abs(effect.values).max() < 1e-3)
+
+    def told(self, view, effect, covariance):
+        return {
+            "yaw_rad": value(effect.values[0], std_of(covariance, 0)),
+            "pitch_rad": value(effect.values[1], std_of(covariance, 1)),
+        }
+
+    def sentence(self, effect, told):
+        yaw, pitch = np.degrees(effect.values)
+        return f"The antenna of {effect.owner} looks {yaw:+.1f}° aside and {pitch:+.1f}° down against the twin."
+
+
+class AntennaPattern(_OfNode):
+    name = "antenna_pattern"
+    price_nats = float(np.log(3))
+
+    def starts(self, view, owner):
+        own = view.world.radios[owner].node.antenna
+        return [Effect(family=self, owner=owner, values=np.zeros(0), choice=kind) for kind in ANTENNAS if kind != own]
+
+    def apply(self, world, effect):
+        return world.with_radio(effect.owner, node=replace(world.radios[effect.owner].node, antenna=effect.choice))
+
+    def told(self, view, effect, covariance):
+        return {"pattern": effect.choice}
+
+    def sentence(self, effect, told):
+        return f"The antenna of {effect.owner} is rather a {effect.choice} than what the twin says."
+
+
+class TrackTiming(_OfNode):
+    name = "track_timing"
+    order = 2
+
+    def owners(self, view):
+        return [name for name in view.nodes if view.world.radios[name].node.is_moving]
+
+    def starts(self, view, owner):
+        return [
+            Effect(family=self, owner=owner, values=np.array([factor, offset_s]))
+            for factor in _SPEED_FACTORS
+            for offset_s in _TIME_OFFSETS_S
+            if factor != 1.0 or offset_s != 0.0
+        ]
+
+    def apply(self, world, effect):
+        return world.with_radio(effect.owner, speed_factor=float(effect.values[0]), time_offset_s=float(effect.values[1]))
+
+    def steps(self, world, effect):
+        return np.array([1e-5, 1e-5])
+
+    def bounded(self, values):
+        return np.array([np.clip(values[0], 0.2, 5), np.clip(values[1], -5, 5)])
+
+    def told(self, view, effect, covariance):
+        return {
+            "speed_factor": value(effect.values[0], std_of(covariance, 0)),
+            "time_offset_s": value(effect.values[1], std_of(covariance, 1)),
+        }
+
+    def sentence(self, effect, told):
+        return (
+            f"{effect.owner} goes {effect.values[0]:.3f} times as fast as in the twin and is {effect.values[1]:+.3f} s ahead on its track."
+        )

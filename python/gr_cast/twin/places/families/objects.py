@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What may be wrong with an object of the mesh: that it is there, where it is, what it is made of, how rough it is."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ....core.units import db_from_amplitude
+from ....scenario.create.media import ITU, Medium
+from .base import Effect, Family, std_of, value
+
+_FAR_M = 1.5  # farthest move that is looked for
+_BEST = 3  # maxima of a scan that are fitted
+_ROUGH = (1 / 60, 1 / 25, 1 / 12, 1 / 6)  # of a wavelength: first guesses of the roughness
+
+
+class _OfObject(Family):
+    level = "object"
+
+    def owners(self, view):
+        return view.seen_objects
+
+
+class ExtraObject(_OfObject):
+    name = "extra_object"
+
+    def owners(self, view):
+        return view.near_objects
+
+    def starts(self, view, owner):
+        return [Effect(family=self, owner=owner, values=np.zeros(0))]
+
+    def apply(self, world, effect):
+        return world.with_surface(world.mesh.index(effect.owner), present=False)
+
+    def told(self, view, effect, covariance):
+        return {}
+
+    def sentence(self, effect, told):
+        return f"{effect.owner} stands in the mesh and not in the world."
+
+
+class ObjectMoved(_OfObject):
+    name = "object_moved"
+    order = 1
+    alike = ("node_position",)
+    price_nats = float(np.log(3))  # axes
+
+    def starts(self, view, owner):
+        step_m = view.world.wavelength_m / 8
+        grid_m = step_m * np.arange(-int(_FAR_M / step_m), int(_FAR_M / step_m) + 1)
+        out = []
+        for normal in view.axes(owner):
+            for shift_m in (0.0, *view.scan_object(owner, normal, grid_m, best=_BEST)):
+                out.append(Effect(family=self, owner=owner, values=np.array([shift_m]), choice=tuple(normal)))
+        return out
+
+    def apply(self, world, effect):
+        return replace(world, mesh=world.mesh.moved(effect.owner, effect.values[0] * np.array(effect.choice)))
+
+    def steps(self, world, effect):
+        return np.array([world.wavelength_m * 1e-3])
+
+    def bounded(self, values):
+        return np.clip(values, -5, 5)
+
+    def is_trivial(self, effect):
+        return bool(abs(effect.values[0]) < 1e-4)
+
+    def told(self, view, effect, covariance):
+        normal = np.array(effect.choice)
+        std = std_of(covariance, 0)
+        return {
+            "offset_m": value(effect.values[0] * normal, np.maximum(std * np.abs(normal), std * 1e-3)),
+            "normal": value(normal),
+        }
+
+    def sentence(self, effect, told):
+        return f"{effect.owner} stands {abs(effect.values[0]):.3g} m away from where the mesh has it."
+
+
+class Material(_OfObject):
+    name = "material"
+    price_nats = float(np.log(3))
+
+    def owners(self, view):
+        return [*view.seen_objects, *view.shared_materials]
+
+    def _which(self, world, owner):
+        if owner in world.mesh.names:
+            return [world.mesh.index(owner)]
+        return [i for i, name in enumerate(world.mesh.names) if world.materials.get(name) == owner]
+
+    def starts(self, view, owner):
+        out = []
+        for name in known_at(view.world.carrier_hz):
+            if name != "metal":
+                permittivity, conductivity = numbers_of(name, view.world.carrier_hz)
+                out.append(Effect(family=self, owner=owner, values=np.log([permittivity, max(conductivity, 1e-6)])))
+        return [*out, Effect(family=self, owner=owner, values=np.log([1.0, 1e7]))]
+
+    def apply(self, world, effect):
+        permittivity, conductivity = np.exp(effect.values)
+        return world.with_surface(self._which(world, effect.owner), permittivity=permittivity, conductivity=conductivity)
+
+    def steps(self, world, effect):
+        return np.array([1e-5, 1e-4])
+
+    def bounded(self, values):
+        return np.array([np.clip(values[0], 0, np.log(100)), np.clip(values[1], np.log(1e-7), np.log(1e7))])
+
+    def told(self, view, effect, covariance):
+        permittivity, conductivity = np.exp(effect.values)
+        return {
+            "permittivity": value(permittivity, permittivity * std_of(covariance, 0)),
+            "conductivity": value(conductivity, conductivity * min(std_of(covariance, 1), 10.0)),
+            "reflection_error_db": value(*view.reflection_error_db(effect, self._which(view.world, effect.owner), covariance)),
+            "nearest": nearest(permittivity, conductivity, view.world.carrier_hz),
+        }
+
+    def sentence(self, effect, told):
+        error_db = told["reflection_error_db"]["value"]
+        return f"{effect.owner} reflects {error_db:+.1f} dB against its material in the twin: rather like {told['nearest'].replace('_', ' ')}."
+
+
+def nearest(permittivity: float, conductivity: float, carrier_hz: float) -> str:
+    """The ITU material whose reflection at normal incidence and at 60° is nearest."""
+    angle = np.array([1.0, 0.5])
+
+    def seen(e, s):
+        eta = e - 1j * s * 17.975e9 / carrier_hz
+        root = np.sqrt(eta - (1 - angle**2))
+        return np.concatenate([db_from_amplitude((angle - root) / (angle + root)), [np.log(e), 0.3 * np.log(s / carrier_hz * 1e10 + 1)]])
+
+    own = seen(permittivity, conductivity)
+    return min(known_at(carrier_hz), key=lambda name: float(np.abs(seen(*numbers_of(name, carrier_hz)) - own).sum()))
+
+
+def known_at(carrier_hz: float) -> list[str]:
+    """ITU materials whose data reach the carrier."""
+    return [name for name in ITU if not Medium(material=name).out_of_band(carrier_hz)]
+
+
+def numbers_of(name: str, carrier_hz: float) -> tuple[float, float]:
+    """Relative permittivity and conductivity (S/m) of an ITU material."""
+    medium = Medium(material=name)
+    return medium.permittivity(carrier_hz), medium.conductivity(carrier_hz)
+
+
+class Roughness(_OfObject):
+    name = "roughness"
+    alike = ("material",)
+
+    def owners(self, view):
+        return [*view.seen_objects, *view.shared_materials]
+
+    def starts(self, view, owner):
+        return [Effect(family=self, owner=owner, values=np.log([part * view.world.wavelength_m])) for part in _ROUGH]
+
+    def apply(self, world, effect):
+        which = Material()._which(world, effect.owner)
+        return world.with_surface(which, height_rms_m=float(np.exp(effect.values[0])))
+
+    def steps(self, world, effect):
+        return np.array([1e-4])
+
+    def bounded(self, values):
+        return np.clip(values, np.log(1e-6), np.log(0.5))
+
+    def told(self, view, effect, covariance):
+        height = float(np.exp(effect.values[0]))
+        return {"height_rms_m": value(height, height * std_of(covariance, 0))}
+
+    def sentence(self, effect, told):
+        return f"{effect.owner} is rough: {1e3 * np.exp(effect.values[0]):.2g} mm rms weaken its mirror images."

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a world sounds like on the links of one sounding: H(f, t) = Σ a·exp(−j2π(f_c + f)τ) over its paths."""
+
+from collections import OrderedDict
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...core.units import SPEED_OF_LIGHT_M_PER_S, amplitude_from_db
+from ...scenario.create import fields, images, wedges
+from . import passer
+from .world import World
+
+_KEPT = 4000  # links in memory
+
+
+@dataclass(frozen=True, kw_only=True)
+class Traced:
+    """Paths of one link: the pairs of points are its instants, or one where nothing moves."""
+
+    paths: images.Paths
+    tx_m: np.ndarray
+    rx_m: np.ndarray
+    touched: np.ndarray  # objects that its paths meet or cross
+
+
+class Predictor:
+    """Responses (L, T, K) of worlds on links (tx, rx names) at `time_s` (T,) and `frequency_hz` (K,) from the carrier."""
+
+    def __init__(self, tx, rx, time_s: np.ndarray, frequency_hz: np.ndarray):
+        self.links = list(zip(tx, rx, strict=True))
+        self.time_s, self.frequency_hz = np.asarray(time_s, float), np.asarray(frequency_hz, float)
+        self._traced: OrderedDict = OrderedDict()
+        self._known: OrderedDict = OrderedDict()
+
+    def response(self, world: World) -> np.ndarray:
+        return np.stack([self.link_response(world, index) for index in range(len(self.links))])
+
+    def link_response(self, world: World, index: int) -> np.ndarray:
+        """(T, K) of one link."""
+        tx, rx = (world.radios[name] for name in self.links[index])
+        traced = self.traced(world, index)
+        surface = world.surface
+        rows = np.stack([getattr(surface, key)[traced.touched] for key in vars(surface)])
+        key = (
+            self._geometry_key(world, index), tx, rx, tx.track_key, rx.track_key, world.mesh.key, rows.tobytes(), world.carrier_hz,
+            world.diffraction, world.exponent, world.link_loss_db.get(self.links[index], 0.0), world.person,
+        )  # fmt: skip
+        key = tuple(part if not hasattr(part, "node") else _radio_key(part) for part in key)
+        return _remember(self._known, key, lambda: self._compute(world, index, traced))
+
+    def traced(self, world: World, index: int) -> Traced:
+        """The paths of a link, as they are in the world that this one is frozen at."""
+        base = world.frozen or world
+        key = self._geometry_key(world, index)
+        return _remember(self._traced, key, lambda: self._trace(base, index))
+
+    def _geometry_key(self, world: World, index: int):
+        base = world.frozen or world
+        tx, rx = (base.radios[name] for name in self.links[index])
+        return index, base.mesh.key, base.max_depth, base.is_clear, tx.track_key, rx.track_key
+
+    def ends_m(self, world: World, index: int) -> tuple[np.ndarray, np.ndarray]:
+        tx_m, rx_m = (world.radios[name].position_m(self.time_s) for name in self.links[index])
+        if world.person is not None and len(tx_m) == len(rx_m) == 1:
+            tx_m = np.repeat(tx_m, len(self.time_s), axis=0)
+        many = max(len(tx_m), len(rx_m))
+        return np.broadcast_to(tx_m, (many, 3)), np.broadcast_to(rx_m, (many, 3))
+
+    def _trace(self, world: World, index: int) -> Traced:
+        tx_m, rx_m = (world.radios[name].position_m(self.time_s) for name in self.links[index])
+        many = max(len(tx_m), len(rx_m))
+        tx_m, rx_m = np.broadcast_to(tx_m, (many, 3)), np.broadcast_to(rx_m, (many, 3))
+        faces = world.faces
+        paths = images.search(faces, tx_m, rx_m, world.max_depth)
+        met = np.concatenate([paths.faces[paths.faces >= 0], paths.crossing_face])
+        return Traced(paths=paths, tx_m=tx_m, rx_m=rx_m, touched=np.unique(faces.owner[met]))
+
+    def path_table(self, world: World, index: int):
+        """(instant, gain, length_m, optics, paths) of the specular paths of a link, blocked ones with gain 0."""
+        tx, rx = (world.radios[name] for name in self.links[index])
+        traced = self.traced(world, index)
+        paths, faces = traced.paths, world.faces if world.frozen is None or not world.frozen.is_clear else world.mesh.thick
+        tx_m, rx_m = (radio.position_m(self.time_s) for radio in (tx, rx))
+        many = max(len(tx_m), len(rx_m))
+        tx_m, rx_m = np.broadcast_to(tx_m, (many, 3)), np.broadcast_to(rx_m, (many, 3))
+        way = fields.optics(faces, paths.faces, tx_m[paths.pair], rx_m[paths.pair])
+        start, end = fields.far_field(tx.antenna, way.direction[:, 0]), fields.far_field(rx.antenna, -way.direction[:, -1])
+        gain = fields.gains(faces, paths, way, world.surface, start, end, world.carrier_hz)
+        if world.exponent != 2.0:
+            gain = gain * way.length_m ** ((2.0 - world.exponent) / 2)
+        return paths.pair, gain, way
+
+    def _compute(self, world: World, index: int, traced: Traced) -> np.ndarray:
+        tx, rx = (world.radios[name] for name in self.links[index])
+        instant, gain, way = self.path_table(world, index)
+        length_m = way.length_m
+        many = len(traced.tx_m)
+        if world.person is not None:
+            instant, gain, length_m, many = passer.with_person(world, self, index, instant, gain, way, many)
+        if world.diffraction:
+            more = wedges.paths(world, *self.ends_m(world, index), tx.antenna, rx.antenna)
+            instant, gain, length_m = (np.concatenate([a, b]) for a, b in zip((instant, gain, length_m), more, strict=True))
+        response = summed(instant, gain, length_m, many, world.carrier_hz, self.frequency_hz)
+        scale = amplitude_from_db(tx.gain_db + rx.gain_db - world.link_loss_db.get(self.links[index], 0.0))
+        response = response * scale * np.exp(-2j * np.pi * self.frequency_hz * (tx.delay_s + rx.delay_s))
+        return np.broadcast_to(response, (len(self.time_s), len(self.frequency_hz)))
+
+
+def summed(instant, gain, length_m, many: int, carrier_hz: float, frequency_hz: np.ndarray) -> np.ndarray:
+    """Sum of paths per instant, (many, K). Frequencies in equal steps go on from one to the next."""
+    out = np.zeros((many, len(frequency_hz)), complex)
+    rows = np.flatnonzero(gain)
+    if not len(rows):
+        return out
+    order = rows[np.argsort(instant[rows], kind="stable")]
+    delay_s = length_m[order] / SPEED_OF_LIGHT_M_PER_S
+    phasors = np.empty((len(order), len(frequency_hz)), complex)
+    phasors[:, 0] = gain[order] * np.exp(-2j * np.pi * np.fmod((carrier_hz + frequency_hz[0]) * delay_s, 1.0))
+    if len(frequency_hz) > 1:
+        step = np.exp(-2j * np.pi * (frequency_hz[1] - frequency_hz[0]) * delay_s)
+        for k in range(1, len(frequency_hz)):
+            np.multiply(phasors[:, k - 1], step, out=phasors[:, k])
+    where, first = np.unique(instant[order], return_index=True)
+    out[where] = np.add.reduceat(phasors, first, axis=0)
+    return out
+
+
+def _radio_key(radio):
+    return radio.track_key, radio.node.orientation_rad, radio.node.antenna, radio.gain_db, radio.delay_s
+
+
+def _remember(memory: OrderedDict, key, make):
+    if key in memory:
+        memory.move_to_end(key)
+        return memory[key]
+    memory[key] = value = make()
+    if len(memory) > _KEPT:
+        memory.popitem(last=False)
+    return value

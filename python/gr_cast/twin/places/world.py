@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A place as the forward model needs it. Effects only ever replace parts of a world; what did not change is not computed anew."""
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from ...core.units import SPEED_OF_LIGHT_M_PER_S
+from ...scenario.create.fields import Antenna, Surface
+from ...scenario.create.geometry import Solid
+from ...scenario.create.images import Faces, faces_of
+from ...scenario.create.media import Medium
+from ...scenario.create.nodes import Node, position_m
+from .document import Place
+
+_numbers = itertools.count()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Radio:
+    """A node with what a world may hold against its SPEC: `offset_m`, timing of its track, gain and delay of its cable."""
+
+    node: Node
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    speed_factor: float = 1.0
+    time_offset_s: float = 0.0
+    gain_db: float = 0.0
+    delay_s: float = 0.0
+
+    @property
+    def antenna(self) -> Antenna:
+        return Antenna(pattern=self.node.antenna, orientation_rad=self.node.orientation_rad)
+
+    def position_m(self, time_s: np.ndarray) -> np.ndarray:
+        """(T, 3), static nodes (1, 3)."""
+        if not self.node.is_moving:
+            return self.node.waypoints_m[:1] + np.array(self.offset_m)
+        return position_m(self.node, (time_s + self.time_offset_s) * self.speed_factor) + np.array(self.offset_m)
+
+    @property
+    def track_key(self):
+        return self.node.waypoints_m.tobytes(), self.node.speed_m_per_s, self.offset_m, self.speed_factor, self.time_offset_s
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Objects of a place. `hollow`: points (n, 3) that may lie inside closed objects: where nodes are."""
+
+    solids: tuple[Solid, ...]
+    points_m: np.ndarray
+    key: int = field(default_factory=lambda: next(_numbers))
+
+    @cached_property
+    def thin(self) -> Faces:
+        return faces_of(self.solids, self.points_m)
+
+    @cached_property
+    def thick(self) -> Faces:
+        return faces_of(self.solids, thick=True)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        return tuple(solid.name for solid in self.solids)
+
+    def index(self, name: str) -> int:
+        return self.names.index(name)
+
+    def moved(self, name: str, offset_m) -> "Mesh":
+        offset_m = np.asarray(offset_m, float)
+        solids = tuple(replace(s, vertices_m=s.vertices_m + offset_m) if s.name == name else s for s in self.solids)
+        return Mesh(solids, self.points_m)
+
+    def joined(self, solid: Solid) -> "Mesh":
+        return Mesh((*self.solids, solid), self.points_m)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Person:
+    """Something upright that moves: its axis at time 0, its velocity, and how strongly it scatters (radar cross-section)."""
+
+    position_m: tuple[float, float, float]
+    velocity_m_per_s: tuple[float, float, float]
+    cross_section_m2: float
+    radius_m: float
+    height_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class World:
+    """Everything that the prediction depends on."""
+
+    mesh: Mesh
+    media: Mapping[str, Medium]
+    surface: Surface
+    radios: Mapping[str, Radio]
+    carrier_hz: float
+    max_depth: int
+    diffraction: bool = False
+    exponent: float = 2.0
+    link_loss_db: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    person: Person | None = None
+    frozen: "World | None" = None
+
+    @property
+    def faces(self) -> Faces:
+        return self.mesh.thick if self.is_clear else self.mesh.thin
+
+    @property
+    def is_clear(self) -> bool:
+        return bool(self.surface.clear.any())
+
+    @property
+    def wavelength_m(self) -> float:
+        return SPEED_OF_LIGHT_M_PER_S / self.carrier_hz
+
+    def with_radio(self, name: str, **changes) -> "World":
+        return replace(self, radios={**self.radios, name: replace(self.radios[name], **changes)})
+
+    def with_surface(self, index, **changes) -> "World":
+        arrays = {key: np.array(getattr(self.surface, key)) for key in changes}
+        for key, value in changes.items():
+            arrays[key][index] = value
+        return replace(self, surface=replace(self.surface, **arrays))
+
+    def with_object(self, solid: Solid, **surface) -> "World":
+        """One more object; what is not said of its surface is a smooth slab of 0.1 m."""
+        values = {"thickness_m": 0.1, "height_rms_m": 0.0, "scattering": 0.0, "present": True, "clear": self.is_clear} | surface
+        arrays = {key: np.append(getattr(self.surface, key), value) for key, value in values.items()}
+        return replace(self, mesh=self.mesh.joined(solid), surface=Surface(**arrays))
+
+
+def surface_of(mesh: Mesh, media: Mapping[str, Medium], carrier_hz: float, clear: bool) -> Surface:
+    """Numbers of all objects at a carrier."""
+    own = [media[name] for name in mesh.names]
+    return Surface(
+        permittivity=np.array([medium.permittivity(carrier_hz) for medium in own]),
+        conductivity=np.array([medium.conductivity(carrier_hz) for medium in own]),
+        thickness_m=np.array([medium.thickness_m for medium in own]),
+        height_rms_m=np.array([medium.height_rms_m for medium in own]),
+        scattering=np.array([medium.scattering_coefficient for medium in own]),
+        present=np.ones(len(own), bool),
+        clear=np.full(len(own), clear),
+    )
+
+
+def of_place(place: Place) -> World:
+    """The world that the twin of a place case believes in."""
+    spec = place.spec
+    radios = {node.name: Radio(node=node) for node in spec.nodes}
+    ends_m = [node.waypoints_m for node in spec.nodes]
+    mesh = Mesh(place.solids, np.concatenate(ends_m))
+    return World(
+        mesh=mesh, media=place.media, surface=surface_of(mesh, place.media, spec.carrier_hz, spec.refraction), radios=radios,
+        carrier_hz=spec.carrier_hz, max_depth=spec.max_depth, diffraction=spec.diffraction,
+    )  # fmt: skip
+
+
+def frozen(world: World, at: World) -> World:
+    """`world` over the paths of `at`: lengths, angles and fields follow, what is met and what blocks does not (for derivatives)."""
+    return replace(world, frozen=at if at.frozen is None else at.frozen)
+
