@@ -2,26 +2,21 @@
 """Joint fit of effects to all soundings: Levenberg-Marquardt over their numbers, unknown phases, delays and gains profiled out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...twin.places.families.base import Effect
-from ...twin.places.predict import Predictor
 from ...twin.places.world import World, frozen
-from .likelihood import Fitted, Heard, profiled, tangents, without_phases
+from .ears import PowerEar, ResponseEar
+from .likelihood import Fitted
 
 _DAMPING = 1e-3  # of the first step, times the diagonal
 _WORTH = 0.05  # nats: less than this is no step forward
 _LEAST_POWER = 1e-300
 
 
-@dataclass(frozen=True, eq=False)
-class Ear:
-    """One sounding with its predictor."""
-
-    predictor: Predictor
-    heard: Heard
+Ear = ResponseEar | PowerEar
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -47,7 +42,7 @@ def applied(base: World, effects: Sequence[Effect]) -> World:
 
 def evaluated(ears: Sequence[Ear], base: World, effects: Sequence[Effect]) -> Model:
     world = applied(base, effects)
-    fits = tuple(profiled(ear.heard, ear.predictor.response(world)) for ear in ears)
+    fits = tuple(ear.profiled(ear.predicted(world)) for ear in ears)
     return Model(base=base, effects=tuple(effects), energy=sum(fit.energy for fit in fits), fits=fits)
 
 
@@ -75,17 +70,15 @@ def normal_equations(ears: Sequence[Ear], model: Model, free: np.ndarray) -> tup
         moved[number] += steps[number]
         shifted.append(frozen(applied(model.base, _split(model.effects, moved)), here))
     for ear, fit in zip(ears, model.fits, strict=True):
-        root = np.sqrt(ear.heard.weight)
-        base = ear.predictor.response(frozen(here, here))
+        base = ear.predicted(frozen(here, here))
         columns = []
         for number, world in zip(free, shifted, strict=True):
-            derivative = (ear.predictor.response(world) - base) * fit.factor / steps[number]
-            columns.append(_real(without_phases(ear.heard, fit.model, derivative) * root))
-        others = [_real(without_phases(ear.heard, fit.model, column) * root) for column in tangents(ear.heard, fit.model)]
-        residual = _real(fit.residual * root)
+            columns.append(_real(ear.column(fit, (ear.predicted(world) - base) / steps[number]) * ear.root))
+        others = [_real(column * ear.root) for column in ear.nuisance(fit)]
+        residual = _real(fit.residual * ear.root)
         j = np.array(columns)
         if others:
-            basis = np.linalg.qr(np.array(others).T + 0.0)[0] if len(others) == 1 else _basis(np.array(others))
+            basis = _basis(np.array(others))
             residual = residual - basis @ (basis.T @ residual)
             j = j - (j @ basis) @ basis.T
         top += j @ j.T
@@ -168,5 +161,3 @@ def replaced(ears: Sequence[Ear], model: Model, number: int, effect: Effect) -> 
     effects[number] = effect
     return evaluated(ears, model.base, tuple(effects))
 
-
-__all__ = ["Ear", "Model", "applied", "deviations", "evaluated", "fitted", "replace", "replaced", "with_effect", "without_effect"]

@@ -10,7 +10,6 @@ import numpy as np
 
 _ROUNDS = 4  # of gains and delays, which are Gauss-Newton steps near the optimum
 _FINER = 8  # of the grid of delays over the resolution of the band
-_LN10_20 = np.log(10) / 20
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,8 +60,7 @@ def profiled(heard: Heard, h: np.ndarray) -> Fitted:
             have = power.sum(axis=1)
             ratio = np.maximum(wanted, 1e-6 * have) / np.maximum(have, 1e-300)
             if heard.gain == "common":
-                total = np.exp(2 * log_gain) * 0 + have
-                log_gain = np.full(shape_l, np.log(max(wanted.sum(), 1e-6 * have.sum()) / max(total.sum(), 1e-300)))
+                log_gain = np.full(shape_l, np.log(max(wanted.sum(), 1e-6 * have.sum()) / max(have.sum(), 1e-300)))
             else:
                 log_gain = _gains(ratio, have, log_gain if number else None, links)
         if heard.delay != "none" and number + 1 < rounds:
@@ -85,7 +83,7 @@ def _phases(cross: np.ndarray, kind: str) -> np.ndarray:
     return np.where(size > 0, cross / np.where(size > 0, size, 1), 1)
 
 
-def _incidence(links) -> np.ndarray:
+def incidence(links) -> np.ndarray:
     names = sorted({name for link in links for name in link})
     out = np.zeros((len(links), len(names)))
     for row, link in enumerate(links):
@@ -96,7 +94,7 @@ def _incidence(links) -> np.ndarray:
 
 def _gains(ratio: np.ndarray, have: np.ndarray, before: np.ndarray | None, links) -> np.ndarray:
     """Log gains per node, summed per link: weighted least squares of ln(ratio), then Gauss-Newton in amplitude."""
-    design = _incidence(links)
+    design = incidence(links)
     if before is None:
         root = np.sqrt(have) * np.minimum(ratio, 1 / np.maximum(ratio, 1e-12))
         return design @ np.linalg.lstsq(root[:, None] * design, root * np.log(ratio), rcond=1e-9)[0]
@@ -109,7 +107,7 @@ def _gains(ratio: np.ndarray, have: np.ndarray, before: np.ndarray | None, links
 def _shared(delay_s: np.ndarray, heard: Heard, kind: str, weight: np.ndarray) -> np.ndarray:
     if kind == "link":
         return delay_s
-    design, root = _incidence(heard.links), np.sqrt(weight)
+    design, root = incidence(heard.links), np.sqrt(weight)
     return design @ np.linalg.lstsq(root[:, None] * design, root * delay_s, rcond=1e-9)[0]
 
 
@@ -144,7 +142,7 @@ def _delay_step(heard: Heard, model: np.ndarray, omega: np.ndarray) -> np.ndarra
     bottom = np.maximum((centred**2 * power).sum(axis=(1, 2)), 1e-300)
     if heard.delay == "link":
         return top / bottom
-    design, root = _incidence(heard.links), np.sqrt(bottom)
+    design, root = incidence(heard.links), np.sqrt(bottom)
     return design @ np.linalg.lstsq(root[:, None] * design, root * top / bottom, rcond=1e-9)[0]
 
 
@@ -160,7 +158,7 @@ def tangents(heard: Heard, model: np.ndarray) -> list[np.ndarray]:
                 column[row] = derivative[row]
                 out.append(column)
         elif kind == "node":
-            for weights in _incidence(heard.links).T:
+            for weights in incidence(heard.links).T:
                 out.append(derivative * weights[:, None, None])
     return out
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
-from .images import Faces, Paths, unfold
+from .media import VACUUM_PERMITTIVITY
+from .images import Faces, Paths, chosen, unfold
 
-_VACUUM_PERMITTIVITY_F_PER_M = 8.8541878128e-12
 _TINY = 1e-12
 
 
@@ -106,40 +106,49 @@ def slab(permittivity: np.ndarray, thickness_m: np.ndarray, cos_in: np.ndarray, 
     return tuple(out)
 
 
+def unblocked(faces: Faces, paths: Paths, surface: Surface) -> Paths:
+    """Paths whose objects are all there and whose legs go through clear ones at most."""
+    object_of = faces.owner
+    keep = ~((paths.faces >= 0) & ~surface.present[object_of[paths.faces]]).any(axis=1)
+    shut = (surface.present & ~surface.clear)[object_of[paths.crossing_face]]
+    keep[paths.crossing_path[shut]] = False
+    return chosen(paths, keep)
+
+
 def gains(
     faces: Faces, paths: Paths, way: Optics, surface: Surface, start: np.ndarray, end: np.ndarray, carrier_hz: float
 ) -> np.ndarray:
-    """Gain of every path (n,), without the phase of its delay: λ/(4π·length) times antennas' fields and dyads; 0 where it is blocked.
+    """Gain of every path (n,) of `unblocked`, without the phase of its delay: λ/(4π·length) times antennas' fields and dyads.
 
     `start` (n, 3): the field sent along the first leg; `end` (n, 3): the field that the receiver takes from the last.
     """
     wavelength_m = SPEED_OF_LIGHT_M_PER_S / carrier_hz
     omega = 2 * np.pi * carrier_hz
-    eta = surface.permittivity - 1j * surface.conductivity / (_VACUUM_PERMITTIVITY_F_PER_M * omega)
-    object_of = faces.owner
-    out = np.ones(len(paths.pair))
-    met_object = np.where(paths.faces >= 0, object_of[paths.faces], -1)
-    out[(np.where(met_object >= 0, ~surface.present[met_object], False)).any(axis=1)] = 0
-    crossing = np.flatnonzero(surface.present[object_of[paths.crossing_face]])
-    shut = crossing[~surface.clear[object_of[paths.crossing_face[crossing]]]]
-    out[paths.crossing_path[shut]] = 0
-    alive = np.flatnonzero(out)
-    field = np.zeros((len(out), 3), complex)
-    field[alive] = start[alive]
-    through = crossing[out[paths.crossing_path[crossing]] != 0]
+    eta = surface.permittivity - 1j * surface.conductivity / (VACUUM_PERMITTIVITY * omega)
+    field = start.astype(complex)
+    through = np.flatnonzero(surface.present[faces.owner[paths.crossing_face]])
     for leg in range(paths.faces.shape[1] + 1):
         _pass(faces, paths, way, surface, eta, wavelength_m, field, through[paths.crossing_leg[through] == leg], leg)
         if leg < paths.faces.shape[1]:
-            rows = alive[paths.faces[alive, leg] >= 0]
+            rows = np.flatnonzero(paths.faces[:, leg] >= 0)
             _reflect(faces, paths.faces[rows, leg], way, surface, eta, wavelength_m, field, rows, leg)
-    return out * wavelength_m / (4 * np.pi * way.length_m) * np.einsum("ij,ij->i", field, end)
+    return wavelength_m / (4 * np.pi * way.length_m) * np.einsum("ij,ij->i", field, end)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross product of rows (n, 3): NumPy's own spends most of its time on its axes."""
+    a, b = np.broadcast_arrays(a, b)
+    out = np.empty(a.shape, np.result_type(a, b))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[:, i] = a[:, j] * b[:, k] - a[:, k] * b[:, j]
+    return out
 
 
 def _across(incoming: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """Unit vector across the plane of incidence; any one where a ray falls straight."""
-    across = np.cross(incoming, normal)
+    across = _cross(incoming, normal)
     size = np.linalg.norm(across, axis=1, keepdims=True)
-    other = np.cross(incoming, np.where(np.abs(incoming[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]]))
+    other = _cross(incoming, np.where(np.abs(incoming[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]]))
     return np.where(size > 1e-9, across / np.maximum(size, _TINY), other / np.linalg.norm(other, axis=1, keepdims=True))
 
 
@@ -152,7 +161,7 @@ def _reflect(faces, face, way, surface, eta, wavelength_m, field, rows, leg) -> 
     rough = np.exp(-8 * (np.pi * surface.height_rms_m[owner] * cos_in / wavelength_m) ** 2)
     rough = rough * np.sqrt(1 - surface.scattering[owner] ** 2)
     across = _across(incoming, normal)
-    before, after = np.cross(across, incoming), np.cross(across, outgoing)
+    before, after = _cross(across, incoming), _cross(across, outgoing)
     old = field[rows]
     field[rows] = (
         (rough * te * np.einsum("ij,ij->i", old, across))[:, None] * across
@@ -169,7 +178,7 @@ def _pass(faces, paths, way, surface, eta, wavelength_m, field, crossing, leg) -
         cos_in = np.clip(np.abs(np.einsum("ij,ij->i", direction, normal)), 1e-9, 1)
         _, _, te, tm = slab(eta[owner], surface.thickness_m[owner], cos_in, wavelength_m)
         across = _across(direction, normal)
-        along = np.cross(across, direction)
+        along = _cross(across, direction)
         old = field[rows]
         field[rows] = (te * np.einsum("ij,ij->i", old, across))[:, None] * across + (
             tm * np.einsum("ij,ij->i", old, along)

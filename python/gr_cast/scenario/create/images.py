@@ -78,6 +78,39 @@ def faces_of(solids: Sequence[Solid], points_m: np.ndarray = np.zeros((0, 3)), *
     )
 
 
+def shifted(faces: Faces, owner: int, offset_m: np.ndarray) -> Faces:
+    """The faces with those of one object moved."""
+    own = faces.owner == owner
+    level_m = np.where(own, faces.level_m + faces.normal @ offset_m, faces.level_m)
+    moved = np.repeat(own, np.diff(faces.start))
+    return replace(faces, level_m=level_m, triangles_m=faces.triangles_m + moved[:, None, None] * offset_m)
+
+
+def joined(first: Faces, second: Faces, owners: int) -> Faces:
+    """The faces of `second` behind those of `first`, whose objects are `owners` in number."""
+    return Faces(
+        normal=np.concatenate([first.normal, second.normal]),
+        level_m=np.concatenate([first.level_m, second.level_m]),
+        owner=np.concatenate([first.owner, second.owner + owners]),
+        sided=np.concatenate([first.sided, second.sided]),
+        start=np.concatenate([first.start, first.start[-1] + second.start[1:]]),
+        triangles_m=np.concatenate([first.triangles_m, second.triangles_m]),
+    )
+
+
+def chosen(paths: Paths, keep: np.ndarray) -> Paths:
+    """The paths of `keep` (n,) bool with their crossings."""
+    number = np.cumsum(keep) - 1
+    crossing = keep[paths.crossing_path]
+    return Paths(
+        pair=paths.pair[keep],
+        faces=paths.faces[keep],
+        crossing_path=number[paths.crossing_path[crossing]],
+        crossing_leg=paths.crossing_leg[crossing],
+        crossing_face=paths.crossing_face[crossing],
+    )
+
+
 def _first_sign(normals: np.ndarray) -> np.ndarray:
     """Sign of the first component that is not nil."""
     first = np.argmax(np.abs(normals) > 1e-6, axis=1)

@@ -16,12 +16,21 @@ _KEPT = 4000  # links in memory
 
 @dataclass(frozen=True, kw_only=True)
 class Traced:
-    """Paths of one link: the pairs of points are its instants, or one where nothing moves."""
+    """Paths of one link, blocked ones too: the pairs of points are its instants, or one where nothing moves."""
 
     paths: images.Paths
-    tx_m: np.ndarray
-    rx_m: np.ndarray
     touched: np.ndarray  # objects that its paths meet or cross
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """Paths that are there: `instant` (n,) of `many`, `gain` without the phase of the delay, geometry."""
+
+    paths: images.Paths
+    instant: np.ndarray
+    gain: np.ndarray
+    way: fields.Optics
+    many: int
 
 
 class Predictor:
@@ -32,6 +41,7 @@ class Predictor:
         self.time_s, self.frequency_hz = np.asarray(time_s, float), np.asarray(frequency_hz, float)
         self._traced: OrderedDict = OrderedDict()
         self._known: OrderedDict = OrderedDict()
+        self._tables: OrderedDict = OrderedDict()
 
     def response(self, world: World) -> np.ndarray:
         return np.stack([self.link_response(world, index) for index in range(len(self.links))])
@@ -39,15 +49,16 @@ class Predictor:
     def link_response(self, world: World, index: int) -> np.ndarray:
         """(T, K) of one link."""
         tx, rx = (world.radios[name] for name in self.links[index])
-        traced = self.traced(world, index)
-        surface = world.surface
-        rows = np.stack([getattr(surface, key)[traced.touched] for key in vars(surface)])
-        key = (
-            self._geometry_key(world, index), tx, rx, tx.track_key, rx.track_key, world.mesh.key, rows.tobytes(), world.carrier_hz,
-            world.diffraction, world.exponent, world.link_loss_db.get(self.links[index], 0.0), world.person,
-        )  # fmt: skip
-        key = tuple(part if not hasattr(part, "node") else _radio_key(part) for part in key)
-        return _remember(self._known, key, lambda: self._compute(world, index, traced))
+        cables = tx.gain_db + rx.gain_db, tx.delay_s + rx.delay_s, world.link_loss_db.get(self.links[index], 0.0)
+        key = self._key(world, index), cables, world.diffraction, world.person
+        return _remember(self._known, key, lambda: self._compute(world, index))
+
+    def _key(self, world: World, index: int):
+        """Of what the paths' gains depend on: its ends, and the surfaces that they touch."""
+        tx, rx = (world.radios[name] for name in self.links[index])
+        surface, touched = world.surface, self.traced(world, index).touched
+        rows = b"".join(getattr(surface, key)[touched].tobytes() for key in vars(surface))
+        return self._geometry_key(world, index), _radio_key(tx), _radio_key(rx), world.mesh.key, rows, world.carrier_hz, world.exponent
 
     def traced(self, world: World, index: int) -> Traced:
         """The paths of a link, as they are in the world that this one is frozen at."""
@@ -60,46 +71,50 @@ class Predictor:
         tx, rx = (base.radios[name] for name in self.links[index])
         return index, base.mesh.key, base.max_depth, base.is_clear, tx.track_key, rx.track_key
 
-    def ends_m(self, world: World, index: int) -> tuple[np.ndarray, np.ndarray]:
+    def _ends_m(self, world: World, index: int) -> tuple[np.ndarray, np.ndarray]:
+        """Both ends (P, 3) at all instants, or at one where nothing moves."""
         tx_m, rx_m = (world.radios[name].position_m(self.time_s) for name in self.links[index])
-        if world.person is not None and len(tx_m) == len(rx_m) == 1:
-            tx_m = np.repeat(tx_m, len(self.time_s), axis=0)
         many = max(len(tx_m), len(rx_m))
         return np.broadcast_to(tx_m, (many, 3)), np.broadcast_to(rx_m, (many, 3))
 
+    def ends_m(self, world: World, index: int) -> tuple[np.ndarray, np.ndarray]:
+        """Both ends (T, 3)."""
+        return tuple(np.broadcast_to(end, (len(self.time_s), 3)) for end in self._ends_m(world, index))
+
     def _trace(self, world: World, index: int) -> Traced:
-        tx_m, rx_m = (world.radios[name].position_m(self.time_s) for name in self.links[index])
-        many = max(len(tx_m), len(rx_m))
-        tx_m, rx_m = np.broadcast_to(tx_m, (many, 3)), np.broadcast_to(rx_m, (many, 3))
+        tx_m, rx_m = self._ends_m(world, index)
         faces = world.faces
         paths = images.search(faces, tx_m, rx_m, world.max_depth)
         met = np.concatenate([paths.faces[paths.faces >= 0], paths.crossing_face])
-        return Traced(paths=paths, tx_m=tx_m, rx_m=rx_m, touched=np.unique(faces.owner[met]))
+        return Traced(paths=paths, touched=np.unique(faces.owner[met]))
 
     def path_table(self, world: World, index: int):
-        """(instant, gain, length_m, optics, paths) of the specular paths of a link, blocked ones with gain 0."""
+        """Paths of a link that are there, with instant, gain, optics."""
+        return _remember(self._tables, self._key(world, index), lambda: self._table(world, index))
+
+    def _table(self, world: World, index: int) -> Table:
         tx, rx = (world.radios[name] for name in self.links[index])
-        traced = self.traced(world, index)
-        paths, faces = traced.paths, world.faces if world.frozen is None or not world.frozen.is_clear else world.mesh.thick
-        tx_m, rx_m = (radio.position_m(self.time_s) for radio in (tx, rx))
-        many = max(len(tx_m), len(rx_m))
-        tx_m, rx_m = np.broadcast_to(tx_m, (many, 3)), np.broadcast_to(rx_m, (many, 3))
+        base = world.frozen or world
+        faces = world.mesh.thick if base.is_clear else world.mesh.thin
+        paths = fields.unblocked(faces, self.traced(world, index).paths, world.surface)
+        tx_m, rx_m = self._ends_m(world, index)
         way = fields.optics(faces, paths.faces, tx_m[paths.pair], rx_m[paths.pair])
         start, end = fields.far_field(tx.antenna, way.direction[:, 0]), fields.far_field(rx.antenna, -way.direction[:, -1])
         gain = fields.gains(faces, paths, way, world.surface, start, end, world.carrier_hz)
         if world.exponent != 2.0:
             gain = gain * way.length_m ** ((2.0 - world.exponent) / 2)
-        return paths.pair, gain, way
+        return Table(paths=paths, instant=paths.pair, gain=gain, way=way, many=len(tx_m))
 
-    def _compute(self, world: World, index: int, traced: Traced) -> np.ndarray:
+    def _compute(self, world: World, index: int) -> np.ndarray:
         tx, rx = (world.radios[name] for name in self.links[index])
-        instant, gain, way = self.path_table(world, index)
+        table = self.path_table(world, index)
+        instant, gain, way, many = table.instant, table.gain, table.way, table.many
         length_m = way.length_m
-        many = len(traced.tx_m)
         if world.person is not None:
             instant, gain, length_m, many = passer.with_person(world, self, index, instant, gain, way, many)
         if world.diffraction:
-            more = wedges.paths(world, *self.ends_m(world, index), tx.antenna, rx.antenna)
+            ends = self.ends_m(world, index) if many > 1 else self._ends_m(world, index)
+            more = wedges.paths(world, *ends, tx.antenna, rx.antenna)
             instant, gain, length_m = (np.concatenate([a, b]) for a, b in zip((instant, gain, length_m), more, strict=True))
         response = summed(instant, gain, length_m, many, world.carrier_hz, self.frequency_hz)
         scale = amplitude_from_db(tx.gain_db + rx.gain_db - world.link_loss_db.get(self.links[index], 0.0))
@@ -127,7 +142,7 @@ def summed(instant, gain, length_m, many: int, carrier_hz: float, frequency_hz: 
 
 
 def _radio_key(radio):
-    return radio.track_key, radio.node.orientation_rad, radio.node.antenna, radio.gain_db, radio.delay_s
+    return radio.track_key, radio.node.orientation_rad, radio.node.antenna
 
 
 def _remember(memory: OrderedDict, key, make):

@@ -4,14 +4,13 @@
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from ...scenario.create.fields import Antenna, Surface
 from ...scenario.create.geometry import Solid
-from ...scenario.create.images import Faces, faces_of
+from ...scenario.create.images import Faces, faces_of, joined, shifted
 from ...scenario.create.media import Medium
 from ...scenario.create.nodes import Node, position_m
 from .document import Place
@@ -45,36 +44,31 @@ class Radio:
         return self.node.waypoints_m.tobytes(), self.node.speed_m_per_s, self.offset_m, self.speed_factor, self.time_offset_s
 
 
-@dataclass(frozen=True, eq=False)
 class Mesh:
-    """Objects of a place. `hollow`: points (n, 3) that may lie inside closed objects: where nodes are."""
+    """Objects of a place, with their faces: `thin`, hollow objects from outside alone, and `thick`, for legs that go through."""
 
-    solids: tuple[Solid, ...]
-    points_m: np.ndarray
-    key: int = field(default_factory=lambda: next(_numbers))
+    def __init__(self, solids: tuple[Solid, ...], thin: Faces, thick: Faces):
+        self.solids, self.thin, self.thick = solids, thin, thick
+        self.names = tuple(solid.name for solid in solids)
+        self.key = next(_numbers)
 
-    @cached_property
-    def thin(self) -> Faces:
-        return faces_of(self.solids, self.points_m)
-
-    @cached_property
-    def thick(self) -> Faces:
-        return faces_of(self.solids, thick=True)
-
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        return tuple(solid.name for solid in self.solids)
+    @classmethod
+    def of(cls, solids: tuple[Solid, ...], points_m: np.ndarray) -> "Mesh":
+        """`points_m` (n, 3): where nodes are, which may be inside closed objects."""
+        return cls(solids, faces_of(solids, points_m), faces_of(solids, thick=True))
 
     def index(self, name: str) -> int:
         return self.names.index(name)
 
     def moved(self, name: str, offset_m) -> "Mesh":
-        offset_m = np.asarray(offset_m, float)
+        offset_m, number = np.asarray(offset_m, float), self.index(name)
         solids = tuple(replace(s, vertices_m=s.vertices_m + offset_m) if s.name == name else s for s in self.solids)
-        return Mesh(solids, self.points_m)
+        return Mesh(solids, shifted(self.thin, number, offset_m), shifted(self.thick, number, offset_m))
 
     def joined(self, solid: Solid) -> "Mesh":
-        return Mesh((*self.solids, solid), self.points_m)
+        """One more object: a sheet."""
+        faces, count = faces_of((solid,)), len(self.solids)
+        return Mesh((*self.solids, solid), joined(self.thin, faces, count), joined(self.thick, faces, count))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,7 +145,7 @@ def of_place(place: Place) -> World:
     spec = place.spec
     radios = {node.name: Radio(node=node) for node in spec.nodes}
     ends_m = [node.waypoints_m for node in spec.nodes]
-    mesh = Mesh(place.solids, np.concatenate(ends_m))
+    mesh = Mesh.of(place.solids, np.concatenate(ends_m))
     return World(
         mesh=mesh, media=place.media, surface=surface_of(mesh, place.media, spec.carrier_hz, spec.refraction), radios=radios,
         carrier_hz=spec.carrier_hz, max_depth=spec.max_depth, diffraction=spec.diffraction,

@@ -89,7 +89,7 @@ class Material(_OfObject):
     def _which(self, world, owner):
         if owner in world.mesh.names:
             return [world.mesh.index(owner)]
-        return [i for i, name in enumerate(world.mesh.names) if world.materials.get(name) == owner]
+        return [i for i, name in enumerate(world.mesh.names) if name in world.media and world.media[name].material == owner]
 
     def starts(self, view, owner):
         out = []

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the residual shows of things that no path of the twin meets: planes by their mirror echoes, something that passes by its own."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...core.units import SPEED_OF_LIGHT_M_PER_S
+from .ears import ResponseEar
+from .likelihood import Fitted
+
+_FINER = 8  # of the grid of delays over the resolution of the band
+_CHANCE = 2.0  # of a cell: less is noise
+_STRONGEST = 40.0  # nats that one row may give a place: one strong echo is no plane
+
+
+@dataclass(frozen=True, kw_only=True)
+class Echoes:
+    """Residual rows (n): where both ends are, when, and the nats (n, bins) of one more echo at each delay from 0 on."""
+
+    tx_m: np.ndarray
+    rx_m: np.ndarray
+    time_s: np.ndarray
+    link: np.ndarray
+    nats: np.ndarray
+    bins_per_s: float
+
+
+def echoes(ear: ResponseEar, fit: Fitted, world) -> Echoes:
+    """Nats of an echo at a delay: |Σ r·conj(e)|²/Σ|e|² with both weighted by the noise."""
+    heard, predictor = ear.heard, ear.predictor
+    count = len(heard.frequency_hz)
+    size = 1 << int(np.ceil(np.log2(_FINER * count)))
+    spacing = heard.frequency_hz[1] - heard.frequency_hz[0]
+    gain = np.abs(fit.factor)
+    unit = fit.factor / np.maximum(gain, 1e-300)
+    profile = np.fft.ifft(fit.residual * unit.conj() * heard.weight, size, axis=2) * size
+    nats = np.abs(profile) ** 2 / np.maximum(heard.weight.sum(axis=2, keepdims=True), 1e-300)
+    links, instants, _ = nats.shape
+    ends = [predictor.ends_m(world, index) for index in range(links)]
+    tx_m, rx_m = (np.concatenate([np.broadcast_to(end[side], (instants, 3)) for end in ends]) for side in (0, 1))
+    return Echoes(
+        tx_m=tx_m, rx_m=rx_m, time_s=np.tile(predictor.time_s, links), link=np.repeat(np.arange(links), instants),
+        nats=nats.reshape(links * instants, size), bins_per_s=size * spacing,
+    )  # fmt: skip
+
+
+def looked_up(seen: Echoes, length_m: np.ndarray) -> np.ndarray:
+    """Nats (..., n) of echoes of given lengths (..., n), noise taken off."""
+    place = np.mod(np.round(length_m / SPEED_OF_LIGHT_M_PER_S * seen.bins_per_s).astype(np.int64), seen.nats.shape[1])
+    return np.clip(seen.nats[np.arange(len(seen.nats)), place] - _CHANCE, 0, _STRONGEST)
+
+
+def plane_scores(seen: list[Echoes], normal: np.ndarray, level_m: np.ndarray) -> np.ndarray:
+    """Nats (P,) of planes normal·x = level: normals (P, 3); both ends must be on one side of a plane."""
+    total = np.zeros(len(level_m))
+    for one in seen:
+        a, b = one.tx_m @ normal.T - level_m, one.rx_m @ normal.T - level_m  # (n, P)
+        apart = ((one.tx_m - one.rx_m) ** 2).sum(axis=1)[:, None]
+        length_m = np.sqrt(apart + 4 * a * b * (a * b > 0))
+        nats = looked_up(one, length_m.T)
+        total += (nats * (a * b > 0).T).sum(axis=1)
+    return total
+
+
+def passer_scores(seen: list[Echoes], foot_m: np.ndarray, velocity: np.ndarray, height_m: float) -> np.ndarray:
+    """Nats (P, V) of something at `foot_m` (P, 2) at time 0 that goes at `velocity` (V, 2)."""
+    total = np.zeros((len(foot_m), len(velocity)))
+    for one in seen:
+        for number, speed in enumerate(velocity):
+            place = foot_m[:, None] + one.time_s[None, :, None] * speed
+            length_m = 0.0
+            for end in (one.tx_m, one.rx_m):
+                flat = ((place - end[:, :2]) ** 2).sum(axis=2)
+                length_m = length_m + np.sqrt(flat + (end[:, 2] - height_m) ** 2)
+            total[:, number] += looked_up(one, length_m).sum(axis=1)
+    return total

@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From residual echoes to rectangles: noncoherent image of all planes, coherent refinement of the best, extent by who sees them."""
+
+import numpy as np
+
+from ...core.units import SPEED_OF_LIGHT_M_PER_S
+from ...scenario.create import fields
+from ...twin.places.families.additions import Sheet
+from . import imaging
+
+_AZIMUTHS = 90  # of upright planes
+_KEPT = 5  # planes that are refined
+_SHIFTS, _TURNS = 240, 41  # of the coherent grid, at most
+_SEEN_NATS = 4.0  # of a row that a plane is fitted to
+_MARGIN_M = 0.4  # beyond the outermost point that is lit
+
+
+def sheets(view) -> list[Sheet]:
+    """Rectangles that would explain echoes in the residual, the best first."""
+    seen = view.echoes
+    if not seen:
+        return []
+    low, high = view.bounds_m
+    centre = (low + high) / 2
+    reach_m = float(np.linalg.norm(high - low)) / 2 + 10.0
+    resolution_m = SPEED_OF_LIGHT_M_PER_S / seen[0].bins_per_s
+    levels = np.arange(-reach_m, reach_m, max(resolution_m / 2, reach_m / 400))
+    azimuth = np.arange(_AZIMUTHS) * np.pi / _AZIMUTHS
+    upright = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(_AZIMUTHS)])
+    normals = np.concatenate([np.repeat(upright, len(levels), axis=0), np.repeat([[0.0, 0.0, 1.0]], len(levels), axis=0)])
+    level_m = np.tile(levels, _AZIMUTHS + 1) + normals @ centre
+    scores = imaging.plane_scores(seen, normals, level_m)
+    image = scores.reshape(_AZIMUTHS + 1, len(levels)).copy()
+    found = []
+    near = max(int(np.ceil(1.0 / (levels[1] - levels[0]))), 2)
+    for _ in range(_KEPT):
+        a, d = np.unravel_index(np.argmax(image), image.shape)
+        if image[a, d] < _SEEN_NATS:
+            break
+        found.append((normals[a * len(levels) + d], level_m[a * len(levels) + d]))
+        for turn in range(-4, 5):
+            other = a + turn if a < _AZIMUTHS else a
+            if a < _AZIMUTHS and not 0 <= other < _AZIMUTHS:
+                continue
+            image[other, max(d - near, 0) : d + near + 1] = -np.inf
+    refined = [one for one in (_refined(view, normal, level) for normal, level in found) if one is not None]
+    return [sheet for _, sheet in sorted(refined, key=lambda pair: -pair[0])[:3]]
+
+
+def _refined(view, normal: np.ndarray, level_m: float):
+    """(nats, sheet) of the best rectangle near a plane; None where nothing coherent is there."""
+    rows = _rows(view, normal, level_m)
+    if len(rows["y"]) < 2:
+        return None
+    v = np.array([0.0, 0.0, 1.0]) if abs(normal[2]) < 0.5 else np.array([0.0, 1.0, 0.0])
+    u = np.cross(v, normal)
+    a, b = rows["tx"] @ normal - level_m, rows["rx"] @ normal - level_m
+    share = (a / (a + b))[:, None]
+    met = rows["tx"] - a[:, None] * normal + share * (rows["rx"] - b[:, None] * normal - rows["tx"] + a[:, None] * normal)
+    strong = rows["nats"] > _SEEN_NATS
+    if strong.sum() < 2:
+        return None
+    origin = met[strong].mean(axis=0)
+    origin = origin - (origin @ normal - level_m) * normal
+    span_m = max(float(np.ptp((met[strong] - origin) @ u)), 1.0)
+    wavelength_m = view.world.wavelength_m
+    resolution_m = SPEED_OF_LIGHT_M_PER_S / view.echoes[0].bins_per_s * 8
+    half = min(resolution_m / 3, _SHIFTS / 2 * wavelength_m / 10)
+    shifts = np.arange(-half, half + 1e-9, wavelength_m / 10)
+    step_rad = wavelength_m / 6 / span_m
+    turns = step_rad * np.arange(-(_TURNS // 2), _TURNS // 2 + 1)
+    turns = turns[np.abs(turns) <= np.radians(4)]
+    best = _coherent(view, rows, origin, normal, u, shifts, turns, strong)
+    shift, turn, amplitude = best
+    gain_nats, _ = _evidence(view, rows, origin, normal, u, shift, turn, amplitude)
+    tilted = np.cos(turn) * normal - np.sin(turn) * u
+    along = np.cos(turn) * u + np.sin(turn) * normal
+    origin = origin + shift * normal
+    level = origin @ tilted
+    a, b = rows["tx"] @ tilted - level, rows["rx"] @ tilted - level
+    share = (a / np.where(a + b == 0, 1, a + b))[:, None]
+    met = rows["tx"] + share * (rows["rx"] - rows["tx"]) - ((1 - share) * a[:, None] + share * b[:, None]) * tilted
+    places = np.column_stack([(met - origin) @ along, (met - origin) @ v])
+    box = _rectangle(places, gain_nats)
+    if box is None:
+        return None
+    nats, low, high = box
+    sheet = Sheet(
+        origin_m=tuple(origin), normal=tuple(tilted), u=tuple(along), v=tuple(v), low_m=tuple(low), high_m=tuple(high)
+    )  # fmt: skip
+    return nats, sheet
+
+
+def _rows(view, normal, level_m) -> dict:
+    """Residual rows whose ends are on one side of a plane, undone of what was fitted."""
+    parts = {key: [] for key in ("tx", "rx", "y", "weight", "scale", "nats")}
+    f_hz = None
+    for ear, fit, seen in zip(view.ears, view.model.fits, view.echoes, strict=True):
+        f_hz = ear.heard.frequency_hz
+        a, b = seen.tx_m @ normal - level_m, seen.rx_m @ normal - level_m
+        good = a * b > 0
+        length_m = np.sqrt(((seen.tx_m - seen.rx_m) ** 2).sum(axis=1) + 4 * a * b * good)
+        nats = imaging.looked_up(seen, length_m)
+        size = fit.residual.shape
+        parts["y"].append(fit.residual.reshape(-1, size[2])[good])
+        parts["weight"].append(ear.heard.weight.reshape(-1, size[2])[good])
+        factor = fit.factor.reshape(-1, size[2])
+        sent = np.repeat([_strength(view, link) for link in ear.heard.links], size[1])
+        parts["scale"].append((factor * sent[:, None])[good])
+        for key, values in (("tx", seen.tx_m), ("rx", seen.rx_m), ("nats", nats)):
+            parts[key].append(values[good])
+        break  # one grid of frequencies at a time: the first campaign points, all are fitted
+    out = {key: np.concatenate(values) for key, values in parts.items()}
+    out["f_hz"] = f_hz
+    return out
+
+
+def _strength(view, link) -> float:
+    tx, rx = (view.world.radios[name] for name in link)
+    return float(10 ** ((tx.gain_db + rx.gain_db - view.world.link_loss_db.get(link, 0.0)) / 20))
+
+
+def _echo(view, rows, which, columns, length_m) -> np.ndarray:
+    """Echo of unit reflection (n, K) on rows `which`."""
+    f_hz = rows["f_hz"][columns]
+    tau_s = length_m / SPEED_OF_LIGHT_M_PER_S
+    phase = np.exp(-2j * np.pi * (view.world.carrier_hz + f_hz) * tau_s[..., None])
+    return rows["scale"][which][:, columns] * (view.world.wavelength_m / (4 * np.pi * length_m))[..., None] * phase
+
+
+def _lengths(rows, which, origin, normal, u, shift, turn) -> np.ndarray:
+    tilted = np.cos(turn) * normal - np.sin(turn) * u
+    level = (origin + shift * normal) @ tilted
+    a, b = rows["tx"][which] @ tilted - level, rows["rx"][which] @ tilted - level
+    return np.sqrt(((rows["tx"][which] - rows["rx"][which]) ** 2).sum(axis=1) + 4 * np.maximum(a * b, 0))
+
+
+def _coherent(view, rows, origin, normal, u, shifts, turns, strong):
+    which = np.flatnonzero(strong)
+    which = which[np.argsort(-rows["nats"][which])[:60]]
+    columns = np.unique(np.linspace(0, len(rows["f_hz"]) - 1, 10).round().astype(int))
+    y, weight = rows["y"][which][:, columns], rows["weight"][which][:, columns]
+    best, top = (0.0, 0.0, 0.0j), -1.0
+    for turn in turns:
+        for shift in shifts:
+            echo = _echo(view, rows, which, columns, _lengths(rows, which, origin, normal, u, shift, turn))
+            cross, power = (echo.conj() * y * weight).sum(), (np.abs(echo) ** 2 * weight).sum()
+            nats = np.abs(cross) ** 2 / max(power, 1e-300)
+            if nats > top:
+                best, top = (float(shift), float(turn), complex(cross / max(power, 1e-300))), nats
+    return best
+
+
+def _evidence(view, rows, origin, normal, u, shift, turn, amplitude):
+    """Nats (n,) by which the echo explains each row."""
+    which, columns = np.arange(len(rows["y"])), np.arange(len(rows["f_hz"]))
+    echo = amplitude * _echo(view, rows, which, columns, _lengths(rows, which, origin, normal, u, shift, turn))
+    gain = (2 * (echo.conj() * rows["y"]).real - np.abs(echo) ** 2) * rows["weight"]
+    return gain.sum(axis=1), echo
+
+
+def _rectangle(places: np.ndarray, nats: np.ndarray):
+    """(nats, low, high) of the rectangle with most nats in it, its edges half-way to the next row that does not see it."""
+    lit = nats > _SEEN_NATS
+    if lit.sum() < 2:
+        return None
+    low, high = places[lit].min(axis=0), places[lit].max(axis=0)
+    inside = lambda lo, hi: ((places >= lo - 1e-9) & (places <= hi + 1e-9)).all(axis=1)  # noqa: E731
+    for _ in range(3):
+        for axis in (0, 1):
+            for side in (0, 1):
+                best, at = -np.inf, None
+                for edge in np.unique(places[lit, axis]):
+                    lo, hi = low.copy(), high.copy()
+                    (lo if side == 0 else hi)[axis] = edge
+                    if lo[axis] > hi[axis]:
+                        continue
+                    total = nats[inside(lo, hi)].sum()
+                    if total > best:
+                        best, at = total, edge
+                (low if side == 0 else high)[axis] = at
+    total = nats[inside(low, high)].sum()
+    if total < 2 * _SEEN_NATS:
+        return None
+    return float(total), low - _MARGIN_M, high + _MARGIN_M
+
+
+def lit(view, effect):
+    """Points (n, 3) where first-order paths meet the added object, and its mean reflection in dB; (None, 0) where none does."""
+    world = view.world
+    name = [name for name in world.mesh.names if name.startswith("missing_")]
+    points, ratio = [], []
+    for ear in view.ears:
+        for index, link in enumerate(ear.predictor.links):
+            table = ear.predictor.path_table(world, index)
+            paths, gain, way = table.paths, table.gain, table.way
+            if not paths.faces.shape[1] or not name:
+                continue
+            own = np.array([world.mesh.index(one) for one in name])
+            first = (paths.faces[:, 0] >= 0) & np.isin(world.faces.owner[paths.faces[:, 0]], own) & (gain != 0)
+            if paths.faces.shape[1] > 1:
+                first &= paths.faces[:, 1] < 0
+            level = np.array(effect.choice.corners_m(*effect.values[:2]))
+            normal = effect.choice.normal_at(effect.values[1])
+            first &= np.abs((way.points_m[:, 1] - level[0]) @ normal) < 1e-3
+            tx, rx = (world.radios[one].antenna for one in link)
+            sent = np.linalg.norm(fields.far_field(tx, way.direction[first, 0]), axis=1)
+            taken = np.linalg.norm(fields.far_field(rx, -way.direction[first, -1]), axis=1)
+            free = world.wavelength_m / (4 * np.pi * way.length_m[first]) * sent * taken
+            points.append(way.points_m[first, 1])
+            ratio.append(np.abs(gain[first]) / np.maximum(free, 1e-300))
+    points = np.concatenate(points) if points else np.zeros((0, 3))
+    if not len(points):
+        return None, 0.0
+    ratio = np.concatenate(ratio)
+    return points, float(np.mean(20 * np.log10(np.maximum(ratio, 1e-6))))
+
+
+def passers(view, height_m: float):
+    """(place (2,), velocity (2,)) of things that would explain echoes that move, the best first."""
+    seen = view.echoes
+    if not seen:
+        return []
+    low, high = view.bounds_m
+    resolution_m = SPEED_OF_LIGHT_M_PER_S / seen[0].bins_per_s
+    step_m = float(np.clip(resolution_m * 2, 0.25, 1.0))
+    step_m = max(step_m, float((high - low)[:2].max()) / 60)
+    x, y = (np.arange(low[axis] - 2, high[axis] + 2, step_m) for axis in (0, 1))
+    foot = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    speeds = np.arange(-2.0, 2.01, 0.4)
+    velocity = np.array([(a, b) for a in speeds for b in speeds if np.hypot(a, b) <= 2.4])
+    scores = imaging.passer_scores(seen, foot, velocity, height_m)
+    found = []
+    for _ in range(3):
+        p, v = np.unravel_index(np.argmax(scores), scores.shape)
+        fine_p = foot[p] + step_m * 0.5 * np.array([(a, b) for a in (-1, -0.5, 0, 0.5, 1) for b in (-1, -0.5, 0, 0.5, 1)])
+        fine_v = velocity[v] + 0.2 * np.array([(a, b) for a in (-1, -0.5, 0, 0.5, 1) for b in (-1, -0.5, 0, 0.5, 1)])
+        fine = imaging.passer_scores(seen, fine_p, fine_v, height_m)
+        i, j = np.unravel_index(np.argmax(fine), fine.shape)
+        found.append((fine_p[i], fine_v[j]))
+        scores[np.linalg.norm(foot - foot[p], axis=1) < 1.5] = -np.inf
+    return found

@@ -1,0 +1,11 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Every threshold of the diagnosis of places, with its unit and its reason."""
+
+MOST_EFFECTS = 4  # more were never right: what is left then is unexplained
+LEAST_EVIDENCE_NATS = 8.0  # an effect is worth it beyond the price of its numbers and of all that was tried: 1 in 3000 by chance
+CLEAN_DEVIATIONS = 4.0  # standard deviations of the energy of noise: above, something is left
+RIVAL_NATS = 6.0  # another explanation that is not worse by more is open: odds 1 in 400
+FITTED_AFTER_SCREEN = 8  # candidates of a round that are fitted to their optimum
+FITTED_PER_FAMILY = 2  # of those, at most of one family: a crowd of neighbours leaves room for other physics
+SCREEN_ROUNDS = 2  # Gauss-Newton steps of a candidate alone
+SEPARATED_NATS = 10.0  # what a recording must promise to be worth asking for

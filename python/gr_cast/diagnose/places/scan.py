@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Coarse searches over one or two numbers whose energy has a minimum every wavelength: paths keep their strengths, phases turn."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...core.units import SPEED_OF_LIGHT_M_PER_S
+from .ears import ResponseEar
+from .likelihood import Fitted
+
+_ROWS, _FREQUENCIES = 40, 12  # of a sounding that a scan looks at: a guess needs no more
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One response: paths that turn (n, K) at `rates` (axes, n, K) rad per unit, what stays (K,), data and weights (K,)."""
+
+    base: np.ndarray
+    rates: np.ndarray
+    rest: np.ndarray
+    y: np.ndarray
+    weight: np.ndarray
+    is_free: bool  # its phase is unknown
+
+
+def thinned(count: int, wanted: int) -> np.ndarray:
+    return np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int))
+
+
+def rows(ear: ResponseEar, fit: Fitted, world, rates_of, only=None) -> list[Row]:
+    """Rows of a sounding whose paths are turned by `rates_of(link, tables)` → (axes, n, 2): metres of length and of its part that
+    shows in the band, per unit; None where a link is not touched. `only`(link, table) → bool (n,): paths that turn."""
+    heard, predictor = ear.heard, ear.predictor
+    touched = [index for index in range(len(heard.links)) if rates_of(index) is not None]
+    out = []
+    if not touched:
+        return out
+    per_link = max(2, _ROWS // len(touched))
+    columns = thinned(len(heard.frequency_hz), _FREQUENCIES)
+    f_hz = heard.frequency_hz[columns]
+    for index in touched:
+        table = predictor.path_table(world, index)
+        instant, gain, way = table.instant, table.gain, table.way
+        rates = rates_of(index)
+        response = predictor.link_response(world, index)
+        moves = gain != 0
+        moves &= np.abs(rates).max(axis=(0, 2)) > 0
+        still = instant.max(initial=0) == 0
+        for step in thinned(len(predictor.time_s), per_link):
+            here = np.flatnonzero(moves & (instant == (0 if still else step)))
+            weight = heard.weight[index, step, columns]
+            if not len(here) or not weight.any():
+                continue
+            tau_s = way.length_m[here] / SPEED_OF_LIGHT_M_PER_S
+            base = gain[here, None] * np.exp(-2j * np.pi * (world.carrier_hz + f_hz) * tau_s[:, None])
+            rate = (2 * np.pi / SPEED_OF_LIGHT_M_PER_S) * (
+                world.carrier_hz * rates[:, here, :1] + f_hz[None, None] * rates[:, here, 1:]
+            )
+            factor = fit.factor[index, step, columns]
+            scale = _scale(world, predictor, index, columns)
+            base = base * scale
+            out.append(
+                Row(
+                    base=base * factor, rates=rate, rest=(response[step, columns] - base.sum(axis=0)) * factor,
+                    y=heard.y[index, step, columns], weight=weight, is_free=heard.phase != "none",
+                )  # fmt: skip
+            )
+    return out
+
+
+def _scale(world, predictor, index: int, columns) -> np.ndarray:
+    tx, rx = (world.radios[name] for name in predictor.links[index])
+    loss_db = tx.gain_db + rx.gain_db - world.link_loss_db.get(predictor.links[index], 0.0)
+    return 10 ** (loss_db / 20) * np.exp(-2j * np.pi * predictor.frequency_hz[columns] * (tx.delay_s + rx.delay_s))
+
+
+def energy(rows_: Sequence[Row], first: np.ndarray, second: np.ndarray = np.zeros(1)) -> np.ndarray:
+    """Energy of all rows (len(first), len(second)) over the grid."""
+    total = np.zeros((len(first), len(second)))
+    for row in rows_:
+        cross, power = np.zeros(total.shape, complex), np.zeros(total.shape)
+        for k in range(len(row.y)):
+            left = row.base[:, k] * np.exp(-1j * np.multiply.outer(first, row.rates[0][:, k]))
+            right = np.exp(-1j * np.multiply.outer(second, row.rates[1][:, k])) if len(row.rates) > 1 else np.ones((1, left.shape[1]))
+            model = left @ right.T + row.rest[k]
+            cross += row.weight[k] * row.y[k].conj() * model
+            power += row.weight[k] * np.abs(model) ** 2
+        total += power - 2 * (np.abs(cross) if row.is_free else cross.real)
+    return total
+
+
+def minima(grid: np.ndarray, energies: np.ndarray, best: int) -> list:
+    """Values of the grid at the lowest local minima, the lowest first."""
+    energies = energies.ravel()
+    inner = np.flatnonzero((energies[1:-1] <= energies[:-2]) & (energies[1:-1] <= energies[2:])) + 1
+    inner = inner if len(inner) else np.array([int(np.argmin(energies))])
+    return [float(grid[i]) for i in inner[np.argsort(energies[inner])][:best]]
+
+
+def minima_2d(x: np.ndarray, y: np.ndarray, energies: np.ndarray, best: int) -> list[tuple[float, float]]:
+    padded = np.pad(energies, 1, constant_values=np.inf)
+    low = np.ones(energies.shape, bool)
+    for dx in (-1, 0, 1):
+        for dy in (-1, 0, 1):
+            if dx or dy:
+                low &= energies <= padded[1 + dx : padded.shape[0] - 1 + dx, 1 + dy : padded.shape[1] - 1 + dy]
+    i, j = np.nonzero(low)
+    order = np.argsort(energies[i, j])[:best]
+    return [(float(x[a]), float(y[b])) for a, b in zip(i[order], j[order], strict=True)]

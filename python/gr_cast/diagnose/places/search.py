@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which effects explain the soundings of a place: rounds of candidates, each fitted with all found before; then elimination."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...twin.places.families import FAMILIES
+from ...twin.places.families.base import Effect
+from . import policy
+from .fit import Ear, Model, evaluated, fitted, replaced, with_effect, without_effect
+from .view import View
+
+
+@dataclass(frozen=True, kw_only=True)
+class Budget:
+    """Processor time of this thread that a search may take."""
+
+    end_s: float
+
+    @classmethod
+    def of(cls, seconds: float) -> "Budget":
+        return cls(end_s=time.thread_time() + seconds)
+
+    @property
+    def is_spent(self) -> bool:
+        return time.thread_time() > self.end_s
+
+
+def numbers_price_nats(effect: Effect, count: float) -> float:
+    """Schwarz's price of the numbers of an effect, and what it names."""
+    return 0.5 * len(effect.values) * float(np.log(2 * max(count, 2))) + effect.family.price_nats
+
+
+def evidence(model: Model, count: float, tried: float) -> float:
+    """Nats for a model: −energy less the price of its effects, each out of `tried` owners and families."""
+    return -model.energy - sum(numbers_price_nats(e, count) + np.log(max(tried, 1)) for e in model.effects)
+
+
+def candidates(
+    ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, families=FAMILIES, depth: int = policy.FITTED_AFTER_SCREEN
+) -> tuple[list[Model], int]:
+    """Models with one effect more, fitted, the best evidence first; and how many were tried."""
+    view = View(ears, model, unknown)
+    have = {effect.key for effect in model.effects}
+    screened, tried = [], 0
+    for family in families:
+        for owner in family.owners(view):
+            if (family.name, owner) in have and family.level != "place" or budget.is_spent:
+                continue
+            tried += 1
+            trials = [with_effect(ears, model, start) for start in family.starts(view, owner)]
+            if not trials:
+                continue
+            best = min(trials, key=lambda one: one.energy)
+            screened.append(_quick(ears, best))
+            zero = trials[0]
+            if zero is not best and len(zero.effects[-1].values):
+                screened.append(_quick(ears, zero))
+    count = sum(ear.count for ear in ears)
+    screened.sort(key=lambda one: -evidence(one, count, tried))
+    chosen, crowd = [], {}
+    for one in screened:
+        name = one.effects[-1].family.name
+        if crowd.get(name, 0) < policy.FITTED_PER_FAMILY and len(chosen) < depth:
+            crowd[name] = crowd.get(name, 0) + 1
+            chosen.append(one)
+    final = [fitted(ears, one) if not budget.is_spent else one for one in chosen]
+    return sorted(final, key=lambda one: -evidence(one, count, tried)), tried
+
+
+def _quick(ears, model: Model) -> Model:
+    if not len(model.effects[-1].values):
+        return model
+    return fitted(ears, model, rounds=policy.SCREEN_ROUNDS, free=[len(model.effects) - 1])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Found:
+    """The chosen model, what came close to each of its effects, and how sure the counting is."""
+
+    model: Model
+    start: Model
+    rivals: dict
+    tried: int
+    count: float
+    spent: bool
+
+    @property
+    def deviations(self) -> float:
+        """Energy above what noise has, in its standard deviations."""
+        return (self.model.energy - self.count) / float(np.sqrt(max(self.count, 1.0)))
+
+
+def run(ears: Sequence[Ear], base, unknown: dict, budget: Budget) -> Found:
+    """Search, elimination, rivals."""
+    start = model = evaluated(ears, base, ())
+    count = sum(ear.count for ear in ears)
+    tried, others = 1, {}
+    while len(model.effects) < policy.MOST_EFFECTS and not budget.is_spent:
+        better, tried = candidates(ears, model, unknown, budget)
+        if not better or evidence(better[0], count, tried) - evidence(model, count, tried) < policy.LEAST_EVIDENCE_NATS:
+            break
+        others[better[0].effects[-1].key] = [one.effects[-1] for one in better[1:]]
+        model = pruned(ears, better[0], count, tried)
+    model, rivals = exchanged(ears, model, others, count, tried, budget)
+    return Found(model=model, start=start, rivals=rivals, tried=tried, count=count, spent=budget.is_spent)
+
+
+def exchanged(ears, model: Model, others: dict, count: float, tried: float, budget: Budget):
+    """What came close when an effect was found, in its place among all that is known now: the better one stays, the other is a rival."""
+    rivals: dict = {}
+    for number, effect in enumerate(model.effects):
+        trials = []
+        for other in others.get(effect.key, ()):
+            if other.key not in {e.key for e in model.effects} and not budget.is_spent:
+                trials.append(fitted(ears, replaced(ears, model, number, other), rounds=4))
+        here = evidence(model, count, tried)
+        trials.sort(key=lambda one: -evidence(one, count, tried))
+        if trials and evidence(trials[0], count, tried) > here + 1.0:
+            trials[0], model = model, trials[0]
+            here = evidence(model, count, tried)
+        own = model.effects[number]
+        rivals[own.key] = [(one.effects[number], here - evidence(one, count, tried)) for one in trials]
+    return model, rivals
+
+
+def pruned(ears, model: Model, count: float, tried: float) -> Model:
+    """Without effects that no longer pay."""
+    number = 0
+    while number < len(model.effects) - 1:
+        less = fitted(ears, without_effect(ears, model, number), rounds=4)
+        if evidence(less, count, tried) > evidence(model, count, tried) - policy.LEAST_EVIDENCE_NATS / 2:
+            model = less
+        else:
+            number += 1
+    return model
+
+

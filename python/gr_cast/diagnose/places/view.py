@@ -1,0 +1,286 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What families ask of the state of a search: who is there, what is seen, where coarse searches point."""
+
+from functools import cached_property
+
+import numpy as np
+
+from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
+from ...scenario.create import fields
+from . import imaging, planes, scan
+
+_SCANNED_CARRIERS = 3000
+
+
+class View:
+    """A model among its soundings, as `twin.places.families` look at it."""
+
+    def __init__(self, ears, model, unknown: dict):
+        self.ears, self.model, self.world = ears, model, model.world
+        self.gain, self.delay, self.phase = unknown["gain"], unknown["delay"], unknown["phase"]
+
+    @property
+    def has_responses(self) -> bool:
+        return any(ear.has_responses for ear in self.ears)
+
+    @cached_property
+    def links(self):
+        return sorted({link for ear in self.ears for link in ear.predictor.links})
+
+    @cached_property
+    def nodes(self):
+        return sorted({name for link in self.links for name in link})
+
+    @property
+    def can_tell_links(self) -> bool:
+        return True
+
+    @cached_property
+    def centre_m(self):
+        return np.mean([radio.node.waypoints_m.mean(axis=0) for radio in self.world.radios.values()], axis=0)
+
+    @cached_property
+    def bounds_m(self):
+        ends = [radio.node.waypoints_m for radio in self.world.radios.values()]
+        corners = [solid.vertices_m for solid in self.world.mesh.solids if np.abs(solid.vertices_m).max() < 2000]
+        points = np.concatenate(ends + corners)
+        return points.min(axis=0), points.max(axis=0)
+
+    @cached_property
+    def _tables(self):
+        return [
+            (ear.predictor.path_table(self.world, index), ear.predictor.traced(self.world, index))
+            for ear in self.ears
+            for index in range(len(ear.predictor.links))
+        ]
+
+    def _names(self, which) -> list[str]:
+        names = self.world.mesh.names
+        return sorted({names[i] for i in which if names[i] in self.world.media})
+
+    @cached_property
+    def seen_objects(self) -> list[str]:
+        """Objects that reflect (or let through) a path that is there."""
+        found = set()
+        for table, _ in self._tables:
+            met = np.concatenate([table.paths.faces[table.paths.faces >= 0], table.paths.crossing_face])
+            found |= set(self.world.faces.owner[met].tolist())
+        return self._names(found)
+
+    @cached_property
+    def near_objects(self) -> list[str]:
+        """Objects that reflect a path or stand in the way of one."""
+        return self._names({number for _, traced in self._tables for number in traced.touched.tolist()})
+
+    @cached_property
+    def blocking_objects(self) -> list[str]:
+        faces = self.world.faces.owner
+        return self._names({number for _, traced in self._tables for number in faces[traced.paths.crossing_face].tolist()})
+
+    @cached_property
+    def shared_materials(self) -> list[str]:
+        """Materials that two or more objects which are seen are made of."""
+        made = [self.world.media[name].material for name in self.seen_objects]
+        return sorted({name for name in made if name and made.count(name) > 1 and name not in self.world.mesh.names})
+
+    def axes(self, owner: str) -> list[np.ndarray]:
+        """Directions of an object's faces, signs aside."""
+        world = self.world
+        own = np.flatnonzero(world.faces.owner == world.mesh.index(owner))
+        axes: list[np.ndarray] = []
+        for normal in world.faces.normal[own]:
+            if not any(abs(normal @ other) > 0.999 for other in axes):
+                axes.append(normal)
+        return axes[:4]
+
+    @property
+    def lacks_ground(self) -> bool:
+        """Whether no level face lies under all nodes."""
+        faces = self.world.faces
+        lowest = min(radio.node.waypoints_m[:, 2].min() for radio in self.world.radios.values())
+        low, high = self.bounds_m
+        level = (np.abs(faces.normal[:, 2]) > 0.999) & (faces.level_m * faces.normal[:, 2] < lowest)
+        for face in np.flatnonzero(level):
+            corners = faces.triangles_m[faces.start[face] : faces.start[face + 1]].reshape(-1, 3)
+            if np.prod(np.ptp(corners[:, :2], axis=0)) > 0.5 * np.prod((high - low)[:2]):
+                return False
+        return True
+
+    def _scanned(self, rates_of) -> list:
+        out = []
+        for ear, fit in zip(self.ears, self.model.fits, strict=True):
+            if ear.has_responses:
+                out += scan.rows(ear, fit, self.world, lambda index, ear=ear: rates_of(ear, index))
+        return out
+
+    def _in_band(self, ear, lengths: np.ndarray, gain: np.ndarray) -> np.ndarray:
+        """(axes, n, 2): change of length, and its part that shows in the band where the link's delay is not known."""
+        shown = lengths
+        if self.delay != "none":
+            weight = np.abs(gain) ** 2
+            shown = lengths - (lengths * weight).sum(axis=1, keepdims=True) / max(weight.sum(), 1e-300)
+        return np.stack([lengths, shown], axis=2)
+
+    def scan_node(self, name: str, grid_m: np.ndarray, best: int) -> list[tuple[float, float]]:
+        """Level offsets of a node that would explain its links best."""
+
+        def rates(ear, index):
+            link = ear.predictor.links[index]
+            if name not in link:
+                return None
+            table = ear.predictor.path_table(self.world, index)
+            gain, way = table.gain, table.way
+            along = -way.direction[:, 0] if link[0] == name else way.direction[:, -1]
+            return self._in_band(ear, along[:, :2].T, gain)
+
+        rows = self._scanned(rates)
+        if not rows:
+            return []
+        return scan.minima_2d(grid_m, grid_m, scan.energy(rows, grid_m, grid_m), best)
+
+    def scan_object(self, name: str, normal: np.ndarray, grid_m: np.ndarray, best: int) -> list[float]:
+        """Shifts of an object along a normal that would explain best."""
+        number = self.world.mesh.index(name)
+        faces = self.world.faces
+
+        def rates(ear, index):
+            if number not in ear.predictor.traced(self.world, index).touched:
+                return None
+            table = ear.predictor.path_table(self.world, index)
+            gain, way = table.gain, table.way
+            paths, change = table.paths, np.zeros(len(gain))
+            for bounce in range(paths.faces.shape[1]):
+                face = paths.faces[:, bounce]
+                own = (face >= 0) & (faces.owner[face] == number)
+                plane = faces.normal[face]
+                turn = ((way.direction[:, bounce] - way.direction[:, bounce + 1]) * plane).sum(axis=1)
+                change += np.where(own, turn * (plane @ normal), 0.0)
+            return self._in_band(ear, change[None], gain) if np.any(change[gain != 0]) else None
+
+        rows = self._scanned(rates)
+        return scan.minima(grid_m, scan.energy(rows, grid_m), best) if rows else []
+
+    def scan_carrier(self, octaves: float, best: int) -> list[float]:
+        """Carriers that would turn the phases of all paths as they are."""
+        spread = [np.ptp(table.way.length_m) for table, _ in self._tables if len(table.gain)]
+        step_hz = SPEED_OF_LIGHT_M_PER_S / max(max(spread, default=1.0), 1.0) / 8
+        reach_hz = min(self.world.carrier_hz * (2**octaves - 1), step_hz * _SCANNED_CARRIERS / 2)
+        below = min(reach_hz, self.world.carrier_hz * (1 - 2**-octaves))
+        grid_hz = np.arange(-below, reach_hz, step_hz)
+
+        def rates(ear, index):
+            table = ear.predictor.path_table(self.world, index)
+            gain, way = table.gain, table.way
+            turned = way.length_m[None] / self.world.carrier_hz
+            return np.stack([turned, np.zeros_like(turned)], axis=2)
+
+        rows = self._scanned(rates)
+        if not rows:
+            return []
+        return [self.world.carrier_hz + hz for hz in scan.minima(grid_hz, scan.energy(rows, grid_hz), best)]
+
+    @cached_property
+    def echoes(self) -> list[imaging.Echoes]:
+        return [
+            imaging.echoes(ear, fit, self.world)
+            for ear, fit in zip(self.ears, self.model.fits, strict=True)
+            if ear.has_responses and len(ear.heard.frequency_hz) > 1
+        ]
+
+    def scan_ground(self) -> list[float]:
+        """Heights under all nodes at which a level plane would explain what is left."""
+        lowest = min(radio.node.waypoints_m[:, 2].min() for radio in self.world.radios.values())
+        resolution_m = max((SPEED_OF_LIGHT_M_PER_S / one.bins_per_s for one in self.echoes), default=1.0)
+        coarse = np.arange(lowest - 6.0, lowest - 0.05, min(resolution_m, 0.25))
+        if not len(self.echoes):
+            return [float(h) for h in np.arange(lowest - 4, lowest, 0.25)]
+        normal = np.broadcast_to([0.0, 0.0, 1.0], (len(coarse), 3))
+        found = scan.minima(coarse, -imaging.plane_scores(self.echoes, normal, coarse), 3)
+        step_m = self.world.wavelength_m / 8
+        near = np.concatenate([np.arange(h - 0.4, h + 0.4, step_m) for h in found])
+        return [float(h) for h in near[near < lowest - 0.02]]
+
+    def delay_of_node(self, name: str) -> float:
+        """Common delay of what is heard over a node's links against the model, from the phase slopes."""
+        top = bottom = 0.0
+        for ear, fit in zip(self.ears, self.model.fits, strict=True):
+            if not ear.has_responses:
+                continue
+            omega = 2 * np.pi * ear.heard.frequency_hz
+            for index, link in enumerate(ear.heard.links):
+                if name in link:
+                    cross = fit.model[index].conj() * ear.heard.y[index] * ear.heard.weight[index]
+                    turned = cross[:, 1:] * cross[:, :-1].conj()
+                    size = np.abs(turned).sum()
+                    top += -np.angle(turned.sum()) / (omega[1] - omega[0]) * size
+                    bottom += size
+        return top / max(bottom, 1e-300)
+
+    def reflection_error_db(self, effect, which, covariance) -> tuple[float, float]:
+        """Mean over the paths that an object reflects: gain in this world over that without the effect, and its deviation."""
+
+        def mean(world):
+            found = []
+            for ear in self.ears:
+                for index in range(len(ear.predictor.links)):
+                    table, plain = (ear.predictor.path_table(one, index) for one in (world, self.without(effect)))
+                    paths, gain, plain = table.paths, table.gain, plain.gain
+                    met = np.isin(self.world.faces.owner[paths.faces], which) & (paths.faces >= 0)
+                    use = (met.sum(axis=1) == 1) & (gain != 0) & (plain != 0)
+                    found.append(db_from_amplitude(gain[use]) - db_from_amplitude(plain[use]))
+            found = np.concatenate(found)
+            found = found[np.isfinite(found)]
+            return float(found.mean()) if len(found) else 0.0
+
+        here, slope = mean(self.world), []
+        for number, step in enumerate(effect.family.steps(self.world, effect)):
+            values = np.array(effect.values)
+            values[number] += step
+            slope.append((mean(effect.family.apply(self.world, effect.moved(values))) - here) / step)
+        slope = np.array(slope)
+        return here, float(np.sqrt(max(slope @ covariance @ slope, 0.0)) + 0.01)
+
+    def without(self, effect):
+        from .fit import applied
+
+        return applied(self.model.base, [other for other in self.model.effects if other is not effect])
+
+    def transmission_loss_db(self, effect) -> float:
+        """Mean over straight legs that go through the object: free space over what comes."""
+        found = []
+        for ear in self.ears:
+            for index in range(len(ear.predictor.links)):
+                table = ear.predictor.path_table(self.world, index)
+                paths, gain, way = table.paths, table.gain, table.way
+                straight = (paths.faces < 0).all(axis=1) & (gain != 0)
+                straight &= np.isin(np.arange(len(gain)), paths.crossing_path)
+                tx, rx = (self.world.radios[name] for name in ear.predictor.links[index])
+                sent = np.linalg.norm(fields.far_field(tx.antenna, way.direction[straight, 0]), axis=1)
+                taken = np.linalg.norm(fields.far_field(rx.antenna, -way.direction[straight, -1]), axis=1)
+                free = self.world.wavelength_m / (4 * np.pi * way.length_m[straight]) * sent * taken
+                found.append(db_from_amplitude(free) - db_from_amplitude(gain[straight]))
+        found = np.concatenate(found) if found else np.zeros(0)
+        return float(np.mean(found[np.isfinite(found)])) if np.isfinite(found).any() else 0.0
+
+    def diffraction_gain_db(self, effect) -> float:
+        """The strongest diffracted path over free space of the same length."""
+        from ...scenario.create import wedges
+
+        best = -200.0
+        for ear in self.ears:
+            for index, link in enumerate(ear.predictor.links):
+                tx, rx = (self.world.radios[name].antenna for name in link)
+                _, gain, length_m = wedges.paths(self.world, *ear.predictor.ends_m(self.world, index), tx, rx)
+                if len(gain):
+                    free = self.world.wavelength_m / (4 * np.pi * length_m)
+                    best = max(best, float(db_from_amplitude(np.abs(gain) / free).max()))
+        return best
+
+    def sheets(self):
+        return planes.sheets(self)
+
+    def passers(self, height_m: float):
+        return planes.passers(self, height_m)
+
+    def lit(self, effect):
+        return planes.lit(self, effect)

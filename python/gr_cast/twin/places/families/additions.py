@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is in the world and not in the mesh: a plane that reflects and shades, something that passes by."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ....core.units import db_from_amplitude
+from ....scenario.create.geometry import Solid
+from ....scenario.create.media import Medium
+from ..world import Person
+from .base import Effect, Family, std_of, value
+
+_MATERIALS = ((1.0, 1e7), (6.0, 0.05), (2.5, 0.03))  # permittivity and conductivity (S/m) to begin with: metal, stone, board
+_RADIUS_M, _HEIGHT_M = 0.4, 1.8  # of a person, to begin with
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sheet:
+    """A rectangle: `origin_m` on the plane, `normal`, and along unit `u` and `v` from low to high (m)."""
+
+    origin_m: tuple[float, float, float]
+    normal: tuple[float, float, float]
+    u: tuple[float, float, float]
+    v: tuple[float, float, float]
+    low_m: tuple[float, float]
+    high_m: tuple[float, float]
+
+    def corners_m(self, shift_m: float = 0.0, turn_rad: float = 0.0) -> np.ndarray:
+        """(4, 3), shifted along the normal and turned about v."""
+        normal, u = np.array(self.normal), np.array(self.u)
+        turned = np.cos(turn_rad) * u + np.sin(turn_rad) * normal
+        origin = np.array(self.origin_m) + shift_m * normal
+        (u0, v0), (u1, v1) = self.low_m, self.high_m
+        return np.array([origin + a * turned + b * np.array(self.v) for a, b in ((u0, v0), (u1, v0), (u1, v1), (u0, v1))])
+
+    def normal_at(self, turn_rad: float) -> np.ndarray:
+        return np.cos(turn_rad) * np.array(self.normal) - np.sin(turn_rad) * np.array(self.u)
+
+
+class MissingObject(Family):
+    name = "missing_object"
+    order = 1
+    alike = ("ground",)
+    price_nats = 12.0  # of where it ends, and of all planes that were looked at
+
+    def owners(self, view):
+        return ["place"] if view.has_responses else []
+
+    def starts(self, view, owner):
+        return [
+            Effect(family=self, owner=owner, values=np.array([0.0, 0.0, *np.log(made)]), choice=sheet)
+            for sheet in view.sheets()
+            for made in _MATERIALS
+        ]
+
+    def apply(self, world, effect):
+        shift_m, turn_rad, permittivity, conductivity = *effect.values[:2], *np.exp(effect.values[2:])
+        number = sum(name.startswith("missing_") for name in world.mesh.names) + 1
+        name = f"missing_{number}"
+        solid = Solid(name=name, vertices_m=effect.choice.corners_m(shift_m, turn_rad), faces=[[0, 1, 2], [0, 2, 3]])
+        medium = Medium(own_permittivity=float(permittivity), own_conductivity_s_per_m=float(conductivity))
+        made = world.with_object(solid, permittivity=permittivity, conductivity=conductivity)
+        return replace(made, media={**world.media, name: medium})
+
+    def steps(self, world, effect):
+        return np.array([world.wavelength_m * 1e-3, 1e-5, 1e-4, 1e-3])
+
+    def bounded(self, values):
+        return np.array(
+            [values[0], np.clip(values[1], -0.3, 0.3), np.clip(values[2], 0, np.log(50)), np.clip(values[3], np.log(1e-5), np.log(1e7))]
+        )
+
+    def told(self, view, effect, covariance):
+        shift_m, turn_rad = effect.values[:2]
+        normal = effect.choice.normal_at(turn_rad)
+        corners = effect.choice.corners_m(shift_m, turn_rad)
+        lit_m, reflection_db = view.lit(effect)
+        point = corners.mean(axis=0) if lit_m is None else lit_m.mean(axis=0)
+        arm = float((point - np.array(effect.choice.origin_m)) @ np.array(effect.choice.u))
+        slope = np.array([1.0, arm])
+        std = float(np.sqrt(max(slope @ covariance[:2, :2] @ slope, 0.0)))
+        return {
+            "point_m": value(point, np.maximum(std * np.abs(normal), 1e-6)),
+            "normal": value(normal, [std_of(covariance, 1)] * 3),
+            "reflection_db": value(reflection_db, 1.0),
+        }
+
+    def extent_m(self, view, effect) -> list[list[float]]:
+        lit_m, _ = view.lit(effect)
+        points = effect.choice.corners_m(*effect.values[:2]) if lit_m is None else lit_m
+        return [points.min(axis=0).tolist(), points.max(axis=0).tolist()]
+
+    def sentence(self, effect, told):
+        x, y, z = told["point_m"]["value"]
+        return (
+            f"Something that the mesh leaves out reflects at ({x:.2f}, {y:.2f}, {z:.2f}) m, {told['reflection_db']['value']:.1f} dB, "
+            f"normal ({', '.join(f'{n:.2f}' for n in told['normal']['value'])})."
+        )
+
+
+class MovingScatterer(Family):
+    name = "moving_scatterer"
+    order = 4
+    price_nats = 12.0
+
+    def owners(self, view):
+        return ["place"] if view.world.person is None and view.has_responses else []
+
+    def starts(self, view, owner):
+        return [
+            Effect(family=self, owner=owner, values=np.array([*place, *speed, np.log(area), _HEIGHT_M]))
+            for place, speed in view.passers(_HEIGHT_M / 2)
+            for area in (1.0, 8.0)
+        ]
+
+    def apply(self, world, effect):
+        x, y, vx, vy, area, height_m = effect.values
+        person = Person(
+            position_m=(x, y, 0.0), velocity_m_per_s=(vx, vy, 0.0), cross_section_m2=float(np.exp(area)),
+            radius_m=_RADIUS_M, height_m=float(height_m),
+        )  # fmt: skip
+        return replace(world, person=person)
+
+    def steps(self, world, effect):
+        step = world.wavelength_m * 1e-3
+        return np.array([step, step, step, step, 1e-4, step])
+
+    def bounded(self, values):
+        out = np.array(values)
+        out[4], out[5] = np.clip(values[4], np.log(1e-3), np.log(1e4)), np.clip(values[5], 0.5, 4.5)
+        return out
+
+    def told(self, view, effect, covariance):
+        std = np.sqrt(np.maximum(np.diag(covariance), 0))
+        floor_m, floor_m_per_s = view.world.wavelength_m / 4, view.world.wavelength_m / 8
+        return {
+            "position_m": value([*effect.values[:2], 0.0], [*np.maximum(std[:2], floor_m), 1.0]),
+            "velocity_m_per_s": value([*effect.values[2:4], 0.0], [*np.maximum(std[2:4], floor_m_per_s), 1.0]),
+        }
+
+    def sentence(self, effect, told):
+        x, y, vx, vy = effect.values[:4]
+        return f"Something passes by: at ({x:.2f}, {y:.2f}) m at the beginning, {np.hypot(vx, vy):.2f} m/s."
+
+
+def reflection_db(gains: np.ndarray, free: np.ndarray) -> float:
+    return float(db_from_amplitude(gains / free).mean()) if len(gains) else 0.0
