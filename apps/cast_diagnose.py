@@ -15,11 +15,14 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per case is faster 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import _program
+from gr_cast import diagnose as links
 from gr_cast import report
 from gr_cast.core import tasks
 from gr_cast.core.errors import CastError
 from gr_cast.core.files import check_writable, sweep_dead
-from gr_cast.diagnose import diagnose, read_case, write
+from gr_cast.diagnose import places
+from gr_cast.report import place as place_report
+from gr_cast.twin.places import document
 
 PROGRESS_S = 10.0  # between two lines about a case that takes long
 
@@ -40,16 +43,18 @@ def _progress(name: str):
 def _one(common: tuple[Path, float], folder: Path) -> tuple[str, list[str]]:
     """(line for the screen, faults) of one case; `common`: folder for the diagnoses, seconds for each."""
     output, budget_s = common
+    kind = places if document.is_place(folder) else links
     try:
-        case = read_case(folder)
+        case = kind.read_case(folder)
     except CastError as error:
         return "", list(error.faults)
     try:
-        diagnosis = diagnose(case, budget_s=budget_s, progress=_progress(case.name))
+        diagnosis = kind.diagnose(case, budget_s=budget_s, progress=_progress(case.name))
+        page = (place_report if kind is places else report).render(diagnosis)
     except Exception:  # one case must not stop the others
         return "", [f"{folder}: internal error\n{traceback.format_exc()}"]
     try:
-        write(diagnosis, output / Path(folder).resolve().name, report.render(diagnosis))
+        kind.write(diagnosis, output / Path(folder).resolve().name, page)
     except OSError as error:
         return "", [f"{error.filename or output}: {error.strerror or error}"]
     d = diagnosis.document
@@ -61,14 +66,21 @@ def _next(document: dict) -> list[str]:
     """What stays open, and what to record to decide it."""
     decides = "put it into the case and diagnose again"
     return [
-        f"    open: {' or '.join(pair['families'])}. Record next: {report.EXPERIMENTS[pair['record_next']]}; {decides}"
+        f"    open: {' or '.join(pair['families'])}. Record next: {_told(pair['record_next'])}; {decides}"
         for pair in document["ambiguous"]
     ]
 
 
+def _told(record_next: str | dict) -> str:
+    if isinstance(record_next, dict):
+        x, y, z = record_next["position_m"]
+        return f"sound with a node at ({x:g}, {y:g}, {z:g}) m"
+    return report.EXPERIMENTS.get(record_next, record_next.replace("_", " "))
+
+
 def main(argv=None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("cases", nargs="+", type=Path, metavar="CASE", help="folder with a twin.yaml")
+    parser.add_argument("cases", nargs="+", type=Path, metavar="CASE", help="folder with a twin.yaml, or with a place.yaml")
     parser.add_argument("--output", required=True, type=Path, metavar="DIR", help="one folder per case goes here")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="cases at the same time (default 1)")
     parser.add_argument("--budget", type=float, default=240.0, metavar="SECONDS", help="processor time per case (default 240)")

@@ -1,2 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which wall, material, mechanism or node the twin of a place leaves out: evidence, proposals, search, verdict."""
+
+from ...twin.places.document import read as read_case
+from .run import diagnose
+from .write import write
+
+__all__ = ["diagnose", "read_case", "write"]

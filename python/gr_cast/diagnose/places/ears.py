@@ -92,7 +92,9 @@ class PowerEar:
         if self.gain == "common":
             return [np.ones_like(fit.model)]
         if self.gain == "node":
-            return [np.broadcast_to(row[:, None, None], fit.model.shape).astype(float) for row in incidence(self.predictor.links).T]
+            return [
+                np.broadcast_to(row[:, None, None], fit.model.shape).astype(float) for row in incidence(self.predictor.links).T
+            ]
         return []
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Joint fit of effects to all soundings: Levenberg-Marquardt over their numbers, unknown phases, delays and gains profiled out."""
+"""Joint fit of effects to all soundings: Levenberg-Marquardt over their numbers, what is unknown profiled out."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -59,7 +59,7 @@ def _vector(effects: Sequence[Effect]) -> np.ndarray:
 
 
 def normal_equations(ears: Sequence[Ear], model: Model, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(A, b) of the free numbers of all effects, unknown gains, delays and phases eliminated: a step is A⁻¹b, covariance A⁻¹/2."""
+    """(A, b) of the free numbers of all effects, what is unknown eliminated: a step is A⁻¹b, the covariance A⁻¹/2."""
     values = _vector(model.effects)
     steps = np.concatenate([effect.family.steps(model.base, effect) for effect in model.effects])
     here = model.world
@@ -160,4 +160,3 @@ def replaced(ears: Sequence[Ear], model: Model, number: int, effect: Effect) -> 
     effects = list(model.effects)
     effects[number] = effect
     return evaluated(ears, model.base, tuple(effects))
-

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the residual shows of things that no path of the twin meets: planes by their mirror echoes, something that passes by its own."""
+"""What the residual shows of things that no path of the twin meets: planes by mirror echoes, something that passes."""
 
 from dataclasses import dataclass
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From residual echoes to rectangles: noncoherent image of all planes, coherent refinement of the best, extent by who sees them."""
+"""From residual echoes to rectangles: an image of all planes, coherent refinement of the best, extent by who sees them."""
 
 import numpy as np
 

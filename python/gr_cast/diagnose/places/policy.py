@@ -9,3 +9,5 @@ FITTED_AFTER_SCREEN = 8  # candidates of a round that are fitted to their optimu
 FITTED_PER_FAMILY = 2  # of those, at most of one family: a crowd of neighbours leaves room for other physics
 SCREEN_ROUNDS = 2  # Gauss-Newton steps of a candidate alone
 SEPARATED_NATS = 10.0  # what a recording must promise to be worth asking for
+LINK_NATS = 3.0  # of one link: less is no part of an effect's place
+POSITIONS = 60  # that are tried for the next sounding

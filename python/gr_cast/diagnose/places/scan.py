@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Coarse searches over one or two numbers whose energy has a minimum every wavelength: paths keep their strengths, phases turn."""
+"""Coarse searches over numbers whose energy has a minimum every wavelength: paths keep strengths, phases turn."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from .ears import ResponseEar
 from .likelihood import Fitted
 
+NO_SECOND = np.zeros(1)  # axis
 _ROWS, _FREQUENCIES = 40, 12  # of a sounding that a scan looks at: a guess needs no more
 
 
@@ -63,8 +64,12 @@ def rows(ear: ResponseEar, fit: Fitted, world, rates_of, only=None) -> list[Row]
             base = base * scale
             out.append(
                 Row(
-                    base=base * factor, rates=rate, rest=(response[step, columns] - base.sum(axis=0)) * factor,
-                    y=heard.y[index, step, columns], weight=weight, is_free=heard.phase != "none",
+                    base=base * factor,
+                    rates=rate,
+                    rest=(response[step, columns] - base.sum(axis=0)) * factor,
+                    y=heard.y[index, step, columns],
+                    weight=weight,
+                    is_free=heard.phase != "none",
                 )  # fmt: skip
             )
     return out
@@ -76,14 +81,16 @@ def _scale(world, predictor, index: int, columns) -> np.ndarray:
     return 10 ** (loss_db / 20) * np.exp(-2j * np.pi * predictor.frequency_hz[columns] * (tx.delay_s + rx.delay_s))
 
 
-def energy(rows_: Sequence[Row], first: np.ndarray, second: np.ndarray = np.zeros(1)) -> np.ndarray:
+def energy(rows_: Sequence[Row], first: np.ndarray, second: np.ndarray = NO_SECOND) -> np.ndarray:
     """Energy of all rows (len(first), len(second)) over the grid."""
     total = np.zeros((len(first), len(second)))
     for row in rows_:
         cross, power = np.zeros(total.shape, complex), np.zeros(total.shape)
         for k in range(len(row.y)):
             left = row.base[:, k] * np.exp(-1j * np.multiply.outer(first, row.rates[0][:, k]))
-            right = np.exp(-1j * np.multiply.outer(second, row.rates[1][:, k])) if len(row.rates) > 1 else np.ones((1, left.shape[1]))
+            right = (
+                np.exp(-1j * np.multiply.outer(second, row.rates[1][:, k])) if len(row.rates) > 1 else np.ones((1, left.shape[1]))
+            )
             model = left @ right.T + row.rest[k]
             cross += row.weight[k] * row.y[k].conj() * model
             power += row.weight[k] * np.abs(model) ** 2

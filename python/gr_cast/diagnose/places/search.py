@@ -94,12 +94,13 @@ class Found:
         return (self.model.energy - self.count) / float(np.sqrt(max(self.count, 1.0)))
 
 
-def run(ears: Sequence[Ear], base, unknown: dict, budget: Budget) -> Found:
+def run(ears: Sequence[Ear], base, unknown: dict, budget: Budget, progress=lambda text: None) -> Found:
     """Search, elimination, rivals."""
     start = model = evaluated(ears, base, ())
     count = sum(ear.count for ear in ears)
     tried, others = 1, {}
     while len(model.effects) < policy.MOST_EFFECTS and not budget.is_spent:
+        progress(f"looking for effect {len(model.effects) + 1}")
         better, tried = candidates(ears, model, unknown, budget)
         if not better or evidence(better[0], count, tried) - evidence(model, count, tried) < policy.LEAST_EVIDENCE_NATS:
             break
@@ -110,7 +111,7 @@ def run(ears: Sequence[Ear], base, unknown: dict, budget: Budget) -> Found:
 
 
 def exchanged(ears, model: Model, others: dict, count: float, tried: float, budget: Budget):
-    """What came close when an effect was found, in its place among all that is known now: the better one stays, the other is a rival."""
+    """What came close when an effect was found, in its place now: the better one stays, the other is a rival."""
     rivals: dict = {}
     for number, effect in enumerate(model.effects):
         trials = []
@@ -137,5 +138,3 @@ def pruned(ears, model: Model, count: float, tried: float) -> Model:
         else:
             number += 1
     return model
-
-

@@ -170,8 +170,7 @@ class View:
 
         def rates(ear, index):
             table = ear.predictor.path_table(self.world, index)
-            gain, way = table.gain, table.way
-            turned = way.length_m[None] / self.world.carrier_hz
+            turned = table.way.length_m[None] / self.world.carrier_hz
             return np.stack([turned, np.zeros_like(turned)], axis=2)
 
         rows = self._scanned(rates)

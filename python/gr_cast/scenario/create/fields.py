@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
-from .media import VACUUM_PERMITTIVITY
 from .images import Faces, Paths, chosen, unfold
+from .media import VACUUM_PERMITTIVITY
 
 _TINY = 1e-12
 
@@ -59,8 +59,12 @@ def turned(orientation_rad) -> np.ndarray:
     """Rotation (3, 3): yaw about z, then pitch about y, then roll about x of the antenna's own axes."""
     (cy, cp, cr), (sy, sp, sr) = np.cos(orientation_rad), np.sin(orientation_rad)
     return np.array(
-        [[cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr], [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr], [-sp, cp * sr, cp * cr]]
-    )  # fmt: skip
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
 
 
 def far_field(antenna: Antenna, direction: np.ndarray) -> np.ndarray:
@@ -76,7 +80,7 @@ def far_field(antenna: Antenna, direction: np.ndarray) -> np.ndarray:
 
 
 def amplitude(pattern: str, cos_theta: np.ndarray, sin_theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
-    """Amplitude over isotropic: `iso`, `dipole` (short, 1.76 dB), `hw_dipole` (2.15 dB), `tr38901` (3GPP TR 38.901, table 7.3-1)."""
+    """Amplitude over isotropic: `iso`, `dipole` (short, 1.76 dB), `hw_dipole` (2.15 dB), `tr38901` (TR 38.901, table 7.3-1)."""
     if pattern == "iso":
         return np.ones_like(cos_theta)
     if pattern == "dipole":
@@ -91,7 +95,7 @@ def amplitude(pattern: str, cos_theta: np.ndarray, sin_theta: np.ndarray, phi: n
 
 
 def slab(permittivity: np.ndarray, thickness_m: np.ndarray, cos_in: np.ndarray, wavelength_m: float) -> tuple[np.ndarray, ...]:
-    """Reflection TE, TM and transmission TE, TM of a slab in air, complex relative `permittivity` (P.2040-3, equations 37 to 44)."""
+    """Reflection TE, TM and transmission TE, TM of a slab in air, complex `permittivity` (P.2040-3, equations 37 to 44)."""
     root = np.sqrt(permittivity - (1 - cos_in**2))
     te = (cos_in - root) / (cos_in + root)
     tm = (permittivity * cos_in - root) / (permittivity * cos_in + root)
@@ -155,7 +159,12 @@ def _across(incoming: np.ndarray, normal: np.ndarray) -> np.ndarray:
 def _reflect(faces, face, way, surface, eta, wavelength_m, field, rows, leg) -> None:
     if not len(rows):
         return
-    incoming, outgoing, normal, owner = way.direction[rows, leg], way.direction[rows, leg + 1], faces.normal[face], faces.owner[face]
+    incoming, outgoing, normal, owner = (
+        way.direction[rows, leg],
+        way.direction[rows, leg + 1],
+        faces.normal[face],
+        faces.owner[face],
+    )
     cos_in = np.clip(np.abs(np.einsum("ij,ij->i", incoming, normal)), 1e-9, 1)
     te, tm, _, _ = slab(eta[owner], surface.thickness_m[owner], cos_in, wavelength_m)
     rough = np.exp(-8 * (np.pi * surface.height_rms_m[owner] * cos_in / wavelength_m) ** 2)
@@ -180,7 +189,7 @@ def _pass(faces, paths, way, surface, eta, wavelength_m, field, crossing, leg) -
         across = _across(direction, normal)
         along = _cross(across, direction)
         old = field[rows]
-        field[rows] = (te * np.einsum("ij,ij->i", old, across))[:, None] * across + (
-            tm * np.einsum("ij,ij->i", old, along)
-        )[:, None] * along
+        field[rows] = (te * np.einsum("ij,ij->i", old, across))[:, None] * across + (tm * np.einsum("ij,ij->i", old, along))[
+            :, None
+        ] * along
         crossing = np.delete(crossing, first)

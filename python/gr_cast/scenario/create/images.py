@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Specular paths by mirror images, in double precision: which faces a path meets, where, and what stands in its way.
 
-Every path of the image law is found, also those that meet two faces millimetres from a corner. What blocks a leg is kept as a
-crossing and not thrown away: an object that is taken away, or let through, needs no new search (Allen & Berkley 1979; Borish 1984).
+Every path of the image law is found, also those that meet two faces millimetres from a corner (Borish 1984). What blocks a leg is
+kept as a crossing and not thrown away: an object that is taken away, or let through, needs no new search.
 """
 
 from collections.abc import Sequence
@@ -12,6 +12,7 @@ import numpy as np
 
 from .geometry import Solid, is_closed, is_inside, planes
 
+NO_POINTS = np.zeros((0, 3))
 _ON_PLANE_M = 1e-6  # nearer to a plane than this is on it: legs begin and end on faces
 _EDGE = 1e-9  # of a triangle, in barycentric coordinates: a point on an edge is inside
 _AT_ONCE = 2_000_000  # candidates in memory at the same time
@@ -19,7 +20,7 @@ _AT_ONCE = 2_000_000  # candidates in memory at the same time
 
 @dataclass(frozen=True, kw_only=True)
 class Faces:
-    """Plane faces of objects: `normal` (F, 3) unit, `level_m` (F,) with normal·x = level on the plane, `owner` (F,) index of the object.
+    """Plane faces of objects: `normal` (F, 3) unit, `level_m` (F,) normal·x = level on the plane, `owner` (F,) index of the object.
 
     `sided` (F,): met from the side of its normal alone (the hull of a closed object without a node in it).
     Triangles (M, 3, 3) of face f are `triangles_m[start[f]:start[f + 1]]`.
@@ -47,7 +48,7 @@ class Paths:
     crossing_face: np.ndarray
 
 
-def faces_of(solids: Sequence[Solid], points_m: np.ndarray = np.zeros((0, 3)), *, thick: bool = False) -> Faces:
+def faces_of(solids: Sequence[Solid], points_m: np.ndarray = NO_POINTS, *, thick: bool = False) -> Faces:
     """The plane faces of objects. A closed object with none of `points_m` (n, 3) inside shows its outside alone, unless `thick`:
     legs that go through its hull meet it from within as well."""
     normal, level_m, owner, sided, start, triangles = [], [], [], [], [0], []
@@ -232,7 +233,7 @@ def _valid(faces: Faces, chains: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray)
 
 
 def unfold(faces: Faces, met: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray) -> np.ndarray:
-    """Points (n, D + 2, 3) of paths over the planes of `met` (n, D) from `tx_m` to `rx_m` (n, 3); unused places repeat the receiver.
+    """Points (n, D + 2, 3) of paths over the planes of `met` (n, D) from `tx_m` to `rx_m` (n, 3); unused places repeat the end.
 
     The planes are taken as endless: which faces a path meets stays as it was.
     """

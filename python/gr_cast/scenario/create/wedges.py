@@ -89,7 +89,12 @@ def transition(x: np.ndarray) -> np.ndarray:
 def coefficient(n, k, distance, sin_beta, phi_in, phi_out, r0, rn) -> np.ndarray:
     """D of one polarisation; `r0`, `rn`: reflection of both faces; `distance`: s·s'/(s + s')·sin²β."""
     out = np.zeros(np.shape(phi_in), complex)
-    for sign, beta, weight in ((1, phi_out - phi_in, 1.0), (-1, phi_out - phi_in, 1.0), (-1, phi_out + phi_in, r0), (1, phi_out + phi_in, rn)):
+    for sign, beta, weight in (
+        (1, phi_out - phi_in, 1.0),
+        (-1, phi_out - phi_in, 1.0),
+        (-1, phi_out + phi_in, r0),
+        (1, phi_out + phi_in, rn),
+    ):
         turns = np.round((beta + sign * np.pi) / (2 * np.pi * n))
         a = 2 * np.cos((2 * np.pi * n * turns - beta) / 2) ** 2
         angle = (np.pi + sign * beta) / (2 * n)
@@ -140,9 +145,7 @@ def paths(world, tx_m: np.ndarray, rx_m: np.ndarray, tx_antenna, rx_antenna):
         cos_in = np.clip(np.abs(np.sin(graze)) * sin_beta, 1e-9, 1)
         coefficients.append(fields.slab(eta[owner], surface.thickness_m[owner], cos_in, wavelength_m)[:2])
     distance = s_in * s_out / (s_in + s_out) * sin_beta**2
-    soft, hard = (
-        coefficient(n, k, distance, sin_beta, phi_in, phi_out, coefficients[0][p], coefficients[1][p]) for p in (0, 1)
-    )
+    soft, hard = (coefficient(n, k, distance, sin_beta, phi_in, phi_out, coefficients[0][p], coefficients[1][p]) for p in (0, 1))
     # Edge-fixed axes: φ across edge and ray, β completes them; soft: the field along β.
     phi_a = -np.cross(along, first) / sin_beta[:, None]
     phi_b = np.cross(along, second) / sin_beta[:, None]

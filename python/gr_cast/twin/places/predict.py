@@ -57,8 +57,16 @@ class Predictor:
         """Of what the paths' gains depend on: its ends, and the surfaces that they touch."""
         tx, rx = (world.radios[name] for name in self.links[index])
         surface, touched = world.surface, self.traced(world, index).touched
-        rows = b"".join(getattr(surface, key)[touched].tobytes() for key in vars(surface))
-        return self._geometry_key(world, index), _radio_key(tx), _radio_key(rx), world.mesh.key, rows, world.carrier_hz, world.exponent
+        rows = b"".join(values[touched].tobytes() for values in vars(surface).values())
+        return (
+            self._geometry_key(world, index),
+            _radio_key(tx),
+            _radio_key(rx),
+            world.mesh.key,
+            rows,
+            world.carrier_hz,
+            world.exponent,
+        )
 
     def traced(self, world: World, index: int) -> Traced:
         """The paths of a link, as they are in the world that this one is frozen at."""

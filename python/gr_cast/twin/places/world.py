@@ -114,7 +114,7 @@ class World:
         return replace(self, radios={**self.radios, name: replace(self.radios[name], **changes)})
 
     def with_surface(self, index, **changes) -> "World":
-        arrays = {key: np.array(getattr(self.surface, key)) for key in changes}
+        arrays = {key: vars(self.surface)[key].copy() for key in changes}
         for key, value in changes.items():
             arrays[key][index] = value
         return replace(self, surface=replace(self.surface, **arrays))
@@ -122,7 +122,7 @@ class World:
     def with_object(self, solid: Solid, **surface) -> "World":
         """One more object; what is not said of its surface is a smooth slab of 0.1 m."""
         values = {"thickness_m": 0.1, "height_rms_m": 0.0, "scattering": 0.0, "present": True, "clear": self.is_clear} | surface
-        arrays = {key: np.append(getattr(self.surface, key), value) for key, value in values.items()}
+        arrays = {key: np.append(vars(self.surface)[key], value) for key, value in values.items()}
         return replace(self, mesh=self.mesh.joined(solid), surface=Surface(**arrays))
 
 
@@ -153,6 +153,5 @@ def of_place(place: Place) -> World:
 
 
 def frozen(world: World, at: World) -> World:
-    """`world` over the paths of `at`: lengths, angles and fields follow, what is met and what blocks does not (for derivatives)."""
+    """`world` over the paths of `at`: lengths, angles and fields follow, what is met and what blocks does not."""
     return replace(world, frozen=at if at.frozen is None else at.frozen)
-

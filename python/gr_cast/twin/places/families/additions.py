@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ....core.units import db_from_amplitude
 from ....scenario.create.geometry import Solid
 from ....scenario.create.media import Medium
 from ..world import Person
@@ -41,7 +40,6 @@ class Sheet:
 class MissingObject(Family):
     name = "missing_object"
     order = 1
-    alike = ("ground",)
     price_nats = 12.0  # of where it ends, and of all planes that were looked at
 
     def owners(self, view):
@@ -68,7 +66,12 @@ class MissingObject(Family):
 
     def bounded(self, values):
         return np.array(
-            [values[0], np.clip(values[1], -0.3, 0.3), np.clip(values[2], 0, np.log(50)), np.clip(values[3], np.log(1e-5), np.log(1e7))]
+            [
+                values[0],
+                np.clip(values[1], -0.3, 0.3),
+                np.clip(values[2], 0, np.log(50)),
+                np.clip(values[3], np.log(1e-5), np.log(1e7)),
+            ]
         )
 
     def told(self, view, effect, covariance):
@@ -94,13 +97,14 @@ class MissingObject(Family):
     def sentence(self, effect, told):
         x, y, z = told["point_m"]["value"]
         return (
-            f"Something that the mesh leaves out reflects at ({x:.2f}, {y:.2f}, {z:.2f}) m, {told['reflection_db']['value']:.1f} dB, "
-            f"normal ({', '.join(f'{n:.2f}' for n in told['normal']['value'])})."
+            f"Something that the mesh leaves out reflects at ({x:.2f}, {y:.2f}, {z:.2f}) m, "
+            f"{told['reflection_db']['value']:.1f} dB, normal ({', '.join(f'{n:.2f}' for n in told['normal']['value'])})."
         )
 
 
 class MovingScatterer(Family):
     name = "moving_scatterer"
+    is_in_spec = False
     order = 4
     price_nats = 12.0
 
@@ -142,7 +146,3 @@ class MovingScatterer(Family):
     def sentence(self, effect, told):
         x, y, vx, vy = effect.values[:4]
         return f"Something passes by: at ({x:.2f}, {y:.2f}) m at the beginning, {np.hypot(vx, vy):.2f} m/s."
-
-
-def reflection_db(gains: np.ndarray, free: np.ndarray) -> float:
-    return float(db_from_amplitude(gains / free).mean()) if len(gains) else 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the engine may ask of a family of place effects. A family is one class; its numbers are those of the contract or tell them."""
+"""What the engine may ask of a family of place effects. A family is one class."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -33,8 +33,7 @@ class Family:
     level = "place"
     order = 5  # of application: lower first
     price_nats = 0.0  # of what it may name beside its numbers
-    is_flexible = False  # may stand in for much that it is not: tried when nothing simple explains
-    alike: tuple[str, ...] = ()  # families that may say the same, asked of the ambiguity
+    is_in_spec = True  # a SPEC has keys for it; what has none stands in its `effects`
 
     def owners(self, view) -> Sequence[str]:
         """Names that may have it, those that the soundings can see alone."""
@@ -54,13 +53,17 @@ class Family:
     def bounded(self, values: np.ndarray) -> np.ndarray:
         return values
 
-    def is_trivial(self, effect: Effect) -> bool:
-        """Whether these numbers say nothing happened."""
-        return False
-
     def told(self, view, effect: Effect, covariance: np.ndarray) -> dict:
         """`parameters` of the contract: name → {value, std}; `view` has the world with all effects."""
         raise NotImplementedError
+
+    def level_of(self, world: World, owner: str) -> str:
+        """The contract's word for what kind of thing the owner is."""
+        return self.level
+
+    def extent_m(self, view, effect: Effect) -> list | None:
+        """[[lo], [hi]] of the box that holds it, where it has a place of its own."""
+        return None
 
     def sentence(self, effect: Effect, told: dict) -> str:
         raise NotImplementedError

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the tracer had switched off, or was told wrongly of the whole place: orders, transmission, diffraction, carrier, ground, loss."""
+"""What the tracer had switched off, or was told wrongly of the whole place."""
 
 from dataclasses import replace
 
@@ -25,7 +25,9 @@ class MissingReflections(Family):
 
     def starts(self, view, owner):
         depth = view.world.max_depth
-        return [Effect(family=self, owner=owner, values=np.zeros(0), choice=order) for order in (depth + 1, depth + 2) if order <= 3]
+        return [
+            Effect(family=self, owner=owner, values=np.zeros(0), choice=order) for order in (depth + 1, depth + 2) if order <= 3
+        ]
 
     def apply(self, world, effect):
         return replace(world, max_depth=effect.choice)
@@ -40,7 +42,6 @@ class MissingReflections(Family):
 class MissingTransmission(Family):
     name = "missing_transmission"
     order = 3
-    alike = ("extra_object",)
 
     def owners(self, view):
         return [] if view.world.is_clear else ["place", *view.blocking_objects]
@@ -51,6 +52,9 @@ class MissingTransmission(Family):
     def apply(self, world, effect):
         which = slice(None) if effect.owner == "place" else world.mesh.index(effect.owner)
         return world.with_surface(which, clear=True)
+
+    def level_of(self, world, owner):
+        return "place" if owner == "place" else "object"
 
     def told(self, view, effect, covariance):
         return {"loss_db": value(view.transmission_loss_db(effect), 1.0)}
@@ -112,15 +116,19 @@ class Carrier(Family):
 
 class Ground(Family):
     name = "ground"
+    is_in_spec = False
     order = 1
-    alike = ("missing_object",)
     price_nats = float(np.log(3))
 
     def owners(self, view):
         return ["place"] if view.lacks_ground else []
 
     def starts(self, view, owner):
-        return [Effect(family=self, owner=owner, values=np.array([height_m, np.log(e)])) for height_m in view.scan_ground() for e in (4.0, 15.0)]
+        return [
+            Effect(family=self, owner=owner, values=np.array([height_m, np.log(e)]))
+            for height_m in view.scan_ground()
+            for e in (4.0, 15.0)
+        ]
 
     def apply(self, world, effect):
         height_m, permittivity = effect.values[0], float(np.exp(effect.values[1]))
@@ -153,8 +161,8 @@ class ExcessLoss(Family):
     """Of one link."""
 
     name = "excess_loss"
+    is_in_spec = False
     level = "link"
-    alike = ("node_gain",)
 
     def owners(self, view):
         return [f"{a}>{b}" for a, b in view.links] if view.can_tell_links else []
@@ -169,9 +177,6 @@ class ExcessLoss(Family):
     def bounded(self, values):
         return np.clip(values, -60, 90)
 
-    def is_trivial(self, effect):
-        return bool(abs(effect.values[0]) < 0.01)
-
     def told(self, view, effect, covariance):
         return {"loss_db": value(effect.values[0], std_of(covariance, 0))}
 
@@ -183,6 +188,7 @@ class DistanceLaw(Family):
     """Of the whole place: loss goes with another power of the distance."""
 
     name = "excess_loss"
+    is_in_spec = False
 
     def owners(self, view):
         return ["place"]

@@ -43,9 +43,6 @@ class NodePosition(_OfNode):
     def steps(self, world, effect):
         return np.full(3, world.wavelength_m * 1e-3)
 
-    def is_trivial(self, effect):
-        return bool(np.linalg.norm(effect.values) < 1e-4)
-
     def told(self, view, effect, covariance):
         return {"offset_m": value(effect.values, np.sqrt(np.maximum(np.diag(covariance), 0)))}
 
@@ -55,7 +52,7 @@ class NodePosition(_OfNode):
 
 class NodeGain(_OfNode):
     name = "node_gain"
-    alike = ("excess_loss",)
+    is_in_spec = False
 
     def owners(self, view):
         return view.nodes if view.gain != "node" else []
@@ -69,9 +66,6 @@ class NodeGain(_OfNode):
     def bounded(self, values):
         return np.clip(values, -60, 60)
 
-    def is_trivial(self, effect):
-        return bool(abs(effect.values[0]) < 0.01)
-
     def told(self, view, effect, covariance):
         return {"error_db": value(effect.values[0], std_of(covariance, 0))}
 
@@ -81,6 +75,7 @@ class NodeGain(_OfNode):
 
 class NodeDelay(_OfNode):
     name = "node_delay"
+    is_in_spec = False
 
     def owners(self, view):
         return view.nodes if view.delay == "none" and view.has_responses else []
@@ -125,9 +120,6 @@ class AntennaOrientation(_OfNode):
     def bounded(self, values):
         return np.array([(values[0] + np.pi) % (2 * np.pi) - np.pi, np.clip(values[1], -np.pi, np.pi)])
 
-    def is_trivial(self, effect):
-        return bool(np.abs(effect.values).max() < 1e-3)
-
     def told(self, view, effect, covariance):
         return {
             "yaw_rad": value(effect.values[0], std_of(covariance, 0)),
@@ -159,6 +151,7 @@ class AntennaPattern(_OfNode):
 
 class TrackTiming(_OfNode):
     name = "track_timing"
+    is_in_spec = False
     order = 2
 
     def owners(self, view):
@@ -188,6 +181,5 @@ class TrackTiming(_OfNode):
         }
 
     def sentence(self, effect, told):
-        return (
-            f"{effect.owner} goes {effect.values[0]:.3f} times as fast as in the twin and is {effect.values[1]:+.3f} s ahead on its track."
-        )
+        factor, offset_s = effect.values
+        return f"{effect.owner} goes {factor:.3f} times as fast as in the twin and is {offset_s:+.3f} s ahead on its track."

@@ -17,6 +17,9 @@ _ROUGH = (1 / 60, 1 / 25, 1 / 12, 1 / 6)  # of a wavelength: first guesses of th
 class _OfObject(Family):
     level = "object"
 
+    def level_of(self, world, owner):
+        return "object" if owner in world.mesh.names else "material"
+
     def owners(self, view):
         return view.seen_objects
 
@@ -43,7 +46,6 @@ class ExtraObject(_OfObject):
 class ObjectMoved(_OfObject):
     name = "object_moved"
     order = 1
-    alike = ("node_position",)
     price_nats = float(np.log(3))  # axes
 
     def starts(self, view, owner):
@@ -63,9 +65,6 @@ class ObjectMoved(_OfObject):
 
     def bounded(self, values):
         return np.clip(values, -5, 5)
-
-    def is_trivial(self, effect):
-        return bool(abs(effect.values[0]) < 1e-4)
 
     def told(self, view, effect, covariance):
         normal = np.array(effect.choice)
@@ -119,8 +118,8 @@ class Material(_OfObject):
         }
 
     def sentence(self, effect, told):
-        error_db = told["reflection_error_db"]["value"]
-        return f"{effect.owner} reflects {error_db:+.1f} dB against its material in the twin: rather like {told['nearest'].replace('_', ' ')}."
+        error_db, rather = told["reflection_error_db"]["value"], told["nearest"].replace("_", " ")
+        return f"{effect.owner} reflects {error_db:+.1f} dB against its material in the twin: rather like {rather}."
 
 
 def nearest(permittivity: float, conductivity: float, carrier_hz: float) -> str:
@@ -130,7 +129,9 @@ def nearest(permittivity: float, conductivity: float, carrier_hz: float) -> str:
     def seen(e, s):
         eta = e - 1j * s * 17.975e9 / carrier_hz
         root = np.sqrt(eta - (1 - angle**2))
-        return np.concatenate([db_from_amplitude((angle - root) / (angle + root)), [np.log(e), 0.3 * np.log(s / carrier_hz * 1e10 + 1)]])
+        return np.concatenate(
+            [db_from_amplitude((angle - root) / (angle + root)), [np.log(e), 0.3 * np.log(s / carrier_hz * 1e10 + 1)]]
+        )
 
     own = seen(permittivity, conductivity)
     return min(known_at(carrier_hz), key=lambda name: float(np.abs(seen(*numbers_of(name, carrier_hz)) - own).sum()))
@@ -149,7 +150,6 @@ def numbers_of(name: str, carrier_hz: float) -> tuple[float, float]:
 
 class Roughness(_OfObject):
     name = "roughness"
-    alike = ("material",)
 
     def owners(self, view):
         return [*view.seen_objects, *view.shared_materials]

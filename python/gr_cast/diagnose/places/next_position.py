@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where to sound next: the position whose soundings tell two hypotheses apart by most nats."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...scenario.create.geometry import is_closed, is_inside
+from ...scenario.create.nodes import Node
+from ...twin.places.predict import Predictor
+from ...twin.places.world import Radio, World
+from . import policy
+from .ears import PowerEar
+from .likelihood import Heard, profiled
+
+NEW = "new"
+_APART_M = 0.3  # from nodes
+
+
+def where_to_sound(ears, hypotheses, unknown: dict):
+    """`record_next` of the contract: a new isotropic node where it separates two worlds, else a word."""
+    responses = [one for one in ears if not isinstance(one, PowerEar)]
+    if not responses:
+        return "calibrate_gain"
+    heard = responses[0].heard
+    best, place = -1.0, None
+    for position_m in positions(hypotheses[0]):
+        nats = separation_nats(heard, hypotheses, unknown, position_m)
+        if nats > best:
+            best, place = nats, position_m
+    if place is None or best < policy.SEPARATED_NATS:
+        return "calibrate_gain" if unknown["gain"] != "none" else "wider_band"
+    why = f"sounding from here with all nodes tells both apart by {best:.0f} nats"
+    return {"node": NEW, "position_m": [round(float(x), 3) for x in place], "why": why}
+
+
+def positions(world: World) -> list[np.ndarray]:
+    """Positions inside the place, outside objects, away from nodes: the same for the same place."""
+    nodes_m = np.concatenate([radio.node.waypoints_m for radio in world.radios.values()])
+    low, high = nodes_m.min(axis=0), nodes_m.max(axis=0)
+    random = np.random.default_rng(len(nodes_m))
+    tries = low + (high - low) * random.random((4 * policy.POSITIONS, 3))
+    hulls = [solid for solid in world.mesh.solids if is_closed(solid)]
+    rooms = [solid for solid in hulls if all(is_inside(solid, point) for point in nodes_m)]
+    hulls = [solid for solid in hulls if solid not in rooms]
+    good = [
+        point for point in tries
+        if np.linalg.norm(nodes_m - point, axis=1).min() > _APART_M and not any(is_inside(solid, point) for solid in hulls)
+    ]  # fmt: skip
+    return good[: policy.POSITIONS]
+
+
+def separation_nats(heard: Heard, hypotheses, unknown: dict, position_m: np.ndarray) -> float:
+    """Nats between both worlds in one response per link, of a new node with all others and of the links that were sounded."""
+    node = Radio(node=Node(name=NEW, waypoints_m=position_m))
+    worlds = [replace(world, radios={**world.radios, NEW: node}) for world in hypotheses]
+    old = list(dict.fromkeys(heard.links))
+    names = sorted({name for link in old for name in link})
+    links = [(NEW, name) for name in names] + old
+    predictor = Predictor(*zip(*links, strict=True), np.zeros(1), heard.frequency_hz)
+    first, second = (predictor.response(world) for world in worlds)
+    noise = float(np.exp(-np.mean(np.log(heard.weight[heard.weight > 0]))))
+    told = Heard(
+        links=tuple(links), y=first, weight=np.full(first.shape, 1 / noise), frequency_hz=heard.frequency_hz, **unknown
+    )  # fmt: skip
+    return profiled(told, second).energy

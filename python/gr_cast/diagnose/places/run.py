@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The diagnosis of a place, from a case to its document."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from ...core.units import db_from_power
+from ...twin.places.document import Place
+from ...twin.places.world import of_place
+from . import policy, search
+from .ears import ear
+from .fit import Model, applied, deviations, evaluated, fitted, without_effect
+from .next_position import where_to_sound
+from .view import View
+
+BUDGET_S = 240.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlaceDiagnosis:
+    """A finished diagnosis: `document` of the contract, the fitted model, and the fits before and after on every campaign."""
+
+    place: Place
+    document: dict
+    model: Model
+    ears: tuple
+    vault: tuple
+    before: tuple
+    after: tuple
+
+
+def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[str], None] = lambda text: None) -> PlaceDiagnosis:
+    """Which effects the twin of a place leaves out. `budget_s` is processor time."""
+    begin_s = time.monotonic()
+    base, bandwidth_hz = of_place(place), place.spec.bandwidth_hz
+    ears = tuple(ear(one, place.unknown, bandwidth_hz) for one in place.soundings if not one.vault)
+    vault = tuple(ear(one, place.unknown, bandwidth_hz) for one in place.soundings if one.vault)
+    found = search.run(ears, base, place.unknown, search.Budget.of(budget_s), progress)
+    model = found.model
+    everything = (*ears, *vault)
+    before, after = evaluated(everything, base, ()), evaluated(everything, base, model.effects)
+    view = View(ears, model, place.unknown)
+    open_ = _ambiguous(found, ears, base, place)
+    clean = found.deviations < policy.CLEAN_DEVIATIONS and not found.spent
+    effects = [
+        _entry(view, found, number, covariance, clean, _vault_gain(vault, base, model, number))
+        for number, covariance in enumerate(deviations(ears, model))
+    ]
+    document = {
+        "cast_diagnosis": 1,
+        "verdict": _verdict(effects, open_, clean),
+        "effects": effects,
+        "ambiguous": open_,
+        "fit": _fit(vault or ears, before, after, len(ears) if vault else 0, bool(vault)),
+        "residual": _residual(found, ears, after),
+        "seconds": round(time.monotonic() - begin_s, 2),
+    }
+    return PlaceDiagnosis(
+        place=place, document=document, model=model, ears=ears, vault=vault, before=before.fits, after=after.fits
+    )  # fmt: skip
+
+
+def _verdict(effects: list, open_: list, clean: bool) -> str:
+    if not clean:
+        return "unexplained"
+    if open_:
+        return "ambiguous"
+    return "identified" if effects else "no_mismatch"
+
+
+def _is_nested(effect, rival, difference_nats: float) -> bool:
+    """Whether a rival says the same with more numbers: the simpler word is the answer."""
+    return effect.owner == rival.owner and len(rival.values) > len(effect.values)
+
+
+def _rivals(found: search.Found, effect) -> list:
+    return [(rival, nats) for rival, nats in found.rivals.get(effect.key, ()) if not _is_nested(effect, rival, nats)]
+
+
+def _ambiguous(found: search.Found, ears, base, place: Place) -> list[dict]:
+    out = []
+    for number, effect in enumerate(found.model.effects):
+        near = [(rival, nats) for rival, nats in _rivals(found, effect) if nats < policy.RIVAL_NATS]
+        near = [(rival, nats) for rival, nats in near if rival.family.name != effect.family.name]
+        if not near:
+            continue
+        rival = near[0][0]
+        others = [one for index, one in enumerate(found.model.effects) if index != number]
+        hypotheses = [applied(base, [*others, one]) for one in (effect, rival)]
+        names = effect.family.name, rival.family.name
+        out.append(
+            {
+                "families": list(names),
+                "why": f"{names[0]} of {effect.owner} and {names[1]} of {rival.owner} explain the soundings alike, "
+                f"{near[0][1]:.1f} nats apart.",
+                "record_next": where_to_sound(ears, hypotheses, place.unknown),
+            }
+        )
+    return out
+
+
+def _entry(view: View, found: search.Found, number: int, covariance: np.ndarray, clean: bool, vault_nats: float | None) -> dict:
+    effect = found.model.effects[number]
+    told = effect.family.told(view, effect, covariance)
+    rivals = _rivals(found, effect)
+    margin = min((nats for _, nats in rivals), default=None)
+    less = fitted(view.ears, without_effect(view.ears, found.model, number), rounds=2)
+    gain = less.energy - found.model.energy
+    where = {"links": _links(view.ears, less, found.model), "time_s": None, "delay_s": None}
+    if extent := effect.family.extent_m(view, effect):
+        where["position_m"] = extent
+        where["extent_m"] = extent
+    return {
+        "family": effect.family.name,
+        "owner": {"level": effect.family.level_of(view.world, effect.owner), "name": effect.owner}
+        | _alternatives(effect, rivals),
+        "where": where,
+        "parameters": told,
+        "evidence": {
+            "gain_nats": float(gain),
+            "heldout_gain_nats": vault_nats,
+            "runner_up": rivals[0][0].family.name if rivals else None,
+            "runner_up_margin_nats": margin,
+        },
+        "confidence": _confidence(gain, margin, vault_nats, clean, found),
+        "sentence": effect.family.sentence(effect, told),
+    }
+
+
+def _alternatives(effect, rivals) -> dict:
+    names = [rival.owner for rival, nats in rivals if nats < policy.RIVAL_NATS and rival.family.name == effect.family.name]
+    return {"alternatives": names} if names else {}
+
+
+def _confidence(gain: float, margin: float | None, vault_nats: float | None, clean: bool, found: search.Found) -> float:
+    """Probability that family and owner are right."""
+    margin = 1e3 if margin is None else margin
+    sure = 0.98 / (1 + float(np.exp(-np.clip((margin - policy.RIVAL_NATS / 2) / 2, -30, 30))))
+    sure *= 1 - float(np.exp(-np.clip(gain / policy.LEAST_EVIDENCE_NATS, 0, 50)))
+    if vault_nats is not None and vault_nats < -policy.RIVAL_NATS:
+        sure *= 0.5
+    return round(sure if clean else 0.6 * sure, 3)
+
+
+def _vault_gain(vault, base, model: Model, number: int) -> float | None:
+    """Nats by which an effect predicts what took no part in fitting it."""
+    if not vault:
+        return None
+    kept = tuple(effect for index, effect in enumerate(model.effects) if index != number)
+    return evaluated(vault, base, kept).energy - evaluated(vault, base, model.effects).energy
+
+
+def _links(ears, less: Model, model: Model) -> list[str]:
+    """Links whose energy an effect changes."""
+    found = {}
+    for one, a, b in zip(ears, less.fits, model.fits, strict=True):
+        for index, (tx, rx) in enumerate(one.predictor.links):
+            nats = ((np.abs(a.residual[index]) ** 2 - np.abs(b.residual[index]) ** 2) * one.root[index] ** 2).sum()
+            found[f"{tx}>{rx}"] = max(found.get(f"{tx}>{rx}", 0.0), float(nats))
+    return [link for link, nats in found.items() if nats > policy.LINK_NATS]
+
+
+def _fit(ears, before: Model, after: Model, first: int, is_vault: bool) -> dict:
+    """Residual over received power on the vault, and what noise alone would leave."""
+    out = {"split": "vault" if is_vault else "fitted"}
+    if ears[0].has_responses:
+        total = sum(float((np.abs(one.heard.y) ** 2).sum()) for one in ears if one.has_responses)
+        noise = sum(float((1 / one.heard.weight[one.heard.weight > 0]).sum()) for one in ears if one.has_responses)
+        left = [sum(float((np.abs(f.residual) ** 2).sum()) for f in m.fits[first : first + len(ears)]) for m in (before, after)]
+        names = ("twin_nmse_db", "corrected_nmse_db", "noise_floor_db")
+        return out | {
+            n: float(db_from_power(max(v, 1e-300) / max(total, 1e-300))) for n, v in zip(names, (*left, noise), strict=True)
+        }
+    count = sum(int((one.weight > 0).sum()) for one in ears)
+    left = [sum(float((f.residual**2).sum()) for f in m.fits[first : first + len(ears)]) for m in (before, after)]
+    noise = sum(float((0.5 / one.weight[one.weight > 0]).sum()) for one in ears)
+    names = ("twin_rmse_db", "corrected_rmse_db", "noise_rmse_db")
+    return out | {n: float(np.sqrt(v / max(count, 1))) for n, v in zip(names, (*left, noise), strict=True)}
+
+
+def _residual(found: search.Found, ears, after: Model) -> dict:
+    """What is left above noise on the fitted soundings, and the links that hold it."""
+    where = []
+    for one, fit in zip(ears, after.fits, strict=False):
+        per = (np.abs(fit.residual) ** 2 * one.root**2).sum(axis=(1, 2))
+        count = (one.root > 0).sum(axis=(1, 2)) * (1.0 if one.has_responses else 0.5)
+        for index, (tx, rx) in enumerate(one.predictor.links):
+            above = (per[index] - count[index]) / np.sqrt(max(count[index], 1.0))
+            if above > policy.CLEAN_DEVIATIONS:
+                where.append({"links": [f"{tx}>{rx}"], "deviations": round(float(above), 1)})
+    return {
+        "unexplained_db": float(db_from_power(max(found.model.energy / max(found.count, 1.0), 1e-12))),
+        "p_value": float(norm.sf(found.deviations)),
+        "where": where,
+        "out_of_time": found.spent,
+    }

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Write the diagnosis of a place: a folder, whole or not at all."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from ...core.files import written_aside
+from ...twin.places.correct import corrected_solids, corrected_spec
+from ...twin.places.write import document as spec_document
+from ...twin.places.write import write_spec
+from .run import PlaceDiagnosis
+
+GROUND = "ground"
+
+
+def write(diagnosis: PlaceDiagnosis, folder: str | Path, page: str) -> None:
+    """`diagnosis.json`, `report.html`, `spec_corrected.yaml` with its mesh, `residual.npz`."""
+    folder = Path(folder)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with written_aside(folder) as aside:
+        aside.mkdir()
+        text = json.dumps(_finite(diagnosis.document), indent=1, allow_nan=False) + "\n"
+        (aside / "diagnosis.json").write_text(text, encoding="utf-8")
+        (aside / "report.html").write_text(page, encoding="utf-8")
+        correct(diagnosis, aside)
+        np.savez_compressed(aside / "residual.npz", **residuals(diagnosis))
+
+
+def correct(diagnosis: PlaceDiagnosis, folder: Path) -> None:
+    """The corrected SPEC: found physics in its keys where it has one, all of it in `effects` for what has none."""
+    world, spec = diagnosis.model.world, diagnosis.place.spec
+    solids = corrected_solids(world, spec.carrier_hz, leave_out=(GROUND,))
+    entries = [
+        {key: entry[key] for key in ("family", "owner", "parameters")}
+        for entry, effect in zip(diagnosis.document["effects"], diagnosis.model.effects, strict=True)
+        if not effect.family.is_in_spec
+    ]
+    write_spec(folder, spec_document(corrected_spec(spec, world)), solids, _finite(entries))
+
+
+def residuals(diagnosis: PlaceDiagnosis) -> dict:
+    """The maps behind the pictures: per campaign the residual before and after, its links and times."""
+    out = {}
+    for number, (one, before, after) in enumerate(
+        zip((*diagnosis.ears, *diagnosis.vault), diagnosis.before, diagnosis.after, strict=True)
+    ):
+        out[f"before_{number}"], out[f"after_{number}"] = (fit.residual.astype(np.complex64) for fit in (before, after))
+        out[f"links_{number}"] = np.array([f"{tx}>{rx}" for tx, rx in one.predictor.links])
+        out[f"time_s_{number}"], out[f"frequency_hz_{number}"] = one.predictor.time_s, one.predictor.frequency_hz
+    return out
+
+
+def _finite(value):
+    """Plain Python; null where a number is none."""
+    if isinstance(value, dict):
+        return {str(key): _finite(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(one) for one in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    return value
