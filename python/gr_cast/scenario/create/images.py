@@ -20,7 +20,7 @@ _AT_ONCE = 2_000_000  # candidates in memory at the same time
 
 @dataclass(frozen=True, kw_only=True)
 class Faces:
-    """Plane faces of objects: `normal` (F, 3) unit, `level_m` (F,) normal·x = level on the plane, `owner` (F,) index of the object.
+    """Plane faces of objects: `normal` (F, 3) unit, `level_m` (F,) normal·x = level on the plane, `owner` (F,) object.
 
     `sided` (F,): met from the side of its normal alone (the hull of a closed object without a node in it).
     Triangles (M, 3, 3) of face f are `triangles_m[start[f]:start[f + 1]]`.

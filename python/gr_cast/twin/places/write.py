@@ -21,8 +21,8 @@ SPEC_FILE, MESH_FILE = "spec_corrected.yaml", "spec_corrected.obj"
 def document(spec: Spec) -> dict:
     """What a SPEC's file says of it, but for its model and materials: nodes in metres, grids node by node."""
     environment = {"place": spec.place, "carrier_hz": spec.carrier_hz, "bandwidth_hz": spec.bandwidth_hz}
-    sampling = {key: getattr(spec, key) for key in ("duration_s", "step_s", "max_depth", "rays", *SWITCHES, "check_instants")}
-    approximation = {key: getattr(spec, key) for key in ("method", "update_s", "hold_s", "dynamic_range_db")}
+    sampling = {key: vars(spec)[key] for key in ("duration_s", "step_s", "max_depth", "rays", *SWITCHES, "check_instants")}
+    approximation = {key: vars(spec)[key] for key in ("method", "update_s", "hold_s", "dynamic_range_db")}
     return {
         "cast_create": VERSION,
         "id": spec.id,
@@ -39,9 +39,7 @@ def _node(node: Node) -> dict:
     points = node.waypoints_m.tolist()
     track = {"waypoints_m": points, "speed_m_per_s": node.speed_m_per_s} if node.is_moving else {"position_m": points[0]}
     fresh = {"power_dbm": 0.0, "noise_figure_db": 0.0, "orientation_rad": (0.0, 0.0, 0.0)}
-    return (
-        track | {"antenna": node.antenna} | {key: getattr(node, key) for key, none in fresh.items() if getattr(node, key) != none}
-    )
+    return track | {"antenna": node.antenna} | {key: vars(node)[key] for key, none in fresh.items() if vars(node)[key] != none}
 
 
 def write_spec(folder: Path, spec_document: dict, solids: Sequence[Solid], effects: Sequence[dict]) -> Path:
