@@ -20,7 +20,7 @@ from gr_cast.experiments import paper
 from gr_cast.report import plot
 from gr_cast.signals import on_air, recording
 from gr_cast.signals.waveform import entry_from_text, waveform_from_entry
-from gr_cast.sounding import calibration, code_comparison, path_loss, result, transmission_log
+from gr_cast.sounding import calibration, code_comparison, collect, path_loss, result, transmission_log
 from gr_cast.sounding.sound import LinkBudget, SoundingOptions, sound
 
 _RANGES = {
@@ -132,6 +132,18 @@ def _arguments() -> argparse.ArgumentParser:
     calibrate.add_argument("recordings", nargs="+")
     calibrate.add_argument("--name", required=True, help="what --base-loss will call it")
 
+    gather = command("collect", "results of soundings to a campaign of a place case: responses of many links in one .npz")
+    gather.add_argument(
+        "results",
+        nargs="+",
+        metavar="RESULT",
+        help="folder of a sounding, its result.json, or results/*.json of a heatmap or --all-links",
+    )
+    gather.add_argument("--output", required=True, metavar="FILE.npz")
+    gather.add_argument("--frequencies", type=int, default=collect.FREQUENCIES, metavar="K")
+    gather.add_argument("--band", type=float, metavar="HZ", help="round the carrier; default: the band that was sounded")
+    gather.add_argument("--from", dest="begin", type=_program.second, metavar="TIME", help="what times count from; default: 0")
+
     command("codes", "compare code sequences as the paper does, table and picture", output)
     devices = command("devices", "list the radios that UHD finds")
     devices.add_argument("--args", default="")
@@ -201,11 +213,18 @@ def _read(path, raw_format=None, rate=None) -> recording.Recording:
     return recording.read_raw(path, raw_format=raw_format, sample_rate_hz=rate)
 
 
+def _sounded(args, file: recording.Recording, path, spec: dict, waveform) -> tuple:
+    """One recording's sounding, and the content of its result.json."""
+    options = _options(args, file.metadata, _base_loss_db(args, file, path))
+    sounding = sound(file, waveform, options)
+    about = {"recording": str(path), "waveform": spec, "base_loss": args.base_loss}
+    return sounding, result.as_document(sounding, about | result.about_recording(file, Path(path).name, spec, options.band))
+
+
 def _sound_file(args, file: recording.Recording, path, modelled_taps=()) -> dict:
     """Sound one recording and leave result.json, frames.csv and cir.png in --output; returns the document."""
     spec, waveform = _spec_and_waveform(args, file.metadata)
-    sounding = sound(file, waveform, _options(args, file.metadata, _base_loss_db(args, file, path)))
-    document = result.as_document(sounding, {"recording": str(path), "waveform": spec, "base_loss": args.base_loss})
+    sounding, document = _sounded(args, file, path, spec, waveform)
     folder = result.output_folder(args.output)
     rate_mhz = f"{file.sample_rate_hz / 1e6:g} MS/s"
     title = f"{recording.stem_of(path).name}: {waveform.name} at {rate_mhz}, {sounding.frames} frames"
@@ -430,24 +449,27 @@ def _process(args) -> None:
     _sound_file(args, _read(args.recording, args.format, args.rate), args.recording)
 
 
-def _losses(args, paths) -> tuple[dict[tuple[str, str], list[float | None]], float]:
-    """Path losses of every link, and the largest standard deviation of one."""
+def _losses(args, paths) -> tuple[dict[tuple[str, str], list[float | None]], float, dict[str, dict]]:
+    """Path losses of every link, the largest standard deviation of one, and each recording's result by its name."""
     losses: dict[tuple[str, str], list[float | None]] = {}
+    results = {}
     largest_std_db = 0.0
     for count, path in enumerate(paths, 1):
         file = recording.read(path)
-        _, waveform = _spec_and_waveform(args, file.metadata)
-        sounding = sound(file, waveform, _options(args, file.metadata, _base_loss_db(args, file, path)))
+        sounding, document = _sounded(args, file, path, *_spec_and_waveform(args, file.metadata))
+        results[recording.stem_of(path).name] = document
         losses.setdefault(path_loss.link_of(file, Path(path).name), []).append(sounding.path_loss_db)
         largest_std_db = max(largest_std_db, sounding.path_gain_std_db or 0.0)
         _program.progress("recordings", count, len(paths))
-    return losses, largest_std_db
+    return losses, largest_std_db, results
 
 
 def _heatmap(args, paths) -> None:
-    losses, error_db = _losses(args, paths)
+    losses, error_db, results = _losses(args, paths)
     nodes, matrix = path_loss.loss_matrix(losses)
     folder = result.output_folder(args.output)
+    for name, document in results.items():
+        write_json(result.output_folder(folder / "results") / f"{name}.json", document)
     title = f"Path loss of {int(np.isfinite(matrix).sum())} links, {len(paths)} recordings"
     plot.save(plot.heatmap_figure(matrix, nodes, title, error_db), folder / "heatmap.png")
     write_text(folder / "heatmap.csv", path_loss.matrix_csv(nodes, matrix))
@@ -462,11 +484,11 @@ def _heatmap(args, paths) -> None:
         f"mean {fixed(mean, 2)} dB, SD {fixed(std, 2)} dB over {len(heard)} links, each known to {max(error_db, 0.01):.2f} dB or"
         " better" if len(heard) else "no link was heard"
     )  # fmt: skip
-    print(f"written: {folder}/heatmap.json, heatmap.csv, heatmap.png")
+    print(f"written: {folder}/heatmap.json, heatmap.csv, heatmap.png, results/")
 
 
 def _calibrate(args) -> None:
-    losses, _ = _losses(args, args.recordings)
+    losses, _, _ = _losses(args, args.recordings)
     nodes, matrix = path_loss.loss_matrix(losses)
     unheard = [f"{tx}>{rx}" for tx, rx in losses if not np.isfinite(matrix[nodes.index(tx), nodes.index(rx)])]
     if unheard:
@@ -478,6 +500,26 @@ def _calibrate(args) -> None:
     values = np.array(list(measured.values()))
     print(f"base loss {values.mean():.2f} dB, SD {values.std():.2f} dB over {len(values)} links; stored as {path}")
     print(f"use it with --base-loss {args.name} (newest) or {args.name}@{path.stem[1:]}")
+
+
+def _collect(args) -> None:
+    snapshots, faults = [], []
+    for path in args.results:
+        try:
+            snapshots.append(collect.read(path))
+        except CastError as error:
+            faults += error.faults
+    if faults:
+        raise CastError(*faults)
+    begin_s = args.begin or 0.0
+    snapshots = [replace(one, time_s=one.time_s - begin_s) for one in snapshots]
+    arrays = collect.campaign(snapshots, collect.frequencies_hz(snapshots, args.frequencies, args.band))
+    collect.write(args.output, arrays)
+    links, instants, count = arrays["response"].shape
+    heard = np.isfinite(arrays["response"][:, :, 0]).sum()
+    print(
+        f"{args.output}: {links} links, {instants} instants, {count} frequencies, {heard} of {links * instants} responses heard"
+    )
 
 
 def _codes(args) -> None:
@@ -516,6 +558,7 @@ COMMANDS = {
     "process": _process,
     "heatmap": lambda args: _heatmap(args, args.recordings),
     "calibrate": _calibrate,
+    "collect": _collect,
     "codes": _codes,
     "devices": _devices,
 }

@@ -230,3 +230,22 @@ def test_noise_of_different_links_is_independent(tmp_path):
     noise = np.array([(x - x.mean()) / np.linalg.norm(x - x.mean()) for x in heard])
     alike = np.abs(noise.conj() @ noise.T)
     assert len(heard) == 6 and alike[~np.eye(6, dtype=bool)].max() < 6 / np.sqrt(noise.shape[1])
+
+
+def test_all_links_of_a_scenario_are_collected_into_one_campaign(tmp_path):
+    taps = "all_links: {taps: [{delay_s: 0.2e-6, gain_db: -3}, {delay_s: 0.5e-6, gain_db: -9, phase_rad: 1}]}"
+    (tmp_path / "three.yaml").write_text(f"cast_scenario: 1\nnodes: 3\nbase_loss_db: 50\n{taps}\n")
+    about = ("--scenario", tmp_path / "three.yaml", "--all-links", "--frames", 20, "--rate", "50e6", "--output", tmp_path / "o")
+    done("run", *about)
+    results = sorted((tmp_path / "o" / "results").glob("*.json"))
+    shown = done("collect", *results, "--output", tmp_path / "monday.npz", "--frequencies", 16)
+    assert "6 links, 1 instants, 16 frequencies, 6 of 6 responses heard" in shown
+    with np.load(tmp_path / "monday.npz") as made:
+        f_hz = made["frequency_hz"]
+        expected = 10 ** (-53 / 20) * np.exp(-2j * np.pi * f_hz * 0.2e-6)
+        expected = expected + 10 ** (-59 / 20) * np.exp(1j - 2j * np.pi * f_hz * 0.5e-6)
+        np.testing.assert_allclose(made["response"], np.broadcast_to(expected, (6, 1, 16)), atol=3e-5)
+        assert np.ptp(f_hz) == pytest.approx(50e6 * 15 / 16) and (made["noise_power"] > 0).all()
+    told = sounder("collect", results[0], results[0], tmp_path / "none", "--output", tmp_path / "bad.npz")
+    assert told.returncode == 2 and len(told.stderr.splitlines()) == 1 and "none" in told.stderr
+    assert not (tmp_path / "bad.npz").exists()

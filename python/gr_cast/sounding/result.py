@@ -8,12 +8,26 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
-from ..core.documents import json_file
+from ..core.documents import is_number, json_file
 from ..core.errors import CastError
 from ..core.figures import with_error
 from ..core.files import write_json, write_text
 from ..core.units import db_from_amplitude, db_from_power
+from ..signals.recording import Recording
+from .path_loss import link_of
 from .sound import Sounding
+
+
+def about_recording(file: Recording, name: str, waveform: dict, band: float) -> dict:
+    """What result.json says of a recording beside what was measured: its link if known, when it begins, and the band sounded."""
+    try:
+        ends = link_of(file, name)
+    except CastError:
+        ends = (None, None)
+    known = dict(zip(("transmitter", "receiver"), ends, strict=True))
+    begins_s = file.metadata.get("cast:scenario_at_s", file.metadata.get("cast:start_at_s", 0.0))
+    chips_hz = (file.sample_rate_hz or 0.0) / waveform.get("samples_per_chip", 1)
+    return known | {"begins_s": begins_s if is_number(begins_s) else 0.0, "band_hz": band * chips_hz}
 
 
 def as_document(sounding: Sounding, about: dict) -> dict:

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Results of soundings become a campaign of a place case."""
+
+import json
+
+import numpy as np
+import pytest
+from gr_cast.core import arrays
+from gr_cast.core.errors import CastError
+from gr_cast.signals.recording import Recording
+from gr_cast.signals.waveform import waveform_from_text
+from gr_cast.sounding import collect
+from gr_cast.sounding.result import about_recording, as_document
+from gr_cast.sounding.sound import SoundingOptions, sound
+
+RATE_HZ = 100e6
+PATHS = {("a", "b"): ([3, 10, 31], [0.01, 0.004j, -0.002]), ("b", "c"): ([7, 9], [0.02j, 0.005])}
+
+
+def entry(**changes):
+    tap = dict(delay_s=1e-7, gain_db=-40.0, phase_rad=0.3, delay_std_s=1e-11, gain_std_db=0.01, phase_std_rad=1e-3)
+    return {
+        "cast_sounding": 1, "transmitter": "a", "receiver": "b", "begins_s": 1.5, "band_hz": 8e7, "path_gain_db": -40.0,
+        "path_loss_db": 40.0, "taps": [tap],
+    } | changes  # fmt: skip
+
+
+def written(folder, document):
+    folder.mkdir(exist_ok=True)
+    (folder / "result.json").write_text(json.dumps(document))
+    return folder
+
+
+def sounded(link, seed, noise_db=-90.0):
+    """A GLFSR over paths on whole samples, in noise: result.json's content."""
+    waveform, rng = waveform_from_text("glfsr:9"), np.random.default_rng(seed)
+    sent = np.tile(waveform.samples, 20)
+    heard = sum(g * np.roll(sent, d) for d, g in zip(*PATHS[link], strict=True))
+    heard = heard + 10 ** (noise_db / 20) * (rng.standard_normal((2, len(sent))) / np.sqrt(2) * [[1], [1j]]).sum(axis=0)
+    file = Recording(
+        samples=heard.astype(np.complex64),
+        sample_rate_hz=RATE_HZ,
+        metadata={"cast:transmitter": link[0], "cast:receiver": link[1]},
+    )
+    options = SoundingOptions(correct_offset=False, carrier_offset_hz=0.0)
+    return as_document(sound(file, waveform, options), about_recording(file, "x", {"samples_per_chip": 1}, 1.0))
+
+
+def true_response(link, frequency_hz):
+    return sum(g * np.exp(-2j * np.pi * frequency_hz * d / RATE_HZ) for d, g in zip(*PATHS[link], strict=True))
+
+
+def test_responses_are_those_of_the_paths_within_the_noise_that_is_stated(tmp_path):
+    ratios = []
+    for seed in range(12):
+        ones = [collect.read(written(tmp_path / "x", sounded(link, 100 * seed + k))) for k, link in enumerate(PATHS)]
+        frequency_hz = collect.frequencies_hz(ones)
+        made = collect.campaign(ones, frequency_hz)
+        assert list(zip(made["tx"], made["rx"], strict=True)) == list(PATHS) and made["response"].shape == (2, 1, 64)
+        for row, link in enumerate(PATHS):
+            error = made["response"][row, 0] - true_response(link, frequency_hz)
+            ratios.append(np.mean(np.abs(error) ** 2) / made["noise_power"][row])
+    assert 0.6 < np.mean(ratios) < 1.6, ratios
+
+
+def test_frequencies_fill_the_band_in_equal_steps_round_the_carrier(tmp_path):
+    one = collect.read(written(tmp_path / "x", entry()))
+    frequency_hz = collect.frequencies_hz([one], 40)
+    np.testing.assert_allclose(np.diff(frequency_hz), 8e7 / 40)
+    assert frequency_hz.mean() == pytest.approx(0, abs=1e-6) and np.ptp(frequency_hz) < 8e7
+    assert np.ptp(collect.frequencies_hz([one], 40, 1e7)) < 1e7
+    for wrong in (dict(band_hz=9e7), dict(count=1)):
+        with pytest.raises(CastError):
+            collect.frequencies_hz([one], **wrong)
+
+
+def test_what_a_set_up_adds_is_taken_off_and_what_was_not_heard_is_missing(tmp_path):
+    # 40 dB of path gain as received, 55 dB of path loss once powers and gains of the set-up are known
+    ones = [
+        collect.read(written(tmp_path / "x", document))
+        for document in (entry(path_loss_db=55.0), entry(begins_s=2.0, taps=[], path_gain_db=None, path_loss_db=None))
+    ]
+    made = collect.campaign(ones, np.zeros(1))
+    assert made["time_s"].tolist() == [1.5, 2.0] and np.isnan(made["response"][0, 1]).all()
+    assert made["response"][0, 0, 0] == pytest.approx(10 ** (-55 / 20) * np.exp(0.3j), rel=1e-6)
+
+
+def test_a_file_is_read_back_as_a_campaign(tmp_path):
+    one = collect.read(written(tmp_path / "x", entry()))
+    collect.write(tmp_path / "monday.npz", collect.campaign([one], collect.frequencies_hz([one])))
+    assert {*arrays.read(tmp_path / "monday.npz")} == {"tx", "rx", "time_s", "frequency_hz", "response", "noise_power"}
+
+
+@pytest.mark.parametrize(
+    "changes, says",
+    [
+        (dict(transmitter=None), "transmitter: is not said"),
+        (dict(cast_sounding=2), "cast_sounding: got 2, needs 1"),
+        (dict(band_hz=None), "band_hz: got None, needs a finite number of Hz"),
+        (dict(taps=[{"delay_s": 1}]), "taps[0].gain_db: got None"),
+        (dict(path_loss_db="much"), "path_loss_db: got 'much', needs a finite number of dB"),
+    ],
+)
+def test_what_is_no_result_is_refused_with_its_place(tmp_path, changes, says):
+    with pytest.raises(CastError) as error:
+        collect.read(written(tmp_path / "x", entry(**changes)))
+    assert any(says in fault for fault in error.value.faults)
+
+
+def test_two_results_of_one_link_and_time_and_a_link_never_heard_are_refused(tmp_path):
+    one, silent = (collect.read(written(tmp_path / "x", document)) for document in (entry(), entry(receiver="c", taps=[])))
+    with pytest.raises(CastError) as error:
+        collect.campaign([one, one, silent], np.zeros(2))
+    assert [fault.split(": ", 1)[1] for fault in error.value.faults] == [
+        "a>b: two soundings at 1.5 s: one file holds one of each time", "a>c: no signal was heard on it: leave its results out"
+    ]  # fmt: skip
