@@ -95,13 +95,17 @@ def carrier(text: str) -> float:
 
 
 _begun: dict = {}  # of what progress is shown: (seconds, how much was done) when it was first
+_left_told: set = set()  # of what progress has told how long it takes
 _told_s = -math.inf  # when progress was last told without a terminal
 _shown = False  # whether the last line is one of progress, which the next would go on
 
 
 def progress(what: str, done: int, total: int) -> None:
     """Show how far it is, and how long the rest takes."""
-    show(f"{what}: {done} of {total}{_left(what, done, total)}", last=done >= total)
+    left = _left(what, done, total)
+    is_news = left != "" and (what, total) not in _left_told  # how long it takes is not waited for a minute
+    _left_told.update([(what, total)] if is_news else [])
+    show(f"{what}: {done} of {total}{left}", last=done >= total, is_news=is_news)
 
 
 def _left(what: str, done: int, total: int) -> str:
@@ -114,14 +118,14 @@ def _left(what: str, done: int, total: int) -> str:
     return f", about {left_s / 60:.0f} min left" if left_s >= 90 else f", about {left_s:.0f} s left"
 
 
-def show(line: str, last: bool = False) -> None:
-    """Show a line in the place of the one before, and the last one for good; without a terminal the first one, a line a
+def show(line: str, last: bool = False, is_news: bool = False) -> None:
+    """Show a line in the place of the one before, and the last one for good; without a terminal the first one, news, a line a
     minute, and the last one."""
     global _shown, _told_s
     if sys.stderr.isatty():
         _shown = not last
         print(f"\r\x1b[K{line}", end="" if _shown else "\n", file=sys.stderr, flush=True)
-    elif last or time.monotonic() - _told_s >= 60:
+    elif last or is_news or time.monotonic() - _told_s >= 60:
         _told_s = time.monotonic()
         print(line, file=sys.stderr, flush=True)
 

@@ -546,7 +546,10 @@ def _devices(args) -> None:
 
     found = uhd.find(args.args)
     if not found:
-        raise CastError(f"devices: no USRP answers to arguments {args.args!r}")
+        raise CastError(
+            f"devices: no USRP answers to arguments {args.args!r}: is it on, and in this network? One beyond it is found by "
+            "--args addr=192.168.40.2"
+        )
     for device in found:
         print(device.to_string() if hasattr(device, "to_string") else device)
 

@@ -114,7 +114,7 @@ def test_an_interrupt_that_a_library_makes_another_error_of_is_told_as_one():
     assert (done.returncode, done.stderr) == (130, "interrupted\n")
 
 
-def test_progress_without_a_terminal_is_a_line_a_minute_and_the_last(monkeypatch, capsys):
+def test_progress_without_a_terminal_is_how_long_it_takes_a_line_a_minute_and_the_last(monkeypatch, capsys):
     clock = {"s": 1000.0}
     monkeypatch.setattr(_program.time, "monotonic", lambda: clock["s"])
     monkeypatch.setattr(_program, "_told_s", -float("inf"))
@@ -122,7 +122,7 @@ def test_progress_without_a_terminal_is_a_line_a_minute_and_the_last(monkeypatch
         _program.progress("tasks", done, 300)
         clock["s"] += 1.0
     lines = capsys.readouterr().err.splitlines()
-    assert [line.split(",")[0] for line in lines] == [f"tasks: {done} of 300" for done in (1, 61, 121, 181, 241, 300)]
+    assert [line.split(",")[0] for line in lines] == [f"tasks: {done} of 300" for done in (1, 2, 62, 122, 182, 242, 300)]
 
 
 def test_progress_on_a_terminal_is_one_line_that_changes(monkeypatch, capsys):

@@ -163,10 +163,15 @@ def run_batch(
     with locked(Path(job.folder)):
         todo = _prepare(job)
         done = job.n_chunks - len(todo)
+        report(_announced(job, done))
         progress(done, job.n_chunks)
-        for _ in tasks.run(make_chunk, job, todo, dask=dask, processes=workers):
-            done += 1
-            progress(done, job.n_chunks)
+        try:
+            for _ in tasks.run(make_chunk, job, todo, dask=dask, processes=workers):
+                done += 1
+                progress(done, job.n_chunks)
+        except BaseException:
+            report(f"{done} of {job.n_chunks} chunks are kept in {job.work}: the same command goes on there")
+            raise
         for receiver in job.receivers:
             _seal(job, receiver)
         for path in job.work.glob("*.done"):
@@ -312,6 +317,7 @@ def _prepare(job: BatchJob) -> list[int]:
         if not is_own and (recording.meta_path(stem).exists() or recording.data_path(stem).exists()):
             raise CastError(f"{stem}: a recording of that name exists; nothing is overwritten")
     if not goes_on:
+        _check_room(job)
         job.work.mkdir()
         for receiver in job.receivers:
             with open(job.part(receiver), "wb") as file:
@@ -320,6 +326,26 @@ def _prepare(job: BatchJob) -> list[int]:
     if not all(job.part(receiver).exists() for receiver in job.receivers):
         return []  # it was being sealed, so all of it is done
     return [chunk for chunk in range(job.n_chunks) if not job.mark(chunk).exists()]
+
+
+def _size(count: float) -> str:
+    return f"{count / 1e9:.3g} GB" if count >= 1e8 else f"{count / 1e6:.3g} MB"
+
+
+def _announced(job: BatchJob, done: int) -> str:
+    """What is being made, and how large it is."""
+    each = job.n_samples * _ITEM.itemsize
+    what = f"{len(job.receivers)} recordings of {job.n_samples} samples, {_size(len(job.receivers) * each)}, in {job.folder}"
+    return what + (f"; {done} of {job.n_chunks} chunks are there" if done else "")
+
+
+def _check_room(job: BatchJob) -> None:
+    needs, free = len(job.receivers) * job.n_samples * _ITEM.itemsize, shutil.disk_usage(job.folder).free
+    if needs > free:
+        raise CastError(
+            f"{job.folder}: {len(job.receivers)} recordings of {job.n_samples} samples need {_size(needs)}, {_size(free)} are free: "
+            "a shorter --duration, or fewer --receivers"
+        )
 
 
 def _seal(job: BatchJob, receiver: str) -> None:

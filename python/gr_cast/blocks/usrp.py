@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """USRP X310s by gr-uhd: one place that sets a radio up, for transmitting and receiving alike."""
 
+import re
 import sys
 import time
 from dataclasses import dataclass
@@ -99,9 +100,28 @@ def _configured(block, settings: RadioSettings, cpu_format: str, uhd):
         radio = block(settings.device_args, stream)
         _set_up(radio, settings, uhd)
     except (LookupError, RuntimeError, ValueError) as error:  # UHD's own, as gr-uhd passes them on
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise CastError(f"device: got arguments {settings.device_args!r}: {reason}") from None
+        raise CastError(
+            f"device: got arguments {settings.device_args!r}: {_reason(error)}{_next_step(settings, error)}"
+        ) from None
     return radio
+
+
+def _reason(error: Exception) -> str:
+    """What UHD says, without the names of its exceptions."""
+    said = re.sub(r"^(?:\w+Error: )+", "", " ".join(str(error).split()))
+    return re.sub(r" for ----->.*", "", said) or type(error).__name__
+
+
+def _next_step(settings: RadioSettings, error: Exception) -> str:
+    """What to type where no device was found."""
+    if "No devices found" not in str(error):
+        return ""
+    given = settings.device_args.strip()
+    if not given:
+        return "; name the radio: --args addr=192.168.40.2; cast_sounder.py devices lists those that answer"
+    if "=" not in given:
+        return f"; an address needs its key: --args addr={given}"
+    return "; is it on, and in this network? cast_sounder.py devices lists those that answer"
 
 
 def _set_up(radio, settings: RadioSettings, uhd) -> None:
