@@ -113,7 +113,7 @@ def test_what_does_not_fit_on_the_disk_is_refused_and_what_fits_announced(job, t
     job(tmp_path / "out", report=told.append)
     assert told == [f"2 recordings of 5000 samples, 0.08 MB, in {tmp_path}/out"]
     monkeypatch.setattr(batch.shutil, "disk_usage", lambda folder: SimpleNamespace(free=79_999))
-    with pytest.raises(CastError, match="2 recordings of 5000 samples need 0.08 MB, 0.08 MB are free"):
+    with pytest.raises(CastError, match="2 recordings of 5000 samples need 0.08 MB, 0.08 MB free"):
         job(tmp_path / "more")
     assert not (tmp_path / "more" / ".batch").exists()
 

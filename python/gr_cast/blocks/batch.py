@@ -343,8 +343,8 @@ def _check_room(job: BatchJob) -> None:
     needs, free = len(job.receivers) * job.n_samples * _ITEM.itemsize, shutil.disk_usage(job.folder).free
     if needs > free:
         raise CastError(
-            f"{job.folder}: {len(job.receivers)} recordings of {job.n_samples} samples need {_size(needs)}, {_size(free)} are free: "
-            "a shorter --duration, or fewer --receivers"
+            f"{job.folder}: {len(job.receivers)} recordings of {job.n_samples} samples need {_size(needs)}, {_size(free)} free: "
+            "take a shorter --duration, or fewer --receivers"
         )
 
 
