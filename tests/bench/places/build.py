@@ -149,7 +149,7 @@ def make(kind, seed, family, output):
         "effects": case["effects"],
         "conditions": cases.conditions(case),
     }
-    truth |= {"vault": kept} if kept else {}
+    truth |= {"vault": kept} if kept and kind != "outside" else {}
     for key in ("outside", "hypotheses"):
         truth |= {key: case[key]} if key in case else {}
     if kind in (*COUNTS, "null"):

@@ -5,13 +5,14 @@ A patch is a parallelogram (corner + s·u + t·v, 0 ≤ s, t ≤ 1) or a triangl
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 NEAR = 1e-9  # of a leg: where a crossing is the leg's own end
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Patches:
     corner: np.ndarray  # (F, 3)
     u: np.ndarray
@@ -20,7 +21,7 @@ class Patches:
     owner: np.ndarray  # (F,) index of the object
     closed: np.ndarray  # (F,) bool: a side of a closed box, whose inside lies behind it
 
-    @property
+    @cached_property
     def normal(self):
         n = np.cross(self.u, self.v)
         return n / np.linalg.norm(n, axis=1, keepdims=True)

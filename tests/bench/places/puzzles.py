@@ -138,8 +138,6 @@ def draw(rng, family=None):
     maker = PUZZLES[chosen]
     twin, a, b, first, vault, families, owner, words = maker(rng)
     power = cases.mean_power(twin, first)
-    if not power > 1e-20:
-        raise Unfit
     one = campaigns.noises(rng, first, power, 0.0)
     raw = truths.strengths(a, twin, first, one)[0]
     ratio = float(np.clip(np.exp(rng.uniform(np.log(150), np.log(2e4))) / max(raw, 1e-12), 3, 10**4))

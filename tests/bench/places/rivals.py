@@ -10,6 +10,8 @@ from world import excess, is_moving, position_m, response
 
 ENOUGH = 16  # frequencies and
 INSTANTS = 4  # instants are enough to compare explanations
+MANY = 8  # objects, the most lit ones, are enough to be rivals
+LIKELY = ("metal", "glass", "wood", "concrete", "ceiling_board", "brick", "marble", "medium_dry_ground")
 
 
 class Judge:
@@ -39,7 +41,7 @@ def _scalar(energy, grid, refine=True):
     if not refine:
         return values[k]
     low, high = grid[max(k - 1, 0)], grid[min(k + 1, len(grid) - 1)]
-    return min(values[k], minimize_scalar(energy, bounds=sorted((low, high)), method="bounded", options={"maxiter": 12}).fun)
+    return min(values[k], minimize_scalar(energy, bounds=sorted((low, high)), method="bounded", options={"maxiter": 8}).fun)
 
 
 def _shift(judge, world, name):
@@ -55,7 +57,7 @@ def _shift(judge, world, name):
         energy, model = excess(h, judge.data, judge.noise, judge.links, judge.f, judge.unknown, near=True)
         return energy, ((judge.data - model) * weight).ravel()
 
-    for start in (np.zeros(3), np.array([0.7, 0.4, 0]) * wave, np.array([-0.5, 0.8, 0.3]) * wave):
+    for start in (np.zeros(3), np.array([0.7, 0.4, 0]) * wave):
         at, (energy, rest) = start, fitted(start)
         for _ in range(4):
             slopes = np.stack([(fitted(at + d)[1] - rest) / (wave / 200) for d in np.eye(3) * wave / 200], 1)
@@ -135,9 +137,9 @@ def runners_up(judge, without, cause, lit, least, spared=()):
         "place",
         _scalar(lambda x: judge(one_of(without, carrier_hz=without["carrier_hz"] * x)), np.linspace(0.97, 1.03, 13)),
     )
-    for o in lit:
-        if o in without["objects"]:
-            _of_object(judge, without, o, cause, add)
+    for k, o in enumerate(lit):
+        if o in without["objects"] and (k < MANY or o == cause.name):
+            _of_object(judge, without, o, add)
     return sorted(out)
 
 
@@ -146,11 +148,10 @@ def _distances(world, judge):
     return np.array([np.linalg.norm(at[a] - at[b], axis=1) for a, b in judge.links])[:, :, None]
 
 
-def _of_object(judge, world, o, cause, add):
+def _of_object(judge, world, o, add):
     fc = world["carrier_hz"]
     add("extra_object", o, judge(without_object(world, o)))
-    usable = [m for m in TABLE if TABLE[m][4] <= fc / 1e9 <= TABLE[m][5]]
-    for m in usable:
+    for m in (m for m in LIKELY if TABLE[m][4] <= fc / 1e9 <= TABLE[m][5]):
         permittivity, conductivity = medium(m, fc)
         add("material", o, judge(with_media(world, o, permittivity=permittivity, conductivity=conductivity)))
     depths = np.sqrt(np.array([0.05, 0.2, 0.6, 2]) / 8) * C_M_PER_S / fc / np.pi

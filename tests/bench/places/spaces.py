@@ -3,7 +3,7 @@
 
 import numpy as np
 from mirror import crossings, patches
-from slabs import TABLE
+from slabs import TABLE, medium
 from world import new_world
 
 WORDS = ("slab", "unit", "part", "block", "panel", "body", "item", "piece")
@@ -101,12 +101,17 @@ def draw(rng, kind=None, floor=True):
     things, free = _inside(rng, kind) if kind in ("room", "corridor") else _outside(rng, kind, floor)
     level = [len(np.unique(t[..., 2])) == 1 for t in things]
     names = _names(rng, len(things))
+    own = rng.random() < 0.2  # materials with numbers of their own
     for index in rng.permutation(len(things)):
         name = names[index]
         pool = INDOORS if kind in ("room", "corridor") else GROUNDS if level[index] else OUTDOORS
         pool = [m for m in pool if TABLE[m][4] <= w["carrier_hz"] / 1e9 <= TABLE[m][5]]
         w["objects"][name] = {"tris": things[index], "surface": None}
         w["materials"][name] = str(rng.choice(pool))
+        if own and rng.random() < 0.3 and w["materials"][name] != "metal":
+            permittivity, conductivity = medium(w["materials"][name], w["carrier_hz"])
+            numbers = np.array([max(permittivity * rng.uniform(0.8, 1.3), 1), conductivity * rng.uniform(0.5, 2)])
+            w["media"][name] = dict(zip(("permittivity", "conductivity"), numbers.round(6).tolist(), strict=True))
     w["max_depth"] = int(rng.choice([0, 1, 1, 2, 2], p=[0.05, 0.25, 0.25, 0.2, 0.25]))
     return w, free, kind
 

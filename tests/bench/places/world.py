@@ -15,7 +15,7 @@ import yaml
 from mirror import patches, specular
 from patterns import field
 from slabs import C_M_PER_S, medium
-from strength import amplitudes
+from strength import amplitudes, unit
 from unknowns import excess
 
 __all__ = ["excess", "material_of", "new_world", "power_db", "read_spec", "response"]
@@ -161,7 +161,6 @@ def components(w, links, time_s):
     key = tuple((name, np.asarray(t).tobytes()) for name, t in things.items())
     faces = _kept(("faces", key), lambda: patches(things))
     media = media_of(faces, numbers)
-    still = np.zeros(1)
     at = {n: position_m(w["nodes"][n], time_s) for n in {x for link in links for x in link}}
     moves = [is_moving(w["nodes"][a]) or is_moving(w["nodes"][b]) for a, b in links]
     changing = w["person"] is not None or (w["extra"] or {}).get("moves", False)
@@ -169,33 +168,46 @@ def components(w, links, time_s):
     link_of, time_of = (np.array(x, int) for x in zip(*rows, strict=True))
     start = np.array([at[links[k][0]][t] for k, t in rows])
     end = np.array([at[links[k][1]][t] for k, t in rows])
-    del still
 
     def make():
         return specular(faces, start, end, w["max_depth"], w["refraction"])
 
     found = _kept(("paths", key, start.tobytes(), end.tobytes(), w["max_depth"], w["refraction"]), make)
 
+    names = np.array(links)[link_of]
+
     def side(which):
         def of(pair, direction):
-            out = np.empty_like(direction)
-            names = np.array([links[k][which] for k in link_of[pair]])
-            for name in set(names.tolist()):
-                node = w["nodes"][name]
-                mine = names == name
-                out[mine] = field(node["antenna"], node.get("orientation_rad", (0, 0, 0)), direction[mine])
+            out, mine = np.empty_like(direction), names[pair, which]
+            for name in set(mine.tolist()):
+                node, here = w["nodes"][name], mine == name
+                out[here] = field(node["antenna"], node.get("orientation_rad", (0, 0, 0)), direction[here])
             return out
 
         return of
 
     send, receive = side(0), side(1)
-    parts = []
-    for paths in found:
+    ends = np.cumsum([len(p.pair) for p in found])[:-1]
+    pairs = np.concatenate([p.pair for p in found])
+    sent = np.split(send(pairs, unit(np.concatenate([p.points[:, 1] - p.points[:, 0] for p in found]))), ends)
+    received = np.split(receive(pairs, unit(np.concatenate([p.points[:, -2] - p.points[:, -1] for p in found]))), ends)
+    parts = [(np.zeros(0, int), np.zeros(0, complex), np.zeros(0))]
+    for paths, out, back in zip(found, sent, received, strict=True):
         if len(paths.pair):
-            a, length = amplitudes(paths, faces, media, w["carrier_hz"], send, receive, w["refraction"])
+            a, length = amplitudes(paths, faces, media, w["carrier_hz"], out, back, w["refraction"])
             parts.append((paths.pair, a * diffuse.shadow(w, paths, time_s[time_of[paths.pair]]), length))
     if w["diffraction"]:
-        parts += wedges.diffracted(faces, media, w["carrier_hz"], start, end, send, receive, w["refraction"])
+        parts += wedges.diffracted(
+            faces,
+            _kept(("edges", key), lambda: wedges.edges(faces)),
+            media,
+            w["carrier_hz"],
+            start,
+            end,
+            send,
+            receive,
+            w["refraction"],
+        )
     if any(media["scattering_coefficient"] > 0):
         parts += diffuse.scattered(w, faces, media, start, end, send, receive)
     if w["person"]:
