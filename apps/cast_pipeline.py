@@ -12,12 +12,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import _program
 from gr_cast.core.errors import CastError
-from gr_cast.core.files import check_writable
+from gr_cast.core.files import check_writable, write_text
 from gr_cast.pipeline import clean, document, site
 from gr_cast.pipeline.bisect import bisect as find
 from gr_cast.pipeline.run import Bench
 from gr_cast.pipeline.source import Source
-from gr_cast.pipeline.stages import Storage
+from gr_cast.pipeline.stages import Storage, histories
 from gr_cast.pipeline.verdict import SAME
 
 
@@ -61,8 +61,9 @@ def run(args) -> int:
 
 
 def _judge(bench: Bench, name: str) -> bool:
-    """Print the verdict of a commit; whether all is well."""
+    """Print the verdict of a commit, and put it on the storage's page; whether all is well."""
     found = bench.commit(name).judged()
+    _write_page(bench.storage.folder, bench.storage.folder / "index.html")
     print(f"{found['commit'][:10]} {found['subject']}")
     for one in found["verdicts"]:
         print(f"    {one['kind']}: {one['sentence']}")
@@ -82,6 +83,22 @@ def bisect(args) -> int:
     return 0
 
 
+def page(args) -> int:
+    """Commits × sites with their verdicts, one HTML page; `run` writes it too, as index.html of the storage."""
+    output = args.output or args.storage / "index.html"
+    if not (args.storage / "verdicts").is_dir():
+        raise CastError(f"{args.storage}: no storage: cast_pipeline run makes one")
+    _write_page(args.storage, output)
+    print(f"written: {output}")
+    return 0
+
+
+def _write_page(storage: Path, output: Path) -> None:
+    from gr_cast.report import commits
+
+    write_text(output, commits.render(histories(storage)))
+
+
 def main(argv=None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     verbs = parser.add_subparsers(dest="verb", required=True)
@@ -98,6 +115,10 @@ def main(argv=None) -> int:
     command.add_argument("bad", metavar="BAD")
     _add_bench(command)
     command.set_defaults(call=bisect)
+    command = verbs.add_parser("page", help=page.__doc__, description=page.__doc__)
+    command.add_argument("--storage", type=Path, required=True, metavar="DIR")
+    command.add_argument("--output", type=Path, metavar="FILE.html", help="elsewhere than in the storage")
+    command.set_defaults(call=page)
     args = _program.parse(parser, argv)
     return args.call(args)
 

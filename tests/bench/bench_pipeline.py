@@ -75,7 +75,7 @@ def bench_sites(folder: Path, count: int) -> None:
             named += bool(right)
             if not right:
                 print(told, flush=True)
-        print(f"{fault}: {named} of {count} named {family}", flush=True)
+        print(f"sites, {fault}: {named} of {count} named {family}", flush=True)
 
 
 def bench_images(folder: Path, count: int) -> None:

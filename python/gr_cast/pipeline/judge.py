@@ -96,6 +96,16 @@ def _figures(pipeline: Pipeline, before: list[Trial], after: list[Trial]) -> Ite
             yield key, np.array([t.metrics[key] for t in before]), np.array([t.metrics[key] for t in after])
 
 
+def figures(trials: Trials) -> list[dict]:
+    """Every figure that repeats told, one list per site, experiment and metric."""
+    return [
+        {"site": site, "experiment": name, "metric": key, "values": [t.metrics[key] for t in repeats if key in t.metrics]}
+        for site, experiments in trials.items()
+        for name, repeats in experiments.items()
+        for key in repeats[0].metrics
+    ]
+
+
 def similarities(pipeline: Pipeline, trials: Trials) -> list[dict]:
     """Similarity ρ of every series of the first repeat, twin against site, with what ρ does not see."""
     twin, *others = pipeline.sites

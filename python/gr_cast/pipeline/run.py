@@ -144,8 +144,8 @@ class Commit:
     def judged(self) -> dict:
         """The verdict's document, kept in the storage."""
         path = self.bench.storage.folder / "verdicts" / self.bench.source.name / f"{self.hash}.json"
-        if path.is_file():
-            return json_file(path).document
+        if known := _verdict_of(path):
+            return known
         parent = self.bench.source.parent(self.hash)
         before = Commit(bench=self.bench, hash=parent) if parent else None
         known = _verdict_of(path.with_name(f"{parent}.json")) if parent else None
@@ -164,7 +164,7 @@ class Commit:
         }
         path.parent.mkdir(exist_ok=True)
         write_json(path, about | found)
-        return about | found
+        return json_file(path).document
 
     def _judged_against(self, before: "Commit | None", known: dict | None) -> dict:
         if self.built["fails"]:
@@ -174,6 +174,7 @@ class Commit:
         found = judge.comparisons(self.pipeline, trials, baseline)
         told = verdicts(self, trials, found, baseline, known)
         about = {"similarity": judge.similarities(self.pipeline, trials)} if not judge.failures(trials) else {}
+        about |= {"figures": judge.figures(trials)}
         return _document(told, self.built, found, compared=baseline is not None, **about)
 
     def usable(self) -> judge.Trials | None:

@@ -23,6 +23,21 @@ def file_hash(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def histories(folder: Path) -> dict[str, list[dict]]:
+    """Repository → verdicts kept in a storage, parents before their children, else by date."""
+    found = {}
+    for repository in sorted(path for path in (folder / "verdicts").glob("*") if path.is_dir()):
+        left = {one["commit"]: one for one in (json_file(path).document for path in repository.glob("[!.]*.json"))}
+        order = []
+        while left:
+            ready = [one for one in left.values() if one["parent"] not in left]
+            order.append(min(ready, key=lambda one: (one["time_s"], one["commit"])))
+            del left[order[-1]["commit"]]
+        if order:
+            found[repository.name] = order
+    return found
+
+
 class Storage:
     """A folder that keeps images, results of stages and verdicts; on a network storage where builders and sites share one."""
 

@@ -82,6 +82,8 @@ def _apart(site: str, apart, cause: Cause, since: str | None, was_same: bool, na
         sentence += f" [{name} fails there alone]"
     if was_same:
         sentence += f"; the commit brings it out: before {since[:10]} both were the same"
+    elif since:
+        sentence += f", since {since[:10]}"
     if cause.kind == "open" or (cause.kind == "unexplained" and cause.record):
         return Verdict(kind=OPEN, site=site, since=since, cause=vars(cause), sentence=f"record this: {cause.record}. {sentence}")
     return Verdict(kind=DIFFER, site=site, since=since, cause=vars(cause), sentence=sentence)
