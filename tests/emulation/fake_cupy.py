@@ -2,6 +2,7 @@
 """As much of CuPy as gr_cast asks for, on the processor: arrays of NumPy, kernels compiled by g++, cuBLAS's product as its manual
 defines it. A fault can be planted in any call."""
 
+import contextlib
 import ctypes
 import functools
 import hashlib
@@ -60,6 +61,9 @@ class _Memory:
 
     def copy_from_host_async(self, address, n_bytes, stream):
         ctypes.memmove(self.ptr, address, n_bytes)
+
+    def copy_to_host_async(self, address, n_bytes, stream):
+        ctypes.memmove(address, self.ptr, n_bytes)
 
 
 class CUDARuntimeError(RuntimeError):
@@ -131,19 +135,20 @@ def install(monkeypatch, faults=None):
 
             return kernel if not faults else _Faulty(kernel, launch)
 
-    event = types.SimpleNamespace(record=lambda stream: None, synchronize=lambda: None)
-    stream = types.SimpleNamespace(synchronize=lambda: None)
+    event = types.SimpleNamespace(record=lambda stream=None: None, synchronize=lambda: None)
     runtime = types.SimpleNamespace(
         getDeviceCount=device_count, getDevice=lambda: 0, getDeviceProperties=lambda n: {"name": b"a card that is none"},
         driverGetVersion=lambda: 13000, runtimeGetVersion=lambda: 13000, memGetInfo=lambda: (1 << 26, 1 << 27),
     )  # fmt: skip
     cupy = types.ModuleType("cupy")
     cupy.__getattr__ = lambda name: getattr(np, name)
+    cupy.ndarray = lambda shape, dtype, memory: np.ndarray(shape, dtype, memory).view(_Array)
     cupy.empty, cupy.RawModule, cupy.asnumpy = empty, Module, np.asarray
     cupy.get_default_memory_pool = lambda: types.SimpleNamespace(free_bytes=lambda: 0)
     cupy.cuda = types.SimpleNamespace(
-        runtime=runtime, Event=lambda disable_timing: event, get_current_stream=lambda: stream,
-        alloc_pinned_memory=_pinned, device=types.SimpleNamespace(get_cublas_handle=lambda: 1),
+        runtime=runtime, Event=lambda disable_timing=False: event, Stream=_Stream, get_current_stream=_Stream,
+        alloc=lambda n: np.empty(n, np.uint8), alloc_pinned_memory=bytearray, get_elapsed_time=lambda begin, end: 1.0,
+        device=types.SimpleNamespace(get_cublas_handle=lambda: 1),
     )  # fmt: skip
     cublas = types.SimpleNamespace(gemmStridedBatchedEx=_gemm, CUBLAS_COMPUTE_32F=68, CUBLAS_COMPUTE_32F_FAST_TF32=77)
     libs = types.ModuleType("cupy_backends.cuda.libs")
@@ -165,11 +170,14 @@ class _Faulty:
         self._call(*arguments, **more)
 
 
-class _Pinned(bytearray):
-    @property
-    def mem(self):
-        return types.SimpleNamespace(size=len(self))
+class _Stream(contextlib.nullcontext):
+    """As cupy.cuda.Stream, where everything has happened when it was asked for."""
 
+    def __init__(self, non_blocking=False):
+        super().__init__()
 
-def _pinned(n_bytes):
-    return _Pinned(n_bytes)
+    def synchronize(self):
+        pass
+
+    def wait_event(self, event):
+        pass

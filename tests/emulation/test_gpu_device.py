@@ -10,11 +10,14 @@ import pytest
 from gr_cast import emulate
 from gr_cast import scenario as sc
 from gr_cast.emulation.gpu import planner
+from gr_cast.emulation.gpu.arrays import ArrayOps
 from gr_cast.emulation.gpu.device import open_device
 from gr_cast.emulation.gpu.faults import DeviceFault
 from gr_cast.emulation.gpu.form import Form
+from gr_cast.emulation.gpu.links import Table
 from gr_cast.emulation.gpu.network import DeviceNetwork
 from gr_cast.emulation.gpu.scenario import _planned
+from gr_cast.emulation.gpu.stream import Stream
 from gr_cast.signals.recording import Recording
 
 sys.path.append(str(Path(__file__).resolve().parent))
@@ -127,3 +130,38 @@ def test_a_form_that_a_card_cannot_do_is_left_out(monkeypatch):
     monkeypatch.setattr(DeviceNetwork, "run", run)
     choice = planner.choose(open_device("numpy"), task)
     assert choice.form.method == "overlap-save" and choice.tried == 1 and choice.error_db < -95
+
+
+@pytest.mark.parametrize("device", ["numpy", "cuda"])
+def test_a_stream_of_chunks_is_the_network_on_all_of_them(monkeypatch, device):
+    if device == "cuda":
+        need_compiler()
+        fake_cupy.install(monkeypatch)
+    shape = dict(n_inputs=3, n_outputs=2, n_taps=100, n_bins=512, precision="split")
+    rng, chunk, n = np.random.default_rng(8), 700, 9 * 700
+    x = rng.integers(-9000, 9000, (3, 99 + n, 2), dtype=np.int16)
+    x[:, :99] = 0
+    tables = [
+        Table(delays=rng.integers(0, 100, (2, 3, 4)), gains=rng.standard_normal((2, 3, 4)) + 1j * rng.standard_normal((2, 3, 4)))
+        for _ in range(8)
+    ]
+
+    def network(ops):
+        made = DeviceNetwork(ops, Form(**shape))
+        made.set_samples(int16_in=True, int16_out=True, output_full_scale=4.0)
+        for k, table in enumerate(tables):
+            made.set_network(k * 777, table)
+        return made
+
+    wanted = network(ArrayOps()).run(x[:, :99], x[:, 99:])
+    stream, got = Stream(network(open_device(device)), chunk), []
+    for k in range(9):
+        while stream.under_way == stream.depth:
+            got.append(stream.wait().copy())
+        stream.take()[...] = x[:, 99 + k * chunk : 99 + (k + 1) * chunk]
+        stream.push()
+    while stream.under_way:
+        got.append(stream.wait().copy())
+        assert stream.took_s() > 0
+    got = np.concatenate(got, axis=1)
+    assert np.abs(got.astype(int) - wanted).max() <= 1  # a step of 32768, where the two round another way

@@ -94,7 +94,7 @@ def test_samples_out_are_those_of_numpy_with_noise_rounding_and_layers(kernels, 
     gains /= np.abs(gains).max()
     results = []
     for ops in (kernels, ArrayOps()):
-        clipped = np.zeros(1, np.uint64)
+        clipped = np.zeros(1, np.int64)
         shape_out = (3, 2750, 2) if ends.int16_out else (3, 2750)
         out, partial = np.zeros(shape_out, np.int16 if ends.int16_out else np.complex64), np.zeros((3, 2750), np.complex64)
         for layer, slope in enumerate((0, 1e-4)):

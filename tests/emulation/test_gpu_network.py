@@ -9,6 +9,7 @@ import pytest
 from gr_cast.core.errors import CastError
 from gr_cast.emulation.gpu.device import open_device
 from gr_cast.emulation.gpu.form import Form
+from gr_cast.emulation.gpu.links import Table
 from gr_cast.emulation.gpu.network import DeviceNetwork
 from gr_cast.emulation.reference import FixedPoint, LinkUpdate, emulate, receiver_noise
 
@@ -89,7 +90,7 @@ def test_new_taps_of_all_links_hold_from_their_sample_on(ops, method):
     x = np.ones((3, 3000), np.complex64)
     tables = [samples(rng, 2, 3, 1) for _ in range(3)]
     for at, gains in zip((0, 1234, 2001), tables, strict=True):
-        net.set_network(at, np.zeros((2, 3, 1), np.int32), gains)
+        net.set_network(at, Table(delays=np.zeros((2, 3, 1)), gains=gains))
     y = in_chunks(net, x)
     for a, b, gains in zip((0, 1234, 2001), (1234, 2001, 3000), tables, strict=True):
         np.testing.assert_allclose(y[:, a:b], np.broadcast_to(gains.sum(axis=(1, 2))[:, None], (2, b - a)), atol=2e-5)

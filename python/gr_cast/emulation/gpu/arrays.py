@@ -7,7 +7,9 @@ rows (begin, end, weight, slope) of a table. Spectra lie [segment][bin][node][bl
 [segment][bin][receiver][transmitter].
 """
 
+import contextlib
 import platform
+import time
 
 import numpy as np
 
@@ -21,6 +23,7 @@ class ArrayOps:
 
     name = "NumPy"
     tiles = (4,)  # that are worth trying
+    runs_at_once = 1  # that a measurement waits for together
 
     def __init__(self, xp=np):
         self.xp = xp
@@ -32,12 +35,41 @@ class ArrayOps:
     def upload(self, array: np.ndarray):
         return self.xp.asarray(array)
 
+    def lend(self, tables: list[np.ndarray]):
+        """Tables of one shape, stacked on the device until the run is over."""
+        return self.upload(np.stack(tables))
+
+    def end_of_run(self) -> None:
+        """All that a run asks for has been asked for."""
+
     def download(self, array) -> np.ndarray:
         return array if self.xp is np else self.xp.asnumpy(array)
 
     def identity(self) -> str:
         """What measurements on this device hold for."""
         return f"{self.name} {platform.processor() or platform.machine()}"
+
+    def pinned(self, shape, dtype) -> np.ndarray:
+        """Memory of the processor that transfers run to and from."""
+        return np.zeros(shape, dtype)
+
+    def ways(self, depth: int):
+        """How chunks come and go."""
+        return _OneAfterTheOther()
+
+    def clock(self):
+        """A function that tells the seconds since it was last called."""
+        before = time.perf_counter()
+
+        def lap() -> float:
+            nonlocal before
+            self.synchronize()
+            now = time.perf_counter()
+            took, before = now - before, now
+            return took
+
+        self.synchronize()
+        return lap
 
     def free_bytes(self) -> int:
         return 1 << 28
@@ -193,6 +225,27 @@ class ArrayOps:
         xp = self.xp
         bits = xp.ascontiguousarray(values).view(xp.uint32)
         return ((bits + xp.uint32(0x1000)) & xp.uint32(0xFFFFE000)).view(xp.complex64).reshape(values.shape)
+
+
+class _OneAfterTheOther:
+    """Ways of chunks where nothing runs beside anything else."""
+
+    def up(self, k, device, host):
+        self._begun = time.perf_counter()
+        device[...] = host
+
+    def computing(self, k):
+        return contextlib.nullcontext()
+
+    def down(self, k, host, device):
+        host[...] = device
+        self._took_s = time.perf_counter() - self._begun
+
+    def wait(self, k):
+        pass
+
+    def took_s(self, k) -> float:
+        return self._took_s
 
 
 def noise(xp, seed: int, receiver: int, first_sample: int, n: int):

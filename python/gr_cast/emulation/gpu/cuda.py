@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The steps of the network as CUDA kernels and products of cuBLAS, compiled at run time by CuPy."""
 
+import contextlib
 import functools
 import hashlib
 from pathlib import Path
@@ -41,6 +42,7 @@ class CudaOps(ArrayOps):
 
     name = "CUDA"
     tiles = (4, 8)
+    runs_at_once = 4
 
     def __init__(self, xp, compile=compile_with_cupy):
         super().__init__(xp)
@@ -175,6 +177,8 @@ class CardOps(CudaOps):
     def __init__(self, cupy):
         super().__init__(cupy)
         self._pinned, self._turn = [None] * _UPLOADS, 0
+        self._lent, self._lent_turn = [None] * _UPLOADS, 0
+        self.upload_stream = None  # for tables of taps; None: the current one
         properties = cupy.cuda.runtime.getDeviceProperties(cupy.cuda.runtime.getDevice())
         self.name = properties["name"].decode()
 
@@ -194,11 +198,12 @@ class CardOps(CudaOps):
         cupy = self.xp
         array = np.ascontiguousarray(array)
         slot, self._turn = self._turn, (self._turn + 1) % _UPLOADS
-        memory, event = self._pinned[slot] or (None, None)
+        memory, size, event = self._pinned[slot] or (None, 0, None)
         if event:
             event.synchronize()
-        if memory is None or memory.mem.size < array.nbytes:
-            memory = cupy.cuda.alloc_pinned_memory(max(array.nbytes, 1 << 16))
+        if size < array.nbytes:
+            size = max(array.nbytes, 1 << 16)
+            memory = cupy.cuda.alloc_pinned_memory(size)
         staged = np.frombuffer(memory, array.dtype, array.size).reshape(array.shape)
         staged[...] = array
         made = cupy.empty(array.shape, array.dtype)
@@ -206,8 +211,52 @@ class CardOps(CudaOps):
         made.data.copy_from_host_async(staged.ctypes.data, array.nbytes, stream)
         event = event or cupy.cuda.Event(disable_timing=True)
         event.record(stream)
-        self._pinned[slot] = memory, event
+        self._pinned[slot] = memory, size, event
         return made
+
+    def pinned(self, shape, dtype) -> np.ndarray:
+        count = int(np.prod(shape))
+        memory = self.xp.cuda.alloc_pinned_memory(count * np.dtype(dtype).itemsize)
+        made = np.frombuffer(memory, dtype, count).reshape(shape)
+        made[...] = 0
+        return made
+
+    def ways(self, depth: int):
+        return _Ways(self, depth)
+
+    def lend(self, tables: list[np.ndarray]):
+        # Through a ring of buffers in both memories: what a run still reads is not written over by the next one's tables.
+        cupy, n_bytes = self.xp, sum(table.nbytes for table in tables)
+        compute = cupy.cuda.get_current_stream()
+        carrier = self.upload_stream or compute
+        turn, self._lent_turn = self._lent_turn, (self._lent_turn + 1) % _UPLOADS
+        slot = self._lent[turn]
+        if slot is None or slot.n_bytes < n_bytes:
+            if slot:
+                self.synchronize()
+            slot = self._lent[turn] = _Lent(cupy, max(n_bytes, 1 << 16))
+        slot.copied.synchronize()
+        if slot.in_use:  # this very run has come round
+            slot.used.record(compute)
+        carrier.wait_event(slot.used)
+        shape, at = (len(tables), *tables[0].shape), 0
+        for table in tables:
+            staged = np.frombuffer(slot.pinned, table.dtype, table.size, at)
+            staged.reshape(table.shape)[...] = table
+            at += table.nbytes
+        made = cupy.ndarray(shape, tables[0].dtype, slot.memory)
+        made.data.copy_from_host_async(slot.address, n_bytes, carrier)
+        slot.copied.record(carrier)
+        compute.wait_event(slot.copied)
+        slot.in_use = True
+        return made
+
+    def end_of_run(self) -> None:
+        stream = self.xp.cuda.get_current_stream()
+        for slot in self._lent:
+            if slot and slot.in_use:
+                slot.used.record(stream)
+                slot.in_use = False
 
     def free_bytes(self) -> int:
         return self.xp.cuda.runtime.memGetInfo()[0] + self.xp.get_default_memory_pool().free_bytes()
@@ -243,3 +292,60 @@ class CardOps(CudaOps):
             self.xp.cuda.device.get_cublas_handle(), 0, 0, m, n, k, one.ctypes.data, x.data.ptr, in_type, m, m * k,
             h.data.ptr, in_type, k, k * n, other.ctypes.data, made.data.ptr, out_type, m, m * n, batch, kind, -1,
         )  # fmt: skip
+
+
+class _Lent:
+    """One place of the ring of tables: pinned and on the card, when it was copied and when it was last read."""
+
+    def __init__(self, cupy, n_bytes: int):
+        self.n_bytes, self.in_use = n_bytes, False
+        self.pinned = cupy.cuda.alloc_pinned_memory(n_bytes)
+        self.address = np.frombuffer(self.pinned, np.uint8).ctypes.data
+        self.memory = cupy.cuda.alloc(n_bytes)
+        self.copied, self.used = (cupy.cuda.Event(disable_timing=True) for _ in range(2))
+        for event in (self.copied, self.used):
+            event.record()
+
+
+class _Ways:
+    """Chunks up, through the card and down on three streams, each step of a chunk behind the one before. A place is taken again
+    only when the chunk that had it was waited for."""
+
+    def __init__(self, ops: CardOps, depth: int):
+        cuda = ops.xp.cuda
+        self._ops, self._depth = ops, depth
+        self._up, self._work, self._down = (cuda.Stream(non_blocking=True) for _ in range(3))
+        self._begun, self._came, self._made, self._gone = ([cuda.Event() for _ in range(depth)] for _ in range(4))
+        self._elapsed_ms = cuda.get_elapsed_time
+        ops.synchronize()  # what the buffers were filled with, on another stream
+
+    def up(self, k, device, host):
+        slot = k % self._depth
+        self._begun[slot].record(self._up)
+        device.data.copy_from_host_async(host.ctypes.data, host.nbytes, self._up)
+        self._came[slot].record(self._up)
+
+    @contextlib.contextmanager
+    def computing(self, k):
+        slot = k % self._depth
+        self._work.wait_event(self._came[slot])
+        self._ops.upload_stream = self._up
+        try:
+            with self._work:
+                yield
+        finally:
+            self._ops.upload_stream = None
+        self._made[slot].record(self._work)
+
+    def down(self, k, host, device):
+        slot = k % self._depth
+        self._down.wait_event(self._made[slot])
+        device.data.copy_to_host_async(host.ctypes.data, host.nbytes, self._down)
+        self._gone[slot].record(self._down)
+
+    def wait(self, k):
+        self._gone[k % self._depth].synchronize()
+
+    def took_s(self, k) -> float:
+        slot = k % self._depth
+        return self._elapsed_ms(self._begun[slot], self._gone[slot]) * 1e-3

@@ -3,6 +3,7 @@
 
 import heapq
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import count
 
 import numpy as np
@@ -11,6 +12,31 @@ from ...core.errors import CastError
 from ..reference import quantize
 
 _NO_TAPS = np.zeros(0, np.int32), np.zeros(0, np.complex64)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """Taps of all links, checked once: delays in samples and gains, (receivers, transmitters, taps), zero where there is none."""
+
+    delays: np.ndarray
+    gains: np.ndarray
+
+    def __post_init__(self):
+        delays, gains = np.ascontiguousarray(self.delays, np.int32), np.ascontiguousarray(self.gains, np.complex64)
+        if delays.shape != gains.shape or delays.ndim != 3:
+            raise CastError(f"taps: got shapes {delays.shape} and {gains.shape}, needs one (receivers, transmitters, taps)")
+        if delays.size and delays.min() < 0:
+            raise CastError(f"delay: got {delays.min()} samples, expected 0 or more")
+        if not np.isfinite(gains).all():
+            raise CastError("gain of a tap: not a finite number")
+        for name, array in (("delays", delays.view()), ("gains", gains.view())):
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+    @cached_property
+    def longest(self) -> int:
+        """The longest delay in samples."""
+        return int(self.delays.max(initial=0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +87,7 @@ class Links:
         self._gains = np.zeros((*self._shape, 1), np.complex64)
         self._loss_gain = np.ones(self._shape, np.float32)
         self._enabled = np.ones(self._shape, bool)
+        self._is_plain = True  # no loss, all on
         self._ramps: dict[tuple[int, int], _Ramp] = {}
         self._tap_bits = getattr(self, "_tap_bits", None)
         self.version += 1
@@ -85,16 +112,13 @@ class Links:
             taps = self._checked(*taps)
         self._queue(at, ("link", (rx, tx), taps, ramp, gain, enabled))
 
-    def schedule_all(self, at: int | None, delays: np.ndarray, gains: np.ndarray) -> None:
-        """Queue new taps of every link, both (receivers, transmitters, taps)."""
-        delays, gains = np.asarray(delays, np.int32), np.asarray(gains, np.complex64)
-        if delays.shape != gains.shape or delays.ndim != 3 or delays.shape[:2] != self._shape:
-            raise CastError(f"taps: got shapes {delays.shape} and {gains.shape}, needs {(*self._shape, 'taps')}")
-        if delays.size and not (delays.min() >= 0 and delays.max() < self.n_taps):
-            raise CastError(f"delay: got {delays.min()} to {delays.max()}, expected 0 to {self.n_taps - 1} samples")
-        if not np.isfinite(gains).all():
-            raise CastError("gain of a tap: not a finite number")
-        self._queue(at, ("all", delays, gains))
+    def schedule_all(self, at: int | None, table: Table) -> None:
+        """Queue new taps of every link."""
+        if table.gains.shape[:2] != self._shape:
+            raise CastError(f"taps: got {table.gains.shape[:2]} receivers and transmitters, needs {self._shape}")
+        if table.longest >= self.n_taps:
+            raise CastError(f"delay: got {table.longest}, expected 0 to {self.n_taps - 1} samples")
+        self._queue(at, ("all", table))
 
     def _checked(self, delays, gains):
         delays, gains = np.asarray(delays, np.int32).ravel(), np.asarray(gains, np.complex64).ravel()
@@ -113,8 +137,7 @@ class Links:
     def _apply(self, event: tuple) -> None:
         self.version += 1
         if event[0] == "all":
-            self._delays, self._gains = event[1].view(), self._rounded(event[2]).view()
-            self._delays.flags.writeable = self._gains.flags.writeable = False  # whoever gave them keeps them
+            self._delays, self._gains = event[1].delays, self._rounded(event[1].gains)
             self._ramps.clear()
             return
         _, link, taps, ramp, gain, enabled = event
@@ -122,6 +145,8 @@ class Links:
             self._enabled[link] = enabled
         if gain is not None:
             self._loss_gain[link] = gain
+        if not (enabled is None and gain is None):
+            self._is_plain = bool((self._loss_gain * self._enabled == 1).all())
         if taps is None:
             return
         delays, gains = taps[0], self._rounded(taps[1])
@@ -181,8 +206,7 @@ class Links:
             yield Layer(delays=table[0], gains=self._played(table[1]), weight=(self.position - begin) / length, slope=1 / length)
 
     def _played(self, gains: np.ndarray) -> np.ndarray:
-        gain = self._loss_gain * self._enabled
-        return gains if (gain == 1).all() else gains * gain[..., None]
+        return gains if self._is_plain else gains * (self._loss_gain * self._enabled)[..., None]
 
     @property
     def active(self) -> tuple[int, int]:

@@ -9,7 +9,7 @@ from ...core.errors import CastError
 from ...core.units import amplitude_from_db
 from .faults import told
 from .form import Ends, Form
-from .links import Links, Segment
+from .links import Links, Segment, Table
 
 MOST_WASTE = 2  # blocks computed for one that is wanted, where segments of a round differ in length
 
@@ -35,7 +35,7 @@ class DeviceNetwork:
         self.ends = Ends(seed=seed, noise_power=np.zeros(form.n_outputs))
         self._budget = max(int(share * ops.free_bytes()), form.segment_bytes(form.tile))
         self._kept = None  # (version, spectra of links, scale)
-        self._clipped = ops.upload(np.zeros(1, np.uint64))
+        self._clipped = ops.upload(np.zeros(1, np.int64))
 
     # --- updates, named as emulator_kernel names them
     def set_sparse_taps(self, tx: int, rx: int, delays, gains, offset: int | None = None, ramp: int = 0) -> None:
@@ -50,9 +50,9 @@ class DeviceNetwork:
         """Switch a link off or on again; it keeps its taps."""
         self.links.schedule(tx, rx, offset, enabled=enabled)
 
-    def set_network(self, offset: int | None, delays: np.ndarray, gains: np.ndarray) -> None:
-        """Taps of every link from sample `offset` on, both (receivers, transmitters, taps)."""
-        self.links.schedule_all(offset, delays, gains)
+    def set_network(self, offset: int | None, table: Table) -> None:
+        """Taps of every link from sample `offset` on."""
+        self.links.schedule_all(offset, table)
 
     def set_noise_power(self, rx: int, power: float) -> None:
         """Mean power of a receiver's noise, in units of the samples squared."""
@@ -121,6 +121,7 @@ class DeviceNetwork:
         segments = self.links.cut(n)
         for part in self._rounds(segments):
             self._run(part, before, now, first, out)
+        self.ops.end_of_run()
         return out
 
     def _rounds(self, segments: list[Segment]):
@@ -186,11 +187,10 @@ class DeviceNetwork:
     def _taps(self, segments, layer: int):
         layers = [segment.layers[layer] for segment in segments]
         width = max(one.gains.shape[-1] for one in layers)
-        delays, gains = (
-            np.stack([_widened(table, width) for table in tables])
+        return tuple(
+            self.ops.lend([_widened(table, width) for table in tables])
             for tables in ([one.delays for one in layers], [one.gains for one in layers])
         )
-        return self.ops.upload(delays), self.ops.upload(gains)
 
 
 def _from(segment: Segment, begin: int):

@@ -14,12 +14,13 @@ from ...core.files import written_aside
 from .arrays import ArrayOps
 from .faults import DeviceFault, told
 from .form import BINS, Form
+from .links import Table
 from .network import DeviceNetwork
 
 # What a user asks for: the forms of spectra that reach it, and the error that a candidate must stay below, dB.
 CLASSES = {"tf32": (("fp16", "tf32"), -65.0), "fp32": (("fp32", "split"), -95.0)}
 _MOST_THREADS = 1024
-_TURNS = 5
+_TURNS = 3
 _CHECKED = 64  # samples that a candidate's error is taken over
 _MOST_DIRECT = 1 << 16  # paths of all links, above which nobody tries the direct form
 
@@ -89,20 +90,25 @@ def measure(ops: ArrayOps, form: Form, task: Task) -> tuple[float, float]:
         network.set_samples(int16_in=True, int16_out=False)
     samples = x if task.int16 else x.view(np.complex64)[..., 0]
     on_device = ops.upload(samples)
+    table = Table(delays=delays, gains=gains)
     changes = task.life_samples <= n
     took = []
-    for turn in range(_TURNS + 1):
+    out = None
+    for _ in range(_TURNS + 1):
         ops.synchronize()
         begin = time.perf_counter()
-        if turn == 0 or changes:
-            network.set_network(None, delays, gains)
-        out = network.run(on_device[:, :past], on_device[:, past:])
+        for _ in range(ops.runs_at_once):
+            if out is None or changes:
+                network.set_network(None, table)
+            out = network.run(on_device[:, :past], on_device[:, past:], out)
         ops.synchronize()
         took.append(time.perf_counter() - begin)
-    return min(took[1:]) / n, error_db(ops.download(out), samples, past, delays, gains)
+    return min(took[1:]) / (n * ops.runs_at_once), error_db(ops.download(out), samples, past, delays, gains)
 
 
-def error_db(out: np.ndarray, samples: np.ndarray, past: int, delays: np.ndarray, gains: np.ndarray, seed: int = 2) -> float:
+def error_db(
+    out: np.ndarray, samples: np.ndarray, past: int, delays: np.ndarray, gains: np.ndarray, seed: int | None = 2
+) -> float:
     """Error of `out` (receivers, n) in dB of its power, at some samples of some receivers, by the definition in double precision.
 
     `samples` are (transmitters, past + n), integers of full scale 1 or complex.
@@ -124,10 +130,9 @@ def error_db(out: np.ndarray, samples: np.ndarray, past: int, delays: np.ndarray
     return float(10 * np.log10(max(np.mean(np.abs(got - wanted) ** 2), 1e-300) / np.mean(np.abs(wanted) ** 2)))
 
 
-def choose(ops: ArrayOps, task: Task, report=lambda line: None) -> Choice:
+def choose(ops: ArrayOps, task: Task, report=lambda line: None, *, remember: bool = True) -> Choice:
     """The fastest form that is right; from what was measured on this machine before, or by measuring."""
-    kept = _kept(ops, task)
-    if kept:
+    if remember and (kept := _kept(ops, task)):
         return kept
     limit_db = CLASSES[task.precision][1]
     best, tried, faults = None, 0, []

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The measurement on a card runs through where CuPy is stood in for: nobody has a second try at it."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gr_cast.emulation.gpu import planner
+from gr_cast.emulation.gpu.device import open_device
+from gr_cast.emulation.gpu.form import Form
+
+sys.path.append(str(Path(__file__).resolve().parent))
+sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
+import bench_gpu
+import fake_cupy
+
+
+@pytest.fixture(autouse=True)
+def fresh():
+    open_device.cache_clear()
+    yield
+    open_device.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("name", "form"),
+    [
+        ("4x1", dict(precision="fp16", n_bins=1024)),
+        ("4x1 exact", dict(precision="split", n_bins=1024)),
+        ("4x1", dict(method="direct")),
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("device", ["numpy", "cuda"])
+def test_a_row_is_measured_and_what_it_computes_is_right(monkeypatch, tmp_path, device, name, form):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    if device == "cuda":
+        if shutil.which("g++") is None:
+            pytest.skip("NO G++: CuPy is not stood in for")
+        fake_cupy.install(monkeypatch)
+    monkeypatch.setattr(planner, "candidates", lambda task, tiles: [Form(n_inputs=4, n_outputs=4, n_taps=512, **form)])
+    row = bench_gpu.measure(name, device, 0.01)
+    assert row["error_db"] < row["wanted"][2] and row["error_after_db"] < row["wanted"][2]
+    assert 0 < row["on_card"] < np.inf and 0 < row["with_transfers"] < np.inf and row["clipped"] == 0
+    assert set(row["parts_ms"]) == (set() if form.get("method") else {"taps", "forward", "product", "inverse"})
+    assert bench_gpu.verdict(row) == "reached" and name in bench_gpu.line(name, row)
+    row["wanted"] = [1e9, 1e9, -999]
+    assert bench_gpu.verdict(row).count("<") == 2 and "error" in bench_gpu.verdict(row)
+
+
+def test_a_row_that_fails_is_told_and_leaves_the_others(monkeypatch, capsys, tmp_path):
+    answers = iter([{"fault": "--device cuda: no card"}, {"fault": "not done in 150 s"}])
+    monkeypatch.setattr(bench_gpu, "in_a_process", lambda arguments: next(answers))
+    figures = tmp_path / "figures.json"
+    assert bench_gpu.main(["--json", str(figures), "--rows", "4x1", "4x1 exact", "--no-laws"]) == 0
+    assert "no card" in capsys.readouterr().out and "not done" in figures.read_text()
