@@ -29,7 +29,7 @@ from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
 from .. import catalogue, zarr_file
 from ..band import path_gain_matrix_db, taps_over_band_db
 from ..model import GRID_STEP_S, MAX_DELAY_S, LinkTaps, Scenario, link_name
-from . import effects, geometry, materials, model, nodes, paths, reduce, scene_file, trace
+from . import effects, geometry, materials, mirrors, model, nodes, paths, reduce, scene_file, trace
 from .spec import SWITCHES, Spec
 
 STEPS = ("environment", "model", "materials", "nodes", "sampling", "parsing", "approximation", "install")
@@ -121,6 +121,7 @@ def _read_record(folder: Path) -> dict:
 def _fingerprint(before: str, spec: Spec, step: str) -> str:
     own = {name: spec.sections.get(name) for name in _SECTIONS[step]}
     own |= {"effects": [entry for entry in spec.effects if effects.step_of(entry) == step]}
+    own |= {"tracer": _tracer()} if step == "sampling" else {}
     # What a material's name stands for is no part of the file.
     content = {"model": spec.model_path.read_bytes, "materials": lambda: repr(spec.materials).encode()}.get(step, bytes)()
     return hashlib.sha256(json.dumps([before, step, own], sort_keys=True, default=str).encode() + content).hexdigest()
@@ -202,8 +203,17 @@ def _nodes(spec: Spec, run: Run, folder: Path):
     return path, summary | ({"all inside": ", ".join(rooms)} if rooms else {})
 
 
+_TRACERS = {"Sionna RT": trace, mirrors.NAME: mirrors}
+
+
+def _tracer() -> str:
+    """The ray tracer where it is installed, else mirror images; they agree, but not to the last bit."""
+    return next(name for name, module in _TRACERS.items() if module.is_installed())
+
+
 def _trace_task(scene, task: trace.Task) -> trace.Traced:
-    return trace.run(*scene, task)
+    tracer, *place = scene
+    return _TRACERS[tracer].run(*place, task)
 
 
 def _task(spec: Spec, name: str, pairs, time_s: float) -> trace.Task:
@@ -230,7 +240,7 @@ def _check_times_s(times_s: np.ndarray, count: int) -> np.ndarray:
 def _sampling(spec: Spec, run: Run, folder: Path):
     """Every pair once: static ones at one instant, those with a moving node at every instant; the way back is the same."""
     times_s, _ = _load(run, "nodes/tracks.pickle")
-    solids = _load(run, "materials/solids.pickle")
+    solids, tracer = _load(run, "materials/solids.pickle"), _tracer()
     switches = {key: getattr(spec, key) for key in SWITCHES}
     settings = trace.Settings(carrier_hz=spec.carrier_hz, max_depth=spec.max_depth, rays=spec.rays, **switches)
     moving = [index for index, node in enumerate(spec.nodes) if node.is_moving]
@@ -247,8 +257,10 @@ def _sampling(spec: Spec, run: Run, folder: Path):
         jobs += [_task(spec, f"check_{index:05d}", pairs, time_s) for index, time_s in enumerate(checks_s)]
     # One process: the tracer has threads of its own.
     inputs = {job.name: job for job in jobs}
-    tables = list(_every_task(run, folder, _trace_task, (solids, settings), inputs, processes=1))
-    summary = {"tasks": len(jobs), "pairs": len(static) * (len(static) - 1) // 2 + len(pairs)}
+    tables = list(_every_task(run, folder, _trace_task, (tracer, solids, settings), inputs, processes=1))
+    summary = {"by": tracer, "tasks": len(jobs), "pairs": len(static) * (len(static) - 1) // 2 + len(pairs)}
+    if lost := _TRACERS[tracer].left_out(settings):
+        summary["left out"] = f"{lost}: {trace.INSTALL}"
     summary["paths"] = int(sum(len(table.tx) for table in tables))
     return _save(folder / "all.pickle", (times_s, checks_s)), summary
 
