@@ -13,6 +13,7 @@ from . import fields, images
 from .geometry import Solid
 from .trace import Settings, Task, Traced
 
+PROCESSES = None  # as many as there are cores
 NAME = "mirror images (no ray tracer is installed)"
 
 

@@ -255,9 +255,8 @@ def _sampling(spec: Spec, run: Run, folder: Path):
     if moving:
         jobs += [_task(spec, f"step_{index:05d}", pairs, time_s) for index, time_s in enumerate(times_s)]
         jobs += [_task(spec, f"check_{index:05d}", pairs, time_s) for index, time_s in enumerate(checks_s)]
-    # One process: the tracer has threads of its own.
     inputs = {job.name: job for job in jobs}
-    tables = list(_every_task(run, folder, _trace_task, (tracer, solids, settings), inputs, processes=1))
+    tables = list(_every_task(run, folder, _trace_task, (tracer, solids, settings), inputs, processes=_TRACERS[tracer].PROCESSES))
     summary = {"by": tracer, "tasks": len(jobs), "pairs": len(static) * (len(static) - 1) // 2 + len(pairs)}
     if lost := _TRACERS[tracer].left_out(settings):
         summary["left out"] = f"{lost}: {trace.INSTALL}"

@@ -22,6 +22,7 @@ from .geometry import Solid, assigned, planes
 
 _LLVM = "*/libLLVM.so.19.1"  # under /usr/lib, in the folder of the machine's architecture
 INSTALL = "the ray tracer is not installed here: bash apps/install_raytracer.sh"
+PROCESSES = 1  # the tracer has threads of its own
 _TRANSMISSIONS = 6  # walls that a path may pass beside its reflections
 
 
