@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 import _program
-from gr_cast.colosseum import box, check, host, image, job, play, session, storage, timeline
+from gr_cast.colosseum import box, build, check, host, image, job, play, session, storage, timeline
 from gr_cast.colosseum.emulator import Channel
 from gr_cast.core import interrupts
 from gr_cast.core.errors import CastError
@@ -187,6 +187,16 @@ def image_list(args) -> int:
     return 0
 
 
+def image_build(args) -> int:
+    """Build the CaST container: sounder, its radio API, the path-loss map; the same packages and sources give the same hash."""
+    if storage.split_suffix(args.image.name)[1] != ".tar.gz":
+        raise CastError(f"{args.image}: needs the suffix .tar.gz")
+    check_writable(args.image.parent)
+    digest = build.build(args.image, say=lambda line: print(line, file=sys.stderr))
+    print(f"{args.image}: {args.image.stat().st_size / 1e6:.1f} MB, sha256 {digest}")
+    return 0
+
+
 def image_check(args) -> int:
     """Check images without running them: their form, and their radio API."""
     faults = [fault for path in args.image for fault in _image_faults(path)]
@@ -260,6 +270,8 @@ def main(argv=None) -> int:
     images = commands.add_parser("image", help="images of containers", description="Images of containers.")
     images = images.add_subparsers(required=True, metavar="COMMAND")
     with_team(command(image_list, among=images, name="list"))
+    added = command(image_build, among=images, name="build")
+    added.add_argument("image", type=Path, metavar="IMAGE.tar.gz", help="such as TEAM/images/cast.tar.gz")
     added = command(image_check, among=images, name="check")
     added.add_argument("image", type=Path, nargs="+", metavar="IMAGE.tar.gz")
 

@@ -61,7 +61,7 @@ def _emulator(document: dict) -> str:
         return ""
     waits = f", waits for {escape(', '.join(figures['waiting_for']))}" if figures["waiting_for"] else ""
     return (
-        f"<p>Emulator: {figures['samples']} samples, real-time factor {figures['real_time_factor']:.2f},"
+        f"<p>Emulator: {figures['samples']} samples, real-time factor {figures['real_time_factor']:.2g} at its fastest,"
         f" {figures['late_updates']} late updates, {figures['clipped_samples']} clipped samples{waits}.</p>"
     )
 

@@ -1,0 +1,4 @@
+#!/bin/sh
+[ -e /root/cast/pid ] || exit 0
+read PID < /root/cast/pid
+kill -TERM "$PID"

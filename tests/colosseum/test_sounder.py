@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The CaST container's program finds a scenario's path losses over the emulator, and its image is the same every time."""
+
+import hashlib
+import io
+import json
+import os
+import subprocess
+import sys
+import tarfile
+import tempfile
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gr_cast import scenario as sc
+from gr_cast.colosseum import build, check
+from gr_cast.colosseum.emulator import Channel, Emulator
+from gr_cast.colosseum.sounder import radio
+from gr_cast.core.errors import CastError
+
+ROOT = Path(__file__).resolve().parents[2]
+BASE_LOSS_DB = 57.55
+
+
+def test_three_nodes_find_path_and_base_loss_within_half_a_decibel():
+    pytest.importorskip("zmq")
+    with tempfile.TemporaryDirectory(prefix="cb", dir="/tmp") as name:  # sockets have short names
+        folder = Path(name)
+        radios = {node: folder / f"r{node}" for node in (1, 2, 3)}
+        for path in radios.values():
+            path.mkdir()
+        channel = Channel(rate_hz=50e6, base_loss_db=BASE_LOSS_DB, noise_power_db=-100)
+        emulator = Emulator(ROOT / "apps/cast_emulator.py", folder / "emulator", radios, channel)
+        nodes = []
+        try:
+            emulator.wait_until_ready()
+            emulator.play(90003, {1: 1, 2: 4, 3: 2}, cycle=True)  # SRN to node
+            nodes = [started(folder, node, radios[node]) for node in radios]
+            columns = {node: column(folder, node, process) for node, process in zip(radios, nodes, strict=True)}
+        finally:
+            for process in nodes:
+                process.kill()
+                process.wait()
+            emulator.stop()
+    scenario, node_of = sc.load("90003"), {1: "1", 2: "4", 3: "2"}
+    for rx, losses in columns.items():
+        assert len(losses) == 2
+        for tx, loss_db in losses.items():
+            gain = scenario.links[node_of[int(tx)], node_of[rx]].gain[0]
+            assert loss_db == pytest.approx(BASE_LOSS_DB - 10 * np.log10((np.abs(gain) ** 2).sum()), abs=0.5)
+
+
+def started(folder: Path, node: int, place: Path) -> subprocess.Popen:
+    api = folder / f"api{node}"
+    (api / "logs").mkdir(parents=True)
+    (api / "radio.conf").write_text(json.dumps({"cast_sounder": 1, "nodes": 3, "node": node}))
+    (api / "colosseum_config.ini").write_text(
+        "[RF]\ncenter_frequency = 1000000000\nrf_bandwidth = 50000000\n[RADIO]\n"
+        f"device_args = driver=zmq,tx_port=ipc://{place}/tx,rx_port=ipc://{place}/rx,base_srate=50e6\n"
+    )
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join(sys.path), "CAST_RADIO_API": str(api), "CAST_LOGS": str(api / "logs"),
+        "CAST_STATE": str(api / "state"), "OPENBLAS_NUM_THREADS": "1",
+    }  # fmt: skip
+    with open(api / "out", "wb") as out:
+        return subprocess.Popen([sys.executable, "-m", "gr_cast.colosseum.sounder"], env=environment, stdout=out, stderr=out)
+
+
+def column(folder: Path, node: int, process: subprocess.Popen) -> dict:
+    api, ended = folder / f"api{node}", threading.Event()
+    for _ in range(1200):
+        if (api / "logs" / "column.json").exists():
+            break
+        assert process.poll() is None, (api / "out").read_text()
+        ended.wait(0.1)
+    return json.loads((api / "logs" / "column.json").read_text())["path_loss_db"]
+
+
+def test_a_node_sends_in_its_own_slot_alone_and_records_the_middle_of_the_others():
+    period = np.arange(1, 8).astype(np.complex64)
+    slots = radio.Slots(own=1, total=3, count=4000, guard=500, rate_hz=1e6, carrier_hz=1e9)
+    sent = np.frombuffer(radio._sent(slots, period, 0), np.complex64)[:15000]
+    assert (
+        not sent[:5000].any() and not sent[10000:].any() and np.array_equal(sent[5000:10000], period[np.arange(5000, 10000) % 7])
+    )
+    heard = {0: np.zeros(4000, np.complex64), 2: np.zeros(4000, np.complex64)}
+    stream, begin = np.arange(15000).astype(np.complex64), 0
+    for size in (1, 4999, 3, 6000, 3997):
+        radio._keep(slots, heard, begin, stream[begin : begin + size])
+        begin += size
+    assert np.array_equal(heard[0], stream[500:4500]) and np.array_equal(heard[2], stream[10500:14500])
+
+
+def system(path: Path, order: int) -> Path:
+    """A stand-in of Debian's packages, its files in one order or the other."""
+    files = {"usr/bin/python3": b"p", "usr/bin/dash": b"d", "usr/lib/x86_64-linux-gnu/blas/libblas.so.3": b"b",
+             "usr/include/stdio.h": b"h", "var/cache/apt/pkg": b"c", "usr/share/doc/x": b"x"}  # fmt: skip
+    with tarfile.open(path, "w") as tar:
+        for link, target in (("bin", "usr/bin"), ("sbin", "usr/sbin"), ("usr/bin/sh", "dash")):
+            member = tarfile.TarInfo(f"./{link}")
+            member.type, member.linkname = tarfile.SYMTYPE, target
+            tar.addfile(member)
+        for name, data in sorted(files.items())[::order]:
+            member = tarfile.TarInfo(f"./{name}")
+            member.size, member.mode, member.mtime = len(data), 0o755, 1000 + order
+            tar.addfile(member, io.BytesIO(data))
+    return path
+
+
+def test_the_same_packages_and_sources_give_the_same_image_and_its_radio_api_has_no_fault(tmp_path):
+    for order in (1, -1):
+        build._write(tmp_path / f"i{order}.tar.gz", system(tmp_path / "s.tar", order), ["dash 1", "python3 3"])
+    digests = {hashlib.sha256((tmp_path / f"i{order}.tar.gz").read_bytes()).hexdigest() for order in (1, -1)}
+    assert len(digests) == 1
+    assert check.faults_of(tmp_path / "i1.tar.gz") == []
+    with tarfile.open(tmp_path / "i1.tar.gz") as tar:
+        names = tar.getnames()
+    assert "metadata.yaml" in names and "rootfs/opt/cast/gr_cast/colosseum/sounder/__main__.py" in names
+    assert not any("include" in name or "var/cache" in name for name in names)
+
+
+def test_an_image_without_debians_tools_is_one_clear_line(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(CastError, match="mmdebstrap: not installed"):
+        build.build(tmp_path / "x.tar.gz")
+    assert list(tmp_path.iterdir()) == []
