@@ -115,7 +115,7 @@ def run(args) -> int:
             load(args.scenario), ports, rate_hz, noise_power=_noise_power(args),
             snr_db=args.snr_db if args.reference_power == "auto" else None, seed=args.seed,
             fixed_point=_fixed_point(args), settings=settings, n_threads=args.threads, fields=_told(args),
-            cycle=args.cycle,
+            cycle=args.cycle, device=args.device, precision=args.precision,
         )  # fmt: skip
         bulk = emulation.status()["bulk_delay_samples"]
         if bulk:
@@ -352,6 +352,7 @@ def main(argv=None) -> int:
         "--start-at", type=_program.second, metavar="TIME", help="timed start of uhd ports: Unix seconds or ISO 8601 with a zone"
     )
     _program.add_web(command)
+    _add_device(command)
     command.add_argument("--threads", type=int, default=0, help="0: one per core")
     command.add_argument("--report", type=float, default=5.0, help="seconds between status lines")
     command.set_defaults(function=run)

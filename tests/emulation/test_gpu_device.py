@@ -30,6 +30,7 @@ FAULTS = {
     "no card": ({"getDeviceCount": (CUDARuntimeError("cudaErrorNoDevice: none"), 0)}, "no card"),
     "out of memory": ({"empty": (OutOfMemoryError("Out of memory allocating 9 bytes"), 3)}, "memory is full"),
     "gone": ({"launch": (CUDARuntimeError("cudaErrorDevicesUnavailable: gone"), 2)}, "failed or is gone"),
+    "library": ({"launch": (RuntimeError("CuPy failed to load libnvrtc.so.12: OSError"), 0)}, "a library of CUDA is missing"),
     "wrong CUDA": ({"launch": (CUDARuntimeError("CUDA_ERROR_NO_BINARY: NoKernelImage"), 0)}, "not for this card"),
 }
 

@@ -2,6 +2,7 @@
 """A running emulator: ports, a scenario that plays, and what is asked of both while samples flow."""
 
 import contextlib
+import sys
 import threading
 import time
 
@@ -11,7 +12,8 @@ from gnuradio import gr
 
 from ..core.errors import CastError, Faults
 from ..core.units import db_from_power, power_from_db
-from ..emulation.gpu.scenario import send_update
+from ..emulation.gpu.faults import DeviceFault
+from ..emulation.gpu.scenario import planned, send_update
 from ..emulation.reference import (
     FixedPoint,
     filter_length,
@@ -22,6 +24,7 @@ from ..emulation.reference import (
 )
 from ..scenario import Scenario
 from .cast_python import channel_emulator
+from .device_emulator import DeviceEmulator
 from .network import heard, set_noise, usable_band
 from .ports import LEAD_S, Port, connect_sink, source_block, waveform_entry
 from .radio_events import ReceiveEvents, TransmitEvents, summary
@@ -42,7 +45,8 @@ class Emulation(gr.top_block):
     `noise_power` is every receiver's, in units of the samples squared; with `snr_db` it becomes so far below the loudest
     transmitter, as measured over the first report (a second) in which one sends. `settings` maps (node, direction) of UHD
     ports to RadioSettings, `ends` maps the same to blocks that are joined in place of a port. `fields` go into the
-    metadata of recordings. With `cycle` the scenario begins again whenever it ends. Raises CastError, all faults at
+    metadata of recordings. With `cycle` the scenario begins again whenever it ends. `device` is cpu, cuda
+    (within `precision`), or auto: cuda, and the processor where there is none or when it fails. Raises CastError, all faults at
     once, where ports and scenario do not fit.
     """
 
@@ -61,21 +65,15 @@ class Emulation(gr.top_block):
         ends: dict[tuple[str, str], gr.basic_block] | None = None,
         fields: dict | None = None,
         cycle: bool = False,
+        device: str = "cpu",
+        precision: str = "fp32",
     ):
         settings, ends = settings or {}, ends or {}
         super().__init__("Emulation", catch_exceptions=bool(settings))  # a radio that dies ends its thread, not the program
         self.nodes, self.sample_rate_hz = scenario.nodes, sample_rate_hz
         _check_ports(scenario, ports)
         self._ends = ends
-        self.emulator = channel_emulator(
-            len(self.nodes),
-            len(self.nodes),
-            filter_length(sample_rate_hz),
-            sample_rate_hz,
-            n_threads,
-            scenario.name,
-            seed,
-        )
+        self.emulator = _emulator(scenario, sample_rate_hz, n_threads, seed, device, precision)
         self._snr_db = snr_db  # until it has been referred to what is sent
         self._set_noise_power(noise_power)
         if fixed_point:
@@ -343,6 +341,21 @@ class Emulation(gr.top_block):
         self._queued_s = until_s
         is_whole = until_s > ends_s
         self.emulator.set_horizon(None if is_whole else self._begin + int(until_s * self.sample_rate_hz))
+
+
+def _emulator(scenario: Scenario, sample_rate_hz: float, n_threads: int, seed: int, device: str, precision: str):
+    """The block that computes the network. Raises DeviceFault where a card is asked for that is not there."""
+    size = len(scenario.nodes), len(scenario.nodes), filter_length(sample_rate_hz), sample_rate_hz
+    if device != "cpu":
+        card = "cuda" if device == "auto" else device
+        try:
+            choice = planned(card, scenario, sample_rate_hz, precision)
+            return DeviceEmulator(*size, scenario.name, seed, card, choice=choice, goes_on=device == "auto")
+        except DeviceFault as fault:
+            if device != "auto":
+                raise
+            print(f"warning: {fault}; going on with the processor", file=sys.stderr)
+    return channel_emulator(*size, n_threads, scenario.name, seed)
 
 
 def _told(port: Port) -> str:

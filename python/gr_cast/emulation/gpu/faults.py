@@ -22,7 +22,9 @@ def told():
             f"--device cuda: {first_line(error)}: a library of CUDA is missing, or not the one CuPy is made for"
         ) from None
     except Exception as error:
-        if not type(error).__module__.startswith("cupy"):
+        # What CuPy cannot load is an error of Python's own, and names a library.
+        is_library = isinstance(error, RuntimeError | OSError) and ("libnv" in str(error) or "libcu" in str(error))
+        if not (is_library or type(error).__module__.startswith(("cupy", "cuda."))):
             raise
         raise DeviceFault(f"--device cuda: {_meaning(error)}: {first_line(error)}") from None
 
@@ -44,6 +46,8 @@ def _meaning(error: Exception) -> str:
         ("InvalidSource", "kernels are not for this card"),
         ("NoKernelImage", "kernels are not for this card"),
         ("SystemDriverMismatch", "driver and CUDA do not fit"),
+        ("libnv", "a library of CUDA is missing, or not the one CuPy is made for"),
+        ("libcu", "a library of CUDA is missing, or not the one CuPy is made for"),
     ):
         if word in text:
             return meaning

@@ -181,6 +181,13 @@ class Links:
         self.position = end
         self._apply_due()
 
+    def seek(self, position: int) -> None:
+        """The next sample is number `position`, of a stream that begins anew; ramps arrive at once."""
+        if position != self.position:
+            self._ramps.clear()
+            self.version += 1
+            self.position = position
+
     def _apply_due(self) -> None:
         for link in [link for link, ramp in self._ramps.items() if ramp.end <= self.position]:
             del self._ramps[link]
@@ -210,7 +217,8 @@ class Links:
 
     @property
     def active(self) -> tuple[int, int]:
-        """Links that are on and have taps, and their taps."""
+        """Links that are on and have taps, and their taps, at the next sample."""
+        self._apply_due()
         taps = np.count_nonzero(self._gains, axis=-1) * self._enabled
         return int(np.count_nonzero(taps)), int(taps.sum())
 

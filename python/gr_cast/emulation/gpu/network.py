@@ -7,10 +7,11 @@ import numpy as np
 
 from ...core.errors import CastError
 from ...core.units import amplitude_from_db
-from .faults import told
+from .faults import DeviceFault, told
 from .form import Ends, Form
 from .links import Links, Segment, Table
 
+MOST_PRODUCTS = 65535  # matrices that cuBLAS multiplies in one call
 MOST_WASTE = 2  # blocks computed for one that is wanted, where segments of a round differ in length
 
 
@@ -26,16 +27,17 @@ class DeviceNetwork:
     """y_j = Σ_i x_i * h_ij on a device, chunk after chunk, in the way that `form` says.
 
     Transmitters in, receivers out; `ops` are the steps on the device (`ArrayOps` or those in CUDA). `share` of the free memory is
-    used for spectra. Noise, fixed point, ramps and late updates are those of `emulator_kernel`.
+    used for spectra. Where the device fails in process(), `spare(fault)` gives what goes on in its place. Noise, fixed point,
+    ramps and late updates are those of `emulator_kernel`.
     """
 
-    def __init__(self, ops, form: Form, seed: int = 0, share: float = 0.25):
-        self.ops, self.form = ops, form
+    def __init__(self, ops, form: Form, seed: int = 0, share: float = 0.25, spare=None):
+        self.ops, self.form, self._spare = ops, form, spare
         self.links = Links(form.n_inputs, form.n_outputs, form.n_taps)
         self.ends = Ends(seed=seed, noise_power=np.zeros(form.n_outputs))
         self._budget = max(int(share * ops.free_bytes()), form.segment_bytes(form.tile))
         self._kept = None  # (version, spectra of links, scale)
-        self._clipped = ops.upload(np.zeros(1, np.int64))
+        self._clipped, self._clipped_seen = ops.upload(np.zeros(1, np.int64)), 0
 
     # --- updates, named as emulator_kernel names them
     def set_sparse_taps(self, tx: int, rx: int, delays, gains, offset: int | None = None, ramp: int = 0) -> None:
@@ -94,7 +96,8 @@ class DeviceNetwork:
 
     def clipped_samples(self) -> int:
         """Samples that a full scale cut off."""
-        return int(self.ops.download(self._clipped)[0])
+        self._clipped_seen = int(self.ops.download(self._clipped)[0])
+        return self._clipped_seen
 
     def plan(self) -> str:
         """How the network is computed, in words."""
@@ -103,22 +106,36 @@ class DeviceNetwork:
     # --- samples
     def process(self, inputs: np.ndarray) -> np.ndarray:
         """(transmitters, n_taps - 1 past and n new samples) in, (receivers, n) out, complex64."""
+        first, segments = self.position, self.links.cut(inputs.shape[1] - (self.form.n_taps - 1))
+        inputs = np.ascontiguousarray(inputs, np.complex64)
+        try:
+            with told():
+                return self._processed(inputs, segments, first)
+        except DeviceFault as fault:
+            if self._spare is None:
+                raise
+            self.ops, self._spare, self._kept = self._spare(fault), None, None
+            self._clipped = self.ops.upload(np.array([self._clipped_seen]))
+            return self._processed(inputs, segments, first)
+
+    def _processed(self, inputs: np.ndarray, segments: list[Segment], first: int) -> np.ndarray:
         past = self.form.n_taps - 1
-        with told():
-            x = self.ops.upload(np.ascontiguousarray(inputs, np.complex64))
-            return self.ops.download(self.run(x[:, :past], x[:, past:]))
+        x = self.ops.upload(inputs)
+        return self.ops.download(self._computed(x[:, :past], x[:, past:], segments, first, None))
 
     def run(self, before, now, out=None):
         """The samples of all receivers for those of all transmitters `now`, on the device; `before` are the last ones before,
         n_taps - 1 and more."""
-        n = now.shape[1]
         first = self.position
+        return self._computed(before, now, self.links.cut(now.shape[1]), first, out)
+
+    def _computed(self, before, now, segments: list[Segment], first: int, out):
+        n = now.shape[1]
         shape, dtype = (
             ((self.form.n_outputs, n, 2), np.int16) if self.ends.int16_out else ((self.form.n_outputs, n), np.complex64)
         )
         out = self.ops.empty(shape, dtype) if out is None else out
         self.ops.count_clipped(now, self.ends, self._clipped)
-        segments = self.links.cut(n)
         for part in self._rounds(segments):
             self._run(part, before, now, first, out)
         self.ops.end_of_run()
@@ -154,6 +171,8 @@ class DeviceNetwork:
         if self.form.method == "direct":
             lengths = [s.end - s.begin for s in segments]
             return len(lengths) * max(lengths) <= MOST_WASTE * sum(lengths)
+        if len(segments) * self.form.n_bins > MOST_PRODUCTS:
+            return False
         blocks = [self.form.blocks(s.end - s.begin) for s in segments]
         total = len(blocks) * max(blocks)
         return total <= MOST_WASTE * sum(blocks) and len(blocks) * self.form.segment_bytes(max(blocks)) <= self._budget
