@@ -1,21 +1,25 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: GPL-3.0-or-later
 # PYTHON_ARGCOMPLETE_OK
-"""From recordings and a scenario or a sounding to a case, and from a corrected twin back to a scenario."""
+"""From recordings and a scenario or a sounding to a case, from a corrected twin back to a scenario, and a place case played."""
 
 import argparse
 import sys
+import tempfile
 from pathlib import Path
 
 import _program
 from gr_cast import scenario as sc
 from gr_cast.core.errors import CastError
 from gr_cast.core.files import check_writable
+from gr_cast.scenario.create import pipeline, spec
 from gr_cast.signals.waveform import entry_from_text
 from gr_cast.sounding.result import read_taps
 from gr_cast.twin import make, to_scenario
 from gr_cast.twin.document import read_twin
+from gr_cast.twin.places import document, play
 
+_RANGES = {"noise": (-400, 400, "dB"), "seed": (0, 2**63 - 1, "")}
 WELL_DB = -20.0  # of what is lost where a moving link becomes taps that turn
 
 
@@ -73,6 +77,23 @@ def to_a_scenario(args) -> None:
         print(f"not in the scenario: {effect}; cast_emulator.py play --twin {args.twin} plays it")
 
 
+def play_place(args) -> None:
+    """A place case whose soundings are made anew in a world: SPEC, scenario, emulator, sounder, campaigns."""
+    if args.output.exists():
+        raise CastError(f"{args.output}: is there already: choose another folder")
+    check_writable(args.output.parent)
+    place = document.read(args.case)
+    world_spec = spec.read(args.world) if args.world else place.spec
+    with tempfile.TemporaryDirectory() as folder:
+        run = pipeline.Run(folder=Path(folder), tell=lambda line: print(line, flush=True), progress=_program.progress)
+        world = play.world(world_spec, run)
+    told = lambda done, total: _program.progress("soundings", done, total)  # noqa: E731
+    arrays = play.campaigns(place, world, noise_power_db=args.noise, seed=args.seed, progress=told)
+    play.write(args.output, place, arrays)
+    print(f"{args.output}: {', '.join(arrays)}")
+    print(f"next: cast_diagnose.py {args.output} --output diagnosis")
+
+
 def main(argv=None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
@@ -94,7 +115,15 @@ def main(argv=None) -> int:
     command.add_argument("--at", type=float, default=0.0, metavar="S", help="of that scenario, as for make (default 0)")
     command.add_argument("--output", required=True, help="scenario file (.yaml, .mat, .zarr)")
     command.set_defaults(call=to_a_scenario)
+    command = commands.add_parser("place", help=play_place.__doc__, description=play_place.__doc__)
+    command.add_argument("case", type=Path, help="folder with a place.yaml")
+    command.add_argument("--world", type=Path, metavar="SPEC", help="what is sounded (default: the case's own twin)")
+    command.add_argument("--noise", type=float, default=-110.0, metavar="DB", help="per sample, re what is sent (default -110)")
+    command.add_argument("--seed", type=int, default=1, help="of the noise (default 1)")
+    command.add_argument("--output", type=Path, required=True, metavar="CASE", help="folder of the new case")
+    command.set_defaults(call=play_place)
     args = _program.parse(parser, argv)
+    _program.check_ranges(args, _RANGES)
     args.call(args)
     return 0
 

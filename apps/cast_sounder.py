@@ -218,7 +218,7 @@ def _sounded(args, file: recording.Recording, path, spec: dict, waveform) -> tup
     options = _options(args, file.metadata, _base_loss_db(args, file, path))
     sounding = sound(file, waveform, options)
     about = {"recording": str(path), "waveform": spec, "base_loss": args.base_loss}
-    return sounding, result.as_document(sounding, about | result.about_recording(file, Path(path).name, spec, options.band))
+    return sounding, result.as_document(sounding, about | result.about_recording(file, Path(path).name, spec, options))
 
 
 def _sound_file(args, file: recording.Recording, path, modelled_taps=()) -> dict:

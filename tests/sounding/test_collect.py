@@ -20,8 +20,8 @@ PATHS = {("a", "b"): ([3, 10, 31], [0.01, 0.004j, -0.002]), ("b", "c"): ([7, 9],
 def entry(**changes):
     tap = dict(delay_s=1e-7, gain_db=-40.0, phase_rad=0.3, delay_std_s=1e-11, gain_std_db=0.01, phase_std_rad=1e-3)
     return {
-        "cast_sounding": 1, "transmitter": "a", "receiver": "b", "begins_s": 1.5, "band_hz": 8e7, "path_gain_db": -40.0,
-        "path_loss_db": 40.0, "taps": [tap],
+        "cast_sounding": 1, "transmitter": "a", "receiver": "b", "begins_s": 1.5, "band_hz": 8e7, "set_up_db": 0.0,
+        "smallest_detectable_gain_db": -80.0, "taps": [tap],
     } | changes  # fmt: skip
 
 
@@ -43,7 +43,7 @@ def sounded(link, seed, noise_db=-90.0):
         metadata={"cast:transmitter": link[0], "cast:receiver": link[1]},
     )
     options = SoundingOptions(correct_offset=False, carrier_offset_hz=0.0)
-    return as_document(sound(file, waveform, options), about_recording(file, "x", {"samples_per_chip": 1}, 1.0))
+    return as_document(sound(file, waveform, options), about_recording(file, "x", {"samples_per_chip": 1}, options))
 
 
 def true_response(link, frequency_hz):
@@ -75,11 +75,8 @@ def test_frequencies_fill_the_band_in_equal_steps_round_the_carrier(tmp_path):
 
 
 def test_what_a_set_up_adds_is_taken_off_and_what_was_not_heard_is_missing(tmp_path):
-    # 40 dB of path gain as received, 55 dB of path loss once powers and gains of the set-up are known
-    ones = [
-        collect.read(written(tmp_path / "x", document))
-        for document in (entry(path_loss_db=55.0), entry(begins_s=2.0, taps=[], path_gain_db=None, path_loss_db=None))
-    ]
+    # 40 dB below what was sent as received, of which the set-up gave 15 dB
+    ones = [collect.read(written(tmp_path / "x", document)) for document in (entry(set_up_db=15.0), entry(begins_s=2.0, taps=[]))]
     made = collect.campaign(ones, np.zeros(1))
     assert made["time_s"].tolist() == [1.5, 2.0] and np.isnan(made["response"][0, 1]).all()
     assert made["response"][0, 0, 0] == pytest.approx(10 ** (-55 / 20) * np.exp(0.3j), rel=1e-6)
@@ -98,7 +95,7 @@ def test_a_file_is_read_back_as_a_campaign(tmp_path):
         (dict(cast_sounding=2), "cast_sounding: got 2, needs 1"),
         (dict(band_hz=None), "band_hz: got None, needs a finite number of Hz"),
         (dict(taps=[{"delay_s": 1}]), "taps[0].gain_db: got None"),
-        (dict(path_loss_db="much"), "path_loss_db: got 'much', needs a finite number of dB"),
+        (dict(set_up_db="much"), "set_up_db: got 'much', needs a finite number of dB"),
     ],
 )
 def test_what_is_no_result_is_refused_with_its_place(tmp_path, changes, says):
@@ -107,10 +104,14 @@ def test_what_is_no_result_is_refused_with_its_place(tmp_path, changes, says):
     assert any(says in fault for fault in error.value.faults)
 
 
-def test_two_results_of_one_link_and_time_and_a_link_never_heard_are_refused(tmp_path):
-    one, silent = (collect.read(written(tmp_path / "x", document)) for document in (entry(), entry(receiver="c", taps=[])))
-    with pytest.raises(CastError) as error:
-        collect.campaign([one, one, silent], np.zeros(2))
-    assert [fault.split(": ", 1)[1] for fault in error.value.faults] == [
-        "a>b: two soundings at 1.5 s: one file holds one of each time", "a>c: no signal was heard on it: leave its results out"
-    ]  # fmt: skip
+def test_two_results_of_one_link_and_time_are_refused(tmp_path):
+    one = collect.read(written(tmp_path / "x", entry()))
+    with pytest.raises(CastError, match="a>b: two soundings at 1.5 s: one file holds one of each time"):
+        collect.campaign([one, one], np.zeros(2))
+
+
+def test_a_link_that_was_never_heard_is_nothing_within_what_would_have_been(tmp_path):
+    documents = (entry(taps=[], set_up_db=5.0), entry(taps=[], set_up_db=5.0, begins_s=2.0), entry(receiver="c", begins_s=9.0))
+    made = collect.campaign([collect.read(written(tmp_path / "x", one)) for one in documents], np.zeros(2))
+    assert (made["response"][0, :2] == 0).all() and np.isnan(made["response"][0, 2]).all()
+    assert made["noise_power"][0] == pytest.approx(10**-8.5)

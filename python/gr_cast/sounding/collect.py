@@ -10,7 +10,7 @@ import numpy as np
 from ..core.documents import Reader, json_file
 from ..core.errors import CastError, Faults
 from ..core.files import written_aside
-from ..core.units import amplitude_from_db
+from ..core.units import amplitude_from_db, power_from_db
 from .cir import DB_PER_NEPER
 
 FREQUENCIES = 64
@@ -21,7 +21,7 @@ _TAP = {"delay_s": "s", "gain_db": "dB", "phase_rad": "rad", "delay_std_s": "s",
 @dataclass(frozen=True, kw_only=True)
 class Snapshot:
     """One link at one time: taps (k,), each with its standard deviations, over `band_hz` round the carrier. Gains are complex,
-    received over transmitted amplitude. No taps: no signal was heard."""
+    received over transmitted amplitude. No taps: no signal was heard, and none below `unheard_power` would have been."""
 
     transmitter: str
     receiver: str
@@ -31,28 +31,37 @@ class Snapshot:
     gain: np.ndarray
     delay_std_s: np.ndarray
     gain_std: np.ndarray  # of |gain| and of its phase together, over |gain|
+    unheard_power: float
 
 
 def read(path: str | Path) -> Snapshot:
     """A sounding's folder, or its result's file. Raises CastError for what is none, or does not say its link."""
     path = Path(path) / "result.json" if Path(path).is_dir() else Path(path)
-    get = json_file(path, missing=" (a sounding is a folder with a result.json)")
+    return _snapshot(json_file(path, missing=" (a sounding is a folder with a result.json)"))
+
+
+def of_document(document: dict, where: str) -> Snapshot:
+    """The same of the content of a result.json; `where` begins its messages."""
+    return _snapshot(Reader(where, document))
+
+
+def _snapshot(get: Reader) -> Snapshot:
     get.version("cast_sounding", 1)
     document = get.document
     ends = [_end(get, document.get(end), end) for end in ("transmitter", "receiver")]
     taps = [get.mapping(tap, f"taps[{k}]") for k, tap in enumerate(get.sequence(document.get("taps"), "taps"))]
     rows = [[get.number(tap.get(key), f"taps[{k}].{key}", unit) for key, unit in _TAP.items()] for k, tap in enumerate(taps)]
     delay_s, gain_db, phase_rad, delay_std_s, gain_std_db, phase_std_rad = np.array(rows, float).reshape(-1, len(_TAP)).T
-    set_up_db = 0.0  # between path gain as received, and what was transmitted
-    if rows:
-        set_up_db = -sum(get.number(document.get(key), key, "dB", -400, 400) for key in ("path_gain_db", "path_loss_db"))
+    set_up_db = get.number(document.get("set_up_db"), "set_up_db", "dB", -400, 400)
+    smallest_db = get.number(document.get("smallest_detectable_gain_db"), "smallest_detectable_gain_db", "dB", -400, 400)
     time_s = get.number(document.get("begins_s", 0.0), "begins_s", "s")
     band_hz = get.number(document.get("band_hz"), "band_hz", "Hz", 1.0, 1e10)
     get.faults.raise_if_any()
     return Snapshot(
         transmitter=ends[0], receiver=ends[1], time_s=time_s, band_hz=band_hz, delay_s=delay_s, delay_std_s=delay_std_s,
-        gain=amplitude_from_db(gain_db + set_up_db) * np.exp(1j * phase_rad),
+        gain=amplitude_from_db(gain_db - set_up_db) * np.exp(1j * phase_rad),
         gain_std=np.hypot(gain_std_db / DB_PER_NEPER, phase_std_rad),
+        unheard_power=float(power_from_db(smallest_db - set_up_db)),
     )  # fmt: skip
 
 
@@ -86,9 +95,10 @@ def response(snapshot: Snapshot, frequency_hz: np.ndarray) -> tuple[np.ndarray, 
 
 
 def campaign(snapshots: Sequence[Snapshot], frequency_hz: np.ndarray) -> dict[str, np.ndarray]:
-    """The arrays of a file of responses: links in the order of their first snapshot, all times; NaN where nothing was heard.
+    """The arrays of a file of responses: links in the order of their first snapshot, all times.
 
-    Raises CastError for two snapshots of one link at one time, and for a link that was never heard.
+    Where a link was not heard this time, it is missing; one that was never heard is 0, within the power that would have been
+    heard. Raises CastError for two snapshots of one link at one time.
     """
     links = list(dict.fromkeys((one.transmitter, one.receiver) for one in snapshots))
     time_s = np.unique([one.time_s for one in snapshots])
@@ -103,10 +113,12 @@ def campaign(snapshots: Sequence[Snapshot], frequency_hz: np.ndarray) -> dict[st
         if one.gain.size:
             out[place], variance = response(one, frequency_hz)
             variances[place[0]].append(variance)
-    for link, own in zip(links, variances, strict=True):
-        if not own:
-            faults.add(f"{link[0]}>{link[1]}", "no signal was heard on it: leave its results out")
     faults.raise_if_any()
+    for row, link in enumerate(links):
+        if not variances[row]:
+            silent = [one for one in snapshots if (one.transmitter, one.receiver) == link]
+            out[row, np.searchsorted(time_s, [one.time_s for one in silent])] = 0
+            variances[row] = [one.unheard_power for one in silent]
     return {
         "tx": np.array([tx for tx, _ in links]), "rx": np.array([rx for _, rx in links]), "time_s": time_s,
         "frequency_hz": frequency_hz, "response": out, "noise_power": np.array([np.mean(own) for own in variances]),

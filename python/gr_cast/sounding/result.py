@@ -15,11 +15,12 @@ from ..core.files import write_json, write_text
 from ..core.units import db_from_amplitude, db_from_power
 from ..signals.recording import Recording
 from .path_loss import link_of
-from .sound import Sounding
+from .sound import Sounding, SoundingOptions
 
 
-def about_recording(file: Recording, name: str, waveform: dict, band: float) -> dict:
-    """What result.json says of a recording beside what was measured: its link if known, when it begins, and the band sounded."""
+def about_recording(file: Recording, name: str, waveform: dict, options: SoundingOptions) -> dict:
+    """What result.json says of a recording beside what was measured: its link if known, when it begins, the band sounded, and
+    what powers, gains and cables of the set-up add to a gain."""
     try:
         ends = link_of(file, name)
     except CastError:
@@ -27,7 +28,11 @@ def about_recording(file: Recording, name: str, waveform: dict, band: float) -> 
     known = dict(zip(("transmitter", "receiver"), ends, strict=True))
     begins_s = file.metadata.get("cast:scenario_at_s", file.metadata.get("cast:start_at_s", 0.0))
     chips_hz = (file.sample_rate_hz or 0.0) / waveform.get("samples_per_chip", 1)
-    return known | {"begins_s": begins_s if is_number(begins_s) else 0.0, "band_hz": band * chips_hz}
+    return known | {
+        "begins_s": begins_s if is_number(begins_s) else 0.0,
+        "band_hz": options.band * chips_hz,
+        "set_up_db": options.budget.path_loss_db(0.0),
+    }
 
 
 def as_document(sounding: Sounding, about: dict) -> dict:

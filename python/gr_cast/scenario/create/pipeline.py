@@ -25,7 +25,7 @@ from ...core import tasks
 from ...core.documents import Reader, json_file
 from ...core.errors import CastError, Faults
 from ...core.files import locked, sweep, write_json, write_text, written_aside
-from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
+from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude, power_from_db
 from .. import catalogue, zarr_file
 from ..band import path_gain_matrix_db, taps_over_band_db
 from ..model import GRID_STEP_S, MAX_DELAY_S, LinkTaps, Scenario, link_name
@@ -406,11 +406,22 @@ def scenario(spec: Spec, run: Run) -> Scenario:
     )
 
 
-def _delays_moved_s(spec: Spec, run: Run) -> list:
+def delays_moved_s(spec: Spec, run: Run) -> list:
     """[tx, rx, [seconds of each hold]]: how far the delays of each link were moved to fit the grid."""
     every = _load(run, "approximation/all.pickle")[1]
     names = [node.name for node in spec.nodes]
     return [[names[tx], names[rx], item.shift_s.tolist()] for (tx, rx), item in every.items()]
+
+
+def lost(spec: Spec, run: Run) -> dict[tuple[str, str], float]:
+    """Energy that each link's taps lose over the band, over its own: the mean of all instants."""
+    every = _load(run, "approximation/all.pickle")[1]
+    names = [node.name for node in spec.nodes]
+    return {
+        (names[tx], names[rx]): float(np.mean(power_from_db(item.loss.nmse_db)))
+        for (tx, rx), item in every.items()
+        if item.loss.nmse_db.size
+    }
 
 
 def content_hash(made: Scenario) -> str:
@@ -461,7 +472,7 @@ def _write(spec: Spec, run: Run, made: Scenario, content: str, target: Path) -> 
     zarr_file.write(
         target, made, id=spec.id, version=version, content_sha256=content, radios=radios, steps=steps,
         paths_file=str((run.folder / "parsing/links.npz").resolve()),
-        delays_moved_s=_delays_moved_s(spec, run), hold_s=spec.hold_s,
+        delays_moved_s=delays_moved_s(spec, run), hold_s=spec.hold_s,
         outlines=geometry.outlines(_load(run, "materials/solids.pickle")),
     )  # fmt: skip
     return version
