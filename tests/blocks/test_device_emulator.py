@@ -9,6 +9,7 @@ import pytest
 from gnuradio import blocks as stock
 from gnuradio import gr
 from gr_cast import scenario as sc
+from gr_cast.blocks import devices
 from gr_cast.blocks.device_emulator import DeviceEmulator
 from gr_cast.blocks.emulation import Emulation
 from gr_cast.blocks.ports import Port
@@ -16,7 +17,7 @@ from gr_cast.emulation.gpu import network as gpu_network
 from gr_cast.emulation.gpu.device import open_device
 from gr_cast.emulation.gpu.faults import DeviceFault
 from gr_cast.emulation.gpu.form import Form
-from gr_cast.emulation.gpu.planner import Choice
+from gr_cast.emulation.gpu.planner import Choice, Task
 from gr_cast.emulation.reference import LinkUpdate, emulate
 from gr_cast.signals import recording
 
@@ -147,3 +148,26 @@ def test_a_scenario_between_ports_is_the_same_on_a_device(tmp_path, monkeypatch,
         heard.append(recording.read(tmp_path / name).samples)
     assert len(heard[1]) == len(heard[0]) == 5000 and np.abs(heard[1] - heard[0]).max() < 1e-5
     assert ("going on with the processor" in capsys.readouterr().err) == (device == "auto")
+
+
+@pytest.mark.parametrize(("card_s", "processor_s", "taken"), [(1e-8, 1e-7, "cuda"), (1e-7, 1e-8, "cpu")])
+def test_the_cheaper_of_card_and_processor_is_taken_and_said_and_measured_once(monkeypatch, tmp_path, card_s, processor_s, taken):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    scenario = sc.Scenario(name="s", nodes=("a",), links={})
+    form = Form(n_inputs=1, n_outputs=1, n_taps=512)
+    monkeypatch.setattr(devices, "planned", lambda *_: Choice(form=form, seconds=1e-9, error_db=-130.0, tried=1))
+    monkeypatch.setattr(devices, "open_device", lambda card: open_device("numpy"))
+    monkeypatch.setattr(devices, "_card_s", lambda *_: card_s)
+    monkeypatch.setattr(devices, "_processor_s", lambda *_: processor_s)
+    told = []
+    assert devices.chosen("auto", scenario, 1e6, "fp32", 2, told.append) == taken
+    assert len(told) == 1 and "the card takes" in told[0] and ("on the processor" in told[0]) == (taken == "cpu")
+    for name in ("_card_s", "_processor_s"):
+        monkeypatch.setattr(devices, name, lambda *_: pytest.fail("measured again"))
+    assert devices.chosen("auto", scenario, 1e6, "fp32", 2, told.append) == taken
+
+
+def test_both_are_measured_with_the_network_that_is_asked_for():
+    task = Task(n_inputs=2, n_outputs=3, n_taps=64, life_samples=2000)
+    assert 0 < devices._processor_s(task, 1) < 1e-3
+    assert 0 < devices._card_s(Form(n_inputs=2, n_outputs=3, n_taps=64, n_bins=512), "numpy", task) < 1e-2

@@ -21,11 +21,11 @@ from ..core.errors import CastError, Faults
 from ..core.files import locked, write_json
 from ..core.units import db_from_power
 from ..emulation.gpu.faults import DeviceFault
-from ..emulation.gpu.scenario import planned
 from ..emulation.reference import FixedPoint, filter_length
 from ..scenario import Scenario
 from ..signals import recording
 from ..signals.waveform import Repeated, is_code, spec_from_text, waveform_from_spec
+from .devices import chosen
 from .network import heard, scenario_kernel, usable_band
 
 _ITEM = np.dtype(np.complex64)
@@ -157,8 +157,8 @@ def run_batch(
         scenario, transmitted, folder, receivers, chunk_samples, noise_power, seed, fixed_point, fields or {}, cycle,
         device, precision,
     )  # fmt: skip
-    if job.device != "cpu":
-        job = _on_device(job, report)
+    if chosen(device, scenario, job.sample_rate_hz, precision, workers, report) == "cpu":
+        job = replace(job, device="cpu")
     Path(job.folder).mkdir(parents=True, exist_ok=True)
     with locked(Path(job.folder)):
         todo = _prepare(job)
@@ -255,19 +255,6 @@ def _job(
         device=device,
         precision=precision,
     )
-
-
-def _on_device(job: BatchJob, report) -> BatchJob:
-    """The job with the device that is there, which it tells. Raises DeviceFault where one was asked for that is not."""
-    try:
-        choice = planned("cuda" if job.device == "auto" else job.device, job.scenario, job.sample_rate_hz, job.precision)
-    except DeviceFault as fault:
-        if job.device != "auto":
-            raise
-        report(f"{fault}; going on with the processor")
-        return replace(job, device="cpu")
-    report(f"network: {choice.words()}")
-    return job
 
 
 def _fingerprint(job: BatchJob) -> dict:

@@ -2,6 +2,7 @@
 """A running emulator: ports, a scenario that plays, and what is asked of both while samples flow."""
 
 import contextlib
+import os
 import sys
 import threading
 import time
@@ -12,7 +13,6 @@ from gnuradio import gr
 
 from ..core.errors import CastError, Faults
 from ..core.units import db_from_power, power_from_db
-from ..emulation.gpu.faults import DeviceFault
 from ..emulation.gpu.scenario import planned, send_update
 from ..emulation.reference import (
     FixedPoint,
@@ -25,6 +25,7 @@ from ..emulation.reference import (
 from ..scenario import Scenario
 from .cast_python import channel_emulator
 from .device_emulator import DeviceEmulator
+from .devices import chosen
 from .network import heard, set_noise, usable_band
 from .ports import LEAD_S, Port, connect_sink, source_block, waveform_entry
 from .radio_events import ReceiveEvents, TransmitEvents, summary
@@ -346,16 +347,12 @@ class Emulation(gr.top_block):
 def _emulator(scenario: Scenario, sample_rate_hz: float, n_threads: int, seed: int, device: str, precision: str):
     """The block that computes the network. Raises DeviceFault where a card is asked for that is not there."""
     size = len(scenario.nodes), len(scenario.nodes), filter_length(sample_rate_hz), sample_rate_hz
-    if device != "cpu":
-        card = "cuda" if device == "auto" else device
-        try:
-            choice = planned(card, scenario, sample_rate_hz, precision)
-            return DeviceEmulator(*size, scenario.name, seed, card, choice=choice, goes_on=device == "auto")
-        except DeviceFault as fault:
-            if device != "auto":
-                raise
-            print(f"warning: {fault}; going on with the processor", file=sys.stderr)
-    return channel_emulator(*size, n_threads, scenario.name, seed)
+    threads = n_threads or os.cpu_count()
+    card = chosen(device, scenario, sample_rate_hz, precision, threads, lambda line: print(line, file=sys.stderr))
+    if card == "cpu":
+        return channel_emulator(*size, n_threads, scenario.name, seed)
+    choice = planned(card, scenario, sample_rate_hz, precision)
+    return DeviceEmulator(*size, scenario.name, seed, card, choice=choice, goes_on=device == "auto")
 
 
 def _told(port: Port) -> str:
