@@ -5,16 +5,20 @@
 
 import argparse
 import os
+import sys
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # small products: one thread each is faster
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import _program
+from gr_cast.core import interrupts
 from gr_cast.core.errors import CastError
 from gr_cast.core.files import check_writable, write_text
-from gr_cast.pipeline import clean, document, site
+from gr_cast.core.processes import Processes
+from gr_cast.pipeline import clean, document, server, site
 from gr_cast.pipeline.bisect import bisect as find
+from gr_cast.pipeline.jenkins import job as make_job
 from gr_cast.pipeline.run import Bench
 from gr_cast.pipeline.source import Source
 from gr_cast.pipeline.stages import Storage, histories
@@ -93,6 +97,50 @@ def page(args) -> int:
     return 0
 
 
+def serve(args) -> int:
+    """Judge every new commit of repositories: Buildbot polls them, on SQLite and this machine unless told otherwise."""
+    check_writable(args.storage)
+    _program.check_ranges(args, {"port": (1, 65534, ""), "poll": (1, 86400, "s")})
+    workers = dict(pair.split("=", 1) for pair in args.worker if "=" in pair)
+    if len(workers) < len(args.worker):
+        raise CastError("--worker: needs NAME=FILE, the file that holds its password")
+    storage = Storage(args.storage)
+    told = server.settings(
+        storage=storage.folder, repositories=args.repository, branches=args.branch, program=_program_words(),
+        options=_options(args), port=args.port, page=f"http://127.0.0.1:{args.port + 1}/", database=args.database,
+        workers=workers, poll_s=args.poll,
+    )  # fmt: skip
+    words = server.prepared(storage.folder / "server", told)
+    _write_page(storage.folder, storage.folder / "index.html")
+    with Processes(storage.folder / "server") as running, interrupts.heeded(lambda: None) as stopped:
+        running.start("buildbot", words)
+        folder = ["--directory", str(storage.folder), "--bind", "127.0.0.1", str(args.port + 1)]
+        running.start("page", [sys.executable, "-m", "http.server", *folder])
+        print(f"builds: {told['address']}\npage:   {told['page']}", flush=True)
+        while not stopped.wait(1.0):
+            running.check()
+    return 0
+
+
+def jenkins(args) -> int:
+    """A job description for Jenkins, which jenkins-job-builder turns into a job."""
+    pipeline = document.read(args.path)
+    text = make_job(pipeline, args.repository, args.branch, _program_words(), _options(args))
+    print(text, end="") if args.output is None else write_text(args.output, text)
+    return 0
+
+
+def _program_words() -> list[str]:
+    return ["/usr/bin/python3", str(Path(__file__).resolve())]
+
+
+def _options(args) -> list[str]:
+    """Options of `run` that a server passes on."""
+    given = [("--storage", args.storage.resolve()), ("--sites", args.sites.resolve()), ("--room", args.room)]
+    given += [("--root-filesystem", args.root_filesystem)] if args.root_filesystem else []
+    return [str(word) for pair in [*given, ("--budget", args.budget)] for word in pair]
+
+
 def _write_page(storage: Path, output: Path) -> None:
     from gr_cast.report import commits
 
@@ -119,12 +167,30 @@ def main(argv=None) -> int:
     command.add_argument("--storage", type=Path, required=True, metavar="DIR")
     command.add_argument("--output", type=Path, metavar="FILE.html", help="elsewhere than in the storage")
     command.set_defaults(call=page)
+    command = verbs.add_parser("serve", help=serve.__doc__, description=serve.__doc__)
+    command.add_argument("--repository", nargs="+", required=True, metavar="ADDRESS", help="what Git clones")
+    command.add_argument("--branch", nargs="+", default=["main"], metavar="NAME", help="of each repository (default: main)")
+    command.add_argument(
+        "--port", type=int, default=8010, help="of Buildbot's page; the commits' page has the next (default 8010)"
+    )
+    command.add_argument("--poll", type=float, default=60.0, metavar="SECONDS", help="between two looks (default 60)")
+    command.add_argument("--database", metavar="URL", help="such as postgresql://USER@HOST/NAME (default: SQLite in the storage)")
+    command.add_argument("--worker", nargs="+", default=[], metavar="NAME=FILE", help="remote workers, a file with each password")
+    _add_bench(command, repository=False)
+    command.set_defaults(call=serve)
+    command = verbs.add_parser("jenkins", help=jenkins.__doc__, description=jenkins.__doc__)
+    command.add_argument("path", type=Path, nargs="?", default=Path(), help="pipeline.yaml, or its folder (default: here)")
+    command.add_argument("--branch", nargs="+", default=["main"], metavar="NAME")
+    command.add_argument("--output", type=Path, metavar="FILE.yaml", help="instead of the screen")
+    _add_bench(command)
+    command.set_defaults(call=jenkins)
     args = _program.parse(parser, argv)
     return args.call(args)
 
 
-def _add_bench(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--repository", default=".", metavar="ADDRESS", help="of the stack: a folder or what Git clones")
+def _add_bench(command: argparse.ArgumentParser, repository: bool = True) -> None:
+    if repository:
+        command.add_argument("--repository", default=".", metavar="ADDRESS", help="of the stack: a folder or what Git clones")
     command.add_argument("--storage", type=Path, required=True, metavar="DIR", help="images, results and verdicts are kept here")
     command.add_argument("--sites", type=Path, required=True, metavar="DIR", help="folder of inventories, NAME.yaml each")
     command.add_argument("--room", choices=clean.KINDS, default="auto", help="what commands run in (default: the best there is)")

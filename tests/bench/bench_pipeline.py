@@ -44,6 +44,7 @@ def bench_bisect(folder: Path, count: int) -> None:
 
 def bench_harmless(folder: Path, count: int) -> None:
     stack = Stack(folder / "harmless")
+    stack.shorten()
     stack.testbed()
     commits = history(stack, {}, 0, count)
     bench, alarms = stack.bench(folder / "harmless-store"), 0
@@ -57,6 +58,7 @@ def bench_harmless(folder: Path, count: int) -> None:
 
 def bench_equal(folder: Path, count: int) -> None:
     stack = Stack(folder / "equal")
+    stack.shorten()
     stack.testbed()
     same = sum(
         stack.bench(folder / f"equal-store-{k}").commit("HEAD").judged()["kinds"] == ["same on both"] for k in range(count)
@@ -66,6 +68,7 @@ def bench_equal(folder: Path, count: int) -> None:
 
 def bench_sites(folder: Path, count: int) -> None:
     stack = Stack(folder / "sites")
+    stack.shorten()
     for fault, family in NAMES.items():
         stack.testbed("none" if fault == "quiet" else fault, -63 if fault == "quiet" else -55)
         named = 0

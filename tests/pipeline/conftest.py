@@ -38,6 +38,11 @@ class Stack:
         self.git("-c", "user.name=a", "-c", "user.email=a@b", "commit", "-qam", message)
         return self.git("rev-parse", "HEAD")
 
+    def shorten(self) -> str:
+        """From now on there is one experiment, of long frames, four times."""
+        self.commit("Long frames alone", pipeline=(r"  - name: short.*?(?=  - name: long)", ""))
+        return self.commit("Fewer repeats", pipeline=(r"repeats: 5", "repeats: 4"))
+
     def git(self, *words) -> str:
         return subprocess.run(["git", "-C", self.folder, *words], check=True, capture_output=True, text=True).stdout.strip()
 
@@ -56,11 +61,7 @@ class Stack:
 
 @pytest.fixture
 def stack(tmp_path) -> Stack:
-    """One experiment of long frames, four times."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     made = Stack(tmp_path / "stack")
-    made.commit(
-        "Few repeats",
-        pipeline=(r"  - name: short.*?(?=  - name: long)|repeats: 5", lambda m: "repeats: 4" if "5" in m[0][-1] else ""),
-    )
+    made.shorten()
     return made
