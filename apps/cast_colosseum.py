@@ -192,6 +192,7 @@ def image_build(args) -> int:
     if storage.split_suffix(args.image.name)[1] != ".tar.gz":
         raise CastError(f"{args.image}: needs the suffix .tar.gz")
     check_writable(args.image.parent)
+    args.image.parent.mkdir(parents=True, exist_ok=True)
     digest = build.build(args.image, say=lambda line: print(line, file=sys.stderr))
     print(f"{args.image}: {args.image.stat().st_size / 1e6:.1f} MB, sha256 {digest}")
     return 0

@@ -18,7 +18,7 @@ import pytest
 
 sys.path.append(str(Path(__file__).parent))
 import team as teams
-from gr_cast.colosseum import box, host, job, play, session, storage, timeline
+from gr_cast.colosseum import box, job, play, session, storage, timeline
 from gr_cast.colosseum.emulator import Channel
 
 APPS = Path(__file__).resolve().parents[2] / "apps"
@@ -74,7 +74,7 @@ def player(folder: Path, team: Path, images: list[str], *, traffic: int = 0, dur
     return play.Player(taken, here, clock, Channel(), APPS / "cast_emulator.py", output, changes=changes)
 
 
-def left_behind(folder: Path) -> list[str]:
+def left_behind(folder: Path, name: str) -> list[str]:
     """Whatever of the boxes in a folder is still there, as the system tells it and not the box."""
     found = [f"process {p.parent.name}" for p in Path("/proc").glob("[0-9]*/environ") if mentions(p, str(folder / "b"))]
     found += [line for line in Path("/proc/self/mounts").read_text().splitlines() if str(folder) in line]
@@ -82,11 +82,7 @@ def left_behind(folder: Path) -> list[str]:
     links = subprocess.run(["ip", "-o", "link"], capture_output=True, text=True, check=True).stdout
     found += [line for line in links.splitlines() if ": tr" in line or ": col" in line]
     found += [str(path) for path in (folder / "b").glob("*") if path.name != "images"]
-    return (
-        found
-        + [str(p) for p in Path("/sys/fs/cgroup").glob("*/cast_box*")]
-        + [str(p) for p in Path("/sys/fs/cgroup").glob("cast_box*")]
-    )
+    return found + [str(path) for path in Path("/sys/fs/cgroup").glob(f"**/cast_box/{name}")]
 
 
 def mentions(path: Path, text: str) -> bool:
@@ -100,7 +96,8 @@ def test_a_job_is_played_and_its_traffic_passes_through_tr0(boxes):
     if shutil.which("mgen") is None:
         pytest.skip("NO MGEN: apt install mgen")
     team = team_with(boxes, {"wire": {"start": FORWARD}})
-    document = player(boxes, team, ["wire", "wire"], traffic=1, duration=1800).run()
+    played = player(boxes, team, ["wire", "wire"], traffic=1, duration=1800)
+    document = played.run()
     assert document["outcome"] == "played", document["faults"]
     assert [fault for fault in document["faults"] if "no sample" not in fault] == []
     for node in document["nodes"]:
@@ -110,7 +107,7 @@ def test_a_job_is_played_and_its_traffic_passes_through_tr0(boxes):
     assert len(rows) == 2 and all(row["sent"] > 10 and row["received"] >= row["sent"] - 2 for row in rows)
     config = (boxes / "out" / "team-srn001" / "config").read_text()
     assert "center_frequency = 1000000000" in config and "device_args = driver=zmq" in config
-    assert left_behind(boxes) == []
+    assert left_behind(boxes, played.box.name) == []
 
 
 def test_scripts_that_go_wrong_are_named_and_the_job_goes_on(boxes):
@@ -121,7 +118,8 @@ def test_scripts_that_go_wrong_are_named_and_the_job_goes_on(boxes):
         "much": {"stop": "#!/bin/sh\nhead -c 300000 /dev/zero\n"},
         "dies": {"start": "#!/bin/sh\nkill -9 $$\n"},
     }
-    document = player(boxes, team_with(boxes, wrong), list(wrong)).run()
+    played = player(boxes, team_with(boxes, wrong), list(wrong))
+    document = played.run()
     assert document["outcome"] == "played"
     told = "\n".join(document["faults"])
     for words in (
@@ -131,7 +129,7 @@ def test_scripts_that_go_wrong_are_named_and_the_job_goes_on(boxes):
     ):  # fmt: skip
         assert words in told
     assert all("stop.sh" in [call["script"] for call in node["calls"]] for node in document["nodes"])
-    assert left_behind(boxes) == []
+    assert left_behind(boxes, played.box.name) == []
 
 
 def test_a_container_has_its_names_and_no_more_than_it_needs(boxes):
@@ -166,6 +164,8 @@ def test_a_container_has_its_names_and_no_more_than_it_needs(boxes):
             time.sleep(0.1)
         assert made.emulator.status()["scenario"] == "All paths 0 dB"
         assert ask(path, command="snapshot", filename="mine")["status"] == 200
+        while not (team / "images" / "mine.tar.gz").exists() and time.monotonic() < until_s + 20:
+            time.sleep(0.1)
         assert ask(path, command="rf_scenario_stop")["status"] == 200
         assert made.emulator.status()["scenario"] == "cleared"
         ended.set()
@@ -173,7 +173,7 @@ def test_a_container_has_its_names_and_no_more_than_it_needs(boxes):
     from gr_cast.colosseum import image
 
     assert "/root/radio_api/start.sh" in image.read(team / "images" / "mine.tar.gz").entries
-    assert left_behind(boxes) == []
+    assert left_behind(boxes, "names") == []
 
 
 def ask(path: Path, **request) -> dict:
@@ -190,9 +190,9 @@ def test_a_runner_killed_at_any_moment_leaves_nothing_after_down(boxes):
     job_file.write_text(json.dumps(teams.job_document(2) | {"TrafficScenario": 1, "Duration": 600}))
     words = [sys.executable, str(APPS / "cast_colosseum.py")]
     rng = random.Random(int(os.environ.get("CAST_SEED", 4)))
-    for _ in range(KILLS):
+    for number in range(KILLS):
         runner = subprocess.Popen(
-            [*words, "run", str(job_file), "--output", str(boxes / "out"), "--time-scale", "120"],
+            [*words, "run", str(job_file), "--output", str(boxes / "out"), "--time-scale", "120", "--name", f"kill{number}"],
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
         time.sleep(rng.uniform(0.5, 14.0))
@@ -200,5 +200,4 @@ def test_a_runner_killed_at_any_moment_leaves_nothing_after_down(boxes):
         runner.wait()
         done = subprocess.run([*words, "down"], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
-        assert left_behind(boxes) == []
-    assert host.groups_of("") == []
+        assert left_behind(boxes, f"kill{number}") == []

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..core.errors import CastError
-from ..core.files import write_json
+from ..core.files import sweep_dead, write_json
 from ..experiments.traffic.namespaces import Namespace
 from . import host
 from .container import Container, Wire, configuration, hardware_address
@@ -166,6 +166,7 @@ class Box:
 
     def write_state(self, **more) -> None:
         state = {"name": self.name, "pid": os.getpid(), "started": host.started_at(os.getpid()), "team": self.storage.team,
+                 "storage": str(self.storage.folder.resolve()),
                  "network": self._network.pid, "srns": [self.host_name(number) for number in self.srns], **more}  # fmt: skip
         write_json(self.folder / STATE_FILE, state)
 
@@ -232,4 +233,8 @@ def remove(name: str, folder: Path) -> list[str]:
             time.sleep(0.05)
         if is_held(folder):
             os.kill(pid, signal.SIGKILL)
-    return host.sweep(folder, name)
+    storage = state_of(folder).get("storage")
+    removed = host.sweep(folder, name)
+    for aside in (host.boxes_folder() / "images", *([Path(storage) / "images"] if storage else [])):
+        sweep_dead(aside)  # images that were being unpacked, or taken of a container
+    return removed

@@ -27,6 +27,7 @@ class Session:
         self._lock = threading.Lock()
         self._generators: traffic.Generators | None = None
         self._snapshots: list[threading.Thread] = []
+        self._closing = threading.Event()
         self._runs = 0
 
     def begin(self, number: int) -> None:
@@ -50,6 +51,7 @@ class Session:
             finally:
                 if self._generators:
                     self._generators.stop()
+                self._closing.set()
                 for thread in self._snapshots:
                     thread.join()
 
@@ -102,20 +104,23 @@ class Session:
 
     def _snapshot(self, number: int, path: Path) -> None:
         try:
-            snapshot(self.box.containers[number].pid(), path)
+            snapshot(self.box.containers[number].pid(), path, self._closing)
             self._say(f"snapshot: {path}")
         except (CastError, OSError) as error:
             self._say(f"snapshot: {error}")
 
 
-def snapshot(pid: int, path: Path) -> None:
-    """A running container's own files as an image; what is mounted into it stays out."""
+def snapshot(pid: int, path: Path, closing: threading.Event) -> None:
+    """A running container's own files as an image, or none once `closing` is set; what is mounted into it stays out."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with written_aside(path) as aside:
         words = [
             "tar", "-C", f"/proc/{pid}/root", "--one-file-system", "--numeric-owner", "--sort=name", "--exclude=./.init",
             "--transform=s,^\\./,rootfs/,rSh", "-czf", str(aside), "./",
         ]  # fmt: skip
-        done = subprocess.run(words, capture_output=True, text=True, check=False)
-        if done.returncode > 1:  # 1: a file changed while it was read
-            raise CastError(f"{path}: {done.stderr.strip()[-200:]}")
+        process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        while process.poll() is None:
+            if closing.wait(_LOOK_S):
+                process.kill()
+        if process.wait() not in (0, 1):  # 1: a file changed while it was read
+            raise CastError(f"{path}: {'given up: the box ends' if closing.is_set() else 'tar failed'}")
