@@ -6,39 +6,57 @@ from mirror import crossings
 from slabs import C_M_PER_S, slab
 from strength import unit
 
+PATCHES = 300  # at most, more or less, of all surfaces that scatter
 
-def scattered(w, faces, media, start, end, send, receive):
-    """Echoes of surfaces, [(pair, amplitude, length)]: power S²·R²·cos·cos/π of what falls on each patch, single bounce."""
-    parts = []
-    wave = C_M_PER_S / w["carrier_hz"]
-    for face in np.nonzero(media["scattering_coefficient"] > 0)[0]:
+
+def scattered(w, faces, media, start, end, send, receive, kept):
+    """Echoes of surfaces, [(pair, amplitude, length)]: power S²·R²·cos·cos/π of what falls on each patch, single bounce.
+
+    `kept(name, make)` remembers what a point sees.
+    """
+    rough = np.nonzero(media["scattering_coefficient"] > 0)[0]
+    centre, area, face, phase = _spots(w, faces, rough)
+    n = faces.normal[face]
+
+    def sees(point):
+        """Signed heights over the spots' planes of a point, 0 where something stands in between."""
+        height = ((point - centre) * n).sum(1)
+        if not w["refraction"]:
+            height[np.isfinite(crossings(faces, np.repeat(point[None], len(centre), 0), centre, None, face)).any(1)] = 0
+        return height
+
+    heights = []
+    for ends in (start, end):
+        points, back = np.unique(ends, axis=0, return_inverse=True)
+        each = [kept((rough.tobytes(), w["refraction"], p.tobytes()), lambda p=p: sees(p)) for p in points]
+        heights.append(np.array(each)[back])
+    pair, spot = np.nonzero(heights[0] * heights[1] > 0)  # both on one side
+    go, back, face = centre[spot] - start[pair], end[pair] - centre[spot], face[spot]
+    d1, d2 = np.linalg.norm(go, axis=1), np.linalg.norm(back, axis=1)
+    c1, c2 = np.abs((go * n[spot]).sum(1)) / d1, np.abs((back * n[spot]).sum(1)) / d2
+    numbers = [media[k][face] for k in ("permittivity", "conductivity", "thickness_m")]
+    r_te, r_tm, _, _ = slab(*numbers, w["carrier_hz"], c1)
+    power = (np.abs(r_te) ** 2 + np.abs(r_tm) ** 2) / 2 * media["scattering_coefficient"][face] ** 2
+    size = np.linalg.norm(send(pair, unit(go)), axis=1) * np.linalg.norm(receive(pair, -unit(back)), axis=1)
+    a = C_M_PER_S / w["carrier_hz"] / (4 * np.pi) * size * np.sqrt(power * c1 * c2 * area[spot] / np.pi) / (d1 * d2)
+    return [(pair, a * phase[spot], d1 + d2)]
+
+
+def _spots(w, faces, rough):
+    """(centre, area, patch, phase factor) of the pieces of rough surfaces."""
+    whole = np.linalg.norm(np.cross(faces.u[rough], faces.v[rough]), axis=1)
+    side = max(w["patch_m"], float(np.sqrt(whole.sum() / PATCHES)))
+    rows = []
+    for face, size in zip(rough, whole, strict=True):
         u, v = faces.u[face], faces.v[face]
-        nu, nv = (max(1, round(float(np.linalg.norm(x)) / w["patch_m"])) for x in (u, v))
+        nu, nv = (max(1, round(float(np.linalg.norm(x)) / side)) for x in (u, v))
         s, t = (x.ravel() for x in np.meshgrid((np.arange(nu) + 0.5) / nu, (np.arange(nv) + 0.5) / nv, indexing="ij"))
         keep = s + t <= 1 if faces.triangle[face] else np.ones(len(s), bool)
         centre = faces.corner[face] + s[keep, None] * u + t[keep, None] * v
-        area = np.linalg.norm(np.cross(u, v)) / (nu * nv)
         seed = [w["scatter_seed"], *np.round(np.abs(faces.corner[face]) * 1000).astype(int).tolist(), int(face)]
         phase = np.exp(2j * np.pi * np.random.default_rng(seed).random(len(centre)))
-        pair, spot = (x.ravel() for x in np.meshgrid(np.arange(len(start)), np.arange(len(centre)), indexing="ij"))
-        go, back = centre[spot] - start[pair], end[pair] - centre[spot]
-        d1, d2 = np.linalg.norm(go, axis=1), np.linalg.norm(back, axis=1)
-        n = faces.normal[face]
-        c1, c2 = (go @ n) / d1, (back @ n) / d2
-        seen = np.nonzero(c1 * c2 < 0)[0]  # both on one side
-        if not w["refraction"]:
-            for a, b in ((start[pair], centre[spot]), (centre[spot], end[pair])):
-                on = np.full(len(seen), face)
-                seen = seen[~np.isfinite(crossings(faces, a[seen], b[seen], on, on)).any(1)]
-        pair, spot, d1, d2, c1, c2 = pair[seen], spot[seen], d1[seen], d2[seen], np.abs(c1[seen]), np.abs(c2[seen])
-        numbers = [media[k][face] for k in ("permittivity", "conductivity", "thickness_m")]
-        r_te, r_tm, _, _ = slab(*numbers, w["carrier_hz"], c1)
-        power = (np.abs(r_te) ** 2 + np.abs(r_tm) ** 2) / 2 * media["scattering_coefficient"][face] ** 2
-        out, into = send(pair, unit(go[seen])), receive(pair, -unit(back[seen]))
-        size = np.linalg.norm(out, axis=1) * np.linalg.norm(into, axis=1)
-        a = wave / (4 * np.pi) * size * np.sqrt(power * c1 * c2 * area / np.pi) / (d1 * d2)
-        parts.append((pair, a * phase[spot], d1 + d2))
-    return parts
+        rows.append((centre, np.full(len(centre), size / (nu * nv)), np.full(len(centre), face), phase))
+    return (np.concatenate(x) for x in zip(*rows, strict=True))
 
 
 def _body(w, time_s):

@@ -34,14 +34,12 @@ class Judge:
         return self.of(response(world, self.links, self.time_s, self.f))
 
 
-def _scalar(energy, grid, refine=True):
-    """Least energy over one number: a grid, then its best cell."""
-    values = [energy(x) for x in grid]
+def _scalar(energy, grid):
+    """Least energy over one number: a grid, then its best cell; of two bounds, what lies between them."""
+    values = [energy(x) for x in grid] if len(grid) > 2 else [np.inf, np.inf]
     k = int(np.argmin(values))
-    if not refine:
-        return values[k]
     low, high = grid[max(k - 1, 0)], grid[min(k + 1, len(grid) - 1)]
-    return min(values[k], minimize_scalar(energy, bounds=sorted((low, high)), method="bounded", options={"maxiter": 8}).fun)
+    return min(values[k], minimize_scalar(energy, bounds=sorted((low, high)), method="bounded", options={"maxiter": 9}).fun)
 
 
 def _shift(judge, world, name):
@@ -92,18 +90,18 @@ def runners_up(judge, without, cause, lit, least, spared=()):
 
     add("nothing", "", judge.of(plain))
     nodes = sorted({n for link in judge.links for n in link})
-    decibels = [-12, -6, -3, -1.5, -0.5, 0, 0.5, 1.5, 3, 6, 12]
+    decibels = (-15, 15)
     for n in nodes:
         mine = np.array([n in link for link in judge.links])[:, None, None]
         add("node_gain", n, _scalar(lambda x, m=mine: judge.of(plain * 10 ** (x / 20 * m)), decibels))
-        grid = np.array([-8, -4, -2, -1, -0.5, -0.2, 0, 0.2, 0.5, 1, 2, 4, 8]) * 1e-9
+        grid = np.array([-6, -2, -0.7, -0.2, 0, 0.2, 0.7, 2, 6]) * 1e-9
         add("node_delay", n, _scalar(lambda x, m=mine: judge.of(plain * np.exp(-2j * np.pi * judge.f * x * m)), grid))
     for k, link in enumerate(judge.links):
         mine = (np.arange(len(judge.links)) == k)[:, None, None]
         if "node_gain:link" not in cause.same_as or ">".join(link) != cause.name:
             add("excess_loss", ">".join(link), _scalar(lambda x, m=mine: judge.of(plain * 10 ** (x / 20 * m)), decibels))
     far = _distances(without, judge)
-    add("excess_loss", "place", _scalar(lambda x: judge.of(plain * far ** (-x / 2)), [-1, -0.5, -0.2, 0, 0.2, 0.5, 1.0, 1.5]))
+    add("excess_loss", "place", _scalar(lambda x: judge.of(plain * far ** (-x / 2)), (-1.5, 1.5)))
     for n in nodes:
         for antenna in ("iso", "dipole", "hw_dipole", "tr38901"):
             if antenna != without["nodes"][n]["antenna"]:

@@ -23,7 +23,7 @@ def excess(model, data, noise_power, links, frequency_hz, unknown, near=False):
     for _ in range(ROUNDS):
         fitted = _turned(h * np.exp(level[:, None, None] - 2j * np.pi * f * late[:, None, None]), y, weight, phase)
         energy = float((weight * np.abs(y - fitted) ** 2).sum())
-        if before - energy < 1e-3 + 1e-6 * energy or (gain, delay) == ("none", "none"):
+        if before - energy < 1e-3 + (1e-3 if near else 1e-6) * energy or (gain, delay) == ("none", "none"):
             break
         before = energy
         if gain != "none":

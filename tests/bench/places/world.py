@@ -20,7 +20,7 @@ from unknowns import excess
 
 __all__ = ["excess", "material_of", "new_world", "power_db", "read_spec", "response"]
 
-KEPT = 400  # traces kept, so that a change of materials or gains costs no new one
+KEPT = 2000  # traces kept, so that a change of materials or gains costs no new one
 _traces: OrderedDict = OrderedDict()
 SURFACE = {"thickness_m": 0.1, "height_rms_m": 0.0, "scattering_coefficient": 0.0}
 
@@ -209,7 +209,7 @@ def components(w, links, time_s):
             w["refraction"],
         )
     if any(media["scattering_coefficient"] > 0):
-        parts += diffuse.scattered(w, faces, media, start, end, send, receive)
+        parts += diffuse.scattered(w, faces, media, start, end, send, receive, lambda name, make: _kept((key, name), make))
     if w["person"]:
         parts += diffuse.echo(w, faces, start, end, time_s[time_of], send, receive)
     pair, a, length = (np.concatenate(x) for x in zip(*parts, strict=True))
