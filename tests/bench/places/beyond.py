@@ -170,6 +170,8 @@ def compression(rng, twin, first, lit):
     name = _node(rng, first)
     power = (np.abs(response(twin, first.links, first.time_s, first.frequency_hz)) ** 2)[_on(first, name)[:, 0, 0]].mean()
     strength = rng.uniform(0.5, 3)
+    if not power > 0:
+        raise Unfit
     return name, lambda c, h: h / np.sqrt(1 + _on(c, name) * strength * np.abs(h) ** 2 / power)
 
 
