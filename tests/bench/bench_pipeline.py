@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Counts of protocol-stack twinning, against a testbed by closed formulas whose noise is fresh in every run.
 
-    tests/bench/bench_pipeline.py FOLDER [bisect|harmless|equal|sites|images] [--count N]
+    tests/bench/bench_pipeline.py FOLDER [bisect|harmless|equal|judge|sites|images] [--count N]
 
 bisect: a scrambler that only long frames notice, and a gain that only clips on the testbed, each at a random one of 20 commits.
 harmless: 30 commits that change words; how many raise an alarm. equal: runs of equal sites that are the same on both.
-sites: a hidden amplifier, clock offset, missing path, quieter floor; how often each is named. images: hashes that repeat.
+judge: the same, but for the stack, whose frames are made here. images: hashes that repeat.
+sites: a hidden amplifier, clock offset, missing path, quieter floor; how often each is named.
 """
 
 import argparse
@@ -18,6 +19,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "build" / "python"), str(ROOT / "tests" / "pipeline")]
 from conftest import Stack
+from equal_sites import said
 from faults import GAIN, SCRAMBLER, harmless
 from gr_cast.pipeline.bisect import bisect
 
@@ -64,6 +66,12 @@ def bench_equal(folder: Path, count: int) -> None:
         stack.bench(folder / f"equal-store-{k}").commit("HEAD").judged()["kinds"] == ["same on both"] for k in range(count)
     )
     print(f"equal: {same} of {count} the same on both", flush=True)
+
+
+def bench_judge(folder: Path, count: int) -> None:
+    found = said(count, 4, 1)
+    same, apart = found.count({"within"}), sum("beyond" in one for one in found)
+    print(f"judge: {same} of {count} equal sites the same on both, {apart} differ", flush=True)
 
 
 def bench_sites(folder: Path, count: int) -> None:

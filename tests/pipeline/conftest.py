@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from gr_cast.pipeline.run import Bench
 from gr_cast.pipeline.source import Source
 from gr_cast.pipeline.stages import Storage
 
+sys.path.append(str(Path(__file__).resolve().parent))  # its modules are the tests'
 ROOT = Path(__file__).resolve().parents[2]
 TOOLS = ("git", "gcc", "make")
 

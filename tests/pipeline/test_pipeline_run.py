@@ -10,8 +10,6 @@ import sys
 from pathlib import Path
 
 import pytest
-
-sys.path.append(str(Path(__file__).resolve().parent))
 from faults import GAIN, SCRAMBLER, harmless
 from gr_cast.core.errors import CastError
 from gr_cast.pipeline import clean, trial

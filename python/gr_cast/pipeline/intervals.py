@@ -2,6 +2,7 @@
 """Intervals of paired differences, and what they say against a tolerance."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy import stats
@@ -37,6 +38,11 @@ class Difference:
         return int(np.clip(np.ceil(self.n * (half / gap) ** 2), self.n + 1, 1000))
 
 
+@lru_cache(maxsize=1024)
+def _quantile(comparisons: int, freedom: int) -> float:
+    return float(stats.t.ppf(1 - FAMILY_ERROR / (2 * comparisons), freedom))
+
+
 def paired(a: np.ndarray, b: np.ndarray, comparisons: int) -> Difference:
     """b − a, (n,) each, repeat by repeat: Student's interval, as wide as so many comparisons at once need (Bonferroni).
 
@@ -44,5 +50,5 @@ def paired(a: np.ndarray, b: np.ndarray, comparisons: int) -> Difference:
     """
     d = np.asarray(b, float) - np.asarray(a, float)
     mean, std = float(np.mean(d)), float(np.std(d, ddof=1))
-    half = float(stats.t.ppf(1 - FAMILY_ERROR / (2 * max(comparisons, 1)), len(d) - 1)) * std / np.sqrt(len(d))
+    half = _quantile(max(comparisons, 1), len(d) - 1) * std / np.sqrt(len(d))
     return Difference(mean=mean, low=mean - half, high=mean + half, std=std, n=len(d))
