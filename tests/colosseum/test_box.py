@@ -22,7 +22,7 @@ from gr_cast.colosseum import box, job, play, session, storage, timeline
 from gr_cast.colosseum.emulator import Channel
 
 APPS = Path(__file__).resolve().parents[2] / "apps"
-KILLS = int(os.environ.get("CAST_KILLS", 3))  # 30 by hand
+KILLS = int(os.environ.get("CAST_KILLS", 2))  # 30 by hand
 FORWARD = """#!/bin/sh
 echo 1 > /proc/sys/net/ipv4/ip_forward
 read ME < /proc/sys/kernel/hostname
@@ -75,13 +75,14 @@ def player(folder: Path, team: Path, images: list[str], *, traffic: int = 0, dur
 
 
 def left_behind(folder: Path, name: str) -> list[str]:
-    """Whatever of the boxes in a folder is still there, as the system tells it and not the box."""
-    found = [f"process {p.parent.name}" for p in Path("/proc").glob("[0-9]*/environ") if mentions(p, str(folder / "b"))]
-    found += [line for line in Path("/proc/self/mounts").read_text().splitlines() if str(folder) in line]
-    found += [line for line in Path("/proc/net/unix").read_text().splitlines() if str(folder) in line]
+    """Whatever of a box is still there, as the system tells it and not the box."""
+    place = str(folder / "b" / name)
+    found = [f"process {p.parent.name}" for p in Path("/proc").glob("[0-9]*/environ") if mentions(p, place)]
+    found += [line for line in Path("/proc/self/mounts").read_text().splitlines() if place in line]
+    found += [line for line in Path("/proc/net/unix").read_text().splitlines() if place in line]
     links = subprocess.run(["ip", "-o", "link"], capture_output=True, text=True, check=True).stdout
     found += [line for line in links.splitlines() if ": tr" in line or ": col" in line]
-    found += [str(path) for path in (folder / "b").glob("*") if path.name != "images"]
+    found += [place] if Path(place).exists() else []
     return found + [str(path) for path in Path("/sys/fs/cgroup").glob(f"**/cast_box/{name}")]
 
 
@@ -183,12 +184,18 @@ def ask(path: Path, **request) -> dict:
         return json.loads(client.recv(3276800))
 
 
-def test_a_runner_killed_at_any_moment_leaves_nothing_after_down(boxes):
+def test_a_runner_killed_at_any_moment_leaves_nothing_after_down_and_another_box_alone(boxes):
     team = team_with(boxes, {"good": {}})
     (team / "images" / "good.tar.gz").unlink()
     job_file = team / "batch" / "job.json"
     job_file.write_text(json.dumps(teams.job_document(2) | {"TrafficScenario": 1, "Duration": 600}))
     words = [sys.executable, str(APPS / "cast_colosseum.py")]
+
+    def colosseum(*more):
+        return subprocess.run([*words, *map(str, more)], capture_output=True, text=True, check=False)
+
+    other = colosseum("up", "--srns", 1, "--image", "good", "--team", team, "--name", "stays")
+    assert other.returncode == 0, other.stderr
     rng = random.Random(int(os.environ.get("CAST_SEED", 4)))
     for number in range(KILLS):
         runner = subprocess.Popen(
@@ -198,6 +205,9 @@ def test_a_runner_killed_at_any_moment_leaves_nothing_after_down(boxes):
         time.sleep(rng.uniform(0.5, 14.0))
         runner.send_signal(signal.SIGKILL)
         runner.wait()
-        done = subprocess.run([*words, "down"], capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
+        done = colosseum("down")
+        assert done.returncode == 0 and "stays: is in use" in done.stdout, done.stderr
         assert left_behind(boxes, f"kill{number}") == []
+    assert colosseum("enter", "stays", "team-srn001", "cat", "/proc/sys/kernel/hostname").stdout == "team-srn001\n"
+    assert colosseum("down", "stays").returncode == 0
+    assert left_behind(boxes, "stays") == []
