@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import zmq
 from gr_cast import scenario as sc
 from gr_cast.colosseum import build, check
 from gr_cast.colosseum.emulator import Channel, Emulator
@@ -25,7 +26,6 @@ BASE_LOSS_DB = 57.55
 
 
 def test_three_nodes_find_path_and_base_loss_within_half_a_decibel():
-    pytest.importorskip("zmq")
     with tempfile.TemporaryDirectory(prefix="cb", dir="/tmp") as name:  # sockets have short names
         folder = Path(name)
         radios = {node: folder / f"r{node}" for node in (1, 2, 3)}
@@ -50,6 +50,70 @@ def test_three_nodes_find_path_and_base_loss_within_half_a_decibel():
         for tx, loss_db in losses.items():
             gain = scenario.links[node_of[int(tx)], node_of[rx]].gain[0]
             assert loss_db == pytest.approx(BASE_LOSS_DB - 10 * np.log10((np.abs(gain) ** 2).sum()), abs=0.5)
+
+
+class Peer(threading.Thread):
+    """A radio that sends one value for ever, and knows the power of what it heard last."""
+
+    def __init__(self, place: Path, value: float):
+        super().__init__(daemon=True)
+        self.place, self.sent, self.power, self.ended = (
+            place,
+            np.full(4096, value, np.complex64).tobytes(),
+            np.inf,
+            threading.Event(),
+        )
+
+    def run(self):
+        context = zmq.Context()
+        reply, request = context.socket(zmq.REP), context.socket(zmq.REQ)
+        reply.bind(f"ipc://{self.place}/tx")
+        request.connect(f"ipc://{self.place}/rx")
+        poller = zmq.Poller()
+        poller.register(reply, zmq.POLLIN)
+        poller.register(request, zmq.POLLIN)
+        request.send(b"x")
+        while not self.ended.wait(0.002):
+            for one in dict(poller.poll(50)):
+                data = one.recv()
+                if one is request:
+                    self.power = float(np.mean(np.abs(np.frombuffer(data, np.complex64)) ** 2))
+                one.send(self.sent if one is reply else b"x")
+        context.destroy(linger=0)
+
+    def hears(self, low: float, high: float) -> bool:
+        """Whether the power comes to lie there, and is there still after a while."""
+        for _ in range(600):
+            if low <= self.power <= high and not self.ended.wait(0.2) and low <= self.power <= high:
+                return True
+            self.ended.wait(0.02)
+        return False
+
+
+def test_nothing_passes_before_between_and_after_scenarios():
+    with tempfile.TemporaryDirectory(prefix="cb", dir="/tmp") as name:
+        folder = Path(name)
+        peers = {1: Peer(folder / "r1", 1.0), 2: Peer(folder / "r2", 0.0)}
+        for peer in peers.values():
+            peer.place.mkdir()
+        channel = Channel(rate_hz=1e6, base_loss_db=20, noise_power_db=-100)
+        emulator = Emulator(ROOT / "apps/cast_emulator.py", folder / "emulator", {n: p.place for n, p in peers.items()}, channel)
+        try:
+            emulator.wait_until_ready()
+            for peer in peers.values():
+                peer.start()
+            for _ in range(2):
+                assert peers[2].hears(0.5e-10, 2e-10)  # noise alone
+                emulator.play(1009, {1: 1, 2: 2}, cycle=True)
+                assert peers[2].hears(0.0099, 0.0101)  # 0 dB less the base loss
+                emulator.clear()
+            assert peers[2].hears(0.5e-10, 2e-10)
+            emulator.play(1009, {1: 1}, cycle=True)  # an SRN that no node of the map is joined to
+            assert peers[2].hears(0.5e-10, 2e-10)
+        finally:
+            for peer in peers.values():
+                peer.ended.set()
+            emulator.stop()
 
 
 def started(folder: Path, node: int, place: Path) -> subprocess.Popen:
