@@ -29,6 +29,10 @@ class Model:
     fits: tuple[Fitted, ...]
 
     @property
+    def offset(self) -> float:
+        return sum(fit.offset for fit in self.fits)
+
+    @property
     def world(self) -> World:
         return applied(self.base, self.effects)
 
@@ -73,9 +77,9 @@ def normal_equations(ears: Sequence[Ear], model: Model, free: np.ndarray) -> tup
         base = ear.predicted(frozen(here, here))
         columns = []
         for number, world in zip(free, shifted, strict=True):
-            columns.append(_real(ear.column(fit, (ear.predicted(world) - base) / steps[number]) * ear.root))
-        others = [_real(column * ear.root) for column in ear.nuisance(fit)]
-        residual = _real(fit.residual * ear.root)
+            columns.append(ear.columns(fit, base, ear.predicted(world), steps[number]))
+        others = ear.nuisance(fit)
+        residual = ear.rows(fit)
         j = np.array(columns)
         if others:
             basis = _basis(np.array(others))
@@ -93,10 +97,6 @@ def _basis(rows: np.ndarray) -> np.ndarray:
     values, vectors = np.linalg.eigh(rows @ rows.T)
     keep = values > 1e-9 * values.max(initial=0)
     return rows.T @ (vectors[:, keep] / np.sqrt(values[keep]))
-
-
-def _real(values: np.ndarray) -> np.ndarray:
-    return np.concatenate([values.real.ravel(), values.imag.ravel()])
 
 
 def fitted(ears: Sequence[Ear], model: Model, *, rounds: int = 8, free: Sequence[int] | None = None) -> Model:

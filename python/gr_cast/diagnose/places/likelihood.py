@@ -31,12 +31,14 @@ class Heard:
 
 @dataclass(frozen=True, kw_only=True)
 class Fitted:
-    """What was fitted of the unknown: `model` = g·H, `residual` (both L, T, K), energy in nats."""
+    """What was fitted of the unknown: `model` = g·H, `residual` (both L, T, K), energy in nats, of which `offset` is no
+    residual's: determinants of random effects."""
 
     model: np.ndarray
     residual: np.ndarray
     energy: float
     factor: np.ndarray
+    offset: float = 0.0
 
 
 def profiled(heard: Heard, h: np.ndarray) -> Fitted:

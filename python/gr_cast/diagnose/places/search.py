@@ -91,7 +91,7 @@ class Found:
     @property
     def deviations(self) -> float:
         """Energy above what noise has, in its standard deviations."""
-        return (self.model.energy - self.count) / float(np.sqrt(max(self.count, 1.0)))
+        return (self.model.energy - self.model.offset - self.count) / float(np.sqrt(max(self.count, 1.0)))
 
 
 def run(ears: Sequence[Ear], base, unknown: dict, budget: Budget, progress=lambda text: None) -> Found:

@@ -31,6 +31,31 @@ class View:
     def nodes(self):
         return sorted({name for link in self.links for name in link})
 
+    @cached_property
+    def fading_links(self):
+        """Links with power alone whose ends move."""
+        found = set()
+        for ear in self.ears:
+            if not ear.has_responses:
+                for index, link in enumerate(ear.predictor.links):
+                    if any(np.ptp(end_m, axis=0).any() for end_m in ear.predictor.ends_m(self.world, index)):
+                        found.add(link)
+        return sorted(found)
+
+    def readings_of(self, name: str) -> tuple[np.ndarray, float, tuple[float, float]]:
+        """All powers that a node reads, the meter's error, and the limits that it is known to have."""
+        readings, std_db, limits = [np.zeros(0)], [0.0], (-np.inf, np.inf)
+        for ear in self.ears:
+            if ear.has_responses:
+                continue
+            limits = ear.limits_db or limits
+            for index, (_, rx) in enumerate(ear.predictor.links):
+                known = ear.weight[index, :, 0] > 0
+                if rx == name and known.any():
+                    readings.append(ear.power_db[index, known, 0])
+                    std_db.append(float(np.sqrt(0.5 / ear.weight[index, known, 0].min())))
+        return np.concatenate(readings), max(std_db), limits
+
     @property
     def can_tell_links(self) -> bool:
         return True

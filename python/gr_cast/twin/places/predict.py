@@ -2,6 +2,7 @@
 """What a world sounds like on the links of one sounding: H(f, t) = Σ a·exp(−j2π(f_c + f)τ) over its paths."""
 
 from collections import OrderedDict
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from ...core.units import SPEED_OF_LIGHT_M_PER_S, amplitude_from_db
 from ...scenario.create import fields, images, wedges
 from . import passer
-from .world import World
+from .world import Radio, World
 
 _KEPT = 4000  # links in memory
 
@@ -34,9 +35,11 @@ class Table:
 
 
 class Predictor:
-    """Responses (L, T, K) of worlds on links (tx, rx names) at `time_s` (T,) and `frequency_hz` (K,) from the carrier."""
+    """Responses (L, T, K) of worlds on links (tx, rx names) at `time_s` (T,) and `frequency_hz` (K,) from the carrier.
+    Nodes that were `tracked`, name → (T, 3), are there and not where their SPEC has them."""
 
-    def __init__(self, tx, rx, time_s: np.ndarray, frequency_hz: np.ndarray):
+    def __init__(self, tx, rx, time_s: np.ndarray, frequency_hz: np.ndarray, tracked: Mapping[str, np.ndarray] | None = None):
+        self.tracked = tracked or {}
         self.links = list(zip(tx, rx, strict=True))
         self.time_s, self.frequency_hz = np.asarray(time_s, float), np.asarray(frequency_hz, float)
         self._traced: OrderedDict = OrderedDict()
@@ -81,9 +84,14 @@ class Predictor:
 
     def _ends_m(self, world: World, index: int) -> tuple[np.ndarray, np.ndarray]:
         """Both ends (P, 3) at all instants, or at one where nothing moves."""
-        tx_m, rx_m = (world.radios[name].position_m(self.time_s) for name in self.links[index])
+        tx_m, rx_m = (self._node_m(world.radios[name]) for name in self.links[index])
         many = max(len(tx_m), len(rx_m))
         return np.broadcast_to(tx_m, (many, 3)), np.broadcast_to(rx_m, (many, 3))
+
+    def _node_m(self, radio: Radio) -> np.ndarray:
+        if radio.node.name in self.tracked:
+            return self.tracked[radio.node.name] + np.array(radio.offset_m)
+        return radio.position_m(self.time_s)
 
     def ends_m(self, world: World, index: int) -> tuple[np.ndarray, np.ndarray]:
         """Both ends (T, 3)."""

@@ -14,6 +14,7 @@ from ...scenario.create.images import Faces, faces_of, joined, shifted
 from ...scenario.create.media import Medium
 from ...scenario.create.nodes import Node, position_m
 from .document import Place
+from .meters import Fading, Meter
 
 _numbers = itertools.count()
 
@@ -96,6 +97,8 @@ class World:
     exponent: float = 2.0
     link_loss_db: Mapping[tuple[str, str], float] = field(default_factory=dict)
     person: Person | None = None
+    meters: Mapping[str, Meter] = field(default_factory=dict)
+    fading: Mapping[tuple[str, str], Fading] = field(default_factory=dict)
     frozen: "World | None" = None
 
     @property

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What received power alone shows beside its mean: fading along the way, and the scale of the meter."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..meters import Fading, Meter
+from .base import Effect, Family, std_of, value
+
+_K_DB = (-3.0, 3.0, 8.0)  # first guesses
+_COHERENCE_M = (0.06, 0.2, 0.8)
+_LEAST_REPEATS = 4  # readings on one number that are no chance
+_CROWD = 3.0  # times the readings on the number beside it
+_SAME_DB = 1e-6
+_LEAST_STEP = 0.7  # of the meter's error: finer steps are inside it
+
+
+class SmallScale(Family):
+    name = "small_scale"
+    is_in_spec = False
+    level = "link"
+    order = 6
+
+    def owners(self, view):
+        return [f"{a}>{b}" for a, b in view.fading_links]
+
+    def starts(self, view, owner):
+        return [Effect(family=self, owner=owner, values=np.array([k, np.log(m)])) for k in _K_DB for m in _COHERENCE_M]
+
+    def apply(self, world, effect):
+        fading = Fading(k_factor_db=float(effect.values[0]), coherence_m=float(np.exp(effect.values[1])))
+        return replace(world, fading={**world.fading, tuple(effect.owner.split(">")): fading})
+
+    def steps(self, world, effect):
+        return np.array([1e-3, 1e-3])
+
+    def bounded(self, values):
+        return np.array([np.clip(values[0], -20, 25), np.clip(values[1], np.log(0.005), np.log(20.0))])
+
+    def told(self, view, effect, covariance):
+        coherence_m = float(np.exp(effect.values[1]))
+        return {
+            "k_factor_db": value(effect.values[0], std_of(covariance, 0)),
+            "coherence_m": value(coherence_m, coherence_m * std_of(covariance, 1)),
+        }
+
+    def sentence(self, effect, told):
+        k_db, coherence_m = told["k_factor_db"]["value"], told["coherence_m"]["value"]
+        return f"{effect.owner} fades about its mean: K = {k_db:.1f} dB, correlated over {coherence_m:.2g} m of the way."
+
+
+class MeterLimits(Family):
+    """Readings that repeat one number, or all lie on a grid, are the meter's and not the place's."""
+
+    name = "meter_limits"
+    is_in_spec = False
+    level = "node"
+    order = 6
+    price_nats = 6.0  # of which limit, and its number
+
+    def owners(self, view):
+        return [node for node in view.nodes if self.starts(view, node)]
+
+    def starts(self, view, owner):
+        readings, std_db, known = view.readings_of(owner)
+        return [
+            Effect(family=self, owner=owner, values=np.zeros(0), choice=(kind, number, std_db / max(len(readings), 1)))
+            for kind, number in scales(readings, std_db, known)
+        ]
+
+    def apply(self, world, effect):
+        kind, number, _ = effect.choice
+        meter = replace(world.meters.get(effect.owner, Meter()), **{kind: number})
+        return replace(world, meters={**world.meters, effect.owner: meter})
+
+    def told(self, view, effect, covariance):
+        kind, number, std = effect.choice
+        return {"step_db" if kind == "step_db" else "level_db": value(number, std)}
+
+    def sentence(self, effect, told):
+        kind, number, _ = effect.choice
+        word = {"top_db": "saturates at", "floor_db": "reads nothing below", "step_db": "reads in steps of"}[kind]
+        return f"The meter of {effect.owner} {word} {number:.4g} dB."
+
+
+def scales(readings_db: np.ndarray, std_db: float, known: tuple[float, float]) -> list[tuple[str, float]]:
+    """What the readings of one receiver say of its scale: (field of Meter, number); `known` limits are no finding."""
+    if len(readings_db) < 2 * _LEAST_REPEATS:
+        return []
+    numbers, count = np.unique(np.round(readings_db / _SAME_DB).astype(np.int64), return_counts=True)
+    numbers = numbers * _SAME_DB
+    step = grid(numbers)
+    if step >= _LEAST_STEP * std_db and (count > 1).any():
+        return [("step_db", step)]
+    out = []
+    for kind, end, beside, limit in (("top_db", -1, slice(-4, -1), known[1]), ("floor_db", 0, slice(1, 4), known[0])):
+        crowd = count[end] >= max(_LEAST_REPEATS, _CROWD * count[beside].max(initial=0) + 1)
+        if crowd and not abs(numbers[end] - limit) < 10 * _SAME_DB:
+            out.append((kind, float(numbers[end])))
+    return out
+
+
+def grid(numbers: np.ndarray) -> float:
+    """The widest step whose multiples all numbers are; 0 where there is none worth the name."""
+    step, tolerance = 0.0, 1e-4
+    for number in np.abs(numbers):
+        a, b = max(step, number), min(step, number)
+        while b > tolerance:  # Euclid's algorithm, with an end
+            a, b = b, abs(a - b * np.round(a / b))
+        step = a
+        if step < 1e-3:
+            return 0.0
+    return float(
+        np.median(np.abs(numbers[np.abs(numbers) > step / 2]) / np.round(np.abs(numbers[np.abs(numbers) > step / 2]) / step))
+    )

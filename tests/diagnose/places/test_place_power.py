@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Received power alone: laws of fading and of a meter's scale, against SciPy's distributions and numerical derivatives."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from gr_cast.diagnose.places.power import Expected, PowerEar
+from gr_cast.twin.places.families.power import scales
+from gr_cast.twin.places.meters import Fading, Meter
+from scipy.stats import multivariate_normal, norm
+
+LINKS, T, STD_DB = [("a", "b"), ("c", "b")], 24, 0.7
+
+
+def _ear(power_db, gain="none", limits_db=None):
+    weight = np.where(np.isfinite(power_db), 0.5 / STD_DB**2, 0.0)[:, :, None]
+    return PowerEar(SimpleNamespace(links=LINKS), np.nan_to_num(power_db)[:, :, None], weight, limits_db, gain)
+
+
+def _expected(mean_db, fading=None, meter=None, bias_db=0.0):
+    at_m = np.linspace(0, 2, T)[:, None] * np.ones(6)
+    return Expected(mean_db=mean_db + bias_db, meters=(meter, meter), fading=((fading, at_m) if fading else None, None))
+
+
+def _readings(seed=1):
+    random = np.random.default_rng(seed)
+    mean_db = -70 + 6 * np.sin(np.linspace(0, 7, T)) + np.array([[0.0], [3.0]])
+    return mean_db, mean_db + random.normal(0, STD_DB, (2, T)) + np.array([[1.5], [0]]) * random.normal(size=(2, T))
+
+
+@pytest.mark.parametrize("k_db", [-20.0, -3.0, 4.0, 12.0])
+def test_fading_has_the_moments_of_rician_power(k_db):
+    random, k = np.random.default_rng(3), 10 ** (k_db / 10)
+    ray = random.normal(size=(400_000, 2)) @ [1, 1j] / np.sqrt(2)
+    power_db = 20 * np.log10(np.abs(np.sqrt(k) + ray) / np.sqrt(k + 1))
+    mean_db, variance = Fading(k_factor_db=k_db, coherence_m=1.0).moments_db()
+    assert mean_db == pytest.approx(power_db.mean(), abs=0.05)
+    assert variance == pytest.approx(power_db.var(), rel=0.02)
+
+
+def test_energy_of_fading_is_the_likelihood_of_a_correlated_normal():
+    fading = Fading(k_factor_db=3.0, coherence_m=0.3)
+    mean_db, power_db = _readings()
+    power_db[0, 5] = np.nan
+    fit = _ear(power_db).profiled(_expected(mean_db, fading))
+    plain = _ear(power_db).profiled(_expected(mean_db))
+    known = np.isfinite(power_db[0])
+    at_m = np.linspace(0, 2, T)[known] * np.sqrt(6)
+    covariance = fading.covariance_db2(np.abs(at_m[:, None] - at_m)) + STD_DB**2 * np.eye(T - 1)
+    told = multivariate_normal(mean_db[0, known], covariance).logpdf(power_db[0, known])
+    told -= norm(mean_db[0, known], STD_DB).logpdf(power_db[0, known]).sum()
+    assert plain.energy - fit.energy == pytest.approx(told, rel=1e-9)
+
+
+@pytest.mark.parametrize("gain", ["none", "common"])
+def test_a_fit_turns_where_the_energy_falls(gain):
+    def expected(values):
+        fading = Fading(k_factor_db=values[0], coherence_m=np.exp(values[1]))
+        return _expected(mean_db + values[2] * tilt, fading, bias_db=np.array([[fading.moments_db()[0]], [0.0]]))
+
+    mean_db, power_db = _readings()
+    tilt, at, step = np.linspace(0, 1, T) * np.array([[1.0], [-2.0]]), np.array([2.0, -1.0, 0.3]), 1e-5
+    ear = _ear(power_db, gain)
+    fit = ear.profiled(expected(at))
+    rows = ear.rows(fit)
+    for number in range(3):
+        more, less = (at + sign * step * np.eye(3)[number] for sign in (1, -1))
+        slope = (ear.profiled(expected(more)).energy - ear.profiled(expected(less)).energy) / (2 * step)
+        column = ear.columns(fit, expected(at), expected(more), step)
+        assert -2 * column @ rows == pytest.approx(slope, rel=1e-3, abs=1e-3)
+
+
+@pytest.mark.parametrize("meter", [Meter(top_db=-69.0), Meter(floor_db=-72.0), Meter(step_db=4.0)])
+def test_a_scale_that_ends_is_censored_and_hides_no_gain(meter):
+    mean_db, power_db = _readings()
+    read = np.clip(power_db + 2.0, meter.floor_db, meter.top_db)
+    read = np.round(read / meter.step_db) * meter.step_db if meter.step_db else read
+    ear = _ear(read, "common")
+    with_meter, without = ear.profiled(_expected(mean_db, meter=meter)), ear.profiled(_expected(mean_db))
+    assert without.energy > with_meter.energy + 10
+    step = 1e-5
+    wide = _ear(read)
+    for shift in (1.5, 2.5):
+        fits = [wide.profiled(_expected(mean_db + shift + d, meter=meter)) for d in (0.0, step, -step)]
+        slope = (fits[1].energy - fits[2].energy) / (2 * step)
+        column = wide.columns(fits[0], _expected(mean_db), _expected(mean_db + 1.0), 1.0)
+        assert -2 * column @ wide.rows(fits[0]) == pytest.approx(slope, rel=1e-3, abs=1e-3)
+
+
+def test_limits_of_the_file_are_no_finding_and_those_of_the_readings_are():
+    random = np.random.default_rng(2)
+    power_db = random.normal(-70, 6, 80)
+    unlimited = (-np.inf, np.inf)
+    assert scales(power_db, 0.5, unlimited) == []
+    assert scales(np.minimum(power_db, -68.3), 0.5, unlimited) == [("top_db", pytest.approx(-68.3))]
+    assert scales(np.maximum(power_db, -72.1), 0.5, unlimited) == [("floor_db", pytest.approx(-72.1))]
+    assert scales(np.minimum(power_db, -68.3), 0.5, (-100, -68.3)) == []
+    assert scales(np.round(power_db / 3.7) * 3.7, 0.5, unlimited) == [("step_db", pytest.approx(3.7))]
+    assert scales(np.round(power_db, 1), 0.5, unlimited) == []
