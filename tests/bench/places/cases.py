@@ -77,12 +77,16 @@ def concealed(rng, families):
     if min(raw) * ratio < low * 0.99 or max(raw) * ratio > 3e6:
         raise Unfit
     noise = one / ratio
-    effects = []
+    judge, rows = Judge(world, first, noise), []
     for c in causes:
         without = compose(twin, causes, c)
         strength, links = truths.strengths(world, without, first, noise)
-        judge = Judge(world, first, noise)
-        rivals = runners_up(judge, without, c, lit, max(MARGIN, SHARE * strength))
+        rows.append((c, without, strength, links, max(MARGIN, SHARE * strength)))
+    for c, without, _, _, least in rows:
+        runners_up(judge, without, c, lit, least, quick=True)  # most that fail fail here, in a moment
+    effects = []
+    for c, without, strength, links, least in rows:
+        rivals = runners_up(judge, without, c, lit, least)
         effects.append(truths.effect(c, world, without, first, noise, strength, links, rivals))
     return {"twin": twin, "world": world, "effects": effects, "first": first, "vault": vault, "noise": noise, "lit": lit}
 

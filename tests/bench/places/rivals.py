@@ -10,7 +10,7 @@ from world import excess, is_moving, position_m, response
 
 ENOUGH = 16  # frequencies and
 INSTANTS = 4  # instants are enough to compare explanations
-MANY = 8  # objects, the most lit ones, are enough to be rivals
+MANY = 6  # objects, the most lit ones, are enough to be rivals
 LIKELY = ("metal", "glass", "wood", "concrete", "ceiling_board", "brick", "marble", "medium_dry_ground")
 
 
@@ -39,7 +39,7 @@ def _scalar(energy, grid):
     values = [energy(x) for x in grid] if len(grid) > 2 else [np.inf, np.inf]
     k = int(np.argmin(values))
     low, high = grid[max(k - 1, 0)], grid[min(k + 1, len(grid) - 1)]
-    return min(values[k], minimize_scalar(energy, bounds=sorted((low, high)), method="bounded", options={"maxiter": 9}).fun)
+    return min(values[k], minimize_scalar(energy, bounds=sorted((low, high)), method="bounded", options={"maxiter": 6}).fun)
 
 
 def _shift(judge, world, name):
@@ -57,7 +57,7 @@ def _shift(judge, world, name):
 
     for start in (np.zeros(3), np.array([0.7, 0.4, 0]) * wave):
         at, (energy, rest) = start, fitted(start)
-        for _ in range(4):
+        for _ in range(3):
             slopes = np.stack([(fitted(at + d)[1] - rest) / (wave / 200) for d in np.eye(3) * wave / 200], 1)
             a, b = np.vstack([slopes.real, slopes.imag]), np.concatenate([rest.real, rest.imag])
             step = -np.linalg.lstsq(a, b, rcond=1e-6)[0]
@@ -70,10 +70,10 @@ def _shift(judge, world, name):
     return best
 
 
-def runners_up(judge, without, cause, lit, least, spared=()):
+def runners_up(judge, without, cause, lit, least, spared=(), quick=False):
     """[(energy left, family, owner)] of single causes other than the true one, best first, each with its parameters fitted.
 
-    Unfit as soon as one leaves less than `least`. Families `spared` are no rivals.
+    Unfit as soon as one leaves less than `least`. Families `spared` are no rivals. `quick`: those alone that need no new paths.
     """
     out = []
     plain = response(without, judge.links, judge.time_s, judge.f)
@@ -102,6 +102,8 @@ def runners_up(judge, without, cause, lit, least, spared=()):
             add("excess_loss", ">".join(link), _scalar(lambda x, m=mine: judge.of(plain * 10 ** (x / 20 * m)), decibels))
     far = _distances(without, judge)
     add("excess_loss", "place", _scalar(lambda x: judge.of(plain * far ** (-x / 2)), (-1.5, 1.5)))
+    if quick:
+        return sorted(out)
     for n in nodes:
         for antenna in ("iso", "dipole", "hw_dipole", "tr38901"):
             if antenna != without["nodes"][n]["antenna"]:
@@ -133,7 +135,7 @@ def runners_up(judge, without, cause, lit, least, spared=()):
     add(
         "carrier",
         "place",
-        _scalar(lambda x: judge(one_of(without, carrier_hz=without["carrier_hz"] * x)), np.linspace(0.97, 1.03, 13)),
+        _scalar(lambda x: judge(one_of(without, carrier_hz=without["carrier_hz"] * x)), np.linspace(0.97, 1.03, 9)),
     )
     for k, o in enumerate(lit):
         if o in without["objects"] and (k < MANY or o == cause.name):
@@ -152,10 +154,10 @@ def _of_object(judge, world, o, add):
     for m in (m for m in LIKELY if TABLE[m][4] <= fc / 1e9 <= TABLE[m][5]):
         permittivity, conductivity = medium(m, fc)
         add("material", o, judge(with_media(world, o, permittivity=permittivity, conductivity=conductivity)))
-    depths = np.sqrt(np.array([0.05, 0.2, 0.6, 2]) / 8) * C_M_PER_S / fc / np.pi
+    depths = np.sqrt(np.array([0.05, 0.4, 2]) / 8) * C_M_PER_S / fc / np.pi
     add("roughness", o, _scalar(lambda x: judge(with_media(world, o, height_rms_m=x)), depths))
     normals = patches({o: world["objects"][o]["tris"]}).normal
     for n in {tuple(np.round(x * np.sign(x[np.argmax(np.abs(x))]), 6)) for x in normals}:
         if abs(n[2]) < 0.5 or len(normals) == 1:
-            grid = [-0.5, -0.15, -0.05, -0.015, 0.0, 0.015, 0.05, 0.15, 0.5]
+            grid = [-0.4, -0.1, -0.02, 0.02, 0.1, 0.4]
             add("object_moved", o, _scalar(lambda x, n=n: judge(shifted(world, o, x * np.array(n))), grid))
