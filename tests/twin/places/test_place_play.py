@@ -71,8 +71,10 @@ def test_a_wall_that_the_twin_has_not_is_in_what_is_sounded_through_iq_samples(p
             np.stack([heard(images, at_m) for at_m in WHERE[node]])
             for images in ([DIRECT, ON_FLOOR, ON_WALL], [DIRECT, ON_FLOOR])
         )
-        error, missing = (np.mean(np.abs(monday.response[row] - H) ** 2) for H in (true, believed))
-        assert error < 3 * monday.noise_power[row] and missing > 20 * monday.noise_power[row], (node, error, missing)
+        error, missing = (
+            np.mean(np.abs(monday.response[row] - H) ** 2, axis=1) / monday.noise_power[row] for H in (true, believed)
+        )
+        assert error.max() < 6 and missing.mean() > 20, (node, error, missing)  # taps one step apart are told apart at all times
         power_db = 10 * np.log10(np.mean(np.abs(true) ** 2, axis=1))
         np.testing.assert_allclose(flight.power_db[row], power_db, atol=1.5)
 

@@ -28,9 +28,9 @@ from ...sounding.sound import SoundingOptions, sound
 from .document import FILE, Place
 from .soundings import Sounding
 
-CODE = "glfsr:10"  # 10.2 us at this rate: longer than any delay
+CODE = "glfsr:11"  # 10.2 us at this rate: longer than any delay
 PERIODS = 16
-RATE_HZ = 1 / GRID_STEP_S  # taps lie on samples
+RATE_HZ = 2 / GRID_STEP_S  # taps lie on samples, and chips of half a grid step tell neighbours apart
 _STEPS = 64  # of the band, over which a power is the mean
 
 
