@@ -7,6 +7,7 @@ import argparse
 import sys
 import tempfile
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import _program
@@ -29,6 +30,7 @@ from gr_cast.sounding.result import output_folder
 
 CELLS = {1: ["12:34,37,41"], 2: ["10:33,34,41", "25:37,38,42"]}  # of the Arena: ceiling, standing, and two that walk
 COLOSSEUM_LOSS_DB = paper.figures()["base_loss"]["mean_db"]  # of the emulator itself
+TX_POWER_DBM, NOISE_FIGURE_DB = 20.0, 5.0  # where neither the options nor a SPEC say more
 SHORT_S, FULL_S = 15.0, 37.0
 STEP_S = {1: 0.1, 2: 0.2}  # by stations: every station is sounded at every terminal
 MODELLED = 8  # instants at which the model is set beside a stack
@@ -40,6 +42,8 @@ def _scenarios(args, duration_s: float) -> tuple[list[tuple[str, sc.Scenario]], 
     texts = args.cells or CELLS[args.stations]
     if args.scenario:
         made = sc.load(args.scenario)
+        if args.radios:
+            made = sc.with_radios(made, args.radios, args.tx_power_dbm, args.noise_figure_db)
         return [(made.name, made)], experiment.parse_cells(texts, made.nodes)
     spec = read_spec(sc.examples_folder() / "arena.yaml")
     cells = experiment.parse_cells(texts, tuple(node.name for node in spec.nodes))
@@ -59,6 +63,27 @@ def _sound(downlink: Downlink, name: str, time_s: np.ndarray) -> list[dict]:
     except KeyboardInterrupt:
         print(file=sys.stderr)
     return sinrs
+
+
+def _settle_radios(args) -> None:
+    """Powers, noise figures and the set-up's loss: of the options, else of the scenario's SPEC (whose radios stand in the place
+    itself, without a set-up), else the defaults."""
+    said = sc.radios_of(args.scenario) if args.scenario else None
+    if said and args.tx_power_dbm is not None:
+        said = replace(said, power_dbm={})
+    if said and args.noise_figure_db is not None:
+        said = replace(said, noise_figure_db={})
+    args.radios = said if said and (said.power_dbm or said.noise_figure_db) else None
+    defaults = {
+        "tx_power_dbm": TX_POWER_DBM, "noise_figure_db": NOISE_FIGURE_DB,
+        "setup_loss_db": 0.0 if args.radios else COLOSSEUM_LOSS_DB,
+    }  # fmt: skip
+    for name, value in defaults.items():
+        if getattr(args, name) is None:
+            setattr(args, name, value)
+    if args.radios:
+        told = [words for words, of in (("powers", said.power_dbm), ("noise figures", said.noise_figure_db)) if of]
+        print(f"{' and '.join(told)} are the SPEC's of {args.scenario}; set-up {args.setup_loss_db:g} dB", file=sys.stderr)
 
 
 def _superposition(downlink: Downlink, time_s: np.ndarray) -> list[dict]:
@@ -257,17 +282,24 @@ def _report(args, output: Path, scenarios, cells, radio, courses, checks, files,
 
 def _document(args, scenarios, cells, radio, courses, checks, files, similar=(), complete=False) -> dict:
     """The content of cellular.json, of as many courses as there are."""
+    stations, terminals = [cell.station for cell in cells], [node for cell in cells for node in cell.terminals]
     return {
         "cast_cellular": 1, "modelled": True, "model": experiment.MODEL, "complete": complete,
         "scenarios": [{"run": name, "scenario": scenario.name, "about": scenario.description} for name, scenario in scenarios],
         "cells": [{"station": cell.station, "terminals": list(cell.terminals)} for cell in cells],
-        "radio": {"resource_blocks": radio.blocks, "tx_power_dbm": radio.tx_power_dbm,
-                  "noise_figure_db": radio.noise_figure_db, "setup_loss_db": args.setup_loss_db},
+        "radio": {"resource_blocks": radio.blocks, "setup_loss_db": args.setup_loss_db,
+                  "tx_power_dbm": _of_nodes(args.radios and args.radios.power_dbm, stations, radio.tx_power_dbm),
+                  "noise_figure_db": _of_nodes(args.radios and args.radios.noise_figure_db, terminals, radio.noise_figure_db)},
         "offered_bps": args.offered, "seed": args.seed,
         "terminals": [row for course in courses for row in experiment.summary(course, args.offered)],
         "superposition": checks, "similarity": list(similar),
         "similarity_in_the_paper": paper.cellular_rho(cells), "series": files,
     }  # fmt: skip
+
+
+def _of_nodes(said: dict | None, nodes: list[str], shared: float) -> float | dict[str, float]:
+    """One number that all share, or every node's own."""
+    return {node: said.get(node, shared) for node in nodes} if said else shared
 
 
 def _figure(value: float | None, digits: int = 2) -> str:
@@ -299,10 +331,12 @@ def main(argv=None) -> int:
     parser.add_argument("--step", type=float, metavar="S", help="seconds between soundings (default 0.1; two stations 0.2)")
     parser.add_argument("--offered", type=float, default=5e6, metavar="BPS", help="to every terminal (default 5e6)")
     parser.add_argument("--blocks", type=int, default=50, help="LTE resource blocks: 6, 15, 25, 50 or 100 (default 50)")
-    parser.add_argument("--tx-power-dbm", type=float, default=20.0, help="of a station (default 20)")
-    parser.add_argument("--noise-figure-db", type=float, default=5.0, help="of a terminal (default 5)")
+    parser.add_argument("--tx-power-dbm", type=float, help="of a station (default: the SPEC's of a created scenario, else 20)")
+    parser.add_argument("--noise-figure-db", type=float, help="of a terminal (default: the SPEC's, else 5)")
     parser.add_argument(
-        "--setup-loss-db", type=float, default=COLOSSEUM_LOSS_DB, help="on top of the scenario (default: Colosseum's, 57.55)"
+        "--setup-loss-db",
+        type=float,
+        help="on top of the scenario (default: Colosseum's, 57.55; 0 with the radios of a SPEC)",
     )
     parser.add_argument("--seed", type=int, default=1, help="of the noise")
     parser.add_argument("--stack", choices=("srsran-4g",), help="run this stack over the emulator instead of the model")
@@ -322,6 +356,7 @@ def main(argv=None) -> int:
         "--only-write", action="store_true", help="with --stack: write its configuration and a script that runs it"
     )
     args = _program.parse(parser, argv)
+    _settle_radios(args)
     return over_stack(args) if args.stack else model(args)
 
 

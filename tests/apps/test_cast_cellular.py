@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gr_cast.comparing import series
+from gr_cast.scenario import LinkTaps, Scenario, zarr_file
 
 PROGRAM = Path(__file__).resolve().parents[2] / "apps/cast_cellular.py"
 
@@ -40,6 +41,31 @@ def test_a_scenario_of_the_catalogue_is_played_instead(tmp_path):
     done = run("--output", tmp_path, "--duration", 0.3, "--scenario", 1009, "--cells", "1:2,3", "--blocks", 6)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "series/sinr_db_2.csv").is_file()
+
+
+def test_powers_and_noise_figures_of_a_spec_are_played_and_options_come_before_them(tmp_path):
+    """By the link budget alone: SINR is power less loss less thermal noise less the noise figure."""
+    link = LinkTaps(delay_s=[[0.0]], gain=[[1.0]])
+    place = Scenario(name="p", nodes=("a", "b", "c"), links={("a", "b"): link, ("a", "c"): link}, base_loss_db=130.0)
+    radios = {"a": {"power_dbm": 30.0}, "b": {"noise_figure_db": 3.0}, "c": {"noise_figure_db": 9.0}}
+    zarr_file.write(tmp_path / "p.zarr", place, radios=radios)
+    thermal_dbm = -174 + 10 * np.log10(15e3 * 128)  # over the samples of six blocks
+
+    def sinr_db(*options):
+        out = tmp_path / f"out{len(options)}"
+        done = run(
+            "--output", out, "--duration", 0.2, "--scenario", tmp_path / "p.zarr", "--cells", "a:b,c", "--blocks", 6, *options
+        )
+        assert done.returncode == 0, done.stderr
+        document = json.loads((out / "cellular.json").read_text())
+        return [row["sinr_db_mean"] for row in document["terminals"]], document["radio"], done.stderr
+
+    of_spec, radio, told = sinr_db()
+    occupied_db = 10 * np.log10(128 / 72)  # power goes into the occupied subcarriers alone
+    assert of_spec == pytest.approx([30 - 130 - thermal_dbm - figure + occupied_db for figure in (3, 9)], abs=1.0)
+    assert radio["noise_figure_db"] == {"b": 3.0, "c": 9.0} and radio["setup_loss_db"] == 0 and "the SPEC's" in told
+    other, radio, _ = sinr_db("--tx-power-dbm", 24)
+    assert np.array(other) - of_spec == pytest.approx(-6, abs=0.5) and radio["tx_power_dbm"] == 24
 
 
 def test_a_terminal_out_of_reach_is_null_with_its_reason_and_the_rest_stays(tmp_path):

@@ -23,6 +23,7 @@ from .model import (
     with_base_loss,
     with_more_loss,
 )
+from .radios import radios_of, with_radios
 
 __all__ = [
     "GRID_STEP_S",
@@ -43,6 +44,7 @@ __all__ = [
     "load",
     "path_gain_matrix_db",
     "played_gain",
+    "radios_of",
     "read",
     "resampled",
     "save",
@@ -52,4 +54,5 @@ __all__ = [
     "taps_over_band_db",
     "with_base_loss",
     "with_more_loss",
+    "with_radios",
 ]
