@@ -20,6 +20,8 @@ _RIDGE = 1e-3  # keeps gains bounded where the band is too narrow to tell neighb
 _HAIR_S = 1e-16  # moves a path off the grid, where sin(x)/x needs no special case; its phase turns 1e-7 rad at most
 _MARGIN = 3  # grid steps looked at before the first and after the last path
 _CHUNK = 1 << 21  # elements of one intermediate array
+_POWER_EVERY = 8  # instants at which the taps' power is held against the paths'
+_MOST_POWER = 100.0  # that taps are scaled up by
 _FEW = 10  # instants that a support is chosen on
 _SHIFTS = 5
 
@@ -76,12 +78,27 @@ def _best_intervals(delay_s: np.ndarray, weight: np.ndarray, clusters: int) -> l
 def least_squares(delay_s: np.ndarray, gain: np.ndarray, bandwidth_hz: float, taps: int = TAPS):
     """The grid taps that fit the channel best over the band: (support (taps,) int, gains (T, taps)).
 
-    One support serves all instants, so that nothing clicks; it is chosen on a few of them. Gains follow at every instant.
+    One support serves all instants; it is chosen on a few of them. Gains follow at every instant, and are then as large as makes
+    the power in the band that of the paths: it does not jump where another support begins, and a fit that keeps the share c of
+    the energy has an error of 2 (1 - sqrt(c)) in the place of 1 - c, 0.1 dB more at -13 dB.
     """
     few = _spread(len(gain))
     support, _ = choose_support(delay_s[few], gain[few], bandwidth_hz, taps)
     b = inner_products(delay_s, gain, support * GRID_STEP_S, bandwidth_hz)
-    return support, b @ np.linalg.inv(_gram(support, bandwidth_hz))  # G is real and symmetric
+    fitted = b @ np.linalg.inv(_gram(support, bandwidth_hz))  # G is real and symmetric
+    return support, fitted * _to_power(delay_s, gain, support * GRID_STEP_S, fitted, bandwidth_hz)[:, None]
+
+
+def _to_power(delay_s, gain, tap_delay_s, tap_gain, bandwidth_hz: float) -> np.ndarray:
+    """What to multiply taps (T, K) by, (T,), for the paths' power in the band: at every eighth instant and both ends, which is
+    costly, and geometrically between them."""
+    looked = np.unique(np.append(np.arange(0, len(gain), _POWER_EVERY), len(gain) - 1))
+    before = in_band_power(delay_s[looked], gain[looked], bandwidth_hz)
+    after = in_band_power(np.broadcast_to(tap_delay_s, tap_gain[looked].shape), tap_gain[looked], bandwidth_hz)
+    known = (before > 0) & (after > before / _MOST_POWER)  # else there is hardly a fit to be scaled
+    if not known.any():
+        return np.ones(len(gain))
+    return np.exp(np.interp(np.arange(len(gain)), looked[known], np.log(before[known] / after[known]) / 2))
 
 
 def best_shift_s(delay_s: np.ndarray, gain: np.ndarray, bandwidth_hz: float, taps: int = TAPS) -> float:

@@ -356,10 +356,12 @@ def _approximation(spec: Spec, run: Run, folder: Path):
     nmse_db = np.concatenate([item.loss.nmse_db for item in every.values()])
     power_db = np.concatenate([item.loss.power_error_db for item in every.values()])
     spread_s = np.concatenate([item.loss.delay_spread_error_s for item in every.values()])
+    steps_db = np.abs(np.concatenate([item.power_step_db for item in every.values()]))
     summary = {
         "NMSE median dB": round(float(np.median(nmse_db)), 2), "NMSE 90 % dB": round(float(np.percentile(nmse_db, 90)), 2),
         "power error median dB": round(float(np.median(power_db)), 3),
         "delay spread error median ns": round(1e9 * float(np.median(spread_s)), 3),
+        **({"power step between holds, largest dB": round(float(steps_db.max()), 3)} if steps_db.size else {}),
         "base loss dB": round(-float(db_from_amplitude(strongest)), 3),
         "taps below the dynamic range": weak,
     }  # fmt: skip
@@ -371,14 +373,15 @@ def _approximation(spec: Spec, run: Run, folder: Path):
 def _write_losses(path: Path, names: list[str], every: dict) -> None:
     with written_aside(path) as aside, open(aside, "w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
-        table.writerow(["link", "nmse_db", "power_error_db", "delay_spread_error_s", "largest_shift_s"])
+        table.writerow(["link", "nmse_db", "power_error_db", "delay_spread_error_s", "largest_shift_s", "largest_power_step_db"])
         for (tx, rx), item in every.items():
             medians = [
                 float(np.median(v))
                 for v in (item.loss.nmse_db, item.loss.power_error_db, item.loss.delay_spread_error_s)
                 if v.size
             ]
-            table.writerow([link_name((names[tx], names[rx])), *medians, float(np.abs(item.shift_s).max())])
+            largest = [float(np.abs(values).max(initial=0.0)) for values in (item.shift_s, item.power_step_db)]
+            table.writerow([link_name((names[tx], names[rx])), *medians, *largest])
 
 
 def scenario(spec: Spec, run: Run) -> Scenario:
