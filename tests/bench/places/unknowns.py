@@ -71,10 +71,11 @@ def _coarse_delay(h, y, weight, f, phase, has, delay):
     if delay == "link":
         return late
     best, gain = np.zeros(len(h)), -np.inf
-    trust, robust = np.ones((len(h), 1)), None
+    loud = np.sqrt((weight * np.abs(h) ** 2).sum((1, 2)))[:, None]
+    trust, robust = loud, None
     for _ in range(20):  # least absolute errors: a link whose peak is another's does not pull the rest
         robust = np.linalg.lstsq(has * trust, late * trust[:, 0], rcond=None)[0]
-        trust = 1 / np.sqrt(np.abs(late - has @ robust) + 1e-12)[:, None]
+        trust = np.sqrt(loud / (np.abs(late - has @ robust) + 1e-12)[:, None])
     for begin in (np.zeros(has.shape[1]), robust):
         of_node = begin.copy()
         for node in [*range(has.shape[1])] * 3:
