@@ -29,6 +29,7 @@ _main = getattr(sys.modules["__main__"], "__file__", None)  # not of a program w
 if multiprocessing.parent_process() is not None or _main and Path(_main).resolve().parent == _HERE:
     interrupts.end_quietly()
 
+os.environ.setdefault("GR_CONF_LOG_LOG_LEVEL", "warn")  # GNU Radio's own lines about every flowgraph; before it is loaded
 LOST = 3
 _NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?[kMG]?$")
 

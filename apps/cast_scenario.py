@@ -75,13 +75,13 @@ def show(args) -> None:
         plot.save(plot.scenario_figure(scenario, width_hz), args.plot)
         print(f"picture: {args.plot}")
     if args.plan:
-        _write_plan(args.scenario, args.plan)
+        _write_plan(args.scenario, args.plan, scenario, width_hz)
 
 
-def _write_plan(name: str, target) -> None:
-    """The place as a page: objects, nodes, tracks, and the path loss from a node that is clicked on."""
+def _write_plan(name: str, target, scenario: sc.Scenario | None = None, bandwidth_hz: float | None = None) -> None:
+    """The place as a page: objects, nodes, tracks, and the path loss over a band from a node that is clicked on."""
     path = sc.catalogue_entries().get(name, Path(name))
-    write_text(target, plan.page(sc.read(path), zarr_file.outlines(path)))
+    write_text(target, plan.page(scenario or sc.read(path), zarr_file.outlines(path), bandwidth_hz))
     print(f"plan: {target}")
 
 
@@ -245,7 +245,6 @@ def _emulator():
         from gr_cast.blocks.network import emulated_network
     except ImportError:
         return validation.play_reference
-    gr.logging().set_default_level(gr.log_levels.warn)  # its lines would come between those of the table
 
     def play(scenario, samples, sample_rate_hz):
         flowgraph, sink = gr.top_block(), blocks.vector_sink_c()

@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -56,6 +57,21 @@ def test_a_metre_is_as_long_in_every_direction_and_north_is_up():
     per_m = (b - a)[0] / 30
     np.testing.assert_allclose((track[0] - a) / per_m, [5, -9], atol=0.02)
     np.testing.assert_allclose((track[-1] - track[0]) / per_m, [10, 0], atol=0.02)
+
+
+def test_losses_are_those_of_every_instant_over_the_band():
+    """Two taps 12.5 ns apart, the second as strong and turning: over 80 MHz powers add, over a narrow band amplitudes."""
+    still, turns = place(), np.exp(1j * np.pi * np.linspace(0, 1, 11))
+    moving = LinkTaps(delay_s=np.tile([0.0, 12.5e-9], (11, 1)), gain=np.stack([np.ones(11), turns], axis=1) * 1e-3)
+    scenario = replace(still, links=still.links | {("a", "b"): moving})
+
+    def losses_db(*band):
+        return np.array(json.loads(re.search(r"const P=(\{.*?\});", plan.page(scenario, [], *band))[1])["loss_db"], float)[
+            :, 0, 1
+        ]
+
+    np.testing.assert_allclose(losses_db(80e6), 60 - 10 * np.log10(2), atol=0.06)
+    np.testing.assert_allclose(losses_db(1e4)[:-1], 60 - 20 * np.log10(np.abs(1 + turns))[:-1], atol=0.06)
 
 
 def test_nodes_without_a_place_are_named():

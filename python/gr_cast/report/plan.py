@@ -8,9 +8,10 @@ from html import escape
 import numpy as np
 
 from ..core.errors import CastError
-from ..scenario import Scenario, path_gain_matrix_db
+from ..scenario import Scenario, band_hz, path_gain_over_time_db
 
 MOST_INSTANTS = 400  # of a track: the slider's steps
+MOST_LOSSES = 200_000  # of all links at all of them: a page of a megabyte
 WIDTH = 900.0  # of the drawing, in its own units
 
 _STYLE = """body{font:15px/1.4 sans-serif;margin:1.5em;max-width:70em}svg{width:100%;max-height:78vh;border:1px solid #bbb}
@@ -26,10 +27,11 @@ function colour(loss){if(loss===null)return'#fff';const x=Math.min(1,Math.max(0,
 i=Math.min(3,Math.floor(x));return'rgb('+scale[i].map((c,k)=>Math.round(c+(scale[i+1][k]-c)*(x-i)))+')'}
 let sender=0;const nodes=[...document.querySelectorAll('.node')],links=document.querySelector('#links'),
 slider=document.querySelector('#time');
-function draw(){const t=slider?+slider.value:0,at=k=>P.tracks[k][Math.min(t,P.tracks[k].length-1)];links.innerHTML='';
+function draw(){const t=slider?+slider.value:0,L=P.loss_db[Math.min(t,P.loss_db.length-1)],
+at=k=>P.tracks[k][Math.min(t,P.tracks[k].length-1)];links.innerHTML='';
 document.querySelector('#from').textContent=P.names[sender];
 if(slider)document.querySelector('#now').textContent=P.time_s[t].toFixed(2)+' s';
-nodes.forEach((node,k)=>{const p=at(k),loss=P.loss_db[sender][k];node.setAttribute('transform','translate('+p+')');
+nodes.forEach((node,k)=>{const p=at(k),loss=L[sender][k];node.setAttribute('transform','translate('+p+')');
 node.classList.toggle('sent',k===sender);node.firstChild.setAttribute('fill',k===sender?'#e33':colour(loss));
 node.querySelector('title').textContent=P.names[k]+(k===sender?' sends':loss===null?': not heard':': '+loss.toFixed(1)+' dB');
 if(k!==sender&&loss!==null){const line=document.createElementNS('http://www.w3.org/2000/svg','line'),q=at(sender);
@@ -39,13 +41,15 @@ nodes.forEach((node,k)=>node.addEventListener('click',()=>{sender=k;draw()}));if
 """
 
 
-def page(scenario: Scenario, outlines: list[dict]) -> str:
-    """The page: `outlines` are objects as `name`, `faces` ([[x, y], …] in metres each) and `floor`, true of the ground. Raises
-    CastError where the scenario does not say where its nodes are."""
+def page(scenario: Scenario, outlines: list[dict], bandwidth_hz: float | None = None) -> str:
+    """The page: `outlines` are objects as `name`, `faces` ([[x, y], …] in metres each) and `floor`, true of the ground; losses
+    are those over a band, the scenario's own unless another is given, at every step of the slider. Raises CastError where the
+    scenario does not say where its nodes are."""
     missing = [node for node in scenario.nodes if node not in scenario.position_m]
     if missing:
         raise CastError(f"{scenario.name}: plan: no position of {', '.join(missing[:8])}{', …' if len(missing) > 8 else ''}")
-    chosen = np.unique(np.linspace(0, len(scenario.time_s) - 1, min(len(scenario.time_s), MOST_INSTANTS)).astype(int))
+    most = max(1, min(len(scenario.time_s), MOST_INSTANTS, MOST_LOSSES // len(scenario.nodes) ** 2))
+    chosen = np.unique(np.linspace(0, len(scenario.time_s) - 1, most).astype(int))
     tracks = [np.asarray(scenario.position_m[node]) for node in scenario.nodes]
     tracks = [track if len(track) == 1 or np.ptp(track, axis=0).max() > 0 else track[:1] for track in tracks]
     tracks_m = [track[:, :2] if len(track) == 1 else track[chosen, :2] for track in tracks]
@@ -58,20 +62,21 @@ def page(scenario: Scenario, outlines: list[dict]) -> str:
     def place(points) -> list[list[float]]:
         return np.round((np.atleast_2d(points) - low) * [1, -1] * per_m + [0, (high - low)[1] * per_m], 1).tolist()
 
-    loss_db = -path_gain_matrix_db(scenario)
+    width_hz = bandwidth_hz or band_hz(scenario)
+    loss_db = -path_gain_over_time_db(scenario, chosen[:1] if scenario.is_static else chosen, width_hz)
     heard = loss_db[np.isfinite(loss_db)]
     data = {
         "names": scenario.nodes,
         "tracks": [place(track) for track in tracks_m],
         "time_s": scenario.time_s[chosen].tolist(),
-        "loss_db": [[float(round(v, 2)) if np.isfinite(v) else None for v in row] for row in loss_db],
+        "loss_db": [[[float(round(v, 1)) if np.isfinite(v) else None for v in row] for row in rows] for rows in loss_db],
         "low": float(heard.min()) if heard.size else 0.0,
         "high": float(heard.max()) if heard.size else 1.0,
     }
     width, height = ((high - low) * per_m).round(1)
     slider = (
         f'<label>time <input id="time" type="range" min="0" max="{len(chosen) - 1}" value="0"> <span id="now"></span></label>'
-        if any(len(track) > 1 for track in tracks_m)
+        if any(len(track) > 1 for track in tracks_m) or not scenario.is_static
         else ""
     )
     ruler_m = float(10 ** np.floor(np.log10(0.4 * (high - low)[0])))
@@ -81,7 +86,7 @@ def page(scenario: Scenario, outlines: list[dict]) -> str:
     )
     title = escape(scenario.name)
     return f"""<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>{title}: plan</title><style>{_STYLE}</style>
-<h1>{title}</h1><p>Click on a node: path loss from <b id="from"></b> to the others, mean over time, in the scenario's band.
+<h1>{title}</h1><p>Click on a node: path loss from <b id="from"></b> to the others in {width_hz / 1e6:g} MHz, at the time chosen.
 {data["low"]:.1f} dB <span class="bar" style="background:linear-gradient(90deg,rgb(253,231,37),rgb(94,201,98),rgb(33,145,140),
 rgb(59,82,139),rgb(68,1,84))"></span> {data["high"]:.1f} dB; white is not heard. {slider}</p>
 <svg viewBox="0 0 {width} {height}">{_objects(outlines, place)}{_tracks(data["tracks"])}

@@ -4,7 +4,7 @@
 `load` takes a catalogue name or a file; `save` writes by suffix. The model needs NumPy alone, Colosseum files SciPy.
 """
 
-from .band import band_hz, band_power_db, path_gain_matrix_db, tap_power_matrix_db, taps_over_band_db
+from .band import band_hz, band_power_db, path_gain_matrix_db, path_gain_over_time_db, tap_power_matrix_db, taps_over_band_db
 from .catalogue import catalogue_entries, data_folder, examples_folder, is_scenario, load, read, save
 from .model import (
     GRID_STEP_S,
@@ -43,6 +43,7 @@ __all__ = [
     "link_name",
     "load",
     "path_gain_matrix_db",
+    "path_gain_over_time_db",
     "played_gain",
     "radios_of",
     "read",

@@ -44,6 +44,16 @@ def path_gain_matrix_db(scenario: Scenario, bandwidth_hz: float | None = None) -
     return _matrix_db(scenario, lambda key: in_band_power(scenario.links[key].delay_s, played_gain(scenario, key), width_hz))
 
 
+def path_gain_over_time_db(scenario: Scenario, instants: np.ndarray, bandwidth_hz: float) -> np.ndarray:
+    """In-band power of every link at those of the scenario's instants (T,), base loss applied: (T, N, N) as the matrix above."""
+    place = {node: index for index, node in enumerate(scenario.nodes)}
+    power = np.zeros((len(instants), len(scenario.nodes), len(scenario.nodes)))
+    for key, taps in scenario.links.items():
+        at = np.zeros(1, int) if taps.is_static else instants
+        power[:, place[key[0]], place[key[1]]] = in_band_power(taps.delay_s[at], played_gain(scenario, key)[at], bandwidth_hz)
+    return db_from_power(power)
+
+
 def tap_power_matrix_db(scenario: Scenario) -> np.ndarray:
     """Mean sum of |tap|^2 of every link, as `path_gain_matrix_db`."""
     return _matrix_db(scenario, lambda key: np.sum(np.abs(played_gain(scenario, key)) ** 2, axis=1))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..core.errors import CastError
-from ..core.units import amplitude_from_db
+from ..core.units import amplitude_from_db, db_from_amplitude
 from ..scenario import LinkTaps, Scenario, base_loss_db, link_name
 from .chain import Chain
 from .document import Case, Observation
@@ -168,5 +168,5 @@ def _own(twin: Case, found: dict) -> Scenario:
         nodes=tuple(dict.fromkeys(node for key in links for node in key)),
         links=links,
         center_frequency_hz=carriers[0] if carriers else None,
-        base_loss_db=-20 * float(np.log10(strongest)),
+        base_loss_db=-float(db_from_amplitude(strongest)),
     )
