@@ -124,6 +124,7 @@ def started(folder: Path, node: int, place: Path) -> subprocess.Popen:
         "[RF]\ncenter_frequency = 1000000000\nrf_bandwidth = 50000000\n[RADIO]\n"
         f"device_args = driver=zmq,tx_port=ipc://{place}/tx,rx_port=ipc://{place}/rx,base_srate=50e6\n"
     )
+    (api / "start").touch()
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join(sys.path), "CAST_RADIO_API": str(api), "CAST_LOGS": str(api / "logs"),
         "CAST_STATE": str(api / "state"), "OPENBLAS_NUM_THREADS": "1",

@@ -35,8 +35,14 @@ _LIBRARIES = {
     "libblas.so.3": "blas/libblas.so.3",
     "liblapack.so.3": "lapack/liblapack.so.3",
 }  # alternatives, which dpkg would set
-_INIT = "#!/bin/sh\ntrap 'exit 0' TERM PWR\nwhile :; do sleep 3600 & wait $!; done\n"
-_STATE = '{"STATUS": "READY", "INFO": ""}\n'
+_INIT = """#!/bin/sh
+export PYTHONPATH=/opt/cast PYTHONDONTWRITEBYTECODE=1 OPENBLAS_NUM_THREADS=1 MPLCONFIGDIR=/tmp HOME=/root
+export PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin
+python3 -m gr_cast.colosseum.sounder >> /logs/sounder.log 2>&1 &
+trap 'exit 0' TERM PWR
+while :; do sleep 3600 & wait $!; done
+"""
+_STATE = '{"STATUS": "BOOTING", "INFO": "loads"}\n'
 
 
 def build(path: Path, say=lambda line: None) -> str:

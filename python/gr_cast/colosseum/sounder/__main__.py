@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Run by start.sh: sounds all pairs, gathers what other nodes found over the collaboration network, leaves the map in /logs."""
+"""Begun when the container boots, READY once it is loaded. After start.sh it sounds all pairs, gathers what others found over col0
+and leaves the map in /logs; after stop.sh it ends what it has begun."""
 
 import configparser
 import json
 import os
 import re
-import signal
 import socket
 import subprocess
 import sys
@@ -29,7 +29,9 @@ API = Path(os.environ.get("CAST_RADIO_API", "/root/radio_api"))
 LOGS = Path(os.environ.get("CAST_LOGS", "/logs"))
 STATE = Path(os.environ.get("CAST_STATE", "/root/cast/state"))
 USRP = "addr=192.168.40.2"  # of an SRN's X310, where nothing else is said
+START, STOP = STATE.with_name("start"), STATE.with_name("stop")  # made by the scripts of those names
 _FRAMES = 10
+_LOOK_S = 0.05
 
 
 def tell(state: str, info: str = "") -> None:
@@ -86,9 +88,26 @@ def leave_map(columns: dict[int, dict], rate_hz: float) -> None:
     subprocess.run([sys.executable, "-m", "gr_cast.report.colosseum_map", str(LOGS)], check=False)
 
 
+def told(path: Path) -> threading.Event:
+    """Set once the file is there."""
+    event = threading.Event()
+
+    def look() -> None:
+        while not path.exists():
+            time.sleep(_LOOK_S)
+        event.set()
+
+    threading.Thread(target=look, daemon=True).start()
+    return event
+
+
 def main() -> None:
-    stopped, ended = threading.Event(), threading.Event()
-    signal.signal(signal.SIGTERM, lambda *_: stopped.set())
+    started, stopped = told(START), told(STOP)
+    tell("READY", "loaded")
+    while not started.wait(_LOOK_S):
+        if stopped.is_set():
+            tell("FINISHED", "was never started")
+            return
     tell("ACTIVE", "sounding")
     conf = settings()
     config = configparser.ConfigParser()
@@ -103,7 +122,7 @@ def main() -> None:
         carrier_hz=config.getfloat("RF", "center_frequency", fallback=1e9),
     )  # fmt: skip
     began = time.monotonic()
-    heard = exchange(device_args, slots, period, stopped, lambda slot: None)
+    heard = exchange(device_args, slots, period, stopped)
     print(f"{len(heard)} slots of {slots.count} samples heard in {time.monotonic() - began:.1f} s", flush=True)
     tell("ACTIVE", "post-processing")
     own = column(conf, heard, rate_hz, waveform, is_box)
@@ -114,9 +133,8 @@ def main() -> None:
     leave_map(columns, rate_hz)
     tell("ACTIVE", f"map of {len(columns)} of {conf['nodes']} receivers in /logs")
     stopped.wait()
-    tell("STOPPING")
-    ended.set()
     tell("FINISHED", f"map of {len(columns)} of {conf['nodes']} receivers in /logs")
+    threading.Event().wait()  # others may still need what this node answers and tells
 
 
 if __name__ == "__main__":

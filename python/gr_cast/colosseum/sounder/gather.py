@@ -12,10 +12,11 @@ _INTERFACE = "col0"
 _SIOCGIFBRDADDR = 0x8919  # linux/sockios.h
 _EVERY_S = 0.3
 _LINGER_S = 600.0
+_PATIENCE_S = 20.0  # for the others' once all are asked to stop
 
 
 def gathered(node: int, own: dict, nodes: int, port: int, ended: threading.Event) -> dict[int, dict]:
-    """Receiver to its losses, of all that were heard of until `ended`. Without the network, the own alone."""
+    """Receiver to its losses, of all that were heard of until some seconds after `ended`. Without the network, the own alone."""
     columns = {node: own}
     address = broadcast_address()
     if address is None:
@@ -26,17 +27,21 @@ def gathered(node: int, own: dict, nodes: int, port: int, ended: threading.Event
     peer.bind(("", port))
     peer.settimeout(_EVERY_S)
     data = json.dumps({"receiver": node, "path_loss_db": own}).encode()
-    while len(columns) < nodes and not ended.is_set():
+    until_s = None
+    while len(columns) < nodes and (until_s is None or time.monotonic() < until_s):
+        if ended.is_set() and until_s is None:
+            until_s = time.monotonic() + _PATIENCE_S
         _tell(peer, data, address, port)
         _hear(peer, columns, nodes)
-    threading.Thread(target=_go_on, args=(peer, data, address, port, ended), daemon=True).start()
+    threading.Thread(target=_go_on, args=(peer, data, address, port), daemon=True).start()
     return columns
 
 
-def _go_on(peer: socket.socket, data: bytes, address: str, port: int, ended: threading.Event) -> None:
+def _go_on(peer: socket.socket, data: bytes, address: str, port: int) -> None:
     until_s = time.monotonic() + _LINGER_S
-    while not ended.wait(_EVERY_S) and time.monotonic() < until_s:
+    while time.monotonic() < until_s:
         _tell(peer, data, address, port)
+        time.sleep(_EVERY_S)
 
 
 def _tell(peer: socket.socket, data: bytes, address: str, port: int) -> None:

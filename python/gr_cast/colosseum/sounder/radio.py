@@ -32,17 +32,15 @@ def arguments(text: str) -> dict[str, str]:
     return dict(word.partition("=")[::2] for word in text.split(",") if word)
 
 
-def exchange(
-    device_args: str, slots: Slots, period: np.ndarray, ended: threading.Event, told=lambda slot: None
-) -> dict[int, np.ndarray]:
+def exchange(device_args: str, slots: Slots, period: np.ndarray, ended: threading.Event) -> dict[int, np.ndarray]:
     """Send `period` again and again in the own slot, record the others: slot to samples. Ends early when `ended` is set."""
     found = arguments(device_args)
     if found.get("driver") == "zmq":
-        return _in_step(found["tx_port"], found["rx_port"], slots, period, ended, told)
-    return _by_clock(device_args, slots, period, ended, told)
+        return _in_step(found["tx_port"], found["rx_port"], slots, period, ended)
+    return _by_clock(device_args, slots, period, ended)
 
 
-def _in_step(tx: str, rx: str, slots: Slots, period: np.ndarray, ended: threading.Event, told) -> dict[int, np.ndarray]:
+def _in_step(tx: str, rx: str, slots: Slots, period: np.ndarray, ended: threading.Event) -> dict[int, np.ndarray]:
     """Sample k of all that is sent meets sample k of all that is heard. A thread goes on answering after the last slot."""
     import zmq
 
@@ -60,7 +58,7 @@ def _in_step(tx: str, rx: str, slots: Slots, period: np.ndarray, ended: threadin
         request.send(b"\xff")
         sent = got = 0
         end = slots.total * slots.length
-        while not ended.is_set():
+        while True:
             ready = dict(poller.poll(100))
             if reply in ready:
                 reply.recv()
@@ -71,17 +69,15 @@ def _in_step(tx: str, rx: str, slots: Slots, period: np.ndarray, ended: threadin
             if request in ready:
                 samples = np.frombuffer(request.recv(), np.complex64)
                 _keep(slots, heard, got, samples)
-                told((got + len(samples)) // slots.length)
                 got += len(samples)
                 request.send(b"\xff")
                 if got >= end:
                     done.set()
-        context.destroy(linger=0)
 
     threading.Thread(target=run, daemon=True).start()
     while not done.wait(0.1) and not ended.is_set():
         pass
-    return heard if done.is_set() else {}
+    return heard if done.is_set() else {}  # of slots that were cut off nothing is told
 
 
 def _sent(slots: Slots, period: np.ndarray, begin: int) -> bytes:
@@ -102,7 +98,7 @@ def _keep(slots: Slots, heard: dict[int, np.ndarray], begin: int, samples: np.nd
             heard[slot][low - first : high - first] = samples[low - begin : high - begin]
 
 
-def _by_clock(device_args: str, slots: Slots, period: np.ndarray, ended: threading.Event, told) -> dict[int, np.ndarray]:
+def _by_clock(device_args: str, slots: Slots, period: np.ndarray, ended: threading.Event) -> dict[int, np.ndarray]:
     """Slots of whole seconds by the host's clock, from the next multiple of ten seconds on: all nodes are started together."""
     import uhd
 
@@ -121,5 +117,4 @@ def _by_clock(device_args: str, slots: Slots, period: np.ndarray, ended: threadi
             usrp.send_waveform(np.tile(period, repeats)[None], slot_s - 1.0, slots.carrier_hz, slots.rate_hz, [0], 0)
         else:
             heard[slot] = usrp.recv_num_samps(slots.count, slots.carrier_hz, slots.rate_hz, [0], 0)[0]
-        told(slot + 1)
     return heard

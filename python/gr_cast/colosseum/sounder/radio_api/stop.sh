@@ -1,4 +1,2 @@
 #!/bin/sh
-[ -e /root/cast/pid ] || exit 0
-read PID < /root/cast/pid
-kill -TERM "$PID"
+: > /root/cast/stop
