@@ -136,7 +136,8 @@ def down(args) -> int:
         raise CastError(*(f"{name}: no such box: {', '.join(found) or 'there is none'}" for name in unknown))
     chosen = args.box or [name for name, folder in found.items() if args.all or not box.is_held(folder)]
     for name in chosen:
-        print(f"{name}: removed {', '.join(box.remove(name, found[name])) or 'nothing: it was gone'}")
+        left = box.remove(name, found[name])
+        print(f"{name}: " + (f"removed {', '.join(left)}" if left else "ended"))
     for name in found:
         if name not in chosen and not args.box:
             print(f"{name}: is in use; `down {name}` ends it")

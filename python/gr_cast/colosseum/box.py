@@ -125,6 +125,8 @@ class Box:
             share = self.storage.folder.resolve()
             mounts |= {"/socket": self.place(number, "socket"), f"/share/nas/{self.storage.team}": share}
         (lxc / name).mkdir(parents=True)
+        self.place(number, "upper", "etc").mkdir(mode=0o755)
+        self.place(number, "upper", "etc", "hostname").write_text(f"{name}\n")  # systemd would take the image's
         group = f"{host.GROUP}/{self.name}/{srn.tag}"
         text = configuration(name=name, root=root, folder=self.place(number), wires=wires, mounts=mounts, group=group)
         (lxc / name / "config").write_text(text)

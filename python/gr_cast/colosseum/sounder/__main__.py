@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Begun when the container boots, READY once it is loaded. After start.sh it sounds all pairs, gathers what others found over col0
-and leaves the map in /logs; after stop.sh it ends what it has begun."""
+"""Begun when the container boots, READY once it is loaded. After start.sh it sounds all pairs, gathers what others found (over
+col0) and leaves the map in /logs; after stop.sh it ends what it has begun."""
 
 import configparser
 import json
