@@ -56,7 +56,9 @@ def team_with(folder: Path, images: dict[str, dict]) -> Path:
     return team
 
 
-def player(folder: Path, team: Path, images: list[str], *, traffic: int = 0, duration: int = 600) -> play.Player:
+def player(
+    folder: Path, team: Path, images: list[str], *, traffic: int = 0, duration: int = 600, least_s: float = 60.0
+) -> play.Player:
     document = teams.job_document(len(images)) | {"TrafficScenario": traffic, "Duration": duration}
     for node, image in zip(document["NodeData"], images, strict=True):
         node |= {"ImageName": image, "isGateway": True}
@@ -65,7 +67,7 @@ def player(folder: Path, team: Path, images: list[str], *, traffic: int = 0, dur
     here = storage.storage_of(path, None)
     taken = job.read(path, here)
     clock = timeline.Clock(
-        profile=timeline.PROFILES["current"], scale=600, duration_s=duration, least_boot_s=3.0, least_stop_s=3.0
+        profile=timeline.PROFILES["current"], scale=600, duration_s=duration, least_boot_s=least_s, least_stop_s=least_s
     )
     scenario = play.sc.load(str(taken.rf_scenario))
     changes = play.changes_of(taken, clock.run_s, scenario, Channel(), None)
@@ -100,7 +102,7 @@ def test_a_job_is_played_and_its_traffic_passes_through_tr0(boxes):
     played = player(boxes, team, ["wire", "wire"], traffic=1, duration=1800)
     document = played.run()
     assert document["outcome"] == "played", document["faults"]
-    assert [fault for fault in document["faults"] if "no sample" not in fault] == []
+    assert [fault for fault in document["faults"] if "no sample" not in fault and "took more than" not in fault] == []
     for node in document["nodes"]:
         assert [state["state"] for state in node["states"]] == ["READY", "ACTIVE", "FINISHED"]
         assert [c["script"] for c in node["calls"]] == ["start.sh", "update_outcomes.sh", "update_environment.sh", "stop.sh"]
@@ -119,7 +121,7 @@ def test_scripts_that_go_wrong_are_named_and_the_job_goes_on(boxes):
         "much": {"stop": "#!/bin/sh\nhead -c 300000 /dev/zero\n"},
         "dies": {"start": "#!/bin/sh\nkill -9 $$\n"},
     }
-    played = player(boxes, team_with(boxes, wrong), list(wrong))
+    played = player(boxes, team_with(boxes, wrong), list(wrong), least_s=3.0)
     document = played.run()
     assert document["outcome"] == "played"
     told = "\n".join(document["faults"])
