@@ -52,6 +52,14 @@ void require(bool holds, const std::string& name, long got, const std::string& l
 // One tap per delay, in order of delay, without zeros.
 void tidy(std::vector<tap>& taps)
 {
+    int before = -1;
+    bool is_tidy = true;
+    for (const tap& t : taps) {
+        is_tidy &= t.delay > before && t.gain != sample(0);
+        before = t.delay;
+    }
+    if (is_tidy)
+        return;
     const auto by_delay = [](const tap& a, const tap& b) { return a.delay < b.delay; };
     if (!std::is_sorted(taps.begin(), taps.end(), by_delay))
         std::stable_sort(taps.begin(), taps.end(), by_delay);
@@ -137,6 +145,13 @@ void emulator::check(const link_update& update) const
     if (update.gain && !std::isfinite(*update.gain))
         throw std::invalid_argument("gain of the link: not a finite number");
     if (!update.taps)
+        return;
+    // One pass without a branch first: nearly always nothing is wrong.
+    bool holds = true;
+    for (const tap& t : *update.taps)
+        holds &= unsigned(t.delay) < unsigned(d_config.n_taps) &&
+                 std::isfinite(t.gain.real() - t.gain.real() + t.gain.imag() - t.gain.imag());
+    if (holds)
         return;
     for (const tap& t : *update.taps) {
         if (t.delay < 0 || t.delay >= d_config.n_taps)
@@ -250,42 +265,70 @@ void emulator::apply_due()
         apply(std::move(d_pending.extract(d_pending.begin()).mapped()));
 }
 
-path emulator::make_path(int input, const link& l, const tap& t) const
+// Adds a link's taps, as they are heard, to `paths`.
+void emulator::add_paths(int input, const link& l, const std::vector<tap>& taps,
+                         std::vector<path>& paths) const
 {
-    sample gain = t.gain;
+    const std::size_t begin = paths.size();
+    paths.resize(begin + taps.size());
+    path* made = paths.data() + begin;
+    for (const tap& t : taps)
+        *made++ = {input, t.delay, t.gain};
     if (d_fixed_point)
-        quantize(d_isa, &gain, 2.0f, d_fixed_point->tap_bits, &gain, 1);
-    return {input, t.delay, l.gain == 1.0f ? gain : l.gain * gain};
+        for (std::size_t k = begin; k < paths.size(); k++)
+            quantize(d_isa, &paths[k].gain, 2.0f, d_fixed_point->tap_bits, &paths[k].gain, 1);
+    if (l.gain != 1.0f)
+        for (std::size_t k = begin; k < paths.size(); k++)
+            paths[k].gain *= l.gain;
+}
+
+// An empty one, in the memory of one that nobody needs any more: recipes come and go with every
+// update, and fresh memory costs more than what is written to it.
+std::shared_ptr<emulator::recipe> emulator::new_recipe() const
+{
+    std::unique_ptr<recipe> made;
+    if (d_spare->empty())
+        made = std::make_unique<recipe>();
+    else {
+        made = std::move(d_spare->back());
+        d_spare->pop_back();
+        made->paths.clear();
+        made->ramps.clear();
+    }
+    return {made.release(), [spare = std::weak_ptr(d_spare)](recipe* done) {
+                std::unique_ptr<recipe> kept(done);
+                if (const auto shelf = spare.lock())
+                    shelf->push_back(std::move(kept));
+            }};
 }
 
 std::shared_ptr<emulator::recipe> emulator::make_recipe(int output) const
 {
-    auto made = std::make_shared<recipe>();
-    if (const auto& before = d_recipes[output])
-        made->paths.reserve(before->paths.size());
+    auto made = new_recipe();
     for (int input = 0; input < d_config.n_inputs; input++) {
         const link& l = d_links[output * d_config.n_inputs + input];
         if (!l.enabled)
             continue;
         // taps(n) = (taps - slope) + slope * (n - begin) / (end - begin)
-        for (const tap& t : l.slope.empty() ? l.taps : sum_by_delay(l.taps, l.slope, -1.0f))
-            made->paths.push_back(make_path(input, l, t));
-        if (l.slope.empty())
+        if (l.slope.empty()) {
+            add_paths(input, l, l.taps, made->paths);
             continue;
+        }
+        add_paths(input, l, sum_by_delay(l.taps, l.slope, -1.0f), made->paths);
         auto same = std::find_if(made->ramps.begin(), made->ramps.end(), [&](const ramp& r) {
             return r.begin == l.ramp_begin && r.end == l.ramp_end;
         });
         if (same == made->ramps.end())
             same = made->ramps.insert(same, {l.ramp_begin, l.ramp_end, {}, {}});
-        for (const tap& t : l.slope)
-            same->paths.push_back(make_path(input, l, t));
+        add_paths(input, l, l.slope, same->paths);
     }
-    made->filter = heard_by(made->paths);
+    heard_by(made->paths, made->filter);
     for (ramp& slope : made->ramps)
-        slope.filter = heard_by(slope.paths);
+        heard_by(slope.paths, slope.filter);
     const auto& p = made->paths;
     made->is_copy = p.size() == 1 && made->ramps.empty() && p[0].gain == sample(1);
     made->born = d_position;
+    made->expected_life = 0;
     if (const auto& before = d_recipes[output])
         made->expected_life = d_position - before->born;
     return made;

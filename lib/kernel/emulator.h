@@ -151,6 +151,7 @@ private:
         const ramp* of_ramp; // nullptr: the piece's own filter
         int block, n_blocks;
     };
+    using shelf = std::vector<std::unique_ptr<recipe>>;
     using pieces = std::vector<std::vector<piece>>; // [output]
 
     const config d_config;
@@ -162,6 +163,8 @@ private:
     spectrum d_spectra;        // of the round at hand: [block][input][bin]
     spectrum d_products;       // [product][block][bin]
     std::vector<link> d_links; // [output * n_inputs + input]
+    // Recipes whose memory is free; before all that holds recipes.
+    const std::shared_ptr<shelf> d_spare = std::make_shared<shelf>();
     std::vector<std::shared_ptr<recipe>> d_recipes;
     std::vector<bool> d_changed;
     std::multimap<uint64_t, link_update> d_pending; // equal samples keep their order: the last wins
@@ -175,6 +178,7 @@ private:
     link& link_at(int input, int output) { return d_links[output * d_config.n_inputs + input]; }
     void apply(link_update&& update);
     void apply_due();
+    std::shared_ptr<recipe> new_recipe() const;
     std::shared_ptr<recipe> make_recipe(int output) const;
     uint64_t next_change(uint64_t limit) const;
     pieces cut(uint64_t end);
@@ -182,7 +186,8 @@ private:
     double dense_cost(const piece& p, uint64_t first) const;
     double choose(pieces& all, uint64_t first, std::size_t n) const;
     void share(unsigned n_jobs, const std::function<void(unsigned)>& job);
-    path make_path(int input, const link& l, const tap& t) const;
+    void add_paths(int input, const link& l, const std::vector<tap>& taps,
+                   std::vector<path>& paths) const;
     std::vector<const sample*> quantize_inputs(const sample* const* in, std::size_t n);
     void finish_outputs(sample* const* out, uint64_t first, std::size_t n);
     void round(const sample* const* in, sample* const* out, std::size_t n);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "overlap_save.h"
 #include <algorithm>
+#include <cstring>
 #include <fftw3.h>
 #include <gnuradio/fft/fft.h>
 #include <mutex>
@@ -57,31 +58,37 @@ overlap_save::overlap_save(int n_taps)
 
 overlap_save::~overlap_save() = default;
 
-dense_filter heard_by(const std::vector<path>& paths)
+void heard_by(const std::vector<path>& paths, dense_filter& made)
 {
-    dense_filter made;
+    made.inputs.clear();
+    made.first.clear();
+    made.taps.clear();
+    int before = -1;
     for (std::size_t k = 0; k < paths.size(); k++)
-        if (made.inputs.empty() || made.inputs.back() != paths[k].input) {
-            made.inputs.push_back(paths[k].input);
+        if (paths[k].input != before) {
+            before = paths[k].input;
+            made.inputs.push_back(before);
             made.first.push_back(k);
         }
     made.first.push_back(paths.size());
-    return made;
 }
 
 void overlap_save::fill(dense_filter& filter, const std::vector<path>& paths, int used) const
 {
     thread_local spectrum response, bins;
-    response.assign(d_n_bins, 0);
+    response.resize(d_n_bins, 0); // zeros from one call to the next but where taps are
     bins.resize(d_n_bins);
     const float scale =
         1.0f / float(d_n_bins); // FFTW's transforms do not normalise; a power of two is exact
     for (std::size_t k = filter.first[used]; k < filter.first[used + 1]; k++)
         response[paths[k].delay] += paths[k].gain * scale;
     fftwf_execute_dft(d_plans->forward, fftw(response.data()), fftw(bins.data()));
-    for (std::size_t t = 0; t < d_n_bins / bins_per_tile; t++)
-        std::copy_n(bins.data() + t * bins_per_tile, bins_per_tile,
-                    filter.taps.data() + (t * filter.inputs.size() + used) * bins_per_tile);
+    std::fill_n(response.begin(), d_n_taps, sample(0));
+    constexpr std::size_t tile_bytes = bins_per_tile * sizeof(sample);
+    const std::size_t stride = filter.inputs.size() * bins_per_tile;
+    sample* to = filter.taps.data() + used * bins_per_tile;
+    for (std::size_t bin = 0; bin < d_n_bins; bin += bins_per_tile, to += stride)
+        std::memcpy(static_cast<void*>(to), bins.data() + bin, tile_bytes);
 }
 
 void overlap_save::transform(const sample* x, std::size_t n, sample* bins) const

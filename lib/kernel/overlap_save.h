@@ -6,6 +6,7 @@
 #include "vector_kernels.h"
 #include <memory>
 #include <new>
+#include <utility>
 #include <vector>
 
 namespace gr
@@ -23,6 +24,12 @@ template <class T> struct cache_aligned {
     {
         return static_cast<T*>(::operator new(n * sizeof(T), std::align_val_t(64)));
     }
+    // What is only made room for is written before it is read: no zeros first.
+    template <class U> void construct(U*) {}
+    template <class U, class A, class... B> void construct(U* p, A&& a, B&&... b)
+    {
+        ::new (static_cast<void*>(p)) U(std::forward<A>(a), std::forward<B>(b)...);
+    }
     void deallocate(T* p, std::size_t) { ::operator delete(p, std::align_val_t(64)); }
     bool operator==(const cache_aligned&) const { return true; }
     bool operator!=(const cache_aligned&) const { return false; }
@@ -36,8 +43,8 @@ struct dense_filter {
     spectrum taps;                  // [tile][input heard][bin]; empty until needed
 };
 
-// What `paths`, in order of input, are heard from; no spectra yet.
-dense_filter heard_by(const std::vector<path>& paths);
+// What `paths`, in order of input, are heard from; no spectra yet, but what room `made` has.
+void heard_by(const std::vector<path>& paths, dense_filter& made);
 
 class overlap_save
 {

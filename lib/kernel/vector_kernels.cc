@@ -5,6 +5,22 @@
 #include <immintrin.h>
 #endif
 
+// Lanes are moved, loops over registers unrolled, and instruction sets chosen for parts of this
+// file, in the words of either compiler.
+#define PRAGMA(words) _Pragma(#words)
+#if defined(__clang__)
+#define SHUFFLE(v, ...) __builtin_shufflevector(v, v, __VA_ARGS__)
+#define UNROLL(n) PRAGMA(clang loop unroll_count(n))
+#define BEGIN_TARGET(set)                                                                          \
+    PRAGMA(clang attribute push(__attribute__((target(set))), apply_to = function))
+#define END_TARGET PRAGMA(clang attribute pop)
+#else
+#define SHUFFLE(v, ...) __builtin_shuffle(v, lanes{__VA_ARGS__})
+#define UNROLL(n) PRAGMA(GCC unroll n)
+#define BEGIN_TARGET(set) PRAGMA(GCC push_options) PRAGMA(GCC target(set))
+#define END_TARGET PRAGMA(GCC pop_options)
+#endif
+
 namespace gr
 {
 namespace cast
@@ -22,7 +38,7 @@ namespace generic
 typedef float vec __attribute__((vector_size(16)));
 typedef float loose_vec __attribute__((vector_size(16), aligned(4), may_alias));
 typedef int lanes __attribute__((vector_size(16)));
-constexpr int width = 4, register_blocks = 4;
+constexpr int width = 4, register_blocks = 4, most_blocks = 4;
 static inline vec zero() { return vec{}; }
 static inline vec broadcast(float a) { return vec{a, a, a, a}; }
 static inline vec keep(vec v)
@@ -44,21 +60,20 @@ static inline vec multiply_add(vec a, vec b, vec c) { return a * b + c; }
 static inline float multiply_add(float a, float b, float c) { return a * b + c; }
 static inline vec add_turned(vec a, vec b)
 {
-    const vec turned = __builtin_shuffle(b, lanes{1, 0, 3, 2});
+    const vec turned = SHUFFLE(b, 1, 0, 3, 2);
     return a + turned * vec{-1, 1, -1, 1};
 }
-static inline vec even_twice(vec a) { return __builtin_shuffle(a, lanes{0, 0, 2, 2}); }
-static inline vec odd_twice(vec a) { return __builtin_shuffle(a, lanes{1, 1, 3, 3}); }
+static inline vec even_twice(vec a) { return SHUFFLE(a, 0, 0, 2, 2); }
+static inline vec odd_twice(vec a) { return SHUFFLE(a, 1, 1, 3, 3); }
 #include "vector_kernels_body.h"
 } // namespace generic
 
 #if defined(__x86_64__)
-#pragma GCC push_options
-#pragma GCC target("avx2,fma")
+BEGIN_TARGET("avx2,fma")
 namespace avx2
 {
 typedef __m256 vec;
-constexpr int width = 8, register_blocks = 4;
+constexpr int width = 8, register_blocks = 4, most_blocks = 4;
 static inline vec zero() { return _mm256_setzero_ps(); }
 static inline vec broadcast(float a) { return _mm256_set1_ps(a); }
 static inline vec keep(vec v)
@@ -79,15 +94,13 @@ static inline vec even_twice(vec a) { return _mm256_moveldup_ps(a); }
 static inline vec odd_twice(vec a) { return _mm256_movehdup_ps(a); }
 #include "vector_kernels_body.h"
 } // namespace avx2
-#pragma GCC pop_options
+END_TARGET
 
-#pragma GCC push_options
-#pragma GCC target("avx512f,fma")
+BEGIN_TARGET("avx512f,fma")
 namespace avx512
 {
 typedef __m512 vec;
-typedef int lanes __attribute__((vector_size(64)));
-constexpr int width = 16, register_blocks = 12;
+constexpr int width = 16, register_blocks = 12, most_blocks = 8;
 static inline vec zero() { return _mm512_setzero_ps(); }
 static inline vec broadcast(float a) { return _mm512_set1_ps(a); }
 static inline vec keep(vec v)
@@ -102,20 +115,13 @@ static inline vec multiply_add(vec a, vec b, vec c) { return _mm512_fmadd_ps(a, 
 static inline float multiply_add(float a, float b, float c) { return __builtin_fmaf(a, b, c); }
 static inline vec add_turned(vec a, vec b)
 {
-    const lanes swap = {1, 0, 3, 2, 5, 4, 7, 6, 9, 8, 11, 10, 13, 12, 15, 14};
-    return _mm512_fmaddsub_ps(_mm512_set1_ps(1.0f), a, __builtin_shuffle(b, swap));
+    return _mm512_fmaddsub_ps(_mm512_set1_ps(1.0f), a, _mm512_maskz_permute_ps(0xffff, b, 0xB1));
 }
-static inline vec even_twice(vec a)
-{
-    return __builtin_shuffle(a, lanes{0, 0, 2, 2, 4, 4, 6, 6, 8, 8, 10, 10, 12, 12, 14, 14});
-}
-static inline vec odd_twice(vec a)
-{
-    return __builtin_shuffle(a, lanes{1, 1, 3, 3, 5, 5, 7, 7, 9, 9, 11, 11, 13, 13, 15, 15});
-}
+static inline vec even_twice(vec a) { return _mm512_maskz_moveldup_ps(0xffff, a); }
+static inline vec odd_twice(vec a) { return _mm512_maskz_movehdup_ps(0xffff, a); }
 #include "vector_kernels_body.h"
 } // namespace avx512
-#pragma GCC pop_options
+END_TARGET
 #endif
 
 void mix_paths(isa set, const sample* const* in, const path* paths, std::size_t n_paths,

@@ -11,21 +11,21 @@ static inline void mix_vectors(const float* const* in, const path* paths, std::s
                                float* out, std::size_t at)
 {
     vec real_part[blocks], imag_part[blocks];
-#pragma GCC unroll 16
+    UNROLL(16)
     for (int b = 0; b < blocks; b++)
         real_part[b] = imag_part[b] = zero();
     for (std::size_t p = 0; p < n_paths; p++) {
         const float* x = in[paths[p].input] + at - 2 * static_cast<std::ptrdiff_t>(paths[p].delay);
         const vec gain_real = broadcast(paths[p].gain.real());
         const vec gain_imag = broadcast(paths[p].gain.imag());
-#pragma GCC unroll 16
+        UNROLL(16)
         for (int b = 0; b < blocks; b++) {
             const vec v = load(x + b * width);
             real_part[b] = multiply_add(gain_real, v, real_part[b]);
             imag_part[b] = multiply_add(gain_imag, v, imag_part[b]);
         }
     }
-#pragma GCC unroll 16
+    UNROLL(16)
     for (int b = 0; b < blocks; b++)
         store(out + at + b * width, add_turned(real_part[b], imag_part[b]));
 }
@@ -67,25 +67,37 @@ static inline void multiply_tile(const float* spectra, std::size_t stride, int n
         reinterpret_cast<const float*>(product.taps) + tile * product.n_used * tile_floats;
     for (std::size_t at = 0; at < tile_floats; at += width) {
         vec real_part[n_blocks], imag_part[n_blocks];
-#pragma GCC unroll 4
+        UNROLL(8)
         for (int b = 0; b < n_blocks; b++)
             real_part[b] = imag_part[b] = zero();
         for (int u = 0; u < product.n_used; u++) {
             const vec h = load(taps + u * tile_floats + at);
             const vec h_real = even_twice(h), h_imag = odd_twice(h);
             const std::size_t place = product.inputs[u] * stride + at;
-#pragma GCC unroll 4
+            UNROLL(8)
             for (int b = 0; b < n_blocks; b++) {
                 const vec x = load(blocks[b] + place);
                 real_part[b] = multiply_add(h_real, x, real_part[b]);
                 imag_part[b] = multiply_add(h_imag, x, imag_part[b]);
             }
         }
-#pragma GCC unroll 4
+        UNROLL(8)
         for (int b = 0; b < n_blocks; b++)
             store(reinterpret_cast<float*>(product.results[from + b]) + tile * tile_floats + at,
                   add_turned(real_part[b], imag_part[b]));
     }
+}
+
+// As many blocks as are left and fit into the registers, at most n_blocks; returns how many.
+template <int n_blocks>
+static inline int multiply_blocks(const float* spectra, std::size_t stride, int n_inputs,
+                                  const spectral_product& product, int from, std::size_t tile)
+{
+    if constexpr (n_blocks > 1)
+        if (product.n_blocks - from < n_blocks)
+            return multiply_blocks<n_blocks - 1>(spectra, stride, n_inputs, product, from, tile);
+    multiply_tile<n_blocks>(spectra, stride, n_inputs, product, from, tile);
+    return n_blocks;
 }
 
 static void multiply(const float* spectra, std::size_t stride, int n_inputs,
@@ -94,20 +106,9 @@ static void multiply(const float* spectra, std::size_t stride, int n_inputs,
 {
     for (std::size_t tile = begin / bins_per_tile; tile < end / bins_per_tile; tile++)
         for (std::size_t p = 0; p < n_products; p++)
-            for (int from = 0; from < products[p].n_blocks; from += 4)
-                switch (products[p].n_blocks - from) {
-                case 1:
-                    multiply_tile<1>(spectra, stride, n_inputs, products[p], from, tile);
-                    break;
-                case 2:
-                    multiply_tile<2>(spectra, stride, n_inputs, products[p], from, tile);
-                    break;
-                case 3:
-                    multiply_tile<3>(spectra, stride, n_inputs, products[p], from, tile);
-                    break;
-                default:
-                    multiply_tile<4>(spectra, stride, n_inputs, products[p], from, tile);
-                }
+            for (int from = 0; from < products[p].n_blocks;)
+                from += multiply_blocks<most_blocks>(spectra, stride, n_inputs, products[p], from,
+                                                     tile);
 }
 
 static double turn(long turns)
@@ -117,10 +118,11 @@ static double turn(long turns)
     const vec factor = keep(broadcast(0.5f));
     for (vec& sum : sums)
         sum = factor;
-    for (long t = 0; t < turns; t++)
-#pragma GCC unroll 12
+    for (long t = 0; t < turns; t++) {
+        UNROLL(12)
         for (int c = 0; c < chains; c++)
             sums[c] = keep(multiply_add(sums[c], factor, factor));
+    }
     volatile float seen; // without a reader the sums would not be made
     for (vec& sum : sums)
         seen = sum[0];
@@ -260,14 +262,15 @@ static void measure(const float* in, std::size_t n_floats, double& energy, float
     for (std::size_t at = 0; at < n_floats;) {
         const std::size_t end = at + most < n_floats ? at + most : n_floats;
         vec sums[2] = {zero(), zero()}, tops[2] = {zero(), zero()};
-        for (; at + 2 * width <= end; at += 2 * width)
-#pragma GCC unroll 2
+        for (; at + 2 * width <= end; at += 2 * width) {
+            UNROLL(2)
             for (int b = 0; b < 2; b++) {
                 const vec v = load(in + at + b * width), squares = v * v;
                 const vec power = even_twice(squares) + odd_twice(squares);
                 sums[b] += squares;
                 tops[b] = power > tops[b] ? power : tops[b];
             }
+        }
         for (int b = 0; b < 2; b++)
             for (int lane = 0; lane < width; lane++) {
                 energy += sums[b][lane];

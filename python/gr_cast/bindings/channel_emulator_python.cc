@@ -45,13 +45,15 @@ void set_all(emulator& e, uint64_t offset, const py::array_t<int, py::array::c_s
         gains.shape(0) != n_links || gains.shape(1) != delays.shape(1))
         throw std::invalid_argument("delays, gains: expected shape (" + std::to_string(n_links) +
                                     " links, taps)");
+    const auto delay = delays.unchecked<2>();
+    const auto gain = gains.unchecked<2>();
     for (int link = 0; link < n_links; link++) {
         std::vector<gr::cast::kernel::tap> taps;
         taps.reserve(delays.shape(1));
         for (py::ssize_t p = 0; p < delays.shape(1); p++)
-            taps.push_back({delays.at(link, p), gains.at(link, p)});
-        e.schedule(
-            {link / n_outputs, link % n_outputs, offset, taps, std::nullopt, std::nullopt, 0});
+            taps.push_back({delay(link, p), gain(link, p)});
+        e.schedule({link / n_outputs, link % n_outputs, offset, std::move(taps), std::nullopt,
+                    std::nullopt, 0});
     }
 }
 
