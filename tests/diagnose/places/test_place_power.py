@@ -1,15 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Received power alone: laws of fading and of a meter's scale, against SciPy's distributions and numerical derivatives."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from gr_cast.diagnose.places.power import Expected, PowerEar
+from gr_cast.diagnose.places.search import Budget, run
+from gr_cast.scenario.create.geometry import Solid
+from gr_cast.scenario.create.media import Medium
+from gr_cast.scenario.create.nodes import Node
 from gr_cast.twin.places.families.power import scales
 from gr_cast.twin.places.meters import Fading, Meter
+from gr_cast.twin.places.predict import Predictor
+from gr_cast.twin.places.world import Mesh, Radio, World, surface_of
 from scipy.stats import multivariate_normal, norm
 
+CARRIER_HZ = 2e9
 LINKS, T, STD_DB = [("a", "b"), ("c", "b")], 24, 0.7
 
 
@@ -98,3 +106,56 @@ def test_limits_of_the_file_are_no_finding_and_those_of_the_readings_are():
     assert scales(np.minimum(power_db, -68.3), 0.5, (-100, -68.3)) == []
     assert scales(np.round(power_db / 3.7) * 3.7, 0.5, unlimited) == [("step_db", pytest.approx(3.7))]
     assert scales(np.round(power_db, 1), 0.5, unlimited) == []
+
+
+def _yard(**changes):
+    """Two isotropic nodes over one far sheet that sees neither."""
+    solid = Solid(name="far", vertices_m=np.array([[0, 0, -900.0], [1, 0, -900], [1, 1, -900]]), faces=[[0, 1, 2]])
+    media, nodes = {"far": Medium(material="concrete")}, {"a": [0.0, 0, 5], "b": [30.0, 0, 5]}
+    mesh = Mesh.of((solid,), np.array(list(nodes.values())))
+    radios = {name: Radio(node=Node(name=name, waypoints_m=np.array([at]))) for name, at in nodes.items()}
+    surface = surface_of(mesh, media, CARRIER_HZ, False)
+    return World(mesh=mesh, media=media, surface=surface, radios=radios, carrier_hz=CARRIER_HZ, max_depth=0, **changes)
+
+
+def _power_db(world, tracked=None):
+    predictor = Predictor(["a"], ["b"], np.array([0.0, 1.0]), np.zeros(1), tracked)
+    return 20 * np.log10(np.abs(predictor.response(world)[0, :, 0]))
+
+
+def _friis_db(length_m):
+    return 20 * np.log10(299792458.0 / CARRIER_HZ / (4 * np.pi * np.asarray(length_m)))
+
+
+def test_a_tracked_node_is_where_it_was_tracked():
+    at_m = np.array([[40.0, 0, 5], [0, 80.0, 5]])
+    assert _power_db(_yard()) == pytest.approx(_friis_db([30.0, 30.0]), abs=1e-6)
+    assert _power_db(_yard(), {"b": at_m}) == pytest.approx(_friis_db([40.0, 80.0]), abs=1e-6)
+
+
+def test_attenuation_takes_its_decibels_of_every_metre():
+    assert _power_db(_yard(loss_db_per_m=0.2)) == pytest.approx(_friis_db([30.0, 30.0]) - 6.0, abs=1e-6)
+
+
+def test_ground_is_found_by_the_fringes_of_power_alone():
+    """Against the two-ray law with Fresnel's coefficient of a half-space."""
+    x_m = np.linspace(8, 60, 60)
+    at_m = np.stack([x_m, 0 * x_m, 5.0 + 0 * x_m], 1)
+    height_m, eta = 3.45, 9.0 - 1j * 0.01 * 17.975 / (CARRIER_HZ / 1e9)
+    up_m = 2 * (5.0 - height_m)
+    far_m = np.hypot(x_m, up_m)
+    sine = up_m / far_m
+    root = np.sqrt(eta - (1 - sine**2))
+    reflection = (eta * sine - root) / (eta * sine + root)
+    # isotropic, vertical: the fields of both ends are along theta, which a level ground turns into transverse magnetic
+    k = 2 * np.pi * CARRIER_HZ / 299792458.0
+    field = np.exp(-1j * k * x_m) / x_m + reflection * np.exp(-1j * k * far_m) / far_m
+    told_db = 20 * np.log10(np.abs(field) * 299792458.0 / CARRIER_HZ / (4 * np.pi))
+    power_db = (told_db + np.random.default_rng(1).normal(0, 0.5, 60))[None]
+    predictor = Predictor(["a"], ["b"], np.arange(60.0), np.zeros(1), {"b": at_m})
+    ear = PowerEar(predictor, power_db[:, :, None], np.full((1, 60, 1), 2.0), None, "none")
+    world, unknown = replace(_yard(), max_depth=1), {"gain": "none", "delay": "none", "phase": "none"}
+    found = run([ear], world, unknown, Budget.of(60.0))
+    assert [effect.key for effect in found.model.effects] == [("ground", "place")]
+    assert found.model.effects[0].values[0] == pytest.approx(height_m, abs=0.02)
+    assert abs(found.deviations) < 4

@@ -10,6 +10,7 @@ from ...scenario.create import fields
 from . import imaging, planes, scan
 
 _SCANNED_CARRIERS = 3000
+_GROUND_BELOW_M = 3.0  # under the lowest node, looked at finely
 
 
 class View:
@@ -30,6 +31,11 @@ class View:
     @cached_property
     def nodes(self):
         return sorted({name for link in self.links for name in link})
+
+    @property
+    def tracked(self) -> set[str]:
+        """Nodes whose positions were recorded along with the soundings."""
+        return {name for ear in self.ears for name in ear.predictor.tracked}
 
     @cached_property
     def fading_links(self):
@@ -118,11 +124,21 @@ class View:
                 axes.append(normal)
         return axes[:4]
 
+    @cached_property
+    def lowest_m(self) -> float:
+        """Of all nodes that were sounded, at all instants."""
+        return min(
+            float(end_m[:, 2].min())
+            for ear in self.ears
+            for index in range(len(ear.predictor.links))
+            for end_m in ear.predictor.ends_m(self.world, index)
+        )
+
     @property
     def lacks_ground(self) -> bool:
         """Whether no level face lies under all nodes."""
         faces = self.world.faces
-        lowest = min(radio.node.waypoints_m[:, 2].min() for radio in self.world.radios.values())
+        lowest = self.lowest_m
         low, high = self.bounds_m
         level = (np.abs(faces.normal[:, 2]) > 0.999) & (faces.level_m * faces.normal[:, 2] < lowest)
         for face in np.flatnonzero(level):
@@ -213,11 +229,15 @@ class View:
 
     def scan_ground(self) -> list[float]:
         """Heights under all nodes at which a level plane would explain what is left."""
-        lowest = min(radio.node.waypoints_m[:, 2].min() for radio in self.world.radios.values())
+        lowest = self.lowest_m
         resolution_m = max((SPEED_OF_LIGHT_M_PER_S / one.bins_per_s for one in self.echoes), default=1.0)
         coarse = np.arange(lowest - 6.0, lowest - 0.05, min(resolution_m, 0.25))
-        if not len(self.echoes):
-            return [float(h) for h in np.arange(lowest - 4, lowest, 0.25)]
+        if not len(self.echoes):  # fringes of power: the two-ray phase turns by a quarter or less from one height to the next
+            step_m = max(0.35 * self.world.wavelength_m, 0.02)
+            deep = -np.geomspace(_GROUND_BELOW_M, 100.0, 12)
+            near_zero = np.arange(-0.5, 0.5, step_m) if lowest > _GROUND_BELOW_M else []
+            heights = np.concatenate([np.arange(lowest - _GROUND_BELOW_M, lowest - 0.2, step_m), lowest + deep, near_zero])
+            return [float(h) for h in heights]
         normal = np.broadcast_to([0.0, 0.0, 1.0], (len(coarse), 3))
         found = scan.minima(coarse, -imaging.plane_scores(self.echoes, normal, coarse), 3)
         step_m = self.world.wavelength_m / 8

@@ -69,6 +69,7 @@ class Predictor:
             rows,
             world.carrier_hz,
             world.exponent,
+            world.loss_db_per_m,
         )
 
     def traced(self, world: World, index: int) -> Traced:
@@ -119,6 +120,8 @@ class Predictor:
         gain = fields.gains(faces, paths, way, world.surface, start, end, world.carrier_hz)
         if world.exponent != 2.0:
             gain = gain * way.length_m ** ((2.0 - world.exponent) / 2)
+        if world.loss_db_per_m:
+            gain = gain * amplitude_from_db(-world.loss_db_per_m * way.length_m)
         return Table(paths=paths, instant=paths.pair, gain=gain, way=way, many=len(tx_m))
 
     def _compute(self, world: World, index: int) -> np.ndarray:

@@ -95,6 +95,7 @@ class World:
     max_depth: int
     diffraction: bool = False
     exponent: float = 2.0
+    loss_db_per_m: float = 0.0
     link_loss_db: Mapping[tuple[str, str], float] = field(default_factory=dict)
     person: Person | None = None
     meters: Mapping[str, Meter] = field(default_factory=dict)

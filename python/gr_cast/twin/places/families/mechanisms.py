@@ -127,7 +127,7 @@ class Ground(Family):
         return [
             Effect(family=self, owner=owner, values=np.array([height_m, np.log(e)]))
             for height_m in view.scan_ground()
-            for e in (4.0, 15.0)
+            for e in ((4.0, 15.0) if view.has_responses else (8.0,))
         ]
 
     def apply(self, world, effect):
@@ -207,3 +207,28 @@ class DistanceLaw(Family):
 
     def sentence(self, effect, told):
         return f"Power falls with the {effect.values[0]:.2f}th power of the distance, in the twin with the second."
+
+
+class Attenuation(Family):
+    """Of the whole place: what lies along the way, leaves or rain, takes its part of every metre."""
+
+    name = "excess_loss"
+    is_in_spec = False
+
+    def owners(self, view):
+        return ["place"]
+
+    def starts(self, view, owner):
+        return [Effect(family=self, owner=owner, values=np.zeros(1))]
+
+    def apply(self, world, effect):
+        return replace(world, loss_db_per_m=float(effect.values[0]))
+
+    def bounded(self, values):
+        return np.clip(values, -1, 20)
+
+    def told(self, view, effect, covariance):
+        return {"db_per_m": value(effect.values[0], std_of(covariance, 0))}
+
+    def sentence(self, effect, told):
+        return f"Every metre of the way takes {effect.values[0]:.3g} dB more than in the twin."

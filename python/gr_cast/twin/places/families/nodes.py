@@ -15,6 +15,7 @@ _YAWS_RAD = np.linspace(-np.pi, np.pi, 16, endpoint=False)
 _PITCHES_RAD = (-0.6, -0.25, 0.0, 0.25, 0.6)
 _SPEED_FACTORS = (0.8, 0.87, 0.93, 0.97, 1.0, 1.03, 1.07, 1.13, 1.2)
 _TIME_OFFSETS_S = (-0.8, -0.5, -0.3, -0.15, -0.05, 0.0, 0.05, 0.15, 0.3, 0.5, 0.8)
+_COARSE_FACTORS, _COARSE_OFFSETS_S = (0.87, 1.0, 1.13), (-0.4, 0.0, 0.4)  # where power alone is known
 
 
 class _OfNode(Family):
@@ -27,6 +28,9 @@ class _OfNode(Family):
 class NodePosition(_OfNode):
     name = "node_position"
     order = 2
+
+    def owners(self, view):
+        return view.nodes if view.has_responses else []
 
     def starts(self, view, owner):
         zero = Effect(family=self, owner=owner, values=np.zeros(3))
@@ -155,13 +159,14 @@ class TrackTiming(_OfNode):
     order = 2
 
     def owners(self, view):
-        return [name for name in view.nodes if view.world.radios[name].node.is_moving]
+        return [name for name in view.nodes if view.world.radios[name].node.is_moving and name not in view.tracked]
 
     def starts(self, view, owner):
+        factors, offsets_s = (_SPEED_FACTORS, _TIME_OFFSETS_S) if view.has_responses else (_COARSE_FACTORS, _COARSE_OFFSETS_S)
         return [
             Effect(family=self, owner=owner, values=np.array([factor, offset_s]))
-            for factor in _SPEED_FACTORS
-            for offset_s in _TIME_OFFSETS_S
+            for factor in factors
+            for offset_s in offsets_s
             if factor != 1.0 or offset_s != 0.0
         ]
 

@@ -48,6 +48,9 @@ class ObjectMoved(_OfObject):
     order = 1
     price_nats = float(np.log(3))  # axes
 
+    def owners(self, view):
+        return view.seen_objects if view.has_responses else []
+
     def starts(self, view, owner):
         step_m = view.world.wavelength_m / 8
         grid_m = step_m * np.arange(-int(_FAR_M / step_m), int(_FAR_M / step_m) + 1)
@@ -152,7 +155,7 @@ class Roughness(_OfObject):
     name = "roughness"
 
     def owners(self, view):
-        return [*view.seen_objects, *view.shared_materials]
+        return [*view.seen_objects, *view.shared_materials] if view.has_responses else []
 
     def starts(self, view, owner):
         return [Effect(family=self, owner=owner, values=np.log([part * view.world.wavelength_m])) for part in _ROUGH]
