@@ -16,7 +16,7 @@ from gr_cast.experiments.traffic import flows, log
 from gr_cast.scenario import colosseum, mat_file, yaml_file, zarr_file
 from gr_cast.scenario.create import mesh_files, osm, p2m, pipeline, spec
 from gr_cast.signals import recording
-from gr_cast.sounding import calibration
+from gr_cast.sounding import calibration, collect
 from gr_cast.twin import document as twin
 from gr_cast.twin.places import document as places
 
@@ -122,6 +122,15 @@ def series_csv(folder):
 def result_json(folder):
     taps = [{"delay_s": 0.0, "gain_db": -3.0, "std": 0.1}, {"delay_s": 1e-6, "gain_db": -9.0}]
     return _json(folder, "result.json", {"cast_sounding": 1, "taps": taps}), responses.from_sounding
+
+
+def collected_json(folder):
+    tap = dict(delay_s=1e-7, gain_db=-40.0, phase_rad=0.3, delay_std_s=1e-11, gain_std_db=0.01, phase_std_rad=1e-3)
+    document = {
+        "cast_sounding": 1, "transmitter": "a", "receiver": "b", "begins_s": 1.5, "band_hz": 8e7, "set_up_db": 3.0,
+        "smallest_detectable_gain_db": -80.0, "taps": [tap, tap],
+    }  # fmt: skip
+    return _json(folder, "result.json", document), collect.read
 
 
 def calibration_json(folder):
@@ -335,5 +344,5 @@ READERS = (
     twin_yaml, scenario_yaml, spec_yaml, flows_yaml, series_json, series_rows, series_csv, result_json, calibration_json,
     radio_map, node_map, sigmf, iperf3, terminal_metrics, station_metrics, mgen, mat, mat_unpacked, zarr_attributes, zarr_array,
     zarr_chunk, steps_json, request, paths_p2m, mesh_obj, mesh_ply, mesh_binary_ply, mesh_stl, mesh_dae, map_osm,
-    place_yaml, place_response, place_power,
+    place_yaml, place_response, place_power, collected_json,
 )  # fmt: skip
