@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gr_cast.emulation.gpu.arrays import ArrayOps
-from gr_cast.emulation.gpu.cuda import CudaOps
+from gr_cast.emulation.gpu.cuda import _SOURCE, CudaOps, defines
 from gr_cast.emulation.gpu.form import Ends, Form
 
 sys.path.append(str(Path(__file__).resolve().parent))
@@ -118,3 +118,15 @@ def test_samples_out_are_those_of_numpy_with_noise_rounding_and_layers(kernels, 
     else:
         close(got, wanted, 1e-5)
     assert abs(clipped - law) <= 2
+
+
+@pytest.mark.parametrize("card", ["sm_80", "sm_90"])
+@pytest.mark.parametrize("shape", FORMS, ids=lambda shape: shape["precision"])
+def test_kernels_compile_for_cards_by_nvrtc(card, shape):
+    """To machine code, with no card: NVRTC alone does it."""
+    nvrtc = pytest.importorskip("cupy_backends.cuda.libs.nvrtc", reason="NO CUPY: the CUDA kernels are not compiled by NVRTC")
+    form = Form(n_inputs=2, n_outputs=2, n_taps=200, **shape)
+    for int16 in (False, True):
+        program = nvrtc.createProgram(_SOURCE.read_text(), "kernels.cu", (), ())
+        nvrtc.compileProgram(program, ("-std=c++17", f"--gpu-architecture={card}", *defines(form, int16, not int16)))
+        assert len(nvrtc.getCUBIN(program)) > 10_000

@@ -96,6 +96,15 @@ def test_new_taps_of_all_links_hold_from_their_sample_on(ops, method):
         np.testing.assert_allclose(y[:, a:b], np.broadcast_to(gains.sum(axis=(1, 2))[:, None], (2, b - a)), atol=2e-5)
 
 
+@pytest.mark.parametrize("method", ["direct", "overlap-save"])
+def test_a_ramp_turns_where_it_is_when_another_interrupts_it(ops, method):
+    net = network(ops, method, "fp32", 512)
+    net.set_sparse_taps(0, 0, [0], [1.0], 100, 1000)
+    net.set_sparse_taps(0, 0, [0], [0.0], 600, 500)
+    wanted = np.interp(np.arange(2000), [100, 600, 1100], [0, 0.5, 0])
+    np.testing.assert_allclose(in_chunks(net, np.ones((3, 2000), np.complex64))[0], wanted, atol=2e-6)
+
+
 def test_a_tap_of_one_is_a_copy_to_the_last_bit_in_the_direct_form(ops):
     net = network(ops, "direct", "fp32", 512)
     net.set_sparse_taps(2, 1, [17], [1.0])
