@@ -31,6 +31,7 @@ if multiprocessing.parent_process() is not None or _main and Path(_main).resolve
 
 os.environ.setdefault("GR_CONF_LOG_LOG_LEVEL", "warn")  # GNU Radio's own lines about every flowgraph; before it is loaded
 LOST = 3
+PATIENCE_S = 10.0  # that a run may take without a word
 _NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?[kMG]?$")
 
 
@@ -107,6 +108,17 @@ def progress(what: str, done: int, total: int) -> None:
     is_news = left != "" and (what, total) not in _left_told  # how long it takes is not waited for a minute
     _left_told.update([(what, total)] if is_news else [])
     show(f"{what}: {done} of {total}{left}", last=done >= total, is_news=is_news)
+
+
+def patient(what: str, done, total: int):
+    """A look that shows progress, `done()` of total, of what takes longer than PATIENCE_S, and nothing of what does not."""
+    begun = time.monotonic()
+
+    def look() -> None:
+        if time.monotonic() - begun > PATIENCE_S:
+            progress(what, min(done(), total), total)
+
+    return look
 
 
 def _left(what: str, done: int, total: int) -> str:

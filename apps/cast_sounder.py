@@ -279,8 +279,10 @@ def _run(args) -> None:
             moved, transmitter, heard, waveform_source(waveform, spec), sample_rate_hz=args.rate, n_samples=n_samples,
             settle_samples=settle_samples, noise_power_db=args.noise, offset_hz=args.offset, seed=args.seed, fields=fields,
         )  # fmt: skip
+        look = _program.patient("samples", lambda top=top: top.samples, n_samples * len(heard))
         try:
-            _until_done(top, f"node {transmitter} sends, {len(heard)} listen")
+            _until_done(top, f"node {transmitter} sends, {len(heard)} listen", look=look)
+            look()
         finally:
             top.finish()
     emulated_s = len({tx for tx, _ in links}) * (settle_samples + n_samples) / args.rate

@@ -125,6 +125,17 @@ def test_progress_without_a_terminal_is_how_long_it_takes_a_line_a_minute_and_th
     assert [line.split(",")[0] for line in lines] == [f"tasks: {done} of 300" for done in (1, 2, 62, 122, 182, 242, 300)]
 
 
+def test_what_is_short_goes_on_without_a_word_and_what_is_long_tells_how_far_it_is(monkeypatch, capsys):
+    clock = {"s": 1000.0}
+    monkeypatch.setattr(_program.time, "monotonic", lambda: clock["s"])
+    monkeypatch.setattr(_program, "_told_s", -float("inf"))
+    look = _program.patient("samples of a run", lambda: 10 * (clock["s"] - 1000), 3000)
+    for clock["s"] in range(1000, 1301):
+        look()
+    told = [line.split(",")[0] for line in capsys.readouterr().err.splitlines()]
+    assert told[0] == "samples of a run: 110 of 3000" and told[-1] == "samples of a run: 3000 of 3000" and len(told) == 7
+
+
 def test_progress_on_a_terminal_is_one_line_that_changes(monkeypatch, capsys):
     monkeypatch.setattr(_program.sys.stderr, "isatty", lambda: True)
     for done in (1, 2, 3):
