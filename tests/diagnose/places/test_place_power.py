@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from gr_cast.diagnose.places.ears import bursts
 from gr_cast.diagnose.places.power import Expected, PowerEar
 from gr_cast.diagnose.places.search import Budget, run
 from gr_cast.scenario.create.geometry import Solid
@@ -159,3 +160,56 @@ def test_ground_is_found_by_the_fringes_of_power_alone():
     assert [effect.key for effect in found.model.effects] == [("ground", "place")]
     assert found.model.effects[0].values[0] == pytest.approx(height_m, abs=0.02)
     assert abs(found.deviations) < 4
+
+
+def test_a_long_campaign_is_heard_in_bursts_from_end_to_end():
+    assert (bursts(100, 400) == np.arange(100)).all()
+    heard = bursts(50_000, 1500)
+    assert len(heard) <= 1500 and heard[0] == 0 and heard[-1] == 49_999
+    assert (np.diff(heard) == 1).mean() > 0.95
+
+
+def _round(cause):
+    """Three nodes and one that goes round among them; `cause` spoils the readings (3, 40)."""
+    random, turn = np.random.default_rng(11), np.linspace(0, 2, 40)
+    at_m = np.stack([12 * np.cos(turn), 9 * np.sin(turn), 5 + 0 * turn], 1)
+    fixed = {"a": [0.0, 0, 5], "c": [25.0, 3, 6], "d": [-8.0, 20, 4]}
+    radios = {name: Radio(node=Node(name=name, waypoints_m=np.array([at]))) for name, at in (fixed | {"b": at_m[0]}).items()}
+    power_db = np.stack([_friis_db(np.linalg.norm(at_m - fixed[name], axis=1)) for name in fixed])
+    power_db = cause(power_db + random.normal(0, 0.6, power_db.shape), random, at_m)
+    predictor = Predictor(list(fixed), ["b"] * 3, np.arange(40.0), np.zeros(1), {"b": at_m})
+    ear = PowerEar(predictor, power_db[:, :, None], np.full((3, 40, 1), 0.5 / 0.6**2), None, "common")
+    found = run([ear], replace(_yard(), radios=radios), {"gain": "common", "delay": "none", "phase": "none"}, Budget.of(60.0))
+    assert abs(found.deviations) < 4
+    return {effect.key: effect for effect in found.model.effects}
+
+
+def _faded(power_db, random, at_m):
+    gap_m = np.linalg.norm(at_m[:, None] - at_m, axis=2)
+    ray = np.linalg.cholesky(np.exp(-((gap_m / 0.6) ** 2)) + 1e-9 * np.eye(40)) @ (random.normal(size=(40, 2)) @ [1, 1j])
+    power_db[1] += 20 * np.log10(np.abs(np.sqrt(2) + ray / np.sqrt(2)) / np.sqrt(3))
+    return power_db
+
+
+def test_a_fading_link_is_found_and_named():
+    found = _round(_faded)
+    assert list(found) == [("small_scale", "c>b")]
+    assert found["small_scale", "c>b"].values[0] == pytest.approx(3.0, abs=4.0)
+
+
+def test_a_meter_that_saturates_is_found_and_named():
+    found = _round(lambda power_db, random, at_m: np.minimum(power_db, np.quantile(power_db, 0.7)))
+    assert list(found) == [("meter_limits", "b")]
+
+
+def test_readings_with_the_errors_of_the_meter_accuse_nothing():
+    assert _round(lambda power_db, random, at_m: power_db) == {}
+
+
+def test_a_lossy_link_is_found_and_named():
+    def lossy(power_db, random, at_m):
+        return power_db - np.array([[0.0], [0.0], [4.0]])
+
+    found = _round(lossy)
+    assert [family for family, _ in found] in (["excess_loss"], ["node_gain"])  # one link per node: both say the same
+    assert {owner for _, owner in found} <= {"d>b", "d"}

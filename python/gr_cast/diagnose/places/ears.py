@@ -11,6 +11,8 @@ from ...twin.places.world import World
 from .likelihood import Fitted, Heard, profiled, tangents, without_phases
 from .power import PowerEar
 
+_MOST_READINGS = 6000  # of powers in a campaign that are heard: a search in seconds
+_BURST = 40  # instants in a row
 _POWER_STEPS = 64  # of the band whose mean power a meter reads (the contract)
 
 
@@ -36,6 +38,12 @@ class ResponseEar:
 
     def profiled(self, predicted: np.ndarray) -> Fitted:
         return profiled(self.heard, predicted)
+
+    def nats(self, fit: Fitted) -> np.ndarray:
+        """(L,) energy of each link."""
+        return (np.abs(fit.residual) ** 2 * self.heard.weight).sum(axis=(1, 2))
+
+    left = nats
 
     def rows(self, fit: Fitted) -> np.ndarray:
         return _real(fit.residual * self.root)
@@ -64,14 +72,25 @@ def ear(sounding: Sounding, unknown: dict[str, str], bandwidth_hz: float):
         )
         return ResponseEar(Predictor(sounding.tx, sounding.rx, sounding.time_s, sounding.frequency_hz), heard)
     grid_hz = bandwidth_hz * ((np.arange(_POWER_STEPS) + 0.5) / _POWER_STEPS - 0.5)
-    known = np.isfinite(sounding.power_db)
+    chosen = bursts(len(sounding.time_s), max(_MOST_READINGS // len(sounding.tx), _BURST))
+    power_db = sounding.power_db[:, chosen]
+    known = np.isfinite(power_db)
+    tracked = {name: at_m[chosen] for name, at_m in sounding.position_m.items()}
     return PowerEar(
-        Predictor(sounding.tx, sounding.rx, sounding.time_s, grid_hz, sounding.position_m),
-        np.where(known, sounding.power_db, 0)[:, :, None],
+        Predictor(sounding.tx, sounding.rx, sounding.time_s[chosen], grid_hz, tracked),
+        np.where(known, power_db, 0)[:, :, None],
         (known / (2 * sounding.std_db[:, None] ** 2))[:, :, None],
         None if sounding.limits_db is None else tuple(sounding.limits_db),
         unknown["gain"],
     )
+
+
+def bursts(instants: int, most: int) -> np.ndarray:
+    """Which instants of a long campaign are heard: evenly spread runs of neighbours, which show how fading is correlated."""
+    if instants <= most:
+        return np.arange(instants)
+    begin = np.linspace(0, instants - _BURST, most // _BURST).astype(int)
+    return np.unique(begin[:, None] + np.arange(_BURST))
 
 
 def half(ear_, first: bool):

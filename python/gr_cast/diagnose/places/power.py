@@ -92,11 +92,10 @@ class PowerEar:
             step = np.linalg.lstsq(j, -rows.ravel(), rcond=1e-9)[0]
             shift = shift + step
             model, rows, slope, extra = self._rows(expected, spread, design @ shift)
-        nats = (rows**2).sum(axis=1) + np.array([one.nats if one else 0.0 for one in spread])
         residual = np.where(self.weight[:, :, 0] > 0, self.power_db[:, :, 0] - model, 0.0)
-        offset = extra + sum(one.nats for one in spread if one)
+        offset = extra + sum(one.nats for one in spread if one)  # what is no residual's
         return PowerFit(
-            model=model[:, :, None], residual=residual[:, :, None], energy=float(nats.sum()) + extra, offset=offset,
+            model=model[:, :, None], residual=residual[:, :, None], energy=float((rows**2).sum()) + offset, offset=offset,
             factor=np.ones_like(self.power_db), rows=rows, slope=slope, spread=spread,
         )  # fmt: skip
 
@@ -165,6 +164,14 @@ class PowerEar:
             if one:
                 out[link] = self._turned_link(one, change[link])
         return out
+
+    def nats(self, fit: PowerFit) -> np.ndarray:
+        """(L,) energy of each link, with what its fading costs."""
+        return self.left(fit) + np.array([one.nats if one else 0.0 for one in fit.spread])
+
+    def left(self, fit: PowerFit) -> np.ndarray:
+        """(L,) energy of each link that is a residual's."""
+        return (fit.rows**2).sum(axis=1)
 
     def rows(self, fit: PowerFit) -> np.ndarray:
         """What the fit leaves, and how far each fading's residual is from its covariance."""

@@ -159,7 +159,7 @@ def _links(ears, less: Model, model: Model) -> list[str]:
     found = {}
     for one, a, b in zip(ears, less.fits, model.fits, strict=True):
         for index, (tx, rx) in enumerate(one.predictor.links):
-            nats = ((np.abs(a.residual[index]) ** 2 - np.abs(b.residual[index]) ** 2) * one.root[index] ** 2).sum()
+            nats = one.nats(a)[index] - one.nats(b)[index]
             found[f"{tx}>{rx}"] = max(found.get(f"{tx}>{rx}", 0.0), float(nats))
     return [link for link, nats in found.items() if nats > policy.LINK_NATS]
 
@@ -186,14 +186,14 @@ def _residual(found: search.Found, ears, after: Model) -> dict:
     """What is left above noise on the fitted soundings, and the links that hold it."""
     where = []
     for one, fit in zip(ears, after.fits, strict=False):
-        per = (np.abs(fit.residual) ** 2 * one.root**2).sum(axis=(1, 2))
+        per = one.left(fit)
         count = (one.root > 0).sum(axis=(1, 2)) * (1.0 if one.has_responses else 0.5)
         for index, (tx, rx) in enumerate(one.predictor.links):
             above = (per[index] - count[index]) / np.sqrt(max(count[index], 1.0))
             if above > policy.CLEAN_DEVIATIONS:
                 where.append({"links": [f"{tx}>{rx}"], "deviations": round(float(above), 1)})
     return {
-        "unexplained_db": float(db_from_power(max(found.model.energy / max(found.count, 1.0), 1e-12))),
+        "unexplained_db": float(db_from_power(max((found.model.energy - found.model.offset) / max(found.count, 1.0), 1e-12))),
         "p_value": float(norm.sf(found.deviations)),
         "where": where,
         "out_of_time": found.spent,

@@ -13,7 +13,7 @@ _COHERENCE_M = (0.06, 0.2, 0.8)
 _LEAST_REPEATS = 4  # readings on one number that are no chance
 _CROWD = 3.0  # times the readings on the number beside it
 _SAME_DB = 1e-6
-_LEAST_STEP = 0.7  # of the meter's error: finer steps are inside it
+_LEAST_STEP = 2.0  # of the meter's error: finer steps are inside it
 
 
 class SmallScale(Family):
