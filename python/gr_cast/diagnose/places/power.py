@@ -213,8 +213,15 @@ def _massed(low: np.ndarray, high: np.ndarray, scale: np.ndarray, side: np.ndarr
     a, b = np.where(flip, -high, low), np.where(flip, -low, high)
     upper, lower = log_ndtr(b), log_ndtr(a)
     mass = upper + np.log1p(-np.exp(np.minimum(lower - upper, -1e-12)))
-    density = lambda x: np.exp(-0.5 * np.where(np.isfinite(x), x, 0) ** 2 - mass) * np.isfinite(x) / np.sqrt(2 * np.pi)  # noqa: E731
     size = np.sqrt(np.maximum(-mass, 1e-12))
-    rise = (density(high) - density(low)) * scale  # of the energy with the mean
+    rise = (_hazard(high, mass) - _hazard(low, mass)) * scale  # of the energy with the mean
     sign = np.where(side >= 0, 1.0, -1.0)
     return sign * size, sign * rise / (2 * size)
+
+
+def _hazard(edge: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """The normal density at an edge over the probability whose logarithm is `mass`."""
+    finite = np.isfinite(edge)
+    return np.where(finite, np.exp(np.where(finite, -0.5 * np.where(finite, edge, 0.0) ** 2 - mass, 0.0)), 0.0) / np.sqrt(
+        2 * np.pi
+    )
