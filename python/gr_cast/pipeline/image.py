@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From a commit to an image: a tarball that is the same, to the last bit, whenever the same inputs are built again."""
 
-import shutil
 import subprocess
 import tarfile
 import tempfile
@@ -19,30 +18,37 @@ STACK = "stack"  # the folder of a room that holds the tree or the unpacked imag
 LONGEST_S = 3600.0  # of a build, and of its tests
 
 
-def software(environment: Environment) -> dict[str, str]:
-    """Version of every package that the pipeline asks for, and of the compiler. Raises CastError with all that is missing."""
+def software(environment: Environment, root: Path = Path("/")) -> dict[str, str]:
+    """Version of every package that the pipeline asks for, and of the compiler, in a root file system. Raises CastError with all
+    that is missing."""
     faults, found = Faults("environment"), {}
+    within = [] if root == Path("/") else ["chroot", str(root)]
     for name in environment.packages:
-        done = subprocess.run(["dpkg-query", "-W", "-f", "${Version}", name], capture_output=True, text=True, check=False)
-        found[name] = done.stdout.strip()
-        if done.returncode or not found[name]:
+        found[name] = _printed([*within, "dpkg-query", "-W", "-f", "${Version}", name])
+        if not found[name]:
             faults.add("packages", f"{name} is not installed: apt-get install {name}")
-    if shutil.which(environment.compiler) is None:
+    found[environment.compiler] = _printed([*within, environment.compiler, "--version"]).partition("\n")[0]
+    if not found[environment.compiler]:
         faults.add("compiler", f"{environment.compiler} is not installed")
-    else:
-        done = subprocess.run([environment.compiler, "--version"], capture_output=True, text=True, check=False)
-        found[environment.compiler] = (done.stdout.splitlines() or ["unknown"])[0]
-    told, wanted = _system(), environment.system
-    if told != wanted:
-        faults.add("system", f"got {told}, needs {wanted}")
+    if (told := _system(root)) != environment.system:
+        faults.add("system", f"got {told}, needs {environment.system}")
     faults.raise_if_any()
     return found
 
 
-def _system() -> str:
-    """ID-VERSION of this machine, such as debian-12."""
+def _printed(words: list[str]) -> str:
+    """What a command prints; nothing where it fails or is not there."""
     try:
-        lines = Path("/etc/os-release").read_text(encoding="utf-8").splitlines()
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+    except FileNotFoundError:
+        return ""
+    return "" if done.returncode else done.stdout.strip()
+
+
+def _system(root: Path) -> str:
+    """ID-VERSION of a root file system, such as debian-12."""
+    try:
+        lines = (root / "etc/os-release").read_text(encoding="utf-8").splitlines()
     except OSError:
         return "unknown"
     told = dict(line.split("=", 1) for line in lines if "=" in line)
@@ -51,7 +57,7 @@ def _system() -> str:
 
 def built(storage: Storage, source: Source, commit: str, pipeline: Pipeline, room: Room) -> dict:
     """The image of a commit and how its build and tests ended: as the stage of this tree and recipe keeps it."""
-    tools = software(pipeline.environment)
+    tools = software(pipeline.environment, room.root or Path("/"))
     inputs = {"tree": source.tree(commit), "recipe": pipeline.recipe, "test": pipeline.test, "software": tools, "room": room.kind}
 
     def work(folder: Path) -> dict:
