@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -32,19 +33,31 @@ def test_one_tree_has_one_image_whoever_builds_it_and_wherever(stack, tmp_path):
     assert set(about["software"]) == {"gcc", "make", "python3", "python3-numpy", "python3-yaml"}
 
 
-def test_a_room_shows_a_command_nothing_of_the_caller(tmp_path, monkeypatch):
+def rooms() -> list:
+    """Every kind of room that this machine has; LXC with the root file system CAST_ROOT_FILESYSTEM."""
+    root = os.environ.get("CAST_ROOT_FILESYSTEM")
+    kinds = ["process", *(["namespaces"] if clean.has_namespaces() else []), *(["lxc"] if root else [])]
+    return [clean.chosen(kind, Path(root) if root else None) for kind in kinds]
+
+
+@pytest.mark.parametrize("room", rooms(), ids=lambda room: room.kind)
+def test_a_room_shows_a_command_nothing_of_the_caller_and_leaves_nothing_running(room, tmp_path, monkeypatch):
     monkeypatch.setenv("SECRET", "told")
-    for kind in ("process", "namespaces") if clean.has_namespaces() else ("process",):
-        (tmp_path / "stack").mkdir(exist_ok=True)
-        room = clean.chosen(kind)
-        done = room.run(
-            tmp_path, "env; cat /sys/class/net/*/address | wc -l; pwd", within="stack", environment={"A": "b"}, timeout_s=20
-        )
-        assert done.status == 0 and "SECRET" not in done.log and "A=b" in done.log
-        if kind == "namespaces":
-            assert done.log.splitlines()[-1] == "/mnt/stack"
-        late = room.run(tmp_path, "sleep 60 & sleep 60", within="stack", environment={}, timeout_s=0.3)
-        assert late.status is None
+    (tmp_path / "stack").mkdir()
+    done = room.run(
+        tmp_path, "env; grep -o '^ *[a-z0-9]*:' /proc/net/dev; pwd", within="stack", environment={"A": "b"}, timeout_s=60
+    )
+    lines = done.log.splitlines()
+    assert done.status == 0 and "SECRET" not in done.log and "A=b" in lines
+    if room.kind != "process":
+        assert lines[-1] == "/mnt/stack" and [line.strip() for line in lines if line.endswith(":")] == ["lo:"]
+    mark = f"60.{os.getpid()}"
+    late = room.run(tmp_path, f"sleep {mark} & sleep {mark}", within="stack", environment={}, timeout_s=1.0)
+    assert late.status is None
+    until = time.monotonic() + 20
+    while subprocess.run(["pgrep", "-f", f"sleep {mark}"], capture_output=True).returncode == 0:
+        assert time.monotonic() < until, "it still sleeps"
+        time.sleep(0.1)
 
 
 def test_equal_sites_are_the_same_and_a_hidden_amplifier_is_named(stack, tmp_path):

@@ -95,15 +95,16 @@ class Room:
     def _container(self, folder: Path) -> list[str]:
         """A container without network on a read-only root, for one command."""
         told = {
-            "lxc.rootfs.path": f"dir:{self.root}",
+            "lxc.rootfs.path": f"dir:{self.root.resolve()}",
             "lxc.rootfs.options": "ro",
             "lxc.net.0.type": "empty",
             "lxc.mount.auto": "proc:mixed sys:ro",
             "lxc.mount.entry": f"{folder.resolve()} mnt none bind 0 0",
             "lxc.apparmor.profile": "unconfined",
         }
-        name = f"cast-{os.getpid()}-{folder.resolve().stat().st_ino}"
-        return ["--name", name, *(part for key, value in told.items() for part in ("--define", f"{key}={value}"))]
+        path = folder / "container.conf"
+        path.write_text("".join(f"{key} = {value}\n" for key, value in told.items()), encoding="utf-8")
+        return ["--name", f"cast-{os.getpid()}-{folder.stat().st_ino}", "--rcfile", str(path)]
 
 
 def _bare() -> dict[str, str]:
