@@ -70,6 +70,7 @@ TAP = {"command": "set_link", "tx": "a", "rx": "b"}
         [json.dumps({**TAP, "taps": [{"delay_s": 0, "gain_db": 0, "phase_rad": 10**400}]}).encode()],
         [b'{"command": "set_link", "tx": "a", "rx": "b", "taps": [{"delay_s": NaN, "gain_db": 0}]}'],
         [json.dumps({"command": "load", "scenario": "/"}).encode()],
+        [json.dumps({"command": "load", "scenario": "1009", "cycle": "yes"}).encode()],
         [json.dumps({"command": "load", "scenario": "nul\0.yaml"}).encode()],
         [json.dumps({"command": "load", "scenario": "x" * 10_000 + ".yaml"}).encode()],
         [json.dumps({"command": "status", "k" * 5000: 1}).encode()],
