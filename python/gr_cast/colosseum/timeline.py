@@ -8,7 +8,7 @@ LEAST_POLL_S = 0.5
 STOP_S = 120.0  # from stop.sh to a container's being taken away
 # What only waits is made shorter by --time-scale. What works takes its time: on this machine it is given at least so long.
 LEAST_BOOT_S = 90.0
-LEAST_STOP_S = 60.0
+LEAST_STOP_S = 120.0
 
 
 @dataclass(frozen=True, kw_only=True)
