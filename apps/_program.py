@@ -43,11 +43,16 @@ def parse(parser: argparse.ArgumentParser, argv=None, namespace=None) -> argpars
             import argcomplete
 
             argcomplete.autocomplete(parser)
+    return settled(parser).parse_args(argv, namespace)
+
+
+def settled(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
+    """The parser of a program and those of its commands as all programs have them: every default told, -2e6 a number."""
     for one in _parsers(parser):
         one._negative_number_matcher = _NEGATIVE  # argparse's own takes -2e6 for an option
         for action in one._actions:
             action.help = _with_default(action)
-    return parser.parse_args(argv, namespace)
+    return parser
 
 
 def _with_default(action: argparse.Action) -> str | None:

@@ -23,7 +23,7 @@ def parser_of(name: str) -> argparse.ArgumentParser:
     """The arguments of a program, taken where it is about to parse them."""
 
     def stop(parser, *_):
-        raise _Parsed(parser)
+        raise _Parsed(_program.settled(parser))
 
     sys.argv[0], _program.parse = name, stop
     try:
