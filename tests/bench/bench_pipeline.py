@@ -20,8 +20,8 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "build" / "python"), str(ROOT / "tests" / "pipeline")]
 from conftest import Stack
 from equal_sites import said
-from faults import GAIN, SCRAMBLER, harmless
 from gr_cast.pipeline.bisect import bisect
+from stack_faults import GAIN, SCRAMBLER, harmless
 
 NAMES = {"amplifier": "pa_nonlinearity", "clock": "carrier_frequency_offset", "path": "missing_path", "quiet": "noise_floor"}
 

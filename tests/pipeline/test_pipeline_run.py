@@ -11,10 +11,10 @@ import time
 from pathlib import Path
 
 import pytest
-from faults import GAIN, SCRAMBLER, harmless
 from gr_cast.core.errors import CastError
 from gr_cast.pipeline import clean, trial
 from gr_cast.pipeline.bisect import bisect
+from stack_faults import GAIN, SCRAMBLER, harmless
 
 PROGRAM = Path(__file__).resolve().parents[2] / "apps" / "cast_pipeline.py"
 
