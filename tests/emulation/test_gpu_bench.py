@@ -40,7 +40,9 @@ def test_a_row_is_measured_and_what_it_computes_is_right(monkeypatch, tmp_path, 
         if shutil.which("g++") is None:
             pytest.skip("NO G++: CuPy is not stood in for")
         fake_cupy.install(monkeypatch)
-    monkeypatch.setattr(planner, "candidates", lambda task, tiles: [Form(n_inputs=4, n_outputs=4, n_taps=512, **form)])
+    forms = [Form(n_inputs=4, n_outputs=4, n_taps=512, **form)]
+    monkeypatch.setattr(planner, "candidates", lambda task, tiles: forms)
+    monkeypatch.setattr(bench_gpu, "candidates", planner.candidates)
     row = bench_gpu.measure(name, device, 0.01)
     assert row["error_db"] < row["wanted"][2] and row["error_after_db"] < row["wanted"][2]
     assert 0 < row["on_card"] < np.inf and 0 < row["with_transfers"] < np.inf and row["clipped"] == 0
@@ -51,8 +53,9 @@ def test_a_row_is_measured_and_what_it_computes_is_right(monkeypatch, tmp_path, 
 
 
 def test_a_row_that_fails_is_told_and_leaves_the_others(monkeypatch, capsys, tmp_path):
-    answers = iter([{"fault": "--device cuda: no card"}, {"fault": "not done in 150 s"}])
-    monkeypatch.setattr(bench_gpu, "in_a_process", lambda arguments: next(answers))
+    asked, answers = [], iter([{"fault": "--device cuda: no card"}] * 2 + [{"fault": "not done in 150 s"}] * 2)
+    monkeypatch.setattr(bench_gpu, "in_a_process", lambda arguments: asked.append(arguments) or next(answers))
     figures = tmp_path / "figures.json"
     assert bench_gpu.main(["--json", str(figures), "--rows", "4x1", "4x1 exact", "--no-laws"]) == 0
+    assert [arguments[-2:] for arguments in asked[1::2]] == [["--only", "tf32"], ["--only", "fp32"]]
     assert "no card" in capsys.readouterr().out and "not done" in figures.read_text()

@@ -131,13 +131,15 @@ def error_db(
     return float(10 * np.log10(max(np.mean(np.abs(got - wanted) ** 2), 1e-300) / np.mean(np.abs(wanted) ** 2)))
 
 
-def choose(ops: ArrayOps, task: Task, report=lambda line: None, *, remember: bool = True) -> Choice:
-    """The fastest form that is right; from what was measured on this machine before, or by measuring."""
+def choose(
+    ops: ArrayOps, task: Task, report=lambda line: None, *, remember: bool = True, forms: list[Form] | None = None
+) -> Choice:
+    """The fastest form that is right, of `forms` or all; from what was measured on this machine before, or by measuring."""
     if remember and (kept := _kept(ops, task)):
         return kept
     limit_db = CLASSES[task.precision][1]
     best, tried, faults = None, 0, []
-    for form in candidates(task, ops.tiles):
+    for form in forms or candidates(task, ops.tiles):
         try:
             with told():
                 seconds, db = measure(ops, form, task)
