@@ -101,14 +101,14 @@ def test_links_say_what_the_twin_and_the_corrected_twin_leave_over_noise(page):
     for link in drawings(page)["plan", "after"].iter("line"):
         before, after = map(float, re.search(r"(-?[\d.]+) dB over noise, (-?[\d.]+) dB", link.find("title").text).groups())
         assert after < 2.0 and before > after - 0.5
-    assert "corridor_cart → door" in page.replace("&gt;", ">")
+    assert "door → lift" in page.replace("&gt;", ">")
 
 
 def test_what_no_path_meets_is_grey_and_named(page, glass):
     tree = drawings(page)["plan", "before"]
     told = {p.find("title").text.split(":")[0]: p.get("class") for p in tree.iter("path") if p.find("title") is not None}
     assert "dark" in told["stairs"] and "No path of any sounding meets stairs." in page
-    assert "lit" in told["south"] and "lit" in told["north"]
+    assert "lit" in told["south"] and "lit" in told["west"]
 
 
 def test_an_arrow_too_short_to_see_is_enlarged_and_says_so(case):
@@ -140,7 +140,7 @@ def test_an_echo_that_the_twin_lacks_is_brightest_at_its_own_delay(glass):
     before, after = one.mean_db
     image = np.array([3.2, 2 * 6.2 - 4.4, 1.1])
     delay_s = np.linalg.norm(image - [13.6, 3.4, 2.2]) / 299792458.0
-    assert abs(one.delay_s[np.argmax(before)] - delay_s) < 1 / 200e6 and before.max() > 10 and after.max() < 6
+    assert abs(one.delay_s[np.argmax(before)] - delay_s) < 1 / 200e6 and before.max() > after.max() + 8
 
 
 def test_power_alone_is_shown_over_time(case, tmp_path):
@@ -157,7 +157,7 @@ def test_power_alone_is_shown_over_time(case, tmp_path):
     diagnosis = diagnosed(tmp_path / "power")
     text = report.render(diagnosis)
     assert "Power over time" in text and "What is left, before and after" not in text and "rms error of power" in text
-    course = next(one for one in maps.courses(scene_of(diagnosis)) if one.link == "office_cart>desk")
+    course = next(one for one in maps.courses(scene_of(diagnosis)) if one.link == "desk>sofa")
     heard = np.load(case / "office.npz")["response"][0]
     np.testing.assert_allclose(course.measured_db, 10 * np.log10((np.abs(heard) ** 2).mean(axis=1)), atol=1e-4)
 
@@ -165,7 +165,8 @@ def test_power_alone_is_shown_over_time(case, tmp_path):
 def test_numbers_stand_to_the_digits_that_their_deviation_leaves():
     assert words.number(1.2636e-9, 4.2e-12, "s") == "1.2636 ± 0.0042 ns"
     assert words.number([0.0475, -0.0085, 0.0022], [0.0026, 0.0027, 0.0013], "m") == "(0.0475, -0.0085, 0.0022) ± 0.0027 m"
-    assert words.number(3588313472.0, 21000.0, "Hz") == "3.5883 ± 0.0000 GHz"
+    assert words.number(3588313472.0, 21000.0, "Hz") == "3.588313 ± 0.000021 GHz"
+    assert words.number([20.14, 11.36, 0.0], [0.014, 0.01, 1.0], "m") == "(20.140, 11.360, 0.000) ± 0.014 m"
     assert words.number(-0.001, 1.0, "dB") == "0.0 ± 1.0 dB"
 
 

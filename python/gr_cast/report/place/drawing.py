@@ -108,7 +108,7 @@ def _objects(scene, marks, seen: Projection) -> str:
         title = f"<title>{escape(solid.name)}: {escape(made)}; {told[state]}</title>"
         kind = f"object {state}{' floor' if flat else ''}{' blamed' if solid.name in blamed else ''}"
         corners = solid.vertices_m[solid.faces]
-        outline = "" if flat else "".join(_way(seen(edge), closed=False) for edge in edges(corners))
+        outline = "" if flat and solid.name not in blamed else "".join(_way(seen(edge), closed=False) for edge in edges(corners))
         beyond = "" if seen.cut_m is None else " beyond"
         shapes.append(f'<path class="{kind} fill{beyond}" d="{_filled(corners, seen)}">{title}</path>')
         shapes.append(f'<path class="{kind} edge{beyond}" d="{outline}">{title}</path>' if outline else "")

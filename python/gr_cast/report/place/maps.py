@@ -99,6 +99,7 @@ def _by_link(figure, row, shown: list[Profile], worst: float) -> None:
         )  # fmt: skip
         for number, one in enumerate(shown):
             axis.plot(1e9 * one.paths_s, np.full(len(one.paths_s), number), "|", color="#4fd1ff", ms=4, mew=0.7)
+        axis.set_facecolor("black")
         axis.set(xlabel="delay / ns  (blue: the twin's paths)", xlim=(0, delay_ns[-1]))
     names = [one.link.replace(">", " → ") + (" (vault)" if one.is_vault else "") for one in shown]
     row[0].set_yticks(range(len(names)), names, fontsize=8)

@@ -8,7 +8,8 @@ PLACE_STYLE = """
 .object.dark{fill:#dde0e3;stroke:#b9bec4}.object.floor{fill:#f6f3ee}.object.floor.dark{fill:#eef0f1}
 .object.fill{stroke:none;fill-opacity:.75}.object.edge{fill:none}.object.fill.beyond{fill-opacity:.12}
 .object.edge.beyond{stroke-opacity:.35;stroke-width:1}.object.cut{fill:none;stroke-width:4}
-.object.blamed{fill:#ffb347;stroke:#b3541e;stroke-width:3}.object.blamed.fill.beyond{fill-opacity:.5}
+.object.blamed{fill:#ffb347}.object.blamed.edge,
+.object.blamed.cut{fill:none;stroke:#b3541e;stroke-width:3;stroke-opacity:1}.object.blamed.floor{fill-opacity:.3}.object.blamed.fill.beyond{fill-opacity:.5}
 .link{stroke-width:2.2;stroke-opacity:.85;cursor:pointer}.link.vault{stroke-dasharray:6 4;stroke-width:1.5}
 .link.blamed{stroke-width:5}.link:hover,.link.shown{stroke-width:6;stroke-opacity:1}
 .track{fill:none;stroke:#5b6b7a;stroke-dasharray:3 3}.node circle{fill:#1b2733;stroke:#fff;stroke-width:1.5}

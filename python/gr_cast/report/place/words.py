@@ -20,7 +20,7 @@ UNITS = {
 }  # fmt: skip
 _SCALES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 _SCALED = ("Hz", "s")
-_MOST_DIGITS = 4
+_MOST_DIGITS = (4, 6)  # a tenth of a millimetre; of what has a prefix
 
 
 def verdict(d: dict) -> str:
@@ -122,12 +122,14 @@ def _without_unit(key: str) -> str:
 def number(value, std, unit: str) -> str:
     """A value with one standard deviation (of three numbers the largest), to the digits that this one leaves."""
     values, stds = np.atleast_1d(np.array(value, float)), np.atleast_1d(np.array(0 if std is None else std, float))
-    most = float(stds.max())
+    sure = values != 0 if len(values) == len(stds) and values.any() else stds >= 0  # what is exactly 0 was not asked for
+    most = float(stds[sure].max())
     size = max(float(np.abs(values).max()), most)
     scale, prefix = next(((s, p) for s, p in _SCALES if size >= s), _SCALES[-1]) if unit in _SCALED and size > 0 else (1.0, "")
     if unit == "Hz" and scale < 1:
         scale, prefix = 1.0, ""
-    digits = int(np.clip(1 - np.floor(np.log10(most / scale)), 0, _MOST_DIGITS)) if most > 0 else 3
+    finest = _MOST_DIGITS[unit in _SCALED]
+    digits = int(np.clip(1 - np.floor(np.log10(most / scale)), 0, finest)) if most > 0 else 3
     plain = lambda v: f"{round(v / scale, digits) + 0.0:.{digits}f}"  # noqa: E731
     text = ", ".join(plain(v) for v in values)
     text = f"({text})" if len(values) > 1 else text
