@@ -174,17 +174,13 @@ def _lines(scene, marks, seen: Projection, corrected: bool) -> str:
 
 def _nodes(scene, marks, seen: Projection) -> str:
     blamed, out = {name for mark in marks for name in mark.nodes}, []
-    used = {name for line in scene.lines for name in line.name.split(">")}
-    time_s = np.linspace(0, scene.duration_s, 60)
-    for name, radio in scene.base.radios.items():
-        if name not in used:
-            continue
-        track = seen(radio.position_m(time_s))
+    for name, track_m in scene.tracks_m.items():
+        track = seen(track_m)
         if len(track) > 1:
             out.append(f'<path class="track" d="{_way(track, closed=False)}"/>')
         x, y = track[0]
         ring = f'<circle class="ring" cx="{x:g}" cy="{y:g}" r="10"/>' if name in blamed else ""
-        title = f"<title>{escape(name)}: {escape(radio.node.antenna)}</title>"
+        title = f"<title>{escape(name)}: {escape(scene.base.radios[name].node.antenna)}</title>"
         out.append(f'<g class="node">{ring}<circle cx="{x:g}" cy="{y:g}" r="5">{title}</circle>')
         out.append(f'<text x="{x + 8:g}" y="{y - 7:g}">{escape(name)}</text></g>')
     return "".join(out)

@@ -61,7 +61,7 @@ def _std(parameter: dict) -> np.ndarray:
 def _of_owner(scene, owner: dict) -> dict:
     name, mesh = owner["name"], scene.base.mesh
     if owner["level"] == "node" and name in scene.base.radios:
-        return {"at_m": scene.base.radios[name].position_m(np.zeros(1))[0], "nodes": (name,)}
+        return {"nodes": (name,)} | ({"at_m": scene.tracks_m[name][0]} if name in scene.tracks_m else {})
     if owner["level"] == "link":
         ends = [line.ends_m[0] for line in scene.lines if line.name == name]
         return {"links": (name,)} | ({"at_m": ends[len(ends) // 2].mean(axis=0)} if ends else {})

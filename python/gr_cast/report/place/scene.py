@@ -28,6 +28,7 @@ class Scene:
     diagnosis: object
     lines: tuple[Line, ...]
     links: dict  # (campaign, link) → misfit_db before and after
+    tracks_m: dict  # node → (n, 3), where the twin has it at the times of the soundings
     lit: frozenset
     shading: frozenset
     low_m: np.ndarray
@@ -65,14 +66,29 @@ def scene_of(diagnosis) -> Scene:
     lit = frozenset(name for view in views for name in view.seen_objects)
     shading = frozenset(name for view in views for name in view.blocking_objects) - lit
     lines, links = _lines(diagnosis)
-    low, high = _box(diagnosis)
-    return Scene(diagnosis=diagnosis, lines=lines, links=links, lit=lit, shading=shading, low_m=low, high_m=high)
+    tracks_m = _tracks(diagnosis)
+    low, high = _box(diagnosis, tracks_m)
+    return Scene(
+        diagnosis=diagnosis, lines=lines, links=links, tracks_m=tracks_m, lit=lit, shading=shading, low_m=low, high_m=high
+    )  # fmt: skip
+
+
+def _tracks(diagnosis) -> dict[str, np.ndarray]:
+    found: dict = {}
+    for ear in (*diagnosis.ears, *diagnosis.vault):
+        order = np.argsort(ear.predictor.time_s, kind="stable")
+        for index, link in enumerate(ear.predictor.links):
+            for name, end_m in zip(link, ear.predictor.ends_m(diagnosis.model.base, index), strict=True):
+                found.setdefault(name, {})[id(ear)] = end_m[order]
+    tracks = {name: np.concatenate([*parts.values()]) for name, parts in found.items()}
+    return {name: track if np.ptp(track, axis=0).any() else track[:1] for name, track in tracks.items()}
 
 
 def misfit(ear, fit) -> tuple[np.ndarray, np.ndarray]:
     """(L, T) energy of what is left, and what noise alone would have."""
-    energy = (np.abs(fit.residual) ** 2 * ear.root**2).sum(axis=2)
-    return energy, (ear.root > 0).sum(axis=2) * (1.0 if ear.has_responses else 0.5)
+    if not ear.has_responses:
+        return fit.rows**2, (ear.root[:, :, 0] > 0) * 0.5
+    return (np.abs(fit.residual) ** 2 * ear.root**2).sum(axis=2), (ear.root > 0).sum(axis=2)
 
 
 def _lines(diagnosis):
@@ -91,7 +107,7 @@ def _lines(diagnosis):
                 continue
             links[number, name] = tuple(_db(energy[index].sum(), count[index].sum()) for energy, count in both)
             ends_m = [ear.predictor.ends_m(world, index) for world in worlds]
-            if not any(worlds[0].radios[node].node.is_moving for node in link):
+            if not any(np.ptp(end, axis=0).any() for end in ends_m[0]):
                 sums = [np.array([energy[index].sum(), count[index].sum()]) for energy, count in both]
                 ends = tuple(np.array([end[0] for end in one]) for one in ends_m)
                 old = still.get(name)
@@ -117,11 +133,9 @@ def _db(energy: float, count: float) -> float:
     return float(db_from_power(max(energy / max(count, _FAINT), 1e-3)))
 
 
-def _box(diagnosis):
+def _box(diagnosis, tracks_m: dict):
     """What is shown: all nodes, with the objects around them as far as half the nodes' span."""
-    world = diagnosis.model.base
-    used = {name for ear in (*diagnosis.ears, *diagnosis.vault) for link in ear.predictor.links for name in link}
-    points_m = np.concatenate([world.radios[name].node.waypoints_m for name in sorted(used)])
+    world, points_m = diagnosis.model.base, np.concatenate([*tracks_m.values()])
     near = [points_m]
     for effect in diagnosis.document["effects"]:
         if box := effect["where"].get("position_m"):

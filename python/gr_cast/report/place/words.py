@@ -15,8 +15,8 @@ NEXT = {
     "measure_phase": "the same with phases that are kept from one response to the next",
     "longer_recording": "the same for longer",
 }
-UNITS = {
-    "_m_per_s": "m/s", "_rad": "rad", "_hz": "Hz", "_db": "dB", "_m": "m", "_s": "s", "conductivity": "S/m", "db_per_m": "dB/m",
+UNITS = {  # the end of a parameter's name, the longer one first
+    "db_per_m": "dB/m", "_m_per_s": "m/s", "_rad": "rad", "_hz": "Hz", "_db": "dB", "_m": "m", "_s": "s", "conductivity": "S/m",
 }  # fmt: skip
 _SCALES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 _SCALED = ("Hz", "s")
