@@ -55,6 +55,7 @@ def office() -> dict:
         "west": (quad((0, 0, 0), (0, y, 0), (0, y, z), (0, 0, z)), "plasterboard"),
         "east": (quad((x, 0, 0), (x, y, 0), (x, y, z), (x, 0, z)), "plasterboard"),
         "cupboard": (quad((8.0, 0.6, 0), (10.0, 0.6, 0), (10.0, 0.6, 1.9), (8.0, 0.6, 1.9)), "metal"),
+        "garage": (quad((5.0, y + 1.2, 0), (9.0, y + 1.2, 0), (9.0, y + 1.2, z), (5.0, y + 1.2, z)), "concrete"),
         "stairs": (quad((5.0, -1.2, 0), (9.0, -1.2, 0), (9.0, -1.2, z), (5.0, -1.2, z)), "concrete"),
     }
     still = {"speed_m_per_s": 0.0, "antenna": "iso", "orientation_rad": [0.0] * 3}
