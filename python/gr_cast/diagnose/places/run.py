@@ -9,8 +9,8 @@ import numpy as np
 from scipy.stats import norm
 
 from ...core.units import db_from_power
+from ...twin.places.believed import believed
 from ...twin.places.document import Place
-from ...twin.places.world import of_place
 from . import policy, search
 from .ears import ear
 from .fit import Model, applied, deviations, evaluated, fitted, without_effect
@@ -36,7 +36,7 @@ class PlaceDiagnosis:
 def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[str], None] = lambda text: None) -> PlaceDiagnosis:
     """Which effects the twin of a place leaves out. `budget_s` is processor time."""
     begin_s = time.monotonic()
-    base, bandwidth_hz = of_place(place), place.spec.bandwidth_hz
+    base, bandwidth_hz = believed(place), place.spec.bandwidth_hz
     ears = tuple(ear(one, place.unknown, bandwidth_hz) for one in place.soundings if not one.vault)
     vault = tuple(ear(one, place.unknown, bandwidth_hz) for one in place.soundings if one.vault)
     found = search.run(ears, base, place.unknown, search.Budget.of(budget_s), progress)

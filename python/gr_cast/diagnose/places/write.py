@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.files import written_aside
+from ...scenario.create.families import FAMILIES
 from ...twin.places.correct import corrected_solids, corrected_spec
 from ...twin.places.write import document as spec_document
 from ...twin.places.write import write_spec
@@ -33,11 +34,16 @@ def correct(diagnosis: PlaceDiagnosis, folder: Path) -> None:
     world, spec = diagnosis.model.world, diagnosis.place.spec
     solids = corrected_solids(world, spec.carrier_hz, leave_out=(GROUND,))
     entries = [
-        {key: entry[key] for key in ("family", "owner", "parameters")}
+        {"family": entry["family"], "owner": entry["owner"], "parameters": _known(entry)}
         for entry, effect in zip(diagnosis.document["effects"], diagnosis.model.effects, strict=True)
         if not effect.family.is_in_spec
     ]
     write_spec(folder, spec_document(corrected_spec(spec, world)), solids, _finite(entries))
+
+
+def _known(entry: dict) -> dict:
+    """The parameters that a SPEC's effects have."""
+    return {key: told for key, told in entry["parameters"].items() if key in FAMILIES[entry["family"]].parameters}
 
 
 def residuals(diagnosis: PlaceDiagnosis) -> dict:

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From a case on disk to its diagnosis, and from the corrected twin to nothing left: received power alone."""
+
+import shutil
+
+import numpy as np
+from gr_cast.diagnose import places
+from gr_cast.twin.places import document
+
+SPEC = """cast_create: 1
+id: place
+environment: {place: a yard, carrier_hz: 2.0e9, bandwidth_hz: 2.0e7}
+model: {mesh: mesh.obj}
+materials: {wall: concrete}
+nodes:
+  a: {position_m: [0, 0, 5]}
+  c: {position_m: [25, 3, 6]}
+  d: {position_m: [-8, 20, 4]}
+  b: {position_m: [12, 0, 5]}
+  e: {position_m: [6, 14, 5]}
+sampling: {duration_s: 10, step_s: 0.1, max_depth: 0}
+"""
+PLACE = """cast_place: 1
+twin: {twin}
+soundings:
+- {{file: first.npz, kind: power}}
+- {{file: second.npz, kind: power, use: vault}}
+unknown: {{phase: none, delay: none, gain: common}}
+"""
+FIXED = {"a": [0.0, 0, 5], "c": [25.0, 3, 6], "d": [-8.0, 20, 4], "e": [6.0, 14, 5]}
+
+
+def _powers(path, seed, lossy_db):
+    """Friis, with a link that loses more; b goes round."""
+    random, turn = np.random.default_rng(seed), np.linspace(seed, seed + 2, 24)
+    way_m = {"b": np.stack([12 * np.cos(turn), 9 * np.sin(turn), 5 + 0 * turn], 1)}
+    way_m |= {name: np.tile(at, (24, 1)) for name, at in FIXED.items()}
+    links = [(tx, rx) for tx in "acd" for rx in "be"]
+    far_m = np.stack([np.linalg.norm(way_m[tx] - way_m[rx], axis=1) for tx, rx in links])
+    power_db = 20 * np.log10(299792458.0 / 2e9 / (4 * np.pi * far_m)) + 1.3 + random.normal(0, 0.5, far_m.shape)
+    power_db[links.index(("c", "b"))] -= lossy_db
+    tx, rx = (np.array(side) for side in zip(*links, strict=True))
+    np.savez(
+        path, tx=tx, rx=rx, time_s=np.linspace(0, 9, 24), power_db=power_db, std_db=np.full(6, 0.5), position_b=way_m["b"]
+    )  # fmt: skip
+
+
+def _case(folder, lossy_db=4.0):
+    folder.mkdir()
+    (folder / "spec.yaml").write_text(SPEC)
+    (folder / "place.yaml").write_text(PLACE.format(twin="spec.yaml"))
+    corners = "v 0 0 -90\nv 1 0 -90\nv 1 1 -90\nv 0 1 -90\n"
+    (folder / "mesh.obj").write_text(f"o wall\n{corners}f 1 2 3\nf 1 3 4\n")
+    for seed, name in enumerate(("first.npz", "second.npz")):
+        _powers(folder / name, seed, lossy_db)
+    return folder
+
+
+def test_a_lossy_link_is_named_and_the_corrected_twin_misses_nothing(tmp_path):
+    case = _case(tmp_path / "yard")
+    found = places.diagnose(document.read(case))
+    effect = found.document["effects"][0]
+    assert found.document["verdict"] == "identified" and len(found.document["effects"]) == 1
+    assert effect["family"] == "excess_loss" and effect["owner"]["name"] == "c>b" and effect["where"]["links"] == ["c>b"]
+    loss = effect["parameters"]["loss_db"]
+    assert abs(loss["value"] - 4.0) < 4 * loss["std"] < 1.0
+    fit = found.document["fit"]
+    assert fit["corrected_rmse_db"] < 1.15 * fit["noise_rmse_db"] < fit["twin_rmse_db"]
+
+    corrected = tmp_path / "corrected"
+    places.write(found, corrected, "a page")
+    for name in ("first.npz", "second.npz"):
+        shutil.copy(case / name, corrected / name)
+    (corrected / "place.yaml").write_text(PLACE.format(twin="spec_corrected.yaml"))
+    again = places.diagnose(document.read(corrected))
+    assert again.document["verdict"] == "no_mismatch" and again.document["effects"] == []
