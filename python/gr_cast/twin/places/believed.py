@@ -13,7 +13,7 @@ from .world import World, of_place
 
 
 def believed(place: Place) -> World:
-    """A SPEC's keys, then its effects. Levels of meters and persons are left out: an entry does not say which end, or how wide."""
+    """A SPEC's keys, then its effects. Levels of meters and persons stay out: an entry does not say which end, or how wide."""
     world = of_place(place)
     for entry in place.spec.effects:
         world = _with(world, entry["family"], entry["owner"], entry["parameters"])
