@@ -70,38 +70,41 @@ def detection_threshold(
     return brentq(lambda u: np.log(expected(u) + 1e-300) - np.log(false_alarms_per_cir), low, high)
 
 
-def _amplitudes(columns, observed):
-    return np.linalg.lstsq(columns, observed, rcond=None)[0]
+def _inverse(columns):
+    """What makes least-squares amplitudes of samples, (k, window): taps are few and blocks many, for which it is made once."""
+    return np.linalg.pinv(columns, rcond=np.finfo(float).eps * len(columns))
 
 
-def _normal_matrix(template, delays, gain):
-    """Columns, their slopes clear of the columns, and the normal matrix of the delays for amplitudes `gain`."""
-    columns = template.columns(delays)
-    slopes = template.slopes(delays)
-    clear = slopes - columns @ _amplitudes(columns, slopes)
-    return columns, clear, np.real((clear.conj().T @ clear) * (gain.conj() @ gain.T))
+def _normal_matrix(columns, inverse, slopes, gain):
+    """The slopes clear of the columns, and the normal matrix of the delays for amplitudes `gain`."""
+    clear = slopes - columns @ (inverse @ slopes)
+    return clear, np.real((clear.conj().T @ clear) * (gain.conj() @ gain.T))
 
 
 def _refit(template, observed, delays, limit=0.5, iterations=25):
     """Joint least squares of all delays and amplitudes by variable projection; delays move `limit` samples a step."""
-    gain = _amplitudes(template.columns(delays), observed)
-    if not len(delays):
-        return delays, gain
-    for _ in range(iterations):
-        columns, clear, normal = _normal_matrix(template, delays, gain)
+
+    def fit(delays):
+        columns = template.columns(delays)
+        inverse = _inverse(columns)
+        gain = inverse @ observed
         rest = observed - columns @ gain
+        return columns, inverse, gain, rest, np.vdot(rest, rest).real
+
+    if not len(delays):
+        return delays, np.empty((0, observed.shape[1]), complex)
+    columns, inverse, gain, rest, before = fit(delays)
+    for _ in range(iterations):
+        clear, normal = _normal_matrix(columns, inverse, template.slopes(delays), gain)
         gradient = np.real(np.sum(gain.conj() * (clear.conj().T @ rest), axis=1))
         step = np.clip(np.linalg.lstsq(normal, gradient, rcond=None)[0], -limit, limit)
-        moved = delays + step
-        moved_gain = _amplitudes(template.columns(moved), observed)
-        before = np.sum(np.abs(rest) ** 2)
-        after = np.sum(np.abs(observed - template.columns(moved) @ moved_gain) ** 2)
-        if after > before:
+        there = fit(delays + step)
+        if there[-1] > before:
             limit /= 4
             if limit < 1e-7:
                 break
             continue
-        delays, gain = moved, moved_gain
+        delays, (columns, inverse, gain, rest, before) = delays + step, there
         if np.max(np.abs(step)) < 1e-8:
             break
     return delays, gain
@@ -129,17 +132,17 @@ def _strongest(template, power, taken, separation, delays_searched):
 
 def _standard_deviations(template, delays, gain, noise_variance):
     """Cramér-Rao bounds of delay (samples), |gain| and phase, (k,) each, for the amplitudes at hand."""
-    columns, _, normal = _normal_matrix(template, delays, gain)
-    delay_covariance = noise_variance / 2 * np.linalg.pinv(normal)
-    inverse = np.linalg.pinv(columns.conj().T @ columns)
+    columns, slopes = template.columns(delays), template.slopes(delays)
+    inverse = _inverse(columns)
+    delay_covariance = noise_variance / 2 * np.linalg.pinv(_normal_matrix(columns, inverse, slopes, gain)[1])
     # An amplitude moves with the delays by −A⁺·D·x: its share of the delays' errors comes on top of the noise.
-    coupling = -np.linalg.pinv(columns) @ template.slopes(delays)
+    coupling = -inverse @ slopes
     rms_gain = np.sqrt(np.mean(np.abs(gain) ** 2, axis=1))
     direction = gain[:, 0] / np.maximum(np.abs(gain[:, 0]), np.finfo(float).tiny)
     moved = coupling * (rms_gain * direction)[None, :] * direction.conj()[:, None]
     along = np.einsum("ki,ij,kj->k", moved.real, delay_covariance, moved.real)
     across = np.einsum("ki,ij,kj->k", moved.imag, delay_covariance, moved.imag)
-    noise = noise_variance / 2 * np.real(np.diag(inverse))
+    noise = noise_variance / 2 * np.sum(np.abs(inverse) ** 2, axis=1)
     return (
         np.sqrt(np.diag(delay_covariance)),
         np.sqrt(noise + along),
