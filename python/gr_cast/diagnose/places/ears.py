@@ -93,9 +93,24 @@ def bursts(instants: int, most: int) -> np.ndarray:
     return np.unique(begin[:, None] + np.arange(_BURST))
 
 
-def half(ear_, first: bool):
-    """One of two interleaved halves of the instants of an ear: what one half finds, the other must confirm."""
-    chosen = (np.arange(len(ear_.predictor.time_s)) % 2 == 0) == first
-    if ear_.has_responses:
-        return replace(ear_, heard=replace(ear_.heard, weight=ear_.heard.weight * chosen[None, :, None]))
-    return replace(ear_, weight=ear_.weight * chosen[None, :, None])
+def thinned(one, instants: int, frequencies: int):
+    """The same sounding with fewer instants and frequencies, for what is only to be ranked."""
+    if not one.has_responses:  # few numbers, and their order in time says something
+        return one
+    t = _some(len(one.predictor.time_s), instants)
+    tx, rx = zip(*one.predictor.links, strict=True)
+    k = slice(None, None, max(1, -(-len(one.predictor.frequency_hz) // frequencies)))
+    predictor = Predictor(tx, rx, one.predictor.time_s[t], one.predictor.frequency_hz[k])
+    heard = replace(
+        one.heard, y=one.heard.y[:, t][:, :, k], weight=one.heard.weight[:, t][:, :, k], frequency_hz=predictor.frequency_hz
+    )  # fmt: skip
+    return ResponseEar(predictor, heard)
+
+
+def without_phase(one):
+    """The same sounding, its phases not believed."""
+    return replace(one, heard=replace(one.heard, phase="snapshot")) if one.has_responses else one
+
+
+def _some(count: int, wanted: int) -> np.ndarray:
+    return np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int))

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...twin.places.families.base import Effect
 from ...twin.places.world import World, frozen
+from . import diffuse
 from .ears import PowerEar, ResponseEar
 from .likelihood import Fitted
 
@@ -21,11 +22,13 @@ Ear = ResponseEar | PowerEar
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Model:
-    """A twin with effects, fitted: `energy` in nats, `fits` per sounding; `std` per effect where it was asked for."""
+    """A twin with effects, fitted. `energy` is −ln p, `whitened` what noise keeps at its count, `plain` of white noise."""
 
     base: World
     effects: tuple[Effect, ...]
     energy: float
+    whitened: float
+    plain: float
     fits: tuple[Fitted, ...]
 
     @property
@@ -47,7 +50,10 @@ def applied(base: World, effects: Sequence[Effect]) -> World:
 def evaluated(ears: Sequence[Ear], base: World, effects: Sequence[Effect]) -> Model:
     world = applied(base, effects)
     fits = tuple(ear.profiled(ear.predicted(world)) for ear in ears)
-    return Model(base=base, effects=tuple(effects), energy=sum(fit.energy for fit in fits), fits=fits)
+    plain = sum(fit.energy for fit in fits)
+    scattered = [diffuse.gain(ear, fit, world) for ear, fit in zip(ears, fits, strict=True)]
+    energy, whitened = (plain - sum(pair[part] for pair in scattered) for part in (0, 1))
+    return Model(base=base, effects=tuple(effects), energy=energy, whitened=whitened, plain=plain, fits=fits)
 
 
 def _split(effects: Sequence[Effect], vector: np.ndarray) -> tuple[Effect, ...]:

@@ -60,9 +60,11 @@ def profiled(heard: Heard, h: np.ndarray) -> Fitted:
         if heard.gain != "none":
             wanted = (cross * factor[:, :, 0].conj()).real.sum(axis=1)
             have = power.sum(axis=1)
-            ratio = np.maximum(wanted, 1e-6 * have) / np.maximum(have, 1e-300)
+            ratio = np.where(
+                have > 0, np.maximum(wanted, 1e-6 * have) / np.where(have > 0, have, 1), 1
+            )  # 1: nothing is predicted
             if heard.gain == "common":
-                log_gain = np.full(shape_l, np.log(max(wanted.sum(), 1e-6 * have.sum()) / max(have.sum(), 1e-300)))
+                log_gain = np.full(shape_l, np.log(max(wanted.sum(), 1e-6 * have.sum(), 1e-300) / max(have.sum(), 1e-300)))
             else:
                 log_gain = _gains(ratio, have, log_gain if number else None, links)
         if heard.delay != "none" and number + 1 < rounds:

@@ -12,7 +12,7 @@ _AZIMUTHS = 90  # of upright planes
 _KEPT = 5  # planes that are refined
 _SHIFTS, _TURNS = 240, 41  # of the coherent grid, at most
 _SEEN_NATS = 4.0  # of a row that a plane is fitted to
-_MARGIN_M = 0.4  # beyond the outermost point that is lit
+_MARGIN_M = 1.5  # beyond the outermost point that is lit, where nothing says that it ends
 
 
 def sheets(view) -> list[Sheet]:
@@ -44,7 +44,7 @@ def sheets(view) -> list[Sheet]:
                 continue
             image[other, max(d - near, 0) : d + near + 1] = -np.inf
     refined = [one for one in (_refined(view, normal, level) for normal, level in found) if one is not None]
-    return [sheet for _, sheet in sorted(refined, key=lambda pair: -pair[0])[:3]]
+    return [sheet for _, sheet in sorted(refined, key=lambda pair: -pair[0])[:4]]
 
 
 def _refined(view, normal: np.ndarray, level_m: float):
@@ -106,6 +106,7 @@ def _rows(view, normal, level_m) -> dict:
         parts["weight"].append(ear.heard.weight.reshape(-1, size[2])[good])
         factor = fit.factor.reshape(-1, size[2])
         sent = np.repeat([_strength(view, link) for link in ear.heard.links], size[1])
+        sent = sent * _seen_by_antennas(view, ear.heard.links, seen, normal, level_m)
         parts["scale"].append((factor * sent[:, None])[good])
         for key, values in (("tx", seen.tx_m), ("rx", seen.rx_m), ("nats", nats)):
             parts[key].append(values[good])
@@ -118,6 +119,19 @@ def _rows(view, normal, level_m) -> dict:
 def _strength(view, link) -> float:
     tx, rx = (view.world.radios[name] for name in link)
     return float(10 ** ((tx.gain_db + rx.gain_db - view.world.link_loss_db.get(link, 0.0)) / 20))
+
+
+def _seen_by_antennas(view, links, seen, normal, level_m) -> np.ndarray:
+    """Product of both antennas' amplitudes (n,) towards a plane's mirror images."""
+    out = np.ones(len(seen.link))
+    for one, other, side in ((seen.tx_m, seen.rx_m, 0), (seen.rx_m, seen.tx_m, 1)):
+        image = other - 2 * (other @ normal - level_m)[:, None] * normal
+        direction = image - one
+        direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-9)
+        for index, link in enumerate(links):
+            own = seen.link == index
+            out[own] *= np.linalg.norm(fields.far_field(view.world.radios[link[side]].antenna, direction[own]), axis=1)
+    return np.maximum(out, 1e-3)
 
 
 def _echo(view, rows, which, columns, length_m) -> np.ndarray:
@@ -182,7 +196,22 @@ def _rectangle(places: np.ndarray, nats: np.ndarray):
     total = nats[inside(low, high)].sum()
     if total < 2 * _SEEN_NATS:
         return None
-    return float(total), low - _MARGIN_M, high + _MARGIN_M
+    return float(total), *_grown(places, nats, low, high)
+
+
+def _grown(places: np.ndarray, nats: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Edges half-way to the next row that should see the plane if it went on and does not; a margin where there is none."""
+    refused = nats < -_SEEN_NATS
+    out_low, out_high = low - _MARGIN_M, high + _MARGIN_M
+    for axis in (0, 1):
+        other = 1 - axis
+        level = refused & (places[:, other] > low[other] - 0.1) & (places[:, other] < high[other] + 0.1)
+        below, above = places[level & (places[:, axis] < low[axis]), axis], places[level & (places[:, axis] > high[axis]), axis]
+        if len(below):
+            out_low[axis] = max(out_low[axis], (below.max() + low[axis]) / 2)
+        if len(above):
+            out_high[axis] = min(out_high[axis], (above.min() + high[axis]) / 2)
+    return out_low, out_high
 
 
 def lit(view, effect):

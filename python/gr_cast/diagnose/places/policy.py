@@ -11,3 +11,7 @@ SCREEN_ROUNDS = 2  # Gauss-Newton steps of a candidate alone
 SEPARATED_NATS = 10.0  # what a recording must promise to be worth asking for
 LINK_NATS = 3.0  # of one link: less is no part of an effect's place
 POSITIONS = 60  # that are tried for the next sounding
+THIN_INSTANTS, THIN_FREQUENCIES = 7, 20  # of a sounding on which first guesses of one family are ranked
+FULL_STARTS = 3  # first guesses of one family and owner that are fitted
+DIFFUSE_SHARE = 0.03  # of the energy of scattered fields: bins of delay are no nearer to their law
+STIFF_SHARE = 0.25  # of the excess energy that one deterministic effect explains: then no random field is asked yet

@@ -51,15 +51,14 @@ def candidates(
             if (family.name, owner) in have and family.level != "place" or budget.is_spent:
                 continue
             tried += 1
-            trials = [with_effect(ears, model, start) for start in family.starts(view, owner)]
-            if not trials:
-                continue
-            best = min(trials, key=lambda one: one.energy)
-            screened.append(_quick(ears, best))
-            zero = trials[0]
-            if zero is not best and len(zero.effects[-1].values):
-                screened.append(_quick(ears, zero))
+            starts = family.starts(view, owner)
+            if len(starts) > policy.FULL_STARTS:
+                starts = list({id(one): one for one in (*view.ranked(starts)[: policy.FULL_STARTS], starts[0])}.values())
+            screened += [_quick(ears, with_effect(ears, model, start)) for start in starts]
     count = sum(ear.count for ear in ears)
+    stiff = [one.energy for one in screened if not one.effects[-1].family.is_flexible]
+    if stiff and model.energy - min(stiff) > policy.STIFF_SHARE * (model.energy - count):
+        screened = [one for one in screened if not one.effects[-1].family.is_flexible]
     screened.sort(key=lambda one: -evidence(one, count, tried))
     chosen, crowd = [], {}
     for one in screened:
@@ -91,7 +90,8 @@ class Found:
     @property
     def deviations(self) -> float:
         """Energy above what noise has, in its standard deviations."""
-        return (self.model.energy - self.model.offset - self.count) / float(np.sqrt(max(self.count, 1.0)))
+        spread = np.sqrt(max(self.count, 1.0)) + policy.DIFFUSE_SHARE * (self.model.plain - self.model.whitened)
+        return (self.model.whitened - self.model.offset - self.count) / float(spread)
 
 
 def run(ears: Sequence[Ear], base, unknown: dict, budget: Budget, progress=lambda text: None) -> Found:
@@ -102,7 +102,8 @@ def run(ears: Sequence[Ear], base, unknown: dict, budget: Budget, progress=lambd
     while len(model.effects) < policy.MOST_EFFECTS and not budget.is_spent:
         progress(f"looking for effect {len(model.effects) + 1}")
         better, tried = candidates(ears, model, unknown, budget)
-        if not better or evidence(better[0], count, tried) - evidence(model, count, tried) < policy.LEAST_EVIDENCE_NATS:
+        least = max(policy.LEAST_EVIDENCE_NATS, policy.DIFFUSE_SHARE * (model.plain - model.whitened))
+        if not better or evidence(better[0], count, tried) - evidence(model, count, tried) < least:
             break
         others[better[0].effects[-1].key] = [one.effects[-1] for one in better[1:]]
         model = pruned(ears, better[0], count, tried)

@@ -7,7 +7,9 @@ import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
 from ...scenario.create import fields
-from . import imaging, planes, scan
+from . import imaging, planes, policy, scan
+from .ears import thinned, without_phase
+from .fit import applied, evaluated
 
 _SCANNED_CARRIERS = 3000
 _GROUND_BELOW_M = 3.0  # under the lowest node, looked at finely
@@ -19,6 +21,19 @@ class View:
     def __init__(self, ears, model, unknown: dict):
         self.ears, self.model, self.world = ears, model, model.world
         self.gain, self.delay, self.phase = unknown["gain"], unknown["delay"], unknown["phase"]
+
+    @cached_property
+    def thin(self):
+        return [thinned(ear, policy.THIN_INSTANTS, policy.THIN_FREQUENCIES) for ear in self.ears]
+
+    @property
+    def last_s(self) -> float:
+        return max(float(ear.predictor.time_s[-1]) for ear in self.ears) or 1.0
+
+    def ranked(self, starts: list, blind: bool = False) -> list:
+        """First guesses by their energy on a thinned sounding; `blind`: as if phases were unknown, for wider basins."""
+        ears = [without_phase(ear) for ear in self.thin] if blind else self.thin
+        return sorted(starts, key=lambda start: evaluated(ears, self.model.base, (*self.model.effects, start)).energy)
 
     @property
     def has_responses(self) -> bool:
@@ -285,8 +300,6 @@ class View:
         return here, float(np.sqrt(max(slope @ covariance @ slope, 0.0)) + 0.01)
 
     def without(self, effect):
-        from .fit import applied
-
         return applied(self.model.base, [other for other in self.model.effects if other is not effect])
 
     def transmission_loss_db(self, effect) -> float:

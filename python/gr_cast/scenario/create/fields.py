@@ -10,6 +10,7 @@ from .images import Faces, Paths, chosen, unfold
 from .media import VACUUM_PERMITTIVITY
 
 _TINY = 1e-12
+OHM_60 = 59.9584916  # 1/(ε0·ω) over the wavelength in m
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -136,7 +136,7 @@ def paths(world, tx_m: np.ndarray, rx_m: np.ndarray, tx_antenna, rx_antenna):
     )
     sin_beta = np.maximum(np.linalg.norm(np.cross(first, along), axis=1), 1e-6)
     k, n = 2 * np.pi / wavelength_m, edges.n[edge]
-    eta = surface.permittivity - 1j * surface.conductivity * wavelength_m * 59.9584916  # 1/(ε0·ω) = 60·λ
+    eta = surface.permittivity - 1j * surface.conductivity * wavelength_m * fields.OHM_60
     owner = edges.owner[edge]
     # Angles of incidence on both faces (Luebbers): from the nearer of both rays.
     graze0, grazen = np.minimum(phi_in, phi_out), np.minimum(n * np.pi - phi_in, n * np.pi - phi_out)

@@ -72,6 +72,10 @@ class Predictor:
             world.loss_db_per_m,
         )
 
+    def remembered(self, key, make):
+        """What others compute of a link and want to keep."""
+        return _remember(self._known, key, make)
+
     def traced(self, world: World, index: int) -> Traced:
         """The paths of a link, as they are in the world that this one is frozen at."""
         base = world.frozen or world

@@ -114,6 +114,12 @@ class World:
     def wavelength_m(self) -> float:
         return SPEED_OF_LIGHT_M_PER_S / self.carrier_hz
 
+    def made_of(self, owner: str) -> list[int]:
+        """Indices of the object of that name, or of all objects of that material."""
+        if owner in self.mesh.names:
+            return [self.mesh.index(owner)]
+        return [i for i, name in enumerate(self.mesh.names) if name in self.media and self.media[name].material == owner]
+
     def with_radio(self, name: str, **changes) -> "World":
         return replace(self, radios={**self.radios, name: replace(self.radios[name], **changes)})
 

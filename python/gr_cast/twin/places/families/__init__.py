@@ -6,7 +6,8 @@ from . import additions, mechanisms, nodes, objects, power
 FAMILIES = (
     nodes.NodePosition(), nodes.TrackTiming(), nodes.AntennaOrientation(), nodes.AntennaPattern(), nodes.NodeGain(),
     nodes.NodeDelay(), objects.ExtraObject(), objects.ObjectMoved(), objects.Material(), objects.Roughness(),
-    mechanisms.MissingReflections(), mechanisms.MissingTransmission(), mechanisms.MissingDiffraction(), mechanisms.Carrier(),
-    mechanisms.Ground(), mechanisms.ExcessLoss(), mechanisms.DistanceLaw(), mechanisms.Attenuation(), additions.MissingObject(),
-    additions.MovingScatterer(), power.SmallScale(), power.MeterLimits(),
+    mechanisms.MissingReflections(), mechanisms.MissingTransmission(), mechanisms.MissingDiffraction(),
+    mechanisms.MissingScattering(), mechanisms.Carrier(), mechanisms.Ground(), mechanisms.ExcessLoss(),
+    mechanisms.DistanceLaw(), mechanisms.Attenuation(), additions.MissingObject(), additions.MovingScatterer(),
+    power.SmallScale(), power.MeterLimits(),
 )  # fmt: skip

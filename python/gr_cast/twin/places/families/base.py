@@ -33,6 +33,7 @@ class Family:
     level = "place"
     order = 5  # of application: lower first
     price_nats = 0.0  # of what it may name beside its numbers
+    is_flexible = False  # explains much that it is not: asked only where nothing else explains a good part
     is_in_spec = True  # a SPEC has keys for it; what has none stands in its `effects`
 
     def owners(self, view) -> Sequence[str]:

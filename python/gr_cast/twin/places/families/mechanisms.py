@@ -84,6 +84,40 @@ class MissingDiffraction(Family):
         return "Rays bend round edges; the twin's tracer leaves diffraction out."
 
 
+class MissingScattering(Family):
+    name = "missing_scattering"
+    is_flexible = True
+    order = 6
+    price_nats = 5.0  # of its coefficient, which is named
+
+    def owners(self, view):
+        if not view.has_responses or (view.world.surface.scattering > 0).any():
+            return []
+        return ["place", *view.shared_materials, *view.seen_objects]
+
+    def starts(self, view, owner):
+        grid = np.arange(0.15, 0.96, 0.1)
+        return [Effect(family=self, owner=owner, values=np.zeros(0), choice=float(share)) for share in grid]
+
+    def _which(self, world, owner):
+        if owner == "place":
+            return slice(None)
+        return world.made_of(owner)
+
+    def apply(self, world, effect):
+        return world.with_surface(self._which(world, effect.owner), scattering=effect.choice)
+
+    def level_of(self, world, owner):
+        return "place" if owner == "place" else "object" if owner in world.mesh.names else "material"
+
+    def told(self, view, effect, covariance):
+        return {"scattering_coefficient": value(effect.choice, 0.05)}
+
+    def sentence(self, effect, told):
+        of = "Surfaces scatter" if effect.owner == "place" else f"{effect.owner} scatters"
+        return f"{of} a share of {effect.choice:.2f} of what they reflect; the twin's tracer leaves scattering out."
+
+
 class Carrier(Family):
     name = "carrier"
     order = 1

@@ -11,10 +11,11 @@ from .base import Effect, Family, std_of, value
 _FAR_M = 0.7  # farthest offset that is looked for on the grid
 _GRID = 140  # points of the grid across, at most
 _BEST = 4  # maxima of a grid that are fitted
-_YAWS_RAD = np.linspace(-np.pi, np.pi, 16, endpoint=False)
+_YAWS_RAD = np.linspace(-np.pi, np.pi, 24, endpoint=False)
 _PITCHES_RAD = (-0.6, -0.25, 0.0, 0.25, 0.6)
-_SPEED_FACTORS = (0.8, 0.87, 0.93, 0.97, 1.0, 1.03, 1.07, 1.13, 1.2)
-_TIME_OFFSETS_S = (-0.8, -0.5, -0.3, -0.15, -0.05, 0.0, 0.05, 0.15, 0.3, 0.5, 0.8)
+_SPEED_FACTORS = np.arange(0.8, 1.2001, 0.02)
+_TIME_OFFSETS_S = np.arange(-0.8, 0.8001, 0.1)
+_FINE = 9  # steps of the fine grid of speeds, either way
 _COARSE_FACTORS, _COARSE_OFFSETS_S = (0.87, 1.0, 1.13), (-0.4, 0.0, 0.4)  # where power alone is known
 
 
@@ -153,6 +154,11 @@ class AntennaPattern(_OfNode):
         return f"The antenna of {effect.owner} is rather a {effect.choice} than what the twin says."
 
 
+def _centred(last_s: float, change: np.ndarray) -> np.ndarray:
+    """Offsets of time that undo a change of speed in the middle of a recording, to first order."""
+    return -change * last_s / 2
+
+
 class TrackTiming(_OfNode):
     name = "track_timing"
     is_in_spec = False
@@ -162,13 +168,22 @@ class TrackTiming(_OfNode):
         return [name for name in view.nodes if view.world.radios[name].node.is_moving and name not in view.tracked]
 
     def starts(self, view, owner):
-        factors, offsets_s = (_SPEED_FACTORS, _TIME_OFFSETS_S) if view.has_responses else (_COARSE_FACTORS, _COARSE_OFFSETS_S)
-        return [
-            Effect(family=self, owner=owner, values=np.array([factor, offset_s]))
-            for factor in factors
-            for offset_s in offsets_s
-            if factor != 1.0 or offset_s != 0.0
-        ]
+        wrong = lambda factor, offset_s: Effect(family=self, owner=owner, values=np.array([factor, offset_s]))  # noqa: E731
+        if not view.has_responses:
+            return [wrong(factor, offset_s) for factor in _COARSE_FACTORS for offset_s in _COARSE_OFFSETS_S]
+        coarse = [wrong(factor, offset_s) for factor in _SPEED_FACTORS for offset_s in _TIME_OFFSETS_S]
+        radio, last_s = view.world.radios[owner], view.last_s
+        step_s = view.world.wavelength_m / 5 / radio.node.speed_m_per_s
+        out = []
+        for one in view.ranked(coarse, blind=True)[:6]:
+            factor, offset_s = one.values
+            factors = factor + step_s / last_s * np.arange(-_FINE, _FINE + 1)
+            shared = _centred(last_s, factors - factor)  # the middle of the track stays where it is
+            fine = [
+                wrong(f, offset_s + shift + k * step_s) for f, shift in zip(factors, shared, strict=True) for k in range(-4, 5)
+            ]
+            out += view.ranked(fine)[:1]
+        return out
 
     def apply(self, world, effect):
         return world.with_radio(effect.owner, speed_factor=float(effect.values[0]), time_offset_s=float(effect.values[1]))

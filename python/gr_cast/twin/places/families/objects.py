@@ -11,6 +11,7 @@ from .base import Effect, Family, std_of, value
 
 _FAR_M = 1.5  # farthest move that is looked for
 _BEST = 3  # maxima of a scan that are fitted
+_PERMITTIVITIES, _CONDUCTIVITIES = np.geomspace(1.15, 30, 14), (0.003, 0.05, 0.5)  # relative; S/m
 _ROUGH = (1 / 60, 1 / 25, 1 / 12, 1 / 6)  # of a wavelength: first guesses of the roughness
 
 
@@ -88,22 +89,20 @@ class Material(_OfObject):
     def owners(self, view):
         return [*view.seen_objects, *view.shared_materials]
 
-    def _which(self, world, owner):
-        if owner in world.mesh.names:
-            return [world.mesh.index(owner)]
-        return [i for i, name in enumerate(world.mesh.names) if name in world.media and world.media[name].material == owner]
-
     def starts(self, view, owner):
         out = []
         for name in known_at(view.world.carrier_hz):
             if name != "metal":
                 permittivity, conductivity = numbers_of(name, view.world.carrier_hz)
                 out.append(Effect(family=self, owner=owner, values=np.log([permittivity, max(conductivity, 1e-6)])))
+        for permittivity in _PERMITTIVITIES:
+            for conductivity in _CONDUCTIVITIES:
+                out.append(Effect(family=self, owner=owner, values=np.log([permittivity, conductivity])))
         return [*out, Effect(family=self, owner=owner, values=np.log([1.0, 1e7]))]
 
     def apply(self, world, effect):
         permittivity, conductivity = np.exp(effect.values)
-        return world.with_surface(self._which(world, effect.owner), permittivity=permittivity, conductivity=conductivity)
+        return world.with_surface(world.made_of(effect.owner), permittivity=permittivity, conductivity=conductivity)
 
     def steps(self, world, effect):
         return np.array([1e-5, 1e-4])
@@ -116,7 +115,7 @@ class Material(_OfObject):
         return {
             "permittivity": value(permittivity, permittivity * std_of(covariance, 0)),
             "conductivity": value(conductivity, conductivity * min(std_of(covariance, 1), 10.0)),
-            "reflection_error_db": value(*view.reflection_error_db(effect, self._which(view.world, effect.owner), covariance)),
+            "reflection_error_db": value(*view.reflection_error_db(effect, view.world.made_of(effect.owner), covariance)),
             "nearest": nearest(permittivity, conductivity, view.world.carrier_hz),
         }
 
@@ -161,7 +160,7 @@ class Roughness(_OfObject):
         return [Effect(family=self, owner=owner, values=np.log([part * view.world.wavelength_m])) for part in _ROUGH]
 
     def apply(self, world, effect):
-        which = Material()._which(world, effect.owner)
+        which = world.made_of(effect.owner)
         return world.with_surface(which, height_rms_m=float(np.exp(effect.values[0])))
 
     def steps(self, world, effect):

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Diffuse scattering: every face as patches that scatter by Lambert's law, each with a phase of its own (Degli-Esposti 2007)."""
+
+import numpy as np
+
+from . import fields, images
+
+PATCH_M = 0.5  # side of a patch
+MOST_PATCHES = 1500  # of a place: beyond, patches are larger
+_LARGEST_M = 500.0  # of a face: grounds without an end are not cut up
+
+
+def patches(faces: images.Faces) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Middles (n, 3), areas in m² (n,) and faces (n,) of the patches of all faces."""
+    sides = np.linalg.norm(np.ptp(faces.triangles_m, axis=1), axis=1)
+    area = 0.5 * np.linalg.norm(
+        np.cross(faces.triangles_m[:, 1] - faces.triangles_m[:, 0], faces.triangles_m[:, 2] - faces.triangles_m[:, 0]), axis=1
+    )
+    small = sides < _LARGEST_M
+    step_m = max(PATCH_M, float(np.sqrt(area[small].sum() / MOST_PATCHES)))
+    middle, size, owner = [], [], []
+    face_of = np.repeat(np.arange(len(faces.level_m)), np.diff(faces.start))
+    for triangle in np.flatnonzero(small):
+        a, b, c = faces.triangles_m[triangle]
+        cuts = max(1, int(np.ceil(np.sqrt(2 * area[triangle]) / step_m)))
+        i, j = (grid.ravel() for grid in np.meshgrid(np.arange(cuts), np.arange(cuts), indexing="ij"))
+        up, down = i + j < cuts, i + j < cuts - 1
+        u = np.concatenate([(i[up] + 1 / 3) / cuts, (i[down] + 2 / 3) / cuts])
+        v = np.concatenate([(j[up] + 1 / 3) / cuts, (j[down] + 2 / 3) / cuts])
+        middle.append(a + u[:, None] * (b - a) + v[:, None] * (c - a))
+        size.append(np.full(len(u), area[triangle] / cuts**2))
+        owner.append(np.full(len(u), face_of[triangle]))
+    return np.concatenate(middle), np.concatenate(size), np.concatenate(owner)
+
+
+def powers(faces, surface, tx_m, rx_m, tx_antenna, rx_antenna, carrier_hz: float):
+    """Power gain over S², length in m and object (n,) of what patches scatter from one point to another."""
+    middle_m, area, face = patches(faces)
+    keep = surface.present[faces.owner[face]]
+    middle_m, area, face = middle_m[keep], area[keep], face[keep]
+    first, second = middle_m - tx_m, rx_m - middle_m
+    d_in, d_out = np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1)
+    first, second = first / d_in[:, None], second / d_out[:, None]
+    normal = faces.normal[face]
+    cos_in, cos_out = -np.einsum("ij,ij->i", first, normal), np.einsum("ij,ij->i", second, normal)
+    lit = (cos_in * cos_out > 0) & (~faces.sided[face] | (cos_in > 0))
+    points = np.stack([np.broadcast_to(tx_m, middle_m.shape), middle_m, np.broadcast_to(rx_m, middle_m.shape)], axis=1)
+    path, _, crossed, _ = images.crossings(faces, points, np.zeros((len(middle_m), 1), np.int64))
+    lit[path[(surface.present & ~surface.clear)[faces.owner[crossed]]]] = False
+    middle_m, area, face, first, second, d_in, d_out, cos_in, cos_out = (
+        v[lit] for v in (middle_m, area, face, first, second, d_in, d_out, np.abs(cos_in), np.abs(cos_out))
+    )
+    wavelength_m = fields.SPEED_OF_LIGHT_M_PER_S / carrier_hz
+    owner = faces.owner[face]
+    eta = surface.permittivity - 1j * surface.conductivity * wavelength_m * fields.OHM_60
+    te, tm, _, _ = fields.slab(eta[owner], surface.thickness_m[owner], np.maximum(cos_in, 1e-6), wavelength_m)
+    reflected = (np.abs(te) ** 2 + np.abs(tm) ** 2) / 2
+    antennas = (fields.far_field(tx_antenna, first) ** 2).sum(axis=1) * (fields.far_field(rx_antenna, -second) ** 2).sum(axis=1)
+    power = (wavelength_m / (4 * np.pi)) ** 2 * reflected * cos_in * cos_out * area / np.pi / (d_in * d_out) ** 2 * antennas
+    return power, d_in + d_out, owner
