@@ -101,8 +101,8 @@ class View:
         ]
 
     def _names(self, which) -> list[str]:
-        names = self.world.mesh.names
-        return sorted({names[i] for i in which if names[i] in self.world.media})
+        names, own = self.world.mesh.names, self.model.base.mesh.names  # what an effect added is no object of the twin
+        return sorted({names[i] for i in which if names[i] in own})
 
     @cached_property
     def seen_objects(self) -> list[str]:

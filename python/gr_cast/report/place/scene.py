@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What a page draws of a diagnosed place: links with their misfit, objects by what paths meet them, the box that is shown."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -61,7 +61,7 @@ class Scene:
 def scene_of(diagnosis) -> Scene:
     everything = (*diagnosis.ears, *diagnosis.vault)
     model = diagnosis.model
-    worlds = [type(model)(base=world, effects=(), energy=0.0, fits=()) for world in (model.base, model.world)]
+    worlds = [replace(model, base=world, effects=()) for world in (model.base, model.world)]
     views = [View(everything, one, diagnosis.place.unknown) for one in worlds]
     lit = frozenset(name for view in views for name in view.seen_objects)
     shading = frozenset(name for view in views for name in view.blocking_objects) - lit
