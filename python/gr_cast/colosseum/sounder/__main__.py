@@ -3,6 +3,7 @@
 col0) and leaves the map in /logs; after stop.sh it ends what it has begun."""
 
 import configparser
+import contextlib
 import json
 import os
 import re
@@ -32,6 +33,7 @@ USRP = "addr=192.168.40.2"  # of an SRN's X310, where nothing else is said
 START, STOP = STATE.with_name("start"), STATE.with_name("stop")  # made by the scripts of those names
 _FRAMES = 10
 _LOOK_S = 0.05
+_DRAW_S = 15.0
 
 
 def tell(state: str, info: str = "") -> None:
@@ -77,15 +79,15 @@ def column(conf: dict, heard: dict[int, np.ndarray], rate_hz: float, waveform, i
     return losses
 
 
-def leave_map(columns: dict[int, dict], rate_hz: float) -> None:
-    """heatmap.json, .csv and, where there is matplotlib, .png."""
+def leave_map(columns: dict[int, dict], rate_hz: float) -> subprocess.Popen:
+    """heatmap.json and .csv; the process that draws .png, where there is matplotlib."""
     losses = {(tx, str(rx)): [loss] for rx, column in columns.items() for tx, loss in column.items()}
     nodes, matrix = path_loss.loss_matrix(losses)
     rows = [[float(value) if np.isfinite(value) else None for value in row] for row in matrix]
     write_json(LOGS / "heatmap.json", {"nodes": nodes, "path_loss_db": rows, "sample_rate_hz": rate_hz})
     write_text(LOGS / "heatmap.csv", path_loss.matrix_csv(nodes, matrix))
     # A process of its own: pictures are drawn by a later room, and nothing else needs matplotlib.
-    subprocess.run([sys.executable, "-m", "gr_cast.report.colosseum_map", str(LOGS)], check=False)
+    return subprocess.Popen([sys.executable, "-m", "gr_cast.report.colosseum_map", str(LOGS)])
 
 
 def told(path: Path) -> threading.Event:
@@ -130,9 +132,11 @@ def main() -> None:
     tell("ACTIVE", "gathering")
     port = config.getint("COLLABORATION", "collab_peer_port", fallback=5558)
     columns = gathered(conf["node"], own, conf["nodes"], port, stopped)
-    leave_map(columns, rate_hz)
+    drawing = leave_map(columns, rate_hz)
     tell("ACTIVE", f"map of {len(columns)} of {conf['nodes']} receivers in /logs")
     stopped.wait()
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        drawing.wait(_DRAW_S)  # the figures are there: nobody waits long for their picture
     tell("FINISHED", f"map of {len(columns)} of {conf['nodes']} receivers in /logs")
     threading.Event().wait()  # others may still need what this node answers and tells
 
