@@ -62,9 +62,9 @@ def test_a_room_shows_a_command_nothing_of_the_caller_and_leaves_nothing_running
 
 def test_equal_sites_are_the_same_and_a_hidden_amplifier_is_named(stack, tmp_path):
     stack.testbed()
-    assert stack.bench(tmp_path / "equal").commit("HEAD").judged()["kinds"] == ["same on both"]
+    assert stack.bench(tmp_path / "store").commit("HEAD").judged()["kinds"] == ["same on both"]
     stack.testbed("amplifier")
-    found = stack.bench(tmp_path / "bent").commit("HEAD").judged()
+    found = stack.bench(tmp_path / "store").commit("HEAD").judged()
     assert found["kinds"] == ["twin and testbed differ"]
     assert found["verdicts"][0]["cause"]["families"][0] == "pa_nonlinearity" and found["verdicts"][0]["cause"]["kind"] == "radio"
 

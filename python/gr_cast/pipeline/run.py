@@ -144,8 +144,9 @@ class Commit:
     def judged(self) -> dict:
         """The verdict's document, kept in the storage."""
         path = self.bench.storage.folder / "verdicts" / self.bench.source.name / f"{self.hash}.json"
-        if known := _verdict_of(path):
-            return known
+        inputs = fingerprint([_plain(one) for one in self.sites], self.bench.room.kind)
+        if (kept := _verdict_of(path)) and kept.get("inputs") == inputs:
+            return kept
         parent = self.bench.source.parent(self.hash)
         before = Commit(bench=self.bench, hash=parent) if parent else None
         known = _verdict_of(path.with_name(f"{parent}.json")) if parent else None
@@ -161,6 +162,7 @@ class Commit:
             "parent": parent,
             "baseline": before.hash if before else None,
             "sites": list(self.pipeline.sites),
+            "inputs": inputs,  # a verdict of other sites is none of these
         }
         path.parent.mkdir(exist_ok=True)
         write_json(path, about | found)
