@@ -58,6 +58,7 @@ def _projection(name: str, axes, scene, cut_m) -> Projection:
     low, span = scene.low_m[list(axes)], np.maximum((scene.high_m - scene.low_m)[list(axes)], 1.0)
     low, span = low - 0.04 * span.max(), span + 0.08 * span.max()
     per_m = min((WIDTH - 2 * MARGIN) / span[0], (_MOST_HEIGHT - 2 * MARGIN) / span[1])
+    low = low - [((WIDTH - 2 * MARGIN) / per_m - span[0]) / 2, 0.0]  # in the middle
     return Projection(name=name, axes=axes, low_m=low, per_m=per_m, height=float(span[1] * per_m + 2 * MARGIN), cut_m=cut_m)
 
 
