@@ -18,6 +18,7 @@ from .next_position import where_to_sound
 from .view import View
 
 BUDGET_S = 240.0
+_SEARCH_SHARE = 0.6  # of the budget: telling what was found takes its time too
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -39,7 +40,7 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
     base, bandwidth_hz = believed(place), place.spec.bandwidth_hz
     ears = tuple(ear(one, place.unknown, bandwidth_hz) for one in place.soundings if not one.vault)
     vault = tuple(ear(one, place.unknown, bandwidth_hz) for one in place.soundings if one.vault)
-    found = search.run(ears, base, place.unknown, search.Budget.of(budget_s), progress)
+    found = search.run(ears, base, place.unknown, search.Budget.of(_SEARCH_SHARE * budget_s), progress)
     model = found.model
     everything = (*ears, *vault)
     before, after = evaluated(everything, base, ()), evaluated(everything, base, model.effects)
