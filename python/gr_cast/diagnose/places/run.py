@@ -46,7 +46,7 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
     before, after = evaluated(everything, base, ()), evaluated(everything, base, model.effects)
     view = View(ears, model, place.unknown)
     open_ = _ambiguous(found, ears, base, place)
-    clean = found.deviations < policy.CLEAN_DEVIATIONS and not found.spent
+    clean = found.deviations < policy.CLEAN_DEVIATIONS
     effects = [
         _entry(view, found, number, covariance, clean, _vault_gain(vault, base, model, number))
         for number, covariance in enumerate(deviations(ears, model))
