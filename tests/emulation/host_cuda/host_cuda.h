@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// As much of CUDA as kernels.cu needs, on the processor: threads of a block are fibers that meet in __syncthreads().
+// As much of CUDA as kernels.cu needs, on the processor: threads of a block are fibers that meet in
+// __syncthreads().
 #pragma once
 
 #include <algorithm>
@@ -96,8 +97,8 @@ inline void run_block(std::size_t n_shared_bytes)
 }
 
 template <class... A, std::size_t... I>
-void launch(void (*kernel)(A...), const unsigned* grid, unsigned block, std::size_t shared, void** arguments,
-            std::index_sequence<I...>)
+void launch(void (*kernel)(A...), const unsigned* grid, unsigned block, std::size_t shared,
+            void** arguments, std::index_sequence<I...>)
 {
     std::tuple<void (*)(A...), A...> call(kernel, *static_cast<A*>(arguments[I])...);
     using call_type = decltype(call);
@@ -116,7 +117,8 @@ void launch(void (*kernel)(A...), const unsigned* grid, unsigned block, std::siz
 }
 
 template <class... A>
-void launch(void (*kernel)(A...), const unsigned* grid, unsigned block, std::size_t shared, void** arguments)
+void launch(void (*kernel)(A...), const unsigned* grid, unsigned block, std::size_t shared,
+            void** arguments)
 {
     launch(kernel, grid, block, shared, arguments, std::index_sequence_for<A...>{});
 }

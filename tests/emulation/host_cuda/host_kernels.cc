@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The CUDA kernels as functions of the processor: launch_NAME(grid, threads of a block, bytes shared, addresses of arguments).
+// The CUDA kernels as functions of the processor: launch_NAME(grid, threads of a block, bytes
+// shared, addresses of arguments).
 #define HOST_CUDA
 #include "kernels.cu"
 
-#define HOST_LAUNCH(name)                                                                                              \
-    extern "C" void launch_##name(const unsigned* grid, unsigned block, std::size_t shared, void** arguments)          \
-    {                                                                                                                  \
-        host::launch(name, grid, block, shared, arguments);                                                            \
+#define HOST_LAUNCH(name)                                                                          \
+    extern "C" void launch_##name(const unsigned* grid, unsigned block, std::size_t shared,        \
+                                  void** arguments)                                                \
+    {                                                                                              \
+        host::launch(name, grid, block, shared, arguments);                                        \
     }
 HOST_LAUNCH(scales)
 HOST_LAUNCH(sparse_filters)

@@ -48,7 +48,8 @@ def echoes(ear: ResponseEar, fit: Fitted, world) -> Echoes:
 def looked_up(seen: Echoes, length_m: np.ndarray) -> np.ndarray:
     """Nats (..., n) of echoes of given lengths (..., n), noise taken off."""
     place = np.mod(np.round(length_m / SPEED_OF_LIGHT_M_PER_S * seen.bins_per_s).astype(np.int64), seen.nats.shape[1])
-    return np.clip(seen.nats[np.arange(len(seen.nats)), place] - _CHANCE, 0, _STRONGEST)
+    weight = np.minimum(1, _STRONGEST / np.maximum(seen.nats.max(axis=1), 1e-300))  # clipped, side lobes would be as high
+    return np.maximum(seen.nats[np.arange(len(seen.nats)), place] - _CHANCE, 0) * weight
 
 
 def plane_scores(seen: list[Echoes], normal: np.ndarray, level_m: np.ndarray) -> np.ndarray:

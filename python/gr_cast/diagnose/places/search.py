@@ -66,8 +66,17 @@ def candidates(
         if crowd.get(name, 0) < policy.FITTED_PER_FAMILY and len(chosen) < depth:
             crowd[name] = crowd.get(name, 0) + 1
             chosen.append(one)
-    final = [fitted(ears, one) if not budget.is_spent else one for one in chosen]
+    final = [_settled(ears, one) if not budget.is_spent else one for one in chosen]
     return sorted(final, key=lambda one: -evidence(one, count, tried)), tried
+
+
+def _settled(ears, model: Model) -> Model:
+    """Fitted, and once more from the best of its family's other beginnings."""
+    model = fitted(ears, model)
+    number = len(model.effects) - 1
+    others = [replaced(ears, model, number, one) for one in model.effects[number].family.restarts(model.effects[number])]
+    others = sorted(others, key=lambda one: one.energy)[: policy.FULL_STARTS]
+    return min((model, *(fitted(ears, one) for one in others)), key=lambda one: one.energy)
 
 
 def _quick(ears, model: Model) -> Model:

@@ -11,6 +11,7 @@ from ..world import Person
 from .base import Effect, Family, std_of, value
 
 _MATERIALS = ((1.0, 1e7), (6.0, 0.05), (2.5, 0.03))  # permittivity and conductivity (S/m) to begin with: metal, stone, board
+_PERMITTIVITIES = (1.5, 2.0, 2.7, 3.4, 4.2, 5.2, 6.3, 7.5, 10.0, 15.0)  # to begin anew with, once the plane is where it is
 _RADIUS_M, _HEIGHT_M = 0.4, 1.8  # of a person, to begin with
 
 
@@ -51,6 +52,10 @@ class MissingObject(Family):
             for sheet in view.sheets()
             for made in _MATERIALS
         ]
+
+    def restarts(self, effect):
+        made = [(1.0, 1e7), *((permittivity, 0.03) for permittivity in _PERMITTIVITIES)]
+        return [effect.moved(np.array([*effect.values[:2], *np.log(one)])) for one in made]
 
     def apply(self, world, effect):
         shift_m, turn_rad, permittivity, conductivity = *effect.values[:2], *np.exp(effect.values[2:])
