@@ -15,3 +15,4 @@ THIN_INSTANTS, THIN_FREQUENCIES = 7, 20  # of a sounding on which first guesses 
 FULL_STARTS = 3  # first guesses of one family and owner that are fitted
 DIFFUSE_SHARE = 0.03  # of the energy of scattered fields: bins of delay are no nearer to their law
 STIFF_SHARE = 0.25  # of the excess energy that one deterministic effect explains: then no random field is asked yet
+QUIET_DEVIATIONS = 1.5  # of the energy of noise: below, wide searches for what moves by wavelengths are spared

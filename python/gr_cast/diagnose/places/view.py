@@ -30,10 +30,23 @@ class View:
     def last_s(self) -> float:
         return max(float(ear.predictor.time_s[-1]) for ear in self.ears) or 1.0
 
-    def ranked(self, starts: list, blind: bool = False) -> list:
-        """First guesses by their energy on a thinned sounding; `blind`: as if phases were unknown, for wider basins."""
-        ears = [without_phase(ear) for ear in self.thin] if blind else self.thin
-        return sorted(starts, key=lambda start: evaluated(ears, self.model.base, (*self.model.effects, start)).energy)
+    def ranked(self, starts: list) -> list:
+        """First guesses by their energy on a thinned sounding."""
+        return sorted(starts, key=lambda start: evaluated(self.thin, self.model.base, (*self.model.effects, start)).energy)
+
+    def promising(self, starts: list) -> list:
+        """Those of the first guesses that explain something even where no phase is believed, the best first."""
+        ears = [without_phase(ear) for ear in self.thin]
+        here = evaluated(ears, self.model.base, self.model.effects).energy
+        energies = [evaluated(ears, self.model.base, (*self.model.effects, start)).energy for start in starts]
+        order = np.argsort(energies)
+        return [starts[index] for index in order if energies[index] < here - policy.LEAST_EVIDENCE_NATS]
+
+    @cached_property
+    def is_quiet(self) -> bool:
+        """Whether so little is left that what moves paths by wavelengths would have shown."""
+        count = sum(ear.count for ear in self.ears)
+        return self.model.whitened - self.model.offset - count < policy.QUIET_DEVIATIONS * np.sqrt(count)
 
     @property
     def has_responses(self) -> bool:

@@ -9,7 +9,7 @@ from ....scenario.create.nodes import ANTENNAS
 from .base import Effect, Family, std_of, value
 
 _FAR_M = 0.7  # farthest offset that is looked for on the grid
-_GRID = 140  # points of the grid across, at most
+_GRID = 90  # points of the grid across, at most
 _BEST = 4  # maxima of a grid that are fitted
 _YAWS_RAD = np.linspace(-np.pi, np.pi, 24, endpoint=False)
 _PITCHES_RAD = (-0.6, -0.25, 0.0, 0.25, 0.6)
@@ -35,6 +35,8 @@ class NodePosition(_OfNode):
 
     def starts(self, view, owner):
         zero = Effect(family=self, owner=owner, values=np.zeros(3))
+        if view.is_quiet:
+            return [zero]
         step_m = view.world.wavelength_m / 5
         reach = min(_GRID // 2, int(np.ceil(_FAR_M / step_m)))
         grid_m = step_m * np.arange(-reach, reach + 1)
@@ -171,11 +173,14 @@ class TrackTiming(_OfNode):
         wrong = lambda factor, offset_s: Effect(family=self, owner=owner, values=np.array([factor, offset_s]))  # noqa: E731
         if not view.has_responses:
             return [wrong(factor, offset_s) for factor in _COARSE_FACTORS for offset_s in _COARSE_OFFSETS_S]
+        near = [wrong(1.0 + step, offset_s) for step in (-0.003, 0.003) for offset_s in (-0.01, 0.01)]
+        if view.is_quiet:
+            return near
         coarse = [wrong(factor, offset_s) for factor in _SPEED_FACTORS for offset_s in _TIME_OFFSETS_S]
         radio, last_s = view.world.radios[owner], view.last_s
         step_s = view.world.wavelength_m / 5 / radio.node.speed_m_per_s
         out = []
-        for one in view.ranked(coarse, blind=True)[:6]:
+        for one in view.promising(coarse)[:_BEST]:
             factor, offset_s = one.values
             factors = factor + step_s / last_s * np.arange(-_FINE, _FINE + 1)
             shared = _centred(last_s, factors - factor)  # the middle of the track stays where it is
@@ -183,7 +188,7 @@ class TrackTiming(_OfNode):
                 wrong(f, offset_s + shift + k * step_s) for f, shift in zip(factors, shared, strict=True) for k in range(-4, 5)
             ]
             out += view.ranked(fine)[:1]
-        return out
+        return out or near
 
     def apply(self, world, effect):
         return world.with_radio(effect.owner, speed_factor=float(effect.values[0]), time_offset_s=float(effect.values[1]))
