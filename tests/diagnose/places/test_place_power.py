@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gr_cast.diagnose.places.ears import bursts
 from gr_cast.diagnose.places.power import Expected, PowerEar
-from gr_cast.diagnose.places.search import Budget, run
+from gr_cast.diagnose.places.search import run
 from gr_cast.scenario.create.geometry import Solid
 from gr_cast.scenario.create.media import Medium
 from gr_cast.scenario.create.nodes import Node
@@ -156,7 +156,7 @@ def test_ground_is_found_by_the_fringes_of_power_alone():
     predictor = Predictor(["a"], ["b"], np.arange(60.0), np.zeros(1), {"b": at_m})
     ear = PowerEar(predictor, power_db[:, :, None], np.full((1, 60, 1), 2.0), None, "none")
     world, unknown = replace(_yard(), max_depth=1), {"gain": "none", "delay": "none", "phase": "none"}
-    found = run([ear], world, unknown, Budget.of(60.0))
+    found = run([ear], world, unknown, 60.0)
     assert [effect.key for effect in found.model.effects] == [("ground", "place")]
     assert found.model.effects[0].values[0] == pytest.approx(height_m, abs=0.02)
     assert abs(found.deviations) < 4
@@ -179,7 +179,7 @@ def _round(cause):
     power_db = cause(power_db + random.normal(0, 0.6, power_db.shape), random, at_m)
     predictor = Predictor(list(fixed), ["b"] * 3, np.arange(40.0), np.zeros(1), {"b": at_m})
     ear = PowerEar(predictor, power_db[:, :, None], np.full((3, 40, 1), 0.5 / 0.6**2), None, "common")
-    found = run([ear], replace(_yard(), radios=radios), {"gain": "common", "delay": "none", "phase": "none"}, Budget.of(60.0))
+    found = run([ear], replace(_yard(), radios=radios), {"gain": "common", "delay": "none", "phase": "none"}, 60.0)
     assert abs(found.deviations) < 4
     return {effect.key: effect for effect in found.model.effects}
 

@@ -16,3 +16,4 @@ FULL_STARTS = 3  # first guesses of one family and owner that are fitted
 DIFFUSE_SHARE = 0.03  # of the energy of scattered fields: bins of delay are no nearer to their law
 STIFF_SHARE = 0.25  # of the excess energy that one deterministic effect explains: then no random field is asked yet
 QUIET_DEVIATIONS = 1.5  # of the energy of noise: below, wide searches for what moves by wavelengths are spared
+RIVALS_SHARE = 0.3  # of the time of a search: a cause is told only beside what else it might have been

@@ -40,7 +40,7 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
     base, bandwidth_hz = believed(place), place.spec.bandwidth_hz
     ears = tuple(ear(one, place.unknown, bandwidth_hz) for one in place.soundings if not one.vault)
     vault = tuple(ear(one, place.unknown, bandwidth_hz) for one in place.soundings if one.vault)
-    found = search.run(ears, base, place.unknown, search.Budget.of(_SEARCH_SHARE * budget_s), progress)
+    found = search.run(ears, base, place.unknown, _SEARCH_SHARE * budget_s, progress)
     model = found.model
     everything = (*ears, *vault)
     before, after = evaluated(everything, base, ()), evaluated(everything, base, model.effects)
@@ -73,13 +73,13 @@ def _verdict(effects: list, open_: list, clean: bool) -> str:
     return "identified" if effects else "no_mismatch"
 
 
-def _is_nested(effect, rival, difference_nats: float) -> bool:
-    """Whether a rival says the same with more numbers: the simpler word is the answer."""
-    return effect.owner == rival.owner and len(rival.values) > len(effect.values)
+def _is_nested(effect, rival) -> bool:
+    """Whether a rival says by numbers what needs none: an object that is gone, moved out of sight."""
+    return effect.owner == rival.owner and not len(effect.values) and len(rival.values) > 0
 
 
 def _rivals(found: search.Found, effect) -> list:
-    return [(rival, nats) for rival, nats in found.rivals.get(effect.key, ()) if not _is_nested(effect, rival, nats)]
+    return [(rival, nats) for rival, nats in found.rivals.get(effect.key, ()) if not _is_nested(effect, rival)]
 
 
 def _ambiguous(found: search.Found, ears, base, place: Place) -> list[dict]:
@@ -139,7 +139,8 @@ def _alternatives(effect, rivals) -> dict:
 
 def _confidence(gain: float, margin: float | None, vault_nats: float | None, clean: bool, found: search.Found) -> float:
     """Probability that family and owner are right."""
-    margin = 1e3 if margin is None else margin
+    if margin is None:  # nothing else was compared: there was none, or no time
+        margin = policy.RIVAL_NATS / 2 if found.spent else 1e3
     sure = 0.98 / (1 + float(np.exp(-np.clip((margin - policy.RIVAL_NATS / 2) / 2, -30, 30))))
     sure *= 1 - float(np.exp(-np.clip(gain / policy.LEAST_EVIDENCE_NATS, 0, 50)))
     if vault_nats is not None and vault_nats < -policy.RIVAL_NATS:

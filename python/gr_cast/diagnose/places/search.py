@@ -103,8 +103,9 @@ class Found:
         return (self.model.whitened - self.model.offset - self.count) / float(spread)
 
 
-def run(ears: Sequence[Ear], base, unknown: dict, budget: Budget, progress=lambda text: None) -> Found:
-    """Search, elimination, rivals."""
+def run(ears: Sequence[Ear], base, unknown: dict, budget_s: float, progress=lambda text: None) -> Found:
+    """Search, elimination, rivals; `budget_s` of processor time, a part of it for the rivals."""
+    budget = Budget.of((1 - policy.RIVALS_SHARE) * budget_s)
     start = model = evaluated(ears, base, ())
     count = sum(ear.count for ear in ears)
     tried, others = 1, {}
@@ -116,8 +117,9 @@ def run(ears: Sequence[Ear], base, unknown: dict, budget: Budget, progress=lambd
             break
         others[better[0].effects[-1].key] = [one.effects[-1] for one in better[1:]]
         model = pruned(ears, better[0], count, tried)
-    model, rivals = exchanged(ears, model, others, count, tried, budget)
-    return Found(model=model, start=start, rivals=rivals, tried=tried, count=count, spent=budget.is_spent)
+    spent = budget.is_spent
+    model, rivals = exchanged(ears, model, others, count, tried, Budget.of(policy.RIVALS_SHARE * budget_s))
+    return Found(model=model, start=start, rivals=rivals, tried=tried, count=count, spent=spent)
 
 
 def exchanged(ears, model: Model, others: dict, count: float, tried: float, budget: Budget):

@@ -9,7 +9,7 @@ from ....core.units import db_from_amplitude
 from ....scenario.create.media import ITU, Medium
 from .base import Effect, Family, std_of, value
 
-_FAR_M = 1.5  # farthest move that is looked for
+_FAR_M = 3.0  # farthest move that is looked for
 _BEST = 3  # maxima of a scan that are fitted
 _PERMITTIVITIES, _CONDUCTIVITIES = np.geomspace(1.15, 30, 14), (0.003, 0.05, 0.5)  # relative; S/m
 _ROUGH = (1 / 60, 1 / 25, 1 / 12, 1 / 6)  # of a wavelength: first guesses of the roughness
