@@ -12,6 +12,7 @@ from .base import Effect, Family, std_of, value
 
 _MATERIALS = ((1.0, 1e7), (6.0, 0.05), (2.5, 0.03))  # permittivity and conductivity (S/m) to begin with: metal, stone, board
 _PERMITTIVITIES = (1.5, 2.0, 2.7, 3.4, 4.2, 5.2, 6.3, 7.5, 10.0, 15.0)  # to begin anew with, once the plane is where it is
+_FAR_M = 3.0  # that a plane may move from where it was imaged
 _RADIUS_M, _HEIGHT_M = 0.4, 1.8  # of a person, to begin with
 
 
@@ -70,14 +71,8 @@ class MissingObject(Family):
         return np.array([world.wavelength_m * 1e-3, 1e-5, 1e-4, 1e-3])
 
     def bounded(self, values):
-        return np.array(
-            [
-                values[0],
-                np.clip(values[1], -0.3, 0.3),
-                np.clip(values[2], 0, np.log(50)),
-                np.clip(values[3], np.log(1e-5), np.log(1e7)),
-            ]
-        )
+        low, high = [-_FAR_M, -0.3, 0.0, np.log(1e-5)], [_FAR_M, 0.3, np.log(50), np.log(1e7)]
+        return np.clip(values, low, high)
 
     def told(self, view, effect, covariance):
         shift_m, turn_rad = effect.values[:2]
@@ -136,9 +131,8 @@ class MovingScatterer(Family):
         return np.array([step, step, step, step, 1e-4, step])
 
     def bounded(self, values):
-        out = np.array(values)
-        out[4], out[5] = np.clip(values[4], np.log(1e-3), np.log(1e4)), np.clip(values[5], 0.5, 4.5)
-        return out
+        low, high = [-1e4, -1e4, -50, -50, np.log(1e-3), 0.5], [1e4, 1e4, 50, 50, np.log(1e4), 4.5]
+        return np.clip(values, low, high)
 
     def told(self, view, effect, covariance):
         std = np.sqrt(np.maximum(np.diag(covariance), 0))

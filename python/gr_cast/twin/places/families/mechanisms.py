@@ -176,7 +176,7 @@ class Ground(Family):
         return np.array([world.wavelength_m * 1e-3, 1e-4])
 
     def bounded(self, values):
-        return np.array([values[0], np.clip(values[1], np.log(1.2), np.log(80.0))])
+        return np.clip(values, [-100.0, np.log(1.2)], [100.0, np.log(80.0)])
 
     def told(self, view, effect, covariance):
         permittivity = float(np.exp(effect.values[1]))

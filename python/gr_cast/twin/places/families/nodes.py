@@ -9,6 +9,7 @@ from ....scenario.create.nodes import ANTENNAS
 from .base import Effect, Family, std_of, value
 
 _FAR_M = 0.7  # farthest offset that is looked for on the grid
+_FARTHEST_M = 10.0  # that a fit may go
 _GRID = 90  # points of the grid across, at most
 _BEST = 4  # maxima of a grid that are fitted
 _YAWS_RAD = np.linspace(-np.pi, np.pi, 24, endpoint=False)
@@ -49,6 +50,9 @@ class NodePosition(_OfNode):
 
     def steps(self, world, effect):
         return np.full(3, world.wavelength_m * 1e-3)
+
+    def bounded(self, values):
+        return np.clip(values, -_FARTHEST_M, _FARTHEST_M)
 
     def told(self, view, effect, covariance):
         return {"offset_m": value(effect.values, np.sqrt(np.maximum(np.diag(covariance), 0)))}

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Causes concealed in a small room by another tracer (tests/bench/places) are found, and nothing is where nothing is."""
+
+import copy
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gr_cast.diagnose.places import search
+from gr_cast.diagnose.places.ears import ResponseEar
+from gr_cast.diagnose.places.likelihood import Heard, profiled
+from gr_cast.scenario.create.geometry import Solid
+from gr_cast.scenario.create.media import Medium
+from gr_cast.scenario.create.nodes import Node
+from gr_cast.twin.places.predict import Predictor
+from gr_cast.twin.places.world import Mesh, Radio, World, surface_of
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "bench" / "places"))
+from world import new_world, response
+
+CARRIER_HZ, FREQUENCY_HZ, TIME_S = 3e9, np.linspace(-1e8, 1e8, 20), np.array([0.0, 0.4, 0.8])
+LINKS = [("a", "c"), ("a", "d"), ("b", "c"), ("b", "d"), ("a", "walker")]
+UNKNOWN = {"phase": "snapshot", "delay": "none", "gain": "none"}
+SPEC = {
+    "a": ([[0.7, 0.8, 1.2]], 0.0, "dipole"),
+    "b": ([[4.1, 0.6, 1.9]], 0.0, "iso"),
+    "c": ([[1.1, 3.2, 0.9]], 0.0, "hw_dipole"),
+    "d": ([[4.4, 2.9, 1.4]], 0.0, "tr38901"),
+    "walker": ([[2.0, 1.0, 1.1], [3.0, 3.0, 1.1]], 1.1, "iso"),
+}
+WALLS = {
+    "floor": ([(0, 0, 0), (5, 0, 0), (5, 4, 0), (0, 4, 0)], "concrete"),
+    "south": ([(0, 0, 0), (5, 0, 0), (5, 0, 2.6), (0, 0, 2.6)], "brick"),
+    "west": ([(0, 0, 0), (0, 4, 0), (0, 4, 2.6), (0, 0, 2.6)], "glass"),
+    "board": ([(2.2, 2.6, 0.3), (3.1, 2.4, 0.3), (3.1, 2.4, 2.0), (2.2, 2.6, 2.0)], "metal"),
+}
+
+
+def theirs() -> dict:
+    """The room for the bench's tracer."""
+    corners = {name: np.array(points, float) for name, (points, _) in WALLS.items()}
+    return new_world() | {
+        "objects": {n: {"tris": np.array([p[[0, 1, 2]], p[[0, 2, 3]]]), "surface": None} for n, p in corners.items()},
+        "materials": {name: material for name, (_, material) in WALLS.items()},
+        "nodes": {
+            name: {"waypoints_m": track, "speed_m_per_s": speed, "antenna": antenna, "orientation_rad": [0.3, 0.0, 0.0]}
+            for name, (track, speed, antenna) in SPEC.items()
+        },
+        "carrier_hz": CARRIER_HZ,
+        "bandwidth_hz": 2e8,
+        "max_depth": 2,
+    }
+
+
+def ours() -> World:
+    solids = tuple(Solid(name=n, vertices_m=np.array(p, float), faces=[[0, 1, 2], [0, 2, 3]]) for n, (p, _) in WALLS.items())
+    media = {name: Medium(material=material) for name, (_, material) in WALLS.items()}
+    mesh = Mesh.of(solids, np.array([track[0] for track, _, _ in SPEC.values()]))
+    radios = {
+        name: Radio(
+            node=Node(name=name, waypoints_m=track, speed_m_per_s=speed, antenna=antenna, orientation_rad=(0.3, 0.0, 0.0))
+        )  # fmt: skip
+        for name, (track, speed, antenna) in SPEC.items()
+    }
+    surface = surface_of(mesh, media, CARRIER_HZ, False)
+    return World(mesh=mesh, media=media, surface=surface, radios=radios, carrier_hz=CARRIER_HZ, max_depth=2)
+
+
+def heard(world: dict, snr_db: float, seed: int = 5) -> list[ResponseEar]:
+    """Noisy responses of the bench's world, every snapshot turned by a phase of its own."""
+    random = np.random.default_rng(seed)
+    clean = response(world, LINKS, TIME_S, FREQUENCY_HZ)
+    noise = (np.abs(clean) ** 2).mean() * 10 ** (-snr_db / 10)
+    turned = clean * np.exp(2j * np.pi * random.random((len(LINKS), len(TIME_S), 1)))
+    y = turned + np.sqrt(noise / 2) * (random.normal(size=clean.shape) + 1j * random.normal(size=clean.shape))
+    told = Heard(links=tuple(LINKS), y=y, weight=np.full(y.shape, 1 / noise), frequency_hz=FREQUENCY_HZ, **UNKNOWN)
+    return [ResponseEar(Predictor(*zip(*LINKS, strict=True), TIME_S, FREQUENCY_HZ), told)]
+
+
+def test_both_tracers_give_the_same_responses():
+    predictor = Predictor(*zip(*LINKS, strict=True), TIME_S, FREQUENCY_HZ)
+    a, b = predictor.response(ours()), response(theirs(), LINKS, TIME_S, FREQUENCY_HZ)
+    assert np.abs(a - b).max() < 1e-6 * np.abs(b).max()
+
+
+def test_a_lone_pair_follows_friis():
+    world = ours()
+    world = world.with_surface(slice(None), present=False)
+    h = Predictor(["b"], ["walker"], TIME_S[:1], FREQUENCY_HZ).response(world)
+    apart_m = np.linalg.norm(np.array(SPEC["b"][0][0]) - SPEC["walker"][0][0])
+    assert np.abs(h) == pytest.approx(299_792_458 / CARRIER_HZ / (4 * np.pi * apart_m), rel=1e-6)
+
+
+@pytest.mark.parametrize("unknown", [{"gain": "node"}, {"gain": "common", "delay": "link"}, {"delay": "node"}])
+def test_what_is_unknown_is_fitted_and_never_left_over(unknown):
+    h = response(theirs(), LINKS, TIME_S, FREQUENCY_HZ)
+    gain = {"node": [1.2, 1.5, 0.96, 1.2, 1.8], "common": [0.7] * 5}.get(unknown.get("gain"), [1.0] * 5)  # products of nodes
+    delay_s = {"link": [3e-9, -5e-9, 8e-9, 0.0, 1e-9], "node": [3e-9, 5e-9, 2e-9, 4e-9, -1e-9]}.get(
+        unknown.get("delay"), [0.0] * 5
+    )
+    y = h * np.array(gain)[:, None, None] * np.exp(-2j * np.pi * np.array(delay_s)[:, None, None] * FREQUENCY_HZ)
+    told = Heard(
+        links=tuple(LINKS), y=y, weight=np.full(y.shape, 1e12), frequency_hz=FREQUENCY_HZ, **(UNKNOWN | unknown)
+    )  # fmt: skip
+    assert profiled(told, h).energy < 1e-3 * (np.abs(y) ** 2 * told.weight).sum() * 1e-3
+
+
+def test_nothing_is_found_where_nothing_is():
+    found = search.run(heard(theirs(), 30.0), ours(), UNKNOWN, 60.0)
+    assert not found.model.effects and abs(found.deviations) < 4
+
+
+def test_a_node_elsewhere_and_a_board_that_is_not_there_are_both_named():
+    world = copy.deepcopy(theirs())
+    world["nodes"]["b"]["waypoints_m"] = [[4.25, 0.48, 1.9]]
+    del world["objects"]["board"], world["materials"]["board"]
+    found = search.run(heard(world, 30.0), ours(), UNKNOWN, 60.0)
+    named = {(effect.family.name, effect.owner): effect.values for effect in found.model.effects}
+    assert set(named) == {("node_position", "b"), ("extra_object", "board")}
+    assert named["node_position", "b"] == pytest.approx([0.15, -0.12, 0.0], abs=0.02)
+    assert found.deviations < 4
