@@ -16,12 +16,15 @@ from hypothesis import strategies as st
 ROOT = Path(__file__).resolve().parents[2]
 
 
+BUILDBOTS_OWN = "master_cfg.py"  # runs in Buildbot's Python, without this package, on what the pipeline wrote
+
+
 def test_no_other_module_reads_or_writes_yaml_or_reads_json():
     """Whatever is imported from PyYAML or read by json elsewhere would go round the limits."""
     away = []
     for path in sorted([*ROOT.glob("python/gr_cast/**/*.py"), *ROOT.glob("apps/*.py")]):
         words = re.findall(r"\bimport yaml\b|\bjson\.loads?\b|\bloadmat\b|JSONDecoder", path.read_text(encoding="utf-8"))
-        away += [f"{path.name}: {word}" for word in words if path.name != "documents.py"]
+        away += [f"{path.name}: {word}" for word in words if path.name not in ("documents.py", BUILDBOTS_OWN)]
     assert away == []
 
 

@@ -80,7 +80,7 @@ def test_show_convert_and_list_tell_what_is_there(tmp_path, monkeypatch, capsys)
         (["create", "nowhere"], "none of the examples: arena, street"),
         (["validate", "four_tap", "--link", "1-2"], "TX>RX, such as '1>2'"),
         (["validate", "four_tap", "--links", "-3"], "needs 1 or more"),
-        (["validate", "four_tap", "--band", "80"], "got 80 Hz, limit 1e4 to 1e8 Hz"),
+        (["validate", "four_tap", "--band", "80Hz"], "got 80 Hz, limit 1e4 to 1e8 Hz"),
         (["import", "a.cir.t1_1.p2m", "--output", "a.yaml", "--tx-power-dbm", "nan"], "got nan dBm"),
     ],
 )

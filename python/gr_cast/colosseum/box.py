@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A box: SRNs as containers, their networks, their radios on one channel emulator. It ends with the process that holds it."""
 
-import json
 import os
 import secrets
 import signal
@@ -11,6 +10,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..core.documents import json_file
 from ..core.errors import CastError
 from ..core.files import sweep_dead, write_json
 from ..experiments.traffic.namespaces import Namespace
@@ -207,8 +207,8 @@ def words_into(folder: Path, name: str, words: list[str]) -> list[str]:
 def state_of(folder: Path) -> dict:
     """What a box says of itself; {} where it was killed before it could."""
     try:
-        return json.loads((folder / STATE_FILE).read_text())
-    except (OSError, ValueError):
+        return json_file(folder / STATE_FILE).document
+    except CastError:
         return {}
 
 

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from ..core.documents import json_text
+from ..core.documents import is_cut, json_text
 from ..core.errors import CastError
 from .desk import REFUSED
 
@@ -31,16 +31,8 @@ def request_of(data: bytes):
     """The request in what came; None where the rest of it may still come. Raises CastError for what can become none."""
     if len(data) > MOST_ASKED:
         raise CastError(f"request: got more than {MOST_ASKED} bytes, limit {MOST_ASKED} bytes")
-    try:
-        json.loads(data.decode())
-    except UnicodeDecodeError as error:
-        if error.reason == "unexpected end of data":
-            return None
-    except json.JSONDecodeError as error:
-        if error.pos >= len(error.doc.rstrip()) or error.msg.startswith("Unterminated string"):
-            return None
-    except (ValueError, RecursionError):
-        pass  # the strict reader says why
+    if is_cut(data):
+        return None
     get = json_text(data, "request")
     get.faults.raise_if_any()
     return get.document
@@ -50,7 +42,7 @@ def reply_bytes(reply: dict) -> bytes:
     """A reply for the wire. A list that is too long is cut at its end, so that what comes is still JSON."""
     data = json.dumps(reply).encode()
     while len(data) > MOST_BYTES and isinstance(reply.get("data"), str):
-        entries = json.loads(reply["data"])
+        entries = json_text(reply["data"], "reply", kind=(list, dict)).document
         keep = int(len(entries) * MOST_BYTES / len(data) * 0.95)
         cut = entries[:keep] if isinstance(entries, list) else dict(list(entries.items())[:keep])
         reply = reply | {"data": json.dumps(cut), "message": f"{keep} of {len(entries)} entries: a reply has 64 kB"}

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A call of a radio API script: what it printed, its exit status, how long it took, and what is wrong with it."""
 
-import json
 import os
 import signal
 import subprocess
@@ -9,7 +8,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..core.documents import short
+from ..core.documents import json_text, short
+from ..core.errors import CastError
 from .blocking import LIMIT_S
 from .check import STATES
 
@@ -75,8 +75,8 @@ def _text(path: Path) -> str:
 def state_of(printed: str) -> tuple[str, str, str]:
     """(state, information, what is wrong) of what `status.sh` printed."""
     try:
-        document = json.loads(printed)
-    except (ValueError, RecursionError):
+        document = json_text(printed, "status.sh", kind=(dict, list)).document
+    except CastError:
         return "", "", f"printed {short(printed.strip())}, needs JSON with STATUS and INFO"
     if not isinstance(document, dict) or document.get("STATUS") not in STATES:
         got = document.get("STATUS") if isinstance(document, dict) else document

@@ -224,6 +224,19 @@ def json_text(text: str | bytes, where: str, *, kind: type | tuple = dict) -> Re
     return _checked(reader, kind, endless=False)
 
 
+def is_cut(data: bytes) -> bool:
+    """Whether more may still come of a JSON document: it ends too early, and is no nonsense before."""
+    try:
+        json.loads(data.decode())
+    except UnicodeDecodeError as error:
+        return error.reason == "unexpected end of data"
+    except json.JSONDecodeError as error:
+        return error.pos >= len(error.doc.rstrip()) or error.msg.startswith("Unterminated string")
+    except (ValueError, RecursionError):
+        pass  # the strict reader says why
+    return False
+
+
 class _Doubled(dict):
     """An object that named `keys_twice`, until its place is known."""
 

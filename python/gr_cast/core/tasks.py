@@ -67,12 +67,13 @@ def _in_pool(function: Callable, common, inputs: dict, processes: int) -> Iterat
         try:
             for future in as_completed(futures):
                 yield futures.pop(future), future.result()  # a future that is kept would keep its result
-        finally:  # leaving the pool waits for its own thread: at the end of the interpreter the two would meet
+        finally:
             if futures:  # nobody waits for what is still being done
-                for future in futures:
-                    future.cancel()
-                for worker in list(pool._processes.values()):
+                workers, manager = list(pool._processes.values()), pool._executor_manager_thread  # the pool forgets them
+                pool.shutdown(wait=False, cancel_futures=True)
+                for worker in workers:
                     worker.terminate()
+                manager.join()  # at the end of the interpreter it would meet what the interpreter closes
 
 
 _common = None  # of the tasks of this worker

@@ -164,7 +164,8 @@ def _taps(entry: dict, place: str, time_s: np.ndarray, get: Reader, keys: set[st
         columns.append(column)
         if all(np.isfinite(value).all() for value in column):  # told where they stand, beside all else that is wrong
             for _, line in taps_off_grid(LinkTaps(delay_s=column[0][:, None], gain=column[1][:, None])):
-                get.faults.add(where, line)
+                link = f"link {entry['tx']}>{entry['rx']}: tap {index + 1}: " if {"tx", "rx"} <= {*entry} else ""
+                get.faults.add(where, link + line)
     instants = max((column[0].size for column in columns), default=1)
     if not columns or any(not np.isfinite(value).all() for column in columns for value in column):
         return None

@@ -8,6 +8,9 @@ import struct
 import threading
 import time
 
+from ...core.documents import json_text
+from ...core.errors import CastError
+
 _INTERFACE = "col0"
 _SIOCGIFBRDADDR = 0x8919  # linux/sockios.h
 _EVERY_S = 0.3
@@ -55,14 +58,14 @@ def _hear(peer: socket.socket, columns: dict, nodes: int) -> None:
     """Take what has come; anything that is no column is not ours."""
     try:
         while True:
-            told = json.loads(peer.recv(65536))
+            told = json_text(peer.recv(65536), "column").document
             receiver, losses = told["receiver"], told["path_loss_db"]
             if isinstance(receiver, int) and 1 <= receiver <= nodes and isinstance(losses, dict):
                 columns.setdefault(receiver, losses)
             peer.settimeout(0.01)
     except TimeoutError:
         peer.settimeout(_EVERY_S)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (CastError, OSError, ValueError, KeyError, TypeError):
         return
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...core.documents import json_file
 from ...core.errors import CastError
 from ...core.files import written_aside
 from .arrays import ArrayOps
@@ -183,9 +184,8 @@ def _key(ops: ArrayOps, task: Task) -> str:
 
 def _read() -> dict:
     try:
-        kept = json.loads(wisdom_path().read_text())
-        return kept if isinstance(kept, dict) else {}
-    except (OSError, ValueError):
+        return json_file(wisdom_path()).document or {}
+    except CastError:
         return {}
 
 

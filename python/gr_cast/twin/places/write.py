@@ -6,8 +6,8 @@ from glob import escape
 from pathlib import Path
 
 import numpy as np
-import yaml
 
+from ...core.documents import yaml_text
 from ...core.errors import CastError
 from ...core.files import write_text
 from ...scenario.create import materials
@@ -56,7 +56,7 @@ def write_spec(folder: Path, spec_document: dict, solids: Sequence[Solid], effec
     written["environment"] = {key: value for key, value in written["environment"].items() if key != "area_m"}  # a mesh is whole
     if effects:
         written["effects"] = list(effects)
-    text = yaml.dump(_plain(written), Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
+    text = yaml_text(_plain(written), default_flow_style=None, width=120)
     write_text(folder / MESH_FILE, mesh)
     write_text(folder / SPEC_FILE, text)
     return folder / SPEC_FILE
@@ -79,13 +79,6 @@ def mesh_text(solids: Sequence[Solid]) -> str:
         lines += ["f " + " ".join(str(first + corner) for corner in face) for face in solid.faces.tolist()]
         first += len(solid.vertices_m)
     return "\n".join(lines) + "\n"
-
-
-class _Dumper(yaml.SafeDumper):
-    """Writes every value out: aliases are hard to read."""
-
-    def ignore_aliases(self, data) -> bool:
-        return True
 
 
 def _plain(value):
