@@ -10,6 +10,8 @@ import pytest
 from gr_cast.diagnose.places import search
 from gr_cast.diagnose.places.ears import ResponseEar
 from gr_cast.diagnose.places.likelihood import Heard, profiled
+from gr_cast.diagnose.places.power import PowerEar
+from gr_cast.diagnose.places.run import residual_over_received
 from gr_cast.scenario.create.geometry import Solid
 from gr_cast.scenario.create.media import Medium
 from gr_cast.scenario.create.nodes import Node
@@ -109,6 +111,22 @@ def test_what_is_unknown_is_fitted_and_never_left_over(unknown):
 def test_nothing_is_found_where_nothing_is():
     found = search.run(heard(theirs(), 30.0), ours(), UNKNOWN, 60.0)
     assert not found.model.effects and abs(found.deviations) < 4
+
+
+def metered(world: dict) -> PowerEar:
+    """A meter's readings of one link of the bench's world, without noise."""
+    power = (np.abs(response(world, LINKS[:1], TIME_S, FREQUENCY_HZ)) ** 2).mean(axis=2, keepdims=True)
+    predictor = Predictor(*zip(*LINKS[:1], strict=True), TIME_S, FREQUENCY_HZ)
+    return PowerEar(predictor, 10 * np.log10(power), np.full(power.shape, 2.0), None, "none")
+
+
+def test_powers_beside_responses_are_heard_with_them():
+    ears = [metered(theirs()), *heard(theirs(), 30.0)]
+    found = search.run(ears, ours(), UNKNOWN, 60.0)
+    assert not found.model.effects
+    told = residual_over_received(ears, found.start, found.model, 0, False)
+    assert told["corrected_nmse_db"] == pytest.approx(told["noise_floor_db"], abs=0.3)
+    assert told["noise_floor_db"] == pytest.approx(-30.0, abs=0.1)
 
 
 def test_a_node_elsewhere_and_a_board_that_is_not_there_are_both_named():

@@ -92,28 +92,23 @@ def _refined(view, normal: np.ndarray, level_m: float):
 
 
 def _rows(view, normal, level_m) -> dict:
-    """Residual rows whose ends are on one side of a plane, undone of what was fitted."""
-    parts = {key: [] for key in ("tx", "rx", "y", "weight", "scale", "nats")}
-    f_hz = None
-    for ear, fit, seen in zip(view.ears, view.model.fits, view.echoes, strict=True):
-        f_hz = ear.heard.frequency_hz
-        a, b = seen.tx_m @ normal - level_m, seen.rx_m @ normal - level_m
-        good = a * b > 0
-        length_m = np.sqrt(((seen.tx_m - seen.rx_m) ** 2).sum(axis=1) + 4 * a * b * good)
-        nats = imaging.looked_up(seen, length_m)
-        size = fit.residual.shape
-        parts["y"].append(fit.residual.reshape(-1, size[2])[good])
-        parts["weight"].append(ear.heard.weight.reshape(-1, size[2])[good])
-        factor = fit.factor.reshape(-1, size[2])
-        sent = np.repeat([_strength(view, link) for link in ear.heard.links], size[1])
-        sent = sent * _seen_by_antennas(view, ear.heard.links, seen, normal, level_m)
-        parts["scale"].append((factor * sent[:, None])[good])
-        for key, values in (("tx", seen.tx_m), ("rx", seen.rx_m), ("nats", nats)):
-            parts[key].append(values[good])
-        break  # one grid of frequencies at a time: the first campaign points, all are fitted
-    out = {key: np.concatenate(values) for key, values in parts.items()}
-    out["f_hz"] = f_hz
-    return out
+    """Residual rows of the first wideband campaign whose ends are on one side of a plane: one campaign points, all are fitted."""
+    (ear, fit), seen = view.wideband[0], view.echoes[0]
+    a, b = seen.tx_m @ normal - level_m, seen.rx_m @ normal - level_m
+    good = a * b > 0
+    length_m = np.sqrt(((seen.tx_m - seen.rx_m) ** 2).sum(axis=1) + 4 * a * b * good)
+    _, instants, count = fit.residual.shape
+    sent = np.repeat([_strength(view, link) for link in ear.heard.links], instants)
+    sent = sent * _seen_by_antennas(view, ear.heard.links, seen, normal, level_m)
+    rows = {
+        "tx": seen.tx_m,
+        "rx": seen.rx_m,
+        "y": fit.residual.reshape(-1, count),
+        "weight": ear.heard.weight.reshape(-1, count),
+        "scale": fit.factor.reshape(-1, count) * sent[:, None],
+        "nats": imaging.looked_up(seen, length_m),
+    }
+    return {key: values[good] for key, values in rows.items()} | {"f_hz": ear.heard.frequency_hz}
 
 
 def _strength(view, link) -> float:

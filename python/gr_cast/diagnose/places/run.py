@@ -56,7 +56,7 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
         "verdict": _verdict(effects, open_, clean),
         "effects": effects,
         "ambiguous": open_,
-        "fit": _fit(vault or ears, before, after, len(ears) if vault else 0, bool(vault)),
+        "fit": residual_over_received(vault or ears, before, after, len(ears) if vault else 0, bool(vault)),
         "residual": _residual(found, ears, after),
         "seconds": round(time.monotonic() - begin_s, 2),
     }
@@ -166,19 +166,21 @@ def _links(ears, less: Model, model: Model) -> list[str]:
     return [link for link, nats in found.items() if nats > policy.LINK_NATS]
 
 
-def _fit(ears, before: Model, after: Model, first: int, is_vault: bool) -> dict:
-    """Residual over received power on the vault, and what noise alone would leave."""
+def residual_over_received(ears, before: Model, after: Model, first: int, is_vault: bool) -> dict:
+    """Residual over received power on the vault, and what noise alone would leave; of responses where there are any."""
+    own = slice(first, first + len(ears))
+    rows = list(zip(ears, before.fits[own], after.fits[own], strict=True))
+    told = [row for row in rows if row[0].has_responses]
     out = {"split": "vault" if is_vault else "fitted"}
-    if ears[0].has_responses:
-        total = sum(float((np.abs(one.heard.y) ** 2).sum()) for one in ears if one.has_responses)
-        noise = sum(float((1 / one.heard.weight[one.heard.weight > 0]).sum()) for one in ears if one.has_responses)
-        left = [sum(float((np.abs(f.residual) ** 2).sum()) for f in m.fits[first : first + len(ears)]) for m in (before, after)]
+    left = [sum(float((np.abs(fit.residual) ** 2).sum()) for fit in fits) for fits in list(zip(*(told or rows), strict=True))[1:]]
+    if told:
+        total = sum(float((np.abs(one.heard.y) ** 2).sum()) for one, *_ in told)
+        noise = sum(float((1 / one.heard.weight[one.heard.weight > 0]).sum()) for one, *_ in told)
         names = ("twin_nmse_db", "corrected_nmse_db", "noise_floor_db")
         return out | {
             n: float(db_from_power(max(v, 1e-300) / max(total, 1e-300))) for n, v in zip(names, (*left, noise), strict=True)
         }
     count = sum(int((one.weight > 0).sum()) for one in ears)
-    left = [sum(float((f.residual**2).sum()) for f in m.fits[first : first + len(ears)]) for m in (before, after)]
     noise = sum(float((0.5 / one.weight[one.weight > 0]).sum()) for one in ears)
     names = ("twin_rmse_db", "corrected_rmse_db", "noise_rmse_db")
     return out | {n: float(np.sqrt(v / max(count, 1))) for n, v in zip(names, (*left, noise), strict=True)}

@@ -248,12 +248,14 @@ class View:
         return [self.world.carrier_hz + hz for hz in scan.minima(grid_hz, scan.energy(rows, grid_hz), best)]
 
     @cached_property
+    def wideband(self) -> list:
+        """(ear, fit) of the campaigns whose residual shows delays."""
+        pairs = zip(self.ears, self.model.fits, strict=True)
+        return [(ear, fit) for ear, fit in pairs if ear.has_responses and len(ear.heard.frequency_hz) > 1]
+
+    @cached_property
     def echoes(self) -> list[imaging.Echoes]:
-        return [
-            imaging.echoes(ear, fit, self.world)
-            for ear, fit in zip(self.ears, self.model.fits, strict=True)
-            if ear.has_responses and len(ear.heard.frequency_hz) > 1
-        ]
+        return [imaging.echoes(ear, fit, self.world) for ear, fit in self.wideband]
 
     def scan_ground(self) -> list[float]:
         """Heights under all nodes at which a level plane would explain what is left."""
