@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Scattering leaves a residual that is noise with a delay profile: its likelihood, by bins of delay."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from ...scenario.create import patches
+from ...twin.places.predict import radio_key, surface_key
 
 _SPREAD = (0.15, 0.7, 0.15)  # of a delay between two bins
 _INSTANTS = 6  # of a moving link at which its profile is computed
@@ -53,9 +55,10 @@ def profiles(world, predictor, index: int, count: int, spacing_hz: float) -> np.
     every = max(1, -(-len(tx_m) // _INSTANTS))
     steps = np.zeros(1, int) if static else np.arange(len(tx_m)) // every * every
     square, out = world.surface.scattering**2, []
-    made = np.concatenate([world.surface.permittivity, world.surface.conductivity, world.surface.present]).tobytes()
+    whole = replace(world.surface, scattering=np.zeros_like(square))  # powers over S² are the same for all S
+    made = world.mesh.key, world.carrier_hz, surface_key(whole), radio_key(tx), radio_key(rx)
     for step in steps:
-        key = ("scattered", index, world.mesh.key, made, tx_m[step].tobytes(), rx_m[step].tobytes())
+        key = ("scattered", made, tx_m[step].tobytes(), rx_m[step].tobytes())
         make = partial(_by_object, world, tx, rx, tx_m[step], rx_m[step], count, spacing_hz)
         power = square @ predictor.remembered(key, make)
         out.append(np.convolve(np.tile(power, 3), _SPREAD, "same")[count : 2 * count] * count)

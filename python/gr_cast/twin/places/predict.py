@@ -53,24 +53,17 @@ class Predictor:
         """(T, K) of one link."""
         tx, rx = (world.radios[name] for name in self.links[index])
         cables = tx.gain_db + rx.gain_db, tx.delay_s + rx.delay_s, world.link_loss_db.get(self.links[index], 0.0)
-        key = self._key(world, index), cables, world.diffraction, world.person
+        # Edges and echoes of a person see objects that no specular path touches.
+        others = surface_key(world.surface) if world.diffraction or world.person else b""
+        key = self._key(world, index), cables, world.diffraction, world.person, others
         return _remember(self._known, key, lambda: self._compute(world, index))
 
     def _key(self, world: World, index: int):
         """Of what the paths' gains depend on: its ends, and the surfaces that they touch."""
-        tx, rx = (world.radios[name] for name in self.links[index])
-        surface, touched = world.surface, self.traced(world, index).touched
-        rows = b"".join(values[touched].tobytes() for values in vars(surface).values())
-        return (
-            self._geometry_key(world, index),
-            _radio_key(tx),
-            _radio_key(rx),
-            world.mesh.key,
-            rows,
-            world.carrier_hz,
-            world.exponent,
-            world.loss_db_per_m,
-        )
+        ends = tuple(radio_key(world.radios[name]) for name in self.links[index])
+        rows = surface_key(world.surface, self.traced(world, index).touched)
+        law = world.carrier_hz, world.exponent, world.loss_db_per_m
+        return self._geometry_key(world, index), ends, world.mesh.key, rows, law
 
     def remembered(self, key, make):
         """What others compute of a link and want to keep."""
@@ -164,8 +157,14 @@ def summed(instant, gain, length_m, many: int, carrier_hz: float, frequency_hz: 
     return out
 
 
-def _radio_key(radio):
+def radio_key(radio: Radio):
+    """Of what a node's end of a link depends on, its cable aside."""
     return radio.track_key, radio.node.orientation_rad, radio.node.antenna
+
+
+def surface_key(surface: fields.Surface, which=slice(None)) -> bytes:
+    """Of the numbers of objects `which`."""
+    return b"".join(values[which].tobytes() for values in vars(surface).values())
 
 
 def _remember(memory: OrderedDict, key, make):

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a predictor remembers is what it would compute anew, whatever it was asked before."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gr_cast.diagnose.places import diffuse
+from gr_cast.scenario.create.geometry import Solid
+from gr_cast.scenario.create.media import Medium
+from gr_cast.scenario.create.nodes import Node
+from gr_cast.twin.places.predict import Predictor
+from gr_cast.twin.places.world import Mesh, Person, Radio, World, surface_of
+
+
+def predictor():
+    return Predictor(["a"], ["b"], np.array([0.0, 0.5]), np.linspace(-1e8, 1e8, 8))
+
+
+def yard(**changes) -> World:
+    """Two nodes, a board that sends an image of one to the other, and one that neither a path nor a shadow touches."""
+    corners = {
+        "near": [(0, 3, 0), (9, 3, 0), (9, 3, 4), (0, 3, 4)],
+        "aside": [(3, -2.0, 0.5), (4, -2.6, 0.5), (4, -2.6, 1.6), (3, -2.0, 1.6)],
+    }
+    solids = tuple(Solid(name=n, vertices_m=np.array(p, float), faces=[[0, 1, 2], [0, 2, 3]]) for n, p in corners.items())
+    media = {name: Medium(material="concrete") for name in corners}
+    mesh = Mesh.of(solids, np.zeros((0, 3)))
+    radios = {
+        name: Radio(node=Node(name=name, waypoints_m=[at], antenna="tr38901", orientation_rad=(yaw, 0.0, 0.0)))
+        for name, at, yaw in (("a", (0.5, 0.0, 1.2), 0.2), ("b", (8.0, 0.4, 1.5), 2.6))
+    }
+    surface = surface_of(mesh, media, 3e9, False)
+    return replace(World(mesh=mesh, media=media, surface=surface, radios=radios, carrier_hz=3e9, max_depth=1), **changes)
+
+
+PERSON = Person(
+    position_m=(4.3, -2.9, 0.0), velocity_m_per_s=(0.2, 0.0, 0.0), cross_section_m2=1.0, radius_m=0.3, height_m=1.8
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("switch", [{"diffraction": True}, {"person": PERSON}])
+def test_objects_that_only_edges_or_echoes_see_are_no_memory_of_others(switch):
+    world = yard(**switch)
+    index = world.mesh.index("aside")
+    without, used = world.with_surface(index, present=False), predictor()
+    before = used.response(world)
+    assert (used.response(without) == predictor().response(without)).all()
+    assert np.abs(before - used.response(without)).max() > 1e-6 * np.abs(before).max()
+
+
+def test_scattered_powers_follow_carrier_antennas_and_surfaces():
+    world, used = yard(), predictor()
+    world = world.with_surface(slice(None), scattering=0.5)
+    turned = replace(world.radios["a"].node, orientation_rad=(1.2, 0.0, 0.0))
+    others = [
+        replace(world, carrier_hz=4e9),
+        world.with_radio("a", node=turned),
+        world.with_surface(0, thickness_m=0.02),
+        world.with_surface(1, clear=True),
+    ]
+    diffuse.profiles(world, used, 0, 8, 2.5e7)
+    for other in others:
+        assert (diffuse.profiles(other, used, 0, 8, 2.5e7) == diffuse.profiles(other, predictor(), 0, 8, 2.5e7)).all()
