@@ -68,7 +68,7 @@ def profiles(world, predictor, index: int, count: int, spacing_hz: float) -> np.
 def _by_object(world, tx, rx, tx_m, rx_m, count: int, spacing_hz: float) -> np.ndarray:
     """Power over S² per object and delay bin (O, bins)."""
     power, length_m, owner = patches.powers(
-        world.faces, world.surface, tx_m, rx_m, tx.antenna, rx.antenna, world.carrier_hz
+        world.mesh.patches, world.faces, world.surface, world.carrier_hz, tx_m, rx_m, tx.antenna, rx.antenna
     )  # fmt: skip
     place = np.round(length_m / SPEED_OF_LIGHT_M_PER_S * count * spacing_hz).astype(int) % count
     objects = len(world.mesh.solids)

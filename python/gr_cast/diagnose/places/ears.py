@@ -97,7 +97,7 @@ def thinned(one, instants: int, frequencies: int):
     """The same sounding with fewer instants and frequencies, for what is only to be ranked."""
     if not one.has_responses:  # few numbers, and their order in time says something
         return one
-    t = _some(len(one.predictor.time_s), instants)
+    t = evenly(len(one.predictor.time_s), instants)
     tx, rx = zip(*one.predictor.links, strict=True)
     k = slice(None, None, max(1, -(-len(one.predictor.frequency_hz) // frequencies)))
     predictor = Predictor(tx, rx, one.predictor.time_s[t], one.predictor.frequency_hz[k])
@@ -112,5 +112,6 @@ def without_phase(one):
     return replace(one, heard=replace(one.heard, phase="snapshot")) if one.has_responses else one
 
 
-def _some(count: int, wanted: int) -> np.ndarray:
+def evenly(count: int, wanted: int) -> np.ndarray:
+    """At most so many of `count` indices, from the first to the last."""
     return np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int))

@@ -52,6 +52,17 @@ def looked_up(seen: Echoes, length_m: np.ndarray) -> np.ndarray:
     return np.maximum(seen.nats[np.arange(len(seen.nats)), place] - _CHANCE, 0) * weight
 
 
+def mirrored(seen, normal: np.ndarray, level_m: float):
+    """Lengths (n,) over one plane's mirror images, where (n, 3) they meet it, and which (n,) have both ends on one side of it."""
+    tx_m, rx_m = seen
+    a, b = tx_m @ normal - level_m, rx_m @ normal - level_m
+    one_side = a * b > 0
+    share = np.where(one_side, a / np.where(one_side, a + b, 1), 0.5)[:, None]
+    foot_m = tx_m - a[:, None] * normal
+    met_m = foot_m + share * (rx_m - b[:, None] * normal - foot_m)
+    return np.sqrt(((tx_m - rx_m) ** 2).sum(axis=1) + 4 * np.maximum(a * b, 0)), met_m, one_side
+
+
 def plane_scores(seen: list[Echoes], normal: np.ndarray, level_m: np.ndarray) -> np.ndarray:
     """Nats (P,) of planes normal·x = level: normals (P, 3); both ends must be on one side of a plane."""
     total = np.zeros(len(level_m))

@@ -3,14 +3,16 @@
 
 import numpy as np
 
-from ...core.units import SPEED_OF_LIGHT_M_PER_S
+from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
 from ...scenario.create import fields
 from ...twin.places.families.additions import Sheet
 from . import imaging
+from .ears import evenly
 
 _AZIMUTHS = 90  # of upright planes
 _KEPT = 5  # planes that are refined
 _SHIFTS, _TURNS = 240, 41  # of the coherent grid, at most
+_TONES = 10  # of a row that it looks at
 _SEEN_NATS = 4.0  # of a row that a plane is fitted to
 _MARGIN_M = 1.5  # beyond the outermost point that is lit, where nothing says that it ends
 
@@ -54,9 +56,7 @@ def _refined(view, normal: np.ndarray, level_m: float):
         return None
     v = np.array([0.0, 0.0, 1.0]) if abs(normal[2]) < 0.5 else np.array([0.0, 1.0, 0.0])
     u = np.cross(v, normal)
-    a, b = rows["tx"] @ normal - level_m, rows["rx"] @ normal - level_m
-    share = (a / (a + b))[:, None]
-    met = rows["tx"] - a[:, None] * normal + share * (rows["rx"] - b[:, None] * normal - rows["tx"] + a[:, None] * normal)
+    _, met, _ = imaging.mirrored((rows["tx"], rows["rx"]), normal, level_m)
     strong = rows["nats"] > _SEEN_NATS
     if strong.sum() < 2:
         return None
@@ -70,16 +70,12 @@ def _refined(view, normal: np.ndarray, level_m: float):
     step_rad = wavelength_m / 6 / span_m
     turns = step_rad * np.arange(-(_TURNS // 2), _TURNS // 2 + 1)
     turns = turns[np.abs(turns) <= np.radians(4)]
-    best = _coherent(view, rows, origin, normal, u, shifts, turns, strong)
-    shift, turn, amplitude = best
-    gain_nats, _ = _evidence(view, rows, origin, normal, u, shift, turn, amplitude)
+    shift, turn, amplitude = _coherent(view, rows, origin, normal, u, shifts, turns, strong)
+    gain_nats = _evidence(view, rows, origin, normal, u, shift, turn, amplitude)
     tilted = np.cos(turn) * normal - np.sin(turn) * u
     along = np.cos(turn) * u + np.sin(turn) * normal
     origin = origin + shift * normal
-    level = origin @ tilted
-    a, b = rows["tx"] @ tilted - level, rows["rx"] @ tilted - level
-    share = (a / np.where(a + b == 0, 1, a + b))[:, None]
-    met = rows["tx"] + share * (rows["rx"] - rows["tx"]) - ((1 - share) * a[:, None] + share * b[:, None]) * tilted
+    _, met, _ = imaging.mirrored((rows["tx"], rows["rx"]), tilted, origin @ tilted)
     places = np.column_stack([(met - origin) @ along, (met - origin) @ v])
     box = _rectangle(places, gain_nats)
     if box is None:
@@ -94,11 +90,9 @@ def _refined(view, normal: np.ndarray, level_m: float):
 def _rows(view, normal, level_m) -> dict:
     """Residual rows of the first wideband campaign whose ends are on one side of a plane: one campaign points, all are fitted."""
     (ear, fit), seen = view.wideband[0], view.echoes[0]
-    a, b = seen.tx_m @ normal - level_m, seen.rx_m @ normal - level_m
-    good = a * b > 0
-    length_m = np.sqrt(((seen.tx_m - seen.rx_m) ** 2).sum(axis=1) + 4 * a * b * good)
+    length_m, _, good = imaging.mirrored((seen.tx_m, seen.rx_m), normal, level_m)
     _, instants, count = fit.residual.shape
-    sent = np.repeat([_strength(view, link) for link in ear.heard.links], instants)
+    sent = np.repeat([view.world.link_amplitude(link) for link in ear.heard.links], instants)
     sent = sent * _seen_by_antennas(view, ear.heard.links, seen, normal, level_m)
     rows = {
         "tx": seen.tx_m,
@@ -109,11 +103,6 @@ def _rows(view, normal, level_m) -> dict:
         "nats": imaging.looked_up(seen, length_m),
     }
     return {key: values[good] for key, values in rows.items()} | {"f_hz": ear.heard.frequency_hz}
-
-
-def _strength(view, link) -> float:
-    tx, rx = (view.world.radios[name] for name in link)
-    return float(10 ** ((tx.gain_db + rx.gain_db - view.world.link_loss_db.get(link, 0.0)) / 20))
 
 
 def _seen_by_antennas(view, links, seen, normal, level_m) -> np.ndarray:
@@ -139,15 +128,14 @@ def _echo(view, rows, which, columns, length_m) -> np.ndarray:
 
 def _lengths(rows, which, origin, normal, u, shift, turn) -> np.ndarray:
     tilted = np.cos(turn) * normal - np.sin(turn) * u
-    level = (origin + shift * normal) @ tilted
-    a, b = rows["tx"][which] @ tilted - level, rows["rx"][which] @ tilted - level
-    return np.sqrt(((rows["tx"][which] - rows["rx"][which]) ** 2).sum(axis=1) + 4 * np.maximum(a * b, 0))
+    ends = rows["tx"][which], rows["rx"][which]
+    return imaging.mirrored(ends, tilted, (origin + shift * normal) @ tilted)[0]
 
 
 def _coherent(view, rows, origin, normal, u, shifts, turns, strong):
     which = np.flatnonzero(strong)
     which = which[np.argsort(-rows["nats"][which])[:60]]
-    columns = np.unique(np.linspace(0, len(rows["f_hz"]) - 1, 10).round().astype(int))
+    columns = evenly(len(rows["f_hz"]), _TONES)
     y, weight = rows["y"][which][:, columns], rows["weight"][which][:, columns]
     best, top = (0.0, 0.0, 0.0j), -1.0
     for turn in turns:
@@ -165,7 +153,7 @@ def _evidence(view, rows, origin, normal, u, shift, turn, amplitude):
     which, columns = np.arange(len(rows["y"])), np.arange(len(rows["f_hz"]))
     echo = amplitude * _echo(view, rows, which, columns, _lengths(rows, which, origin, normal, u, shift, turn))
     gain = (2 * (echo.conj() * rows["y"]).real - np.abs(echo) ** 2) * rows["weight"]
-    return gain.sum(axis=1), echo
+    return gain.sum(axis=1)
 
 
 def _rectangle(places: np.ndarray, nats: np.ndarray):
@@ -227,17 +215,14 @@ def lit(view, effect):
             level = np.array(effect.choice.corners_m(*effect.values[:2]))
             normal = effect.choice.normal_at(effect.values[1])
             first &= np.abs((way.points_m[:, 1] - level[0]) @ normal) < 1e-3
-            tx, rx = (world.radios[one].antenna for one in link)
-            sent = np.linalg.norm(fields.far_field(tx, way.direction[first, 0]), axis=1)
-            taken = np.linalg.norm(fields.far_field(rx, -way.direction[first, -1]), axis=1)
-            free = world.wavelength_m / (4 * np.pi * way.length_m[first]) * sent * taken
+            free = fields.free_space(way, first, *(world.radios[one].antenna for one in link), world.carrier_hz)
             points.append(way.points_m[first, 1])
             ratio.append(np.abs(gain[first]) / np.maximum(free, 1e-300))
     points = np.concatenate(points) if points else np.zeros((0, 3))
     if not len(points):
         return None, 0.0
     ratio = np.concatenate(ratio)
-    return points, float(np.mean(20 * np.log10(np.maximum(ratio, 1e-6))))
+    return points, float(np.mean(db_from_amplitude(np.maximum(ratio, 1e-6))))
 
 
 def passers(view, height_m: float):

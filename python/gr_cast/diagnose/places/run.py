@@ -47,8 +47,9 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
     view = View(ears, model, place.unknown)
     open_ = _ambiguous(found, ears, base, place)
     clean = found.deviations < policy.CLEAN_DEVIATIONS
+    told = evaluated(vault, base, model.effects) if vault else None
     effects = [
-        _entry(view, found, number, covariance, clean, _vault_gain(vault, base, model, number))
+        _entry(view, found, number, covariance, clean, told and without_effect(vault, told, number).energy - told.energy)
         for number, covariance in enumerate(deviations(ears, model))
     ]
     document = {
@@ -138,7 +139,7 @@ def _alternatives(effect, rivals) -> dict:
 
 
 def _confidence(gain: float, margin: float | None, vault_nats: float | None, clean: bool, found: search.Found) -> float:
-    """Probability that family and owner are right."""
+    """Probability that family and owner are right; `vault_nats`: by which it predicts what took no part in fitting it."""
     if margin is None:  # nothing else was compared: there was none, or no time
         margin = policy.RIVAL_NATS / 2 if found.spent else 1e3
     sure = 0.98 / (1 + float(np.exp(-np.clip((margin - policy.RIVAL_NATS / 2) / 2, -30, 30))))
@@ -146,14 +147,6 @@ def _confidence(gain: float, margin: float | None, vault_nats: float | None, cle
     if vault_nats is not None and vault_nats < -policy.RIVAL_NATS:
         sure *= 0.5
     return round(sure if clean else 0.6 * sure, 3)
-
-
-def _vault_gain(vault, base, model: Model, number: int) -> float | None:
-    """Nats by which an effect predicts what took no part in fitting it."""
-    if not vault:
-        return None
-    kept = tuple(effect for index, effect in enumerate(model.effects) if index != number)
-    return evaluated(vault, base, kept).energy - evaluated(vault, base, model.effects).energy
 
 
 def _links(ears, less: Model, model: Model) -> list[str]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
-from .ears import ResponseEar
+from .ears import ResponseEar, evenly
 from .likelihood import Fitted
 
 NO_SECOND = np.zeros(1)  # axis
@@ -26,30 +26,23 @@ class Row:
     is_free: bool  # its phase is unknown
 
 
-def thinned(count: int, wanted: int) -> np.ndarray:
-    return np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int))
-
-
-def rows(ear: ResponseEar, fit: Fitted, world, rates_of, only=None) -> list[Row]:
-    """Rows of a sounding whose paths are turned by `rates_of(link, tables)` → (axes, n, 2): metres of length and of its part that
-    shows in the band, per unit; None where a link is not touched. `only`(link, table) → bool (n,): paths that turn."""
+def rows(ear: ResponseEar, fit: Fitted, world, rates_of) -> list[Row]:
+    """Rows of a sounding whose paths are turned by `rates_of(link)` → (axes, n, 2): metres of length and of its part that shows
+    in the band, per unit; None where a link is not touched."""
     heard, predictor = ear.heard, ear.predictor
-    touched = [index for index in range(len(heard.links)) if rates_of(index) is not None]
+    touched = {index: rates for index in range(len(heard.links)) if (rates := rates_of(index)) is not None}
     out = []
-    if not touched:
-        return out
-    per_link = max(2, _ROWS // len(touched))
-    columns = thinned(len(heard.frequency_hz), _FREQUENCIES)
+    per_link = max(2, _ROWS // max(len(touched), 1))
+    columns = evenly(len(heard.frequency_hz), _FREQUENCIES)
     f_hz = heard.frequency_hz[columns]
-    for index in touched:
+    for index, rates in touched.items():
         table = predictor.path_table(world, index)
         instant, gain, way = table.instant, table.gain, table.way
-        rates = rates_of(index)
         response = predictor.link_response(world, index)
         moves = gain != 0
         moves &= np.abs(rates).max(axis=(0, 2)) > 0
         still = instant.max(initial=0) == 0
-        for step in thinned(len(predictor.time_s), per_link):
+        for step in evenly(len(predictor.time_s), per_link):
             here = np.flatnonzero(moves & (instant == (0 if still else step)))
             weight = heard.weight[index, step, columns]
             if not len(here) or not weight.any():
@@ -60,8 +53,7 @@ def rows(ear: ResponseEar, fit: Fitted, world, rates_of, only=None) -> list[Row]
                 world.carrier_hz * rates[:, here, :1] + f_hz[None, None] * rates[:, here, 1:]
             )
             factor = fit.factor[index, step, columns]
-            scale = _scale(world, predictor, index, columns)
-            base = base * scale
+            base = base * predictor.cables(world, index)[columns]
             out.append(
                 Row(
                     base=base * factor,
@@ -73,12 +65,6 @@ def rows(ear: ResponseEar, fit: Fitted, world, rates_of, only=None) -> list[Row]
                 )  # fmt: skip
             )
     return out
-
-
-def _scale(world, predictor, index: int, columns) -> np.ndarray:
-    tx, rx = (world.radios[name] for name in predictor.links[index])
-    loss_db = tx.gain_db + rx.gain_db - world.link_loss_db.get(predictor.links[index], 0.0)
-    return 10 ** (loss_db / 20) * np.exp(-2j * np.pi * predictor.frequency_hz[columns] * (tx.delay_s + rx.delay_s))
 
 
 def energy(rows_: Sequence[Row], first: np.ndarray, second: np.ndarray = NO_SECOND) -> np.ndarray:

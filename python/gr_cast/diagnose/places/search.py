@@ -39,14 +39,12 @@ def evidence(model: Model, count: float, tried: float) -> float:
     return -model.energy - sum(numbers_price_nats(e, count) + np.log(max(tried, 1)) for e in model.effects)
 
 
-def candidates(
-    ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, families=FAMILIES, depth: int = policy.FITTED_AFTER_SCREEN
-) -> tuple[list[Model], int]:
+def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget) -> tuple[list[Model], int]:
     """Models with one effect more, fitted, the best evidence first; and how many were tried."""
     view = View(ears, model, unknown)
     have = {effect.key for effect in model.effects}
     screened, tried = [], 0
-    for family in families:
+    for family in FAMILIES:
         for owner in family.owners(view):
             if (family.name, owner) in have and family.level != "place" or budget.is_spent:
                 continue
@@ -63,7 +61,7 @@ def candidates(
     chosen, crowd = [], {}
     for one in screened:
         name = one.effects[-1].family.name
-        if crowd.get(name, 0) < policy.FITTED_PER_FAMILY and len(chosen) < depth:
+        if crowd.get(name, 0) < policy.FITTED_PER_FAMILY and len(chosen) < policy.FITTED_AFTER_SCREEN:
             crowd[name] = crowd.get(name, 0) + 1
             chosen.append(one)
     final = [_settled(ears, one) if not budget.is_spent else one for one in chosen]

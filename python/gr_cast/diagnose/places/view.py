@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
-from ...scenario.create import fields
+from ...scenario.create import fields, wedges
 from . import imaging, planes, policy, scan
 from .ears import thinned, without_phase
 from .fit import applied, evaluated
@@ -89,10 +89,6 @@ class View:
                     readings.append(ear.power_db[index, known, 0])
                     std_db.append(float(np.sqrt(0.5 / ear.weight[index, known, 0].min())))
         return np.concatenate(readings), max(std_db), limits
-
-    @property
-    def can_tell_links(self) -> bool:
-        return True
 
     @cached_property
     def centre_m(self):
@@ -182,7 +178,7 @@ class View:
                 out += scan.rows(ear, fit, self.world, lambda index, ear=ear: rates_of(ear, index))
         return out
 
-    def _in_band(self, ear, lengths: np.ndarray, gain: np.ndarray) -> np.ndarray:
+    def _in_band(self, lengths: np.ndarray, gain: np.ndarray) -> np.ndarray:
         """(axes, n, 2): change of length, and its part that shows in the band where the link's delay is not known."""
         shown = lengths
         if self.delay != "none":
@@ -200,7 +196,7 @@ class View:
             table = ear.predictor.path_table(self.world, index)
             gain, way = table.gain, table.way
             along = -way.direction[:, 0] if link[0] == name else way.direction[:, -1]
-            return self._in_band(ear, along[:, :2].T, gain)
+            return self._in_band(along[:, :2].T, gain)
 
         rows = self._scanned(rates)
         if not rows:
@@ -224,7 +220,7 @@ class View:
                 plane = faces.normal[face]
                 turn = ((way.direction[:, bounce] - way.direction[:, bounce + 1]) * plane).sum(axis=1)
                 change += np.where(own, turn * (plane @ normal), 0.0)
-            return self._in_band(ear, change[None], gain) if np.any(change[gain != 0]) else None
+            return self._in_band(change[None], gain) if np.any(change[gain != 0]) else None
 
         rows = self._scanned(rates)
         return scan.minima(grid_m, scan.energy(rows, grid_m), best) if rows else []
@@ -326,23 +322,20 @@ class View:
                 paths, gain, way = table.paths, table.gain, table.way
                 straight = (paths.faces < 0).all(axis=1) & (gain != 0)
                 straight &= np.isin(np.arange(len(gain)), paths.crossing_path)
-                tx, rx = (self.world.radios[name] for name in ear.predictor.links[index])
-                sent = np.linalg.norm(fields.far_field(tx.antenna, way.direction[straight, 0]), axis=1)
-                taken = np.linalg.norm(fields.far_field(rx.antenna, -way.direction[straight, -1]), axis=1)
-                free = self.world.wavelength_m / (4 * np.pi * way.length_m[straight]) * sent * taken
+                ends = (self.world.radios[name].antenna for name in ear.predictor.links[index])
+                free = fields.free_space(way, straight, *ends, self.world.carrier_hz)
                 found.append(db_from_amplitude(free) - db_from_amplitude(gain[straight]))
         found = np.concatenate(found) if found else np.zeros(0)
         return float(np.mean(found[np.isfinite(found)])) if np.isfinite(found).any() else 0.0
 
     def diffraction_gain_db(self, effect) -> float:
         """The strongest diffracted path over free space of the same length."""
-        from ...scenario.create import wedges
-
         best = -200.0
         for ear in self.ears:
             for index, link in enumerate(ear.predictor.links):
-                tx, rx = (self.world.radios[name].antenna for name in link)
-                _, gain, length_m = wedges.paths(self.world, *ear.predictor.ends_m(self.world, index), tx, rx)
+                world, ends = self.world, (self.world.radios[name].antenna for name in link)
+                ends_m = ear.predictor.ends_m(world, index)
+                _, gain, length_m = wedges.paths(world.mesh.edges, world.faces, world.surface, world.carrier_hz, *ends_m, *ends)
                 if len(gain):
                     free = self.world.wavelength_m / (4 * np.pi * length_m)
                     best = max(best, float(db_from_amplitude(np.abs(gain) / free).max()))

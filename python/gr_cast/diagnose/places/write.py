@@ -13,8 +13,6 @@ from ...twin.places.write import document as spec_document
 from ...twin.places.write import write_spec
 from .run import PlaceDiagnosis
 
-GROUND = "ground"
-
 
 def write(diagnosis: PlaceDiagnosis, folder: str | Path, page: str) -> None:
     """`diagnosis.json`, `report.html`, `spec_corrected.yaml` with its mesh, `residual.npz`."""
@@ -32,7 +30,7 @@ def write(diagnosis: PlaceDiagnosis, folder: str | Path, page: str) -> None:
 def correct(diagnosis: PlaceDiagnosis, folder: Path) -> None:
     """The corrected SPEC: found physics in its keys where it has one, all of it in `effects` for what has none."""
     world, spec = diagnosis.model.world, diagnosis.place.spec
-    solids = corrected_solids(world, spec.carrier_hz, leave_out=(GROUND,))
+    solids = corrected_solids(world)
     entries = [
         {"family": entry["family"], "owner": entry["owner"], "parameters": _known(entry)}
         for entry, effect in zip(diagnosis.document["effects"], diagnosis.model.effects, strict=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.units import SPEED_OF_LIGHT_M_PER_S
+from ...core.units import SPEED_OF_LIGHT_M_PER_S, amplitude_from_db
 from .images import Faces, Paths, chosen, unfold
 from .media import VACUUM_PERMITTIVITY
 
@@ -92,7 +92,14 @@ def amplitude(pattern: str, cos_theta: np.ndarray, sin_theta: np.ndarray, phi: n
     theta_deg, phi_deg = np.degrees(np.arctan2(sin_theta, cos_theta)), np.degrees(phi)
     down_db = np.minimum(12 * ((theta_deg - 90) / 65) ** 2, 30)
     aside_db = np.minimum(12 * (phi_deg / 65) ** 2, 30)
-    return 10 ** ((8 - np.minimum(down_db + aside_db, 30)) / 20)
+    return amplitude_from_db(8 - np.minimum(down_db + aside_db, 30))
+
+
+def free_space(way: Optics, rows: np.ndarray, tx: Antenna, rx: Antenna, carrier_hz: float) -> np.ndarray:
+    """Amplitude of paths `rows` if nothing that they meet took any of it: λ/(4π·length) and both antennas (Friis)."""
+    sent = np.linalg.norm(far_field(tx, way.direction[rows, 0]), axis=1)
+    taken = np.linalg.norm(far_field(rx, -way.direction[rows, -1]), axis=1)
+    return SPEED_OF_LIGHT_M_PER_S / carrier_hz / (4 * np.pi * way.length_m[rows]) * sent * taken
 
 
 def slab(permittivity: np.ndarray, thickness_m: np.ndarray, cos_in: np.ndarray, wavelength_m: float) -> tuple[np.ndarray, ...]:

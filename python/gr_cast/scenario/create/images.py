@@ -7,6 +7,7 @@ kept as a crossing and not thrown away: an object that is taken away, or let thr
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -32,6 +33,17 @@ class Faces:
     sided: np.ndarray
     start: np.ndarray
     triangles_m: np.ndarray
+
+    @cached_property
+    def follows(self) -> np.ndarray:
+        """(F, F) whether a path may go from one face to another: each has some part in front of the other."""
+        front = np.zeros((len(self.level_m),) * 2, bool)  # some of face b is in front of face a
+        for a in range(len(front)):
+            height_m = self.triangles_m @ self.normal[a] - self.level_m[a]
+            if not self.sided[a]:
+                height_m = np.abs(height_m)
+            front[a] = np.maximum.reduceat(height_m.max(axis=1), self.start[:-1]) > _ON_PLANE_M
+        return front & front.T
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,17 +177,9 @@ def sequences(faces: Faces, order: int, among: np.ndarray | None = None) -> np.n
     count = len(faces.level_m)
     if order == 0:
         return np.zeros((1, 0), np.int64)
-    front = np.zeros((count, count), bool)  # some of face b is in front of face a
-    for a in range(count):
-        height_m = faces.triangles_m @ faces.normal[a] - faces.level_m[a]
-        if not faces.sided[a]:
-            height_m = np.abs(height_m)
-        highest = np.maximum.reduceat(height_m.max(axis=1), faces.start[:-1])
-        front[a] = highest > _ON_PLANE_M
-    follows = front & front.T
     chains = np.arange(count)[:, None]
     for _ in range(order - 1):
-        before, after = np.nonzero(follows[chains[:, -1]])
+        before, after = np.nonzero(faces.follows[chains[:, -1]])
         chains = np.column_stack([chains[before], after])
     return chains if among is None else chains[among[chains].any(axis=1)]
 

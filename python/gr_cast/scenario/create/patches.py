@@ -10,7 +10,7 @@ MOST_PATCHES = 1500  # of a place: beyond, patches are larger
 _LARGEST_M = 500.0  # of a face: grounds without an end are not cut up
 
 
-def patches(faces: images.Faces) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def patches_of(faces: images.Faces) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Middles (n, 3), areas in m² (n,) and faces (n,) of the patches of all faces."""
     sides = np.linalg.norm(np.ptp(faces.triangles_m, axis=1), axis=1)
     area = 0.5 * np.linalg.norm(
@@ -33,9 +33,9 @@ def patches(faces: images.Faces) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.concatenate(middle), np.concatenate(size), np.concatenate(owner)
 
 
-def powers(faces, surface, tx_m, rx_m, tx_antenna, rx_antenna, carrier_hz: float):
-    """Power gain over S², length in m and object (n,) of what patches scatter from one point to another."""
-    middle_m, area, face = patches(faces)
+def powers(patches, faces, surface, carrier_hz: float, tx_m, rx_m, tx_antenna, rx_antenna):
+    """Power gain over S², length in m and object (n,) of what `patches` of the faces scatter from one point to another."""
+    middle_m, area, face = patches
     keep = surface.present[faces.owner[face]]
     middle_m, area, face = middle_m[keep], area[keep], face[keep]
     first, second = middle_m - tx_m, rx_m - middle_m

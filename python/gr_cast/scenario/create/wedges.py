@@ -106,11 +106,9 @@ def coefficient(n, k, distance, sin_beta, phi_in, phi_out, r0, rn) -> np.ndarray
     return -np.exp(-1j * np.pi / 4) / (2 * n * np.sqrt(2 * np.pi * k) * sin_beta) * out
 
 
-def paths(world, tx_m: np.ndarray, rx_m: np.ndarray, tx_antenna, rx_antenna):
+def paths(edges: Edges, faces, surface, carrier_hz: float, tx_m: np.ndarray, rx_m: np.ndarray, tx_antenna, rx_antenna):
     """Instant, gain and length of every diffracted path (n,) from point i of `tx_m` to point i of `rx_m` (P, 3)."""
-    edges = edges_of(world.mesh.solids)
-    surface, faces = world.surface, world.faces
-    wavelength_m = world.wavelength_m
+    wavelength_m = fields.SPEED_OF_LIGHT_M_PER_S / carrier_hz
     keep = np.flatnonzero(surface.present[edges.owner])
     row, edge = (grid.ravel() for grid in np.meshgrid(np.arange(len(tx_m)), keep, indexing="ij"))
     a, b = tx_m[row] - edges.begin_m[edge], rx_m[row] - edges.begin_m[edge]

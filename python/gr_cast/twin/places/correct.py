@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from ...scenario.create.geometry import Solid
-from ...scenario.create.media import Medium
 from ...scenario.create.nodes import Node
 from ...scenario.create.spec import Spec
 from .world import World
@@ -30,11 +29,11 @@ def _node(node: Node, world: World) -> Node:
     return replace(radio.node, waypoints_m=node.waypoints_m + np.array(radio.offset_m))
 
 
-def corrected_solids(world: World, carrier_hz: float, leave_out: tuple[str, ...] = ()) -> list[Solid]:
-    """The objects that are there, each of a medium with the world's numbers; `carrier_hz` is that of the twin."""
+def corrected_solids(world: World) -> list[Solid]:
+    """The objects that are there, each of a medium with the world's numbers; ground without a far side is no object of a SPEC."""
     surface, out = world.surface, []
     for index, solid in enumerate(world.mesh.solids):
-        if not surface.present[index] or solid.name in leave_out:
+        if not surface.present[index] or np.isinf(surface.thickness_m[index]):
             continue
         medium = world.media[solid.name]
         changes = {
@@ -44,9 +43,5 @@ def corrected_solids(world: World, carrier_hz: float, leave_out: tuple[str, ...]
         numbers = float(surface.permittivity[index]), float(surface.conductivity[index])
         if not np.allclose(numbers, (medium.permittivity(world.carrier_hz), medium.conductivity(world.carrier_hz)), rtol=1e-9):
             changes |= {"own_permittivity": numbers[0], "own_conductivity_s_per_m": numbers[1]}
-        out.append(replace(solid, medium=_changed(medium, changes)))
+        out.append(replace(solid, medium=replace(medium, **changes)))
     return out
-
-
-def _changed(medium: Medium, changes: dict) -> Medium:
-    return replace(medium, **changes)

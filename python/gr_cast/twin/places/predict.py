@@ -102,6 +102,11 @@ class Predictor:
         met = np.concatenate([paths.faces[paths.faces >= 0], paths.crossing_face])
         return Traced(paths=paths, touched=np.unique(faces.owner[met]))
 
+    def cables(self, world: World, index: int) -> np.ndarray:
+        """(K,) what both ends' cables and the link's own loss do to a response."""
+        tx, rx = (world.radios[name] for name in self.links[index])
+        return world.link_amplitude(self.links[index]) * np.exp(-2j * np.pi * self.frequency_hz * (tx.delay_s + rx.delay_s))
+
     def path_table(self, world: World, index: int):
         """Paths of a link that are there, with instant, gain, optics."""
         return _remember(self._tables, self._key(world, index), lambda: self._table(world, index))
@@ -130,12 +135,10 @@ class Predictor:
             instant, gain, length_m, many = passer.with_person(world, self, index, instant, gain, way, many)
         if world.diffraction:
             ends = self.ends_m(world, index) if many > 1 else self._ends_m(world, index)
-            more = wedges.paths(world, *ends, tx.antenna, rx.antenna)
+            more = wedges.paths(world.mesh.edges, world.faces, world.surface, world.carrier_hz, *ends, tx.antenna, rx.antenna)
             instant, gain, length_m = (np.concatenate([a, b]) for a, b in zip((instant, gain, length_m), more, strict=True))
         response = summed(instant, gain, length_m, many, world.carrier_hz, self.frequency_hz)
-        scale = amplitude_from_db(tx.gain_db + rx.gain_db - world.link_loss_db.get(self.links[index], 0.0))
-        response = response * scale * np.exp(-2j * np.pi * self.frequency_hz * (tx.delay_s + rx.delay_s))
-        return np.broadcast_to(response, (len(self.time_s), len(self.frequency_hz)))
+        return np.broadcast_to(response * self.cables(world, index), (len(self.time_s), len(self.frequency_hz)))
 
 
 def summed(instant, gain, length_m, many: int, carrier_hz: float, frequency_hz: np.ndarray) -> np.ndarray:

@@ -4,15 +4,18 @@
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from ...core.units import SPEED_OF_LIGHT_M_PER_S
+from ...core.units import SPEED_OF_LIGHT_M_PER_S, amplitude_from_db
 from ...scenario.create.fields import Antenna, Surface
 from ...scenario.create.geometry import Solid
 from ...scenario.create.images import Faces, faces_of, joined, shifted
 from ...scenario.create.media import Medium
 from ...scenario.create.nodes import Node, position_m
+from ...scenario.create.patches import patches_of
+from ...scenario.create.wedges import Edges, edges_of
 from .document import Place
 from .meters import Fading, Meter
 
@@ -57,6 +60,14 @@ class Mesh:
     def of(cls, solids: tuple[Solid, ...], points_m: np.ndarray) -> "Mesh":
         """`points_m` (n, 3): where nodes are, which may be inside closed objects."""
         return cls(solids, faces_of(solids, points_m), faces_of(solids, thick=True))
+
+    @cached_property
+    def edges(self) -> Edges:
+        return edges_of(self.solids)
+
+    @cached_property
+    def patches(self):
+        return patches_of(self.thin)
 
     def index(self, name: str) -> int:
         return self.names.index(name)
@@ -114,10 +125,21 @@ class World:
     def wavelength_m(self) -> float:
         return SPEED_OF_LIGHT_M_PER_S / self.carrier_hz
 
+    def link_amplitude(self, link: tuple[str, str]) -> float:
+        """Of both ends' gains and the link's own loss."""
+        tx, rx = (self.radios[name] for name in link)
+        return float(amplitude_from_db(tx.gain_db + rx.gain_db - self.link_loss_db.get(link, 0.0)))
+
+    def level_of(self, owner: str) -> str:
+        """The contract's word for what `made_of` takes."""
+        return "object" if owner in self.mesh.names else "place" if owner == "place" else "material"
+
     def made_of(self, owner: str) -> list[int]:
-        """Indices of the object of that name, or of all objects of that material."""
+        """Indices of the object of that name, of all objects of that material, or of all in the place."""
         if owner in self.mesh.names:
             return [self.mesh.index(owner)]
+        if owner == "place":
+            return list(range(len(self.mesh.names)))
         return [i for i, name in enumerate(self.mesh.names) if name in self.media and self.media[name].material == owner]
 
     def with_radio(self, name: str, **changes) -> "World":

@@ -74,6 +74,13 @@ class Family:
         raise NotImplementedError
 
 
+class OfThings(Family):
+    """Of an object, of all of a material, or of all in the place."""
+
+    def level_of(self, world, owner):
+        return world.level_of(owner)
+
+
 def value(number, std=None) -> dict:
     """One parameter of the contract, a number or three."""
     plain = lambda v: [float(x) for x in v] if np.ndim(v) else float(v)  # noqa: E731

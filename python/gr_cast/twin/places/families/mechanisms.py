@@ -8,7 +8,7 @@ import numpy as np
 from ....scenario.create.geometry import Solid
 from ....scenario.create.media import Medium
 from ..world import surface_of
-from .base import Effect, Family, std_of, value
+from .base import Effect, Family, OfThings, std_of, value
 
 _WIDE_M = 3000.0  # of a ground
 _GROUND_CONDUCTIVITY = 0.01  # S/m, where it cannot be told
@@ -39,7 +39,7 @@ class MissingReflections(Family):
         return f"Paths over {effect.choice} faces are in the world; the twin's tracer stops before."
 
 
-class MissingTransmission(Family):
+class MissingTransmission(OfThings):
     name = "missing_transmission"
     order = 3
 
@@ -50,11 +50,7 @@ class MissingTransmission(Family):
         return [Effect(family=self, owner=owner, values=np.zeros(0))]
 
     def apply(self, world, effect):
-        which = slice(None) if effect.owner == "place" else world.mesh.index(effect.owner)
-        return world.with_surface(which, clear=True)
-
-    def level_of(self, world, owner):
-        return "place" if owner == "place" else "object"
+        return world.with_surface(world.made_of(effect.owner), clear=True)
 
     def told(self, view, effect, covariance):
         return {"loss_db": value(view.transmission_loss_db(effect), 1.0)}
@@ -84,7 +80,7 @@ class MissingDiffraction(Family):
         return "Rays bend round edges; the twin's tracer leaves diffraction out."
 
 
-class MissingScattering(Family):
+class MissingScattering(OfThings):
     name = "missing_scattering"
     is_flexible = True
     order = 6
@@ -99,16 +95,8 @@ class MissingScattering(Family):
         grid = np.arange(0.15, 0.96, 0.1)
         return [Effect(family=self, owner=owner, values=np.zeros(0), choice=float(share)) for share in grid]
 
-    def _which(self, world, owner):
-        if owner == "place":
-            return slice(None)
-        return world.made_of(owner)
-
     def apply(self, world, effect):
-        return world.with_surface(self._which(world, effect.owner), scattering=effect.choice)
-
-    def level_of(self, world, owner):
-        return "place" if owner == "place" else "object" if owner in world.mesh.names else "material"
+        return world.with_surface(world.made_of(effect.owner), scattering=effect.choice)
 
     def told(self, view, effect, covariance):
         return {"scattering_coefficient": value(effect.choice, 0.05)}
@@ -199,7 +187,7 @@ class ExcessLoss(Family):
     level = "link"
 
     def owners(self, view):
-        return [f"{a}>{b}" for a, b in view.links] if view.can_tell_links else []
+        return [f"{a}>{b}" for a, b in view.links]
 
     def starts(self, view, owner):
         return [Effect(family=self, owner=owner, values=np.zeros(1))]

@@ -7,7 +7,7 @@ import numpy as np
 
 from ....core.units import db_from_amplitude
 from ....scenario.create.media import ITU, Medium
-from .base import Effect, Family, std_of, value
+from .base import Effect, OfThings, std_of, value
 
 _FAR_M = 3.0  # farthest move that is looked for
 _BEST = 3  # maxima of a scan that are fitted
@@ -15,11 +15,8 @@ _PERMITTIVITIES, _CONDUCTIVITIES = np.geomspace(1.15, 30, 14), (0.003, 0.05, 0.5
 _ROUGH = (1 / 60, 1 / 25, 1 / 12, 1 / 6)  # of a wavelength: first guesses of the roughness
 
 
-class _OfObject(Family):
+class _OfObject(OfThings):
     level = "object"
-
-    def level_of(self, world, owner):
-        return "object" if owner in world.mesh.names else "material"
 
     def owners(self, view):
         return view.seen_objects
