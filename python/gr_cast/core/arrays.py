@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Strict reading of NumPy archives (.npz): sizes are known and limited before anything is unpacked, objects never are."""
+"""NumPy's archives (.npz) read strictly: sizes are known and limited before anything is unpacked, objects never are; and plain
+values of what holds NumPy's numbers."""
 
 import io
 import math
@@ -80,3 +81,18 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str, faults:
     if size == 0:
         return np.zeros(shape, kind.newbyteorder("="))
     return np.frombuffer(data, kind).reshape(shape, order="F" if by_columns else "C").astype(kind.newbyteorder("="))
+
+
+def plain_values(value):
+    """Plain Python of what may hold NumPy's numbers and arrays, keys as text; null where a number is not finite."""
+    if isinstance(value, dict):
+        return {str(key): plain_values(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [plain_values(one) for one in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    return value

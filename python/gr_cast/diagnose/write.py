@@ -3,33 +3,18 @@
 
 import copy
 import json
-import os
 import shutil
-import tempfile
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
+from ..core.arrays import plain_values
 from ..core.documents import yaml_text
+from ..core.files import written_aside
 from ..core.units import db_from_amplitude, db_from_power
 from ..signals.recording import data_path, meta_path
 from .maps import before_and_after
-
-
-def _clean(value):
-    """Plain Python of a document that may hold NumPy numbers."""
-    if isinstance(value, dict):
-        return {str(k): _clean(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_clean(v) for v in value]
-    if isinstance(value, (bool, np.bool_)):
-        return bool(value)
-    if isinstance(value, (int, np.integer)):
-        return int(value)
-    if isinstance(value, (float, np.floating)):
-        return float(value) if np.isfinite(value) else None
-    return value
 
 
 def corrected_twin(diagnosis) -> dict:
@@ -55,7 +40,7 @@ def corrected_twin(diagnosis) -> dict:
             model["noise_power_db"] = {n: np.mean(noises[n]) for n in names if n in noises}
         found.append({"family": e["family"], "owner": e["owner"], "parameters": e["parameters"], "model": model})
     document["effects"] = list(document.get("effects") or []) + found
-    return _clean(document)
+    return plain_values(document)
 
 
 def maps(diagnosis) -> dict[str, np.ndarray]:
@@ -75,13 +60,11 @@ def write(diagnosis, folder: Path, html: str) -> None:
     as a whole."""
     folder = Path(folder)
     folder.parent.mkdir(parents=True, exist_ok=True)
-    aside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-    try:
-        (aside / "diagnosis.json").write_text(
-            json.dumps(_clean(diagnosis.document), indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
-        )
-        text = yaml_text(corrected_twin(diagnosis))
-        (aside / "twin_corrected.yaml").write_text(text, encoding="utf-8")
+    with written_aside(folder) as aside:
+        aside.mkdir()
+        text = json.dumps(plain_values(diagnosis.document), indent=1, ensure_ascii=False)
+        (aside / "diagnosis.json").write_text(text + "\n", encoding="utf-8")
+        (aside / "twin_corrected.yaml").write_text(yaml_text(corrected_twin(diagnosis)), encoding="utf-8")
         for waveform in diagnosis.case.document["waveforms"].values():
             if "file" in waveform:  # the corrected twin needs them beside it
                 for path in (meta_path, data_path):
@@ -90,13 +73,3 @@ def write(diagnosis, folder: Path, html: str) -> None:
                     shutil.copyfile(path(diagnosis.case.folder / waveform["file"]), target)
         (aside / "report.html").write_text(html, encoding="utf-8")
         np.savez_compressed(aside / "residual.npz", **maps(diagnosis))
-        aside.chmod(0o755)
-        if folder.exists():
-            old = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-            os.replace(folder, old / "old")
-            os.replace(aside, folder)
-            shutil.rmtree(old)
-        else:
-            os.replace(aside, folder)
-    finally:
-        shutil.rmtree(aside, ignore_errors=True)

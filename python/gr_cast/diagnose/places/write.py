@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Write the diagnosis of a place: a folder, whole or not at all."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 
-from ...core.files import written_aside
+from ...core.arrays import plain_values
+from ...core.files import write_json, written_aside
 from ...scenario.create.families import FAMILIES
 from ...twin.places.correct import corrected_solids, corrected_spec
 from ...twin.places.write import document as spec_document
@@ -20,8 +20,7 @@ def write(diagnosis: PlaceDiagnosis, folder: str | Path, page: str) -> None:
     folder.parent.mkdir(parents=True, exist_ok=True)
     with written_aside(folder) as aside:
         aside.mkdir()
-        text = json.dumps(_finite(diagnosis.document), indent=1, allow_nan=False) + "\n"
-        (aside / "diagnosis.json").write_text(text, encoding="utf-8")
+        write_json(aside / "diagnosis.json", plain_values(diagnosis.document))
         (aside / "report.html").write_text(page, encoding="utf-8")
         correct(diagnosis, aside)
         np.savez_compressed(aside / "residual.npz", **residuals(diagnosis))
@@ -36,7 +35,7 @@ def correct(diagnosis: PlaceDiagnosis, folder: Path) -> None:
         for entry, effect in zip(diagnosis.document["effects"], diagnosis.model.effects, strict=True)
         if not effect.family.is_in_spec
     ]
-    write_spec(folder, spec_document(corrected_spec(spec, world)), solids, _finite(entries))
+    write_spec(folder, spec_document(corrected_spec(spec, world)), solids, plain_values(entries))
 
 
 def _known(entry: dict) -> dict:
@@ -54,18 +53,3 @@ def residuals(diagnosis: PlaceDiagnosis) -> dict:
         out[f"links_{number}"] = np.array([f"{tx}>{rx}" for tx, rx in one.predictor.links])
         out[f"time_s_{number}"], out[f"frequency_hz_{number}"] = one.predictor.time_s, one.predictor.frequency_hz
     return out
-
-
-def _finite(value):
-    """Plain Python; null where a number is none."""
-    if isinstance(value, dict):
-        return {str(key): _finite(one) for key, one in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(one) for one in value]
-    if isinstance(value, (bool, np.bool_)):
-        return bool(value)
-    if isinstance(value, (int, np.integer)):
-        return int(value)
-    if isinstance(value, (float, np.floating)):
-        return float(value) if np.isfinite(value) else None
-    return value

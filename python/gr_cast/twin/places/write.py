@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from glob import escape
 from pathlib import Path
 
-import numpy as np
-
+from ...core.arrays import plain_values
 from ...core.documents import yaml_text
 from ...core.errors import CastError
 from ...core.files import write_text
@@ -56,7 +55,7 @@ def write_spec(folder: Path, spec_document: dict, solids: Sequence[Solid], effec
     written["environment"] = {key: value for key, value in written["environment"].items() if key != "area_m"}  # a mesh is whole
     if effects:
         written["effects"] = list(effects)
-    text = yaml_text(_plain(written), default_flow_style=None, width=120)
+    text = yaml_text(plain_values(written), default_flow_style=None, width=120)
     write_text(folder / MESH_FILE, mesh)
     write_text(folder / SPEC_FILE, text)
     return folder / SPEC_FILE
@@ -79,14 +78,3 @@ def mesh_text(solids: Sequence[Solid]) -> str:
         lines += ["f " + " ".join(str(first + corner) for corner in face) for face in solid.faces.tolist()]
         first += len(solid.vertices_m)
     return "\n".join(lines) + "\n"
-
-
-def _plain(value):
-    """Values that YAML knows, of NumPy's and of tuples."""
-    if isinstance(value, dict):
-        return {str(key): _plain(one) for key, one in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(one) for one in value]
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    return value.item() if isinstance(value, np.generic) else value
