@@ -6,12 +6,11 @@ Run it from a built checkout. What an interrupted run left is kept and continued
 """
 
 import argparse
-import json
-import subprocess
 import sys
 from pathlib import Path
 
-from diagnose_bank import build, score, truth
+from diagnose_bank import build, score
+from sealed import judged
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -32,35 +31,10 @@ def main(argv=None):
     if args.cases < 1 or args.jobs < 1 or args.nulls < 0:
         given = f"{args.cases}, {args.jobs} and {args.nulls}"
         parser.error(f"--cases, --jobs and --nulls: got {given}, need 1, 1 and 0 or more")
-    cases, truths, diagnoses = (args.output / name for name in ("cases", "truth", "diagnoses"))
+    cases, truths = args.output / "cases", args.output / "truth"
     seal = build.build(cases, truths, args.seed, args.cases, args.nulls, _progress)
     print(f"sealed: {seal}", flush=True)
-    names = sorted(path.stem for path in truths.glob("*.json"))
-    program = [str(ROOT / "apps" / "cast_diagnose.py"), *(str(cases / name) for name in names)]
-    undone = [p for p in program[1:] if not (diagnoses / Path(p).name / "diagnosis.json").exists()]
-    if undone:
-        command = [
-            "/usr/bin/python3",
-            program[0],
-            *undone,
-            "--output",
-            str(diagnoses),
-            "--jobs",
-            str(args.jobs),
-        ]
-        status = subprocess.run(command, check=False).returncode
-        if status not in (0, 2):
-            return status
-    if not truth.sealed(truths):
-        print(f"error: {truths}: the truths are not those that were sealed", file=sys.stderr)
-        return 1
-    result = {"seed": args.seed, "seal": seal, **score.score(diagnoses, truths)}
-    table = score.markdown(result)
-    print(table)
-    (args.output / "table.md").write_text(table)
-    if args.json:
-        args.json.write_text(json.dumps(result, indent=1) + "\n")
-    return 0
+    return judged(cases, truths, args, score.score, score.markdown)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from ..core.units import db_from_amplitude, db_from_power
 from ..diagnose.maps import power_of
 from ..twin.effects import FAMILIES
+from .cards import cards
 from .pictures import in_words, maps_figure, waterfall_figure
 
 NEGATIVE = re.compile(r"(?<=[\s>(])-(?=\d)")  # the sign of a number, not the dash of an option or a picture's code
@@ -158,25 +159,17 @@ def _next(d: dict) -> str:
 
 def _causes(diagnosis) -> str:
     d, alone = diagnosis.document, len(diagnosis.case.observations) == 1
-    if not d["effects"]:
-        return ""
-    cards = []
-    for number, e in enumerate(d["effects"], 1):
-        lines = {
+
+    def lines(e: dict) -> dict[str, str]:
+        return {
             "Whose": escape(_owner(e["owner"])),
             "Where": escape(_place(e["where"], alone)),
             "Explains": _explained(e),
             "Evidence": _unseen(e["evidence"]["heldout_gain_nats"]),
             "Runner-up": escape(_runner_up(e, d["ambiguous"])),
-            "Confidence": f"{e['confidence']:.2f}",
         }
-        rows = "".join(f"<dt>{label}</dt><dd>{text}</dd>" for label, text in lines.items())
-        cards.append(
-            f"<div class='cause'><p><span class='number-of'>{number}</span><b class='name'>{in_words(e['family'])}</b></p>"
-            f"<p>{escape(e['sentence'])}</p><dl>{rows}</dl></div>"
-        )
-    title = "What the twin leaves out" if d["verdict"] == "identified" else "What was found so far"
-    return f"<h2>{title}</h2>{''.join(cards)}"
+
+    return cards(d, lines)
 
 
 def _unseen(held_out: float | None) -> str:

@@ -28,7 +28,7 @@ def render(diagnosis) -> str:
     parts = [
         f"<h1>{name}</h1><p class='verdict {d['verdict']}'>{escape(words.verdict(d))}</p>",
         _views(scene),
-        words.cards(d),
+        words.causes(d),
         words.bars(d["fit"]),
         words.open_questions(d),
         _maps(scene, found, album),

@@ -5,6 +5,7 @@ from html import escape
 
 import numpy as np
 
+from ..cards import cards
 from ..pictures import in_words
 
 NEXT = {
@@ -63,28 +64,15 @@ def listed(words: list[str]) -> str:
     return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1] if words else ""
 
 
-def cards(d: dict) -> str:
+def causes(d: dict) -> str:
     """Each effect: its sentence, numbers, place, evidence, runner-up, confidence."""
-    if not d["effects"]:
-        return ""
-    found = []
-    for number, one in enumerate(d["effects"], 1):
-        lines = {"Whose": escape(_owner(one["owner"]))}
-        lines |= {escape(in_words(_without_unit(key))): told for key, told in _numbers(one["parameters"])}
-        links = one["where"].get("links") or []
-        lines |= {
-            "Seen by": escape(_links(links)),
-            "Evidence": _evidence(one["evidence"]),
-            "Runner-up": escape(_runner_up(one, d["ambiguous"])),
-            "Confidence": f"{one['confidence']:.2f}",
-        }
-        rows = "".join(f"<dt>{label}</dt><dd>{text}</dd>" for label, text in lines.items())
-        found.append(
-            f"<div class='cause' data-mark='{number}'><p><span class='number-of'>{number}</span>"
-            f"<b class='name'>{in_words(one['family'])}</b></p><p>{escape(one['sentence'])}</p><dl>{rows}</dl></div>"
-        )
-    title = "What the twin leaves out" if d["verdict"] == "identified" else "What was found so far"
-    return f"<h2>{title}</h2>{''.join(found)}"
+
+    def lines(one: dict) -> dict[str, str]:
+        numbers = {escape(in_words(_without_unit(key))): told for key, told in _numbers(one["parameters"])}
+        seen = {"Seen by": escape(_links(one["where"].get("links") or [])), "Evidence": _evidence(one["evidence"])}
+        return {"Whose": escape(_owner(one["owner"]))} | numbers | seen | {"Runner-up": escape(_runner_up(one, d["ambiguous"]))}
+
+    return cards(d, lines)
 
 
 def _owner(owner: dict) -> str:
