@@ -9,13 +9,14 @@ import pytest
 from gr_cast.diagnose.places.ears import bursts
 from gr_cast.diagnose.places.power import Expected, PowerEar
 from gr_cast.diagnose.places.search import run
+from gr_cast.scenario.create.fields import surface_of
 from gr_cast.scenario.create.geometry import Solid
 from gr_cast.scenario.create.media import Medium
 from gr_cast.scenario.create.nodes import Node
 from gr_cast.twin.places.families.power import scales
 from gr_cast.twin.places.meters import Fading, Meter
 from gr_cast.twin.places.predict import Predictor
-from gr_cast.twin.places.world import Mesh, Radio, World, surface_of
+from gr_cast.twin.places.world import Mesh, Radio, World
 from scipy.stats import multivariate_normal, norm
 
 CARRIER_HZ = 2e9
@@ -115,7 +116,7 @@ def _yard(**changes):
     media, nodes = {"far": Medium(material="concrete")}, {"a": [0.0, 0, 5], "b": [30.0, 0, 5]}
     mesh = Mesh.of((solid,), np.array(list(nodes.values())))
     radios = {name: Radio(node=Node(name=name, waypoints_m=np.array([at]))) for name, at in nodes.items()}
-    surface = surface_of(mesh, media, CARRIER_HZ, False)
+    surface = surface_of([media[name] for name in mesh.names], CARRIER_HZ)
     return World(mesh=mesh, media=media, surface=surface, radios=radios, carrier_hz=CARRIER_HZ, max_depth=0, **changes)
 
 

@@ -12,11 +12,12 @@ from gr_cast.diagnose.places.ears import ResponseEar
 from gr_cast.diagnose.places.likelihood import Heard, profiled
 from gr_cast.diagnose.places.power import PowerEar
 from gr_cast.diagnose.places.run import residual_over_received
+from gr_cast.scenario.create.fields import surface_of
 from gr_cast.scenario.create.geometry import Solid
 from gr_cast.scenario.create.media import Medium
 from gr_cast.scenario.create.nodes import Node
 from gr_cast.twin.places.predict import Predictor
-from gr_cast.twin.places.world import Mesh, Radio, World, surface_of
+from gr_cast.twin.places.world import Mesh, Radio, World
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "bench" / "places"))
 from world import new_world, response
@@ -65,7 +66,7 @@ def ours() -> World:
         )  # fmt: skip
         for name, (track, speed, antenna) in SPEC.items()
     }
-    surface = surface_of(mesh, media, CARRIER_HZ, False)
+    surface = surface_of([media[name] for name in mesh.names], CARRIER_HZ)
     return World(mesh=mesh, media=media, surface=surface, radios=radios, carrier_hz=CARRIER_HZ, max_depth=2)
 
 

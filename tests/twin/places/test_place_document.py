@@ -11,6 +11,7 @@ from gr_cast.core import arrays
 from gr_cast.core.errors import CastError
 from gr_cast.scenario.create.media import Medium
 from gr_cast.twin.places import document
+from gr_cast.twin.places.world import of_place
 
 
 def faults(folder):
@@ -187,3 +188,10 @@ def test_arrays_come_back_as_they_were_written(tmp_path):
     for name, values in given.items():
         np.testing.assert_array_equal(found[name], values)
         assert found[name].dtype.isnative
+
+
+def test_a_coefficient_scatters_only_where_the_spec_has_scattering_on(tmp_path):
+    rough = place_case.SPEC.replace("glass, thickness_m: 0.02", "glass, thickness_m: 0.02, scattering_coefficient: 0.6")
+    for spec, share in ((rough, 0.0), (rough.replace("max_depth: 1", "max_depth: 1, scattering: true"), 0.6)):
+        folder = place_case.write(tmp_path / f"{share}", spec=spec)
+        assert of_place(document.read(folder)).surface.scattering.max() == share

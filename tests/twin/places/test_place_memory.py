@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gr_cast.diagnose.places import diffuse
+from gr_cast.scenario.create.fields import surface_of
 from gr_cast.scenario.create.geometry import Solid
 from gr_cast.scenario.create.media import Medium
 from gr_cast.scenario.create.nodes import Node
 from gr_cast.twin.places.predict import Predictor
-from gr_cast.twin.places.world import Mesh, Person, Radio, World, surface_of
+from gr_cast.twin.places.world import Mesh, Person, Radio, World
 
 
 def predictor():
@@ -30,7 +31,7 @@ def yard(**changes) -> World:
         name: Radio(node=Node(name=name, waypoints_m=[at], antenna="tr38901", orientation_rad=(yaw, 0.0, 0.0)))
         for name, at, yaw in (("a", (0.5, 0.0, 1.2), 0.2), ("b", (8.0, 0.4, 1.5), 2.6))
     }
-    surface = surface_of(mesh, media, 3e9, False)
+    surface = surface_of([media[name] for name in mesh.names], 3e9)
     return replace(World(mesh=mesh, media=media, surface=surface, radios=radios, carrier_hz=3e9, max_depth=1), **changes)
 
 

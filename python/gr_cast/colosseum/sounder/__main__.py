@@ -19,6 +19,7 @@ import numpy as np
 from ...core.documents import json_file
 from ...core.errors import CastError
 from ...core.files import write_json, write_text
+from ...core.units import db_from_amplitude
 from ...signals.recording import Recording
 from ...signals.waveform import entry_from_text, waveform_from_entry
 from ...sounding import path_loss
@@ -63,7 +64,7 @@ def settings() -> dict:
 
 def column(conf: dict, heard: dict[int, np.ndarray], rate_hz: float, waveform, is_one_clock: bool) -> dict[str, float | None]:
     """Path loss in dB from every other node to this one; None where nothing was heard."""
-    budget = LinkBudget(tx_power_dbm=20 * float(np.log10(conf["amplitude"])))
+    budget = LinkBudget(tx_power_dbm=float(db_from_amplitude(conf["amplitude"])))
     options = SoundingOptions(
         average=conf["periods"] // _FRAMES, carrier_offset_hz=0.0 if is_one_clock else None, budget=budget
     )  # fmt: skip

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_power
+from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_power, power_from_db
 from ...diagnose.places import imaging
 from ..pictures import CAUSE, GOOD, INK, NOISE, TITLES
 from ..plot import new_figure
@@ -39,7 +39,7 @@ class Profile:
 
 
 def _mean_db(level_db: np.ndarray) -> np.ndarray:
-    return db_from_power(np.maximum(np.nanmean(10 ** (level_db / 10), axis=0), 1e-2))
+    return db_from_power(np.maximum(np.nanmean(power_from_db(level_db), axis=0), 1e-2))
 
 
 def profiles(scene) -> list[Profile]:

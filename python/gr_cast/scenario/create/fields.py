@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Field of a path: antenna patterns, slabs of ITU-R P.2040-3, dyads of reflection and transmission, polarisation vertical."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S, amplitude_from_db
 from .images import Faces, Paths, chosen, unfold
-from .media import VACUUM_PERMITTIVITY
+from .media import VACUUM_PERMITTIVITY, Medium
 
 _TINY = 1e-12
 OHM_60 = 59.9584916  # 1/(ε0·ω) over the wavelength in m
@@ -28,6 +29,24 @@ class Surface:
     scattering: np.ndarray
     present: np.ndarray
     clear: np.ndarray
+
+
+def surface_of(media: Sequence[Medium], carrier_hz: float, *, clear: bool = False, scatters: bool = True) -> Surface:
+    """Objects made of `media` at the carrier, all there: legs go through all or none, all scatter as their media or none does."""
+    return Surface(
+        permittivity=np.array([medium.permittivity(carrier_hz) for medium in media]),
+        conductivity=np.array([medium.conductivity(carrier_hz) for medium in media]),
+        thickness_m=np.array([medium.thickness_m for medium in media]),
+        height_rms_m=np.array([medium.height_rms_m for medium in media]),
+        scattering=np.array([medium.scattering_coefficient * scatters for medium in media]),
+        present=np.ones(len(media), bool),
+        clear=np.full(len(media), clear),
+    )
+
+
+def rough_loss(height_rms_m: np.ndarray, cos_in: np.ndarray, wavelength_m: float) -> np.ndarray:
+    """What roughness leaves of the amplitude of a reflection: exp(-8 (π σ cosθ / λ)²) (Ament 1953)."""
+    return np.exp(-8 * (np.pi * height_rms_m * cos_in / wavelength_m) ** 2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,8 +194,7 @@ def _reflect(faces, face, way, surface, eta, wavelength_m, field, rows, leg) -> 
     )
     cos_in = np.clip(np.abs(np.einsum("ij,ij->i", incoming, normal)), 1e-9, 1)
     te, tm, _, _ = slab(eta[owner], surface.thickness_m[owner], cos_in, wavelength_m)
-    rough = np.exp(-8 * (np.pi * surface.height_rms_m[owner] * cos_in / wavelength_m) ** 2)
-    rough = rough * np.sqrt(1 - surface.scattering[owner] ** 2)
+    rough = rough_loss(surface.height_rms_m[owner], cos_in, wavelength_m) * np.sqrt(1 - surface.scattering[owner] ** 2)
     across = _across(incoming, normal)
     before, after = _cross(across, incoming), _cross(across, outgoing)
     old = field[rows]

@@ -4,6 +4,7 @@
 import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
+from . import fields
 
 SPECULAR, DIFFUSE, REFRACTION, DIFFRACTION = 1, 2, 4, 8  # the tracer's interaction types; 0 is none
 
@@ -35,11 +36,11 @@ def delays(points_m: np.ndarray, legs: int, tx_speeds, rx_speeds) -> tuple[np.nd
 
 
 def rough_loss(points_m, normal, height_rms_m, kinds, wavelength_m: float) -> np.ndarray:
-    """What roughness leaves of the amplitude of each path (n,): exp(-8 (π σ cosθ / λ)²) for every reflection (Ament 1953);
+    """What roughness leaves of the amplitude of each path (n,), by all its reflections;
     `normal` (n, depth, 3) and `height_rms_m` (n, depth) are those of the faces."""
     cosine = np.einsum("nkd,nkd->nk", directions(points_m)[:, :-1], normal)
-    exponent = 8 * (np.pi * height_rms_m * cosine / wavelength_m) ** 2
-    return np.exp(-np.where(kinds == SPECULAR, exponent, 0.0).sum(axis=1))
+    left = fields.rough_loss(height_rms_m, cosine, wavelength_m)
+    return np.where(kinds == SPECULAR, left, 1.0).prod(axis=1)
 
 
 def nearest_edge(point_m: np.ndarray, corners_m: np.ndarray) -> np.ndarray:

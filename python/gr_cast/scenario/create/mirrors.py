@@ -30,7 +30,8 @@ def run(solids: Sequence[Solid], settings: Settings, task: Task) -> Traced:
     """Trace one task's pairs. The same task gives the same table, wherever it runs."""
     tx, rx = np.array(task.pairs, np.int32).reshape(-1, 2).T
     faces = images.faces_of(solids, task.position_m, thick=settings.refraction)
-    surface = surface_of(solids, settings)
+    media = [solid.medium for solid in solids]
+    surface = fields.surface_of(media, settings.carrier_hz, clear=settings.refraction, scatters=settings.scattering)
     tx_m, rx_m = task.position_m[tx], task.position_m[rx]
     paths = fields.unblocked(faces, images.search(faces, tx_m, rx_m, settings.max_depth), surface)
     way = fields.optics(faces, paths.faces, tx_m[paths.pair], rx_m[paths.pair])
@@ -49,20 +50,6 @@ def run(solids: Sequence[Solid], settings: Settings, task: Task) -> Traced:
     delay_s = way.length_m / SPEED_OF_LIGHT_M_PER_S
     columns = dict(tx=tx, rx=rx, surfaces=names, delay_s=delay_s, rate_before=rates[0], rate_after=rates[1], gain=gain)
     return Traced(**{name: values[order] for name, values in columns.items()})
-
-
-def surface_of(solids: Sequence[Solid], settings: Settings) -> fields.Surface:
-    """What the objects are made of at the carrier; with refraction, legs go through all of them."""
-    media, count = [solid.medium for solid in solids], len(solids)
-    return fields.Surface(
-        permittivity=np.array([medium.permittivity(settings.carrier_hz) for medium in media]),
-        conductivity=np.array([medium.conductivity(settings.carrier_hz) for medium in media]),
-        thickness_m=np.array([medium.thickness_m for medium in media]),
-        height_rms_m=np.array([medium.height_rms_m for medium in media]),
-        scattering=np.array([medium.scattering_coefficient * settings.scattering for medium in media]),
-        present=np.ones(count, bool),
-        clear=np.full(count, settings.refraction),
-    )
 
 
 def _sent(task: Task, nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import digamma, polygamma
 
+from ...core.units import power_from_db
+
 DB_PER_NEPER = 10 / np.log(10)  # of power
 
 
@@ -27,7 +29,7 @@ class Fading:
 
     def moments_db(self) -> tuple[float, float]:
         """Mean and variance of the power in dB: (K + 1)·X is a Gamma of order 1 + n, n Poisson of mean K."""
-        k = 10 ** (self.k_factor_db / 10)
+        k = power_from_db(self.k_factor_db)
         n = np.arange(int(min(max(40.0, k + 12 * np.sqrt(k)), 2000)) + 1)
         weight = np.exp(n * np.log(k) - k - np.concatenate([[0.0], np.cumsum(np.log(n[1:]))]))
         mean = digamma(1.0 + n)
@@ -37,6 +39,6 @@ class Fading:
 
     def covariance_db2(self, gap_m: np.ndarray) -> np.ndarray:
         """Of readings that are `gap_m` apart: that of power, with the variance of its dB."""
-        k = 10 ** (self.k_factor_db / 10)
+        k = power_from_db(self.k_factor_db)
         ray = np.exp(-((gap_m / self.coherence_m) ** 2))
         return self.moments_db()[1] * (2 * k * ray + ray**2) / (2 * k + 1)

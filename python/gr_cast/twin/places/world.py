@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S, amplitude_from_db
-from ...scenario.create.fields import Antenna, Surface
+from ...scenario.create.fields import Antenna, Surface, surface_of
 from ...scenario.create.geometry import Solid
 from ...scenario.create.images import Faces, faces_of, joined, shifted
 from ...scenario.create.media import Medium
@@ -158,28 +158,16 @@ class World:
         return replace(self, mesh=self.mesh.joined(solid), surface=Surface(**arrays))
 
 
-def surface_of(mesh: Mesh, media: Mapping[str, Medium], carrier_hz: float, clear: bool) -> Surface:
-    """Numbers of all objects at a carrier."""
-    own = [media[name] for name in mesh.names]
-    return Surface(
-        permittivity=np.array([medium.permittivity(carrier_hz) for medium in own]),
-        conductivity=np.array([medium.conductivity(carrier_hz) for medium in own]),
-        thickness_m=np.array([medium.thickness_m for medium in own]),
-        height_rms_m=np.array([medium.height_rms_m for medium in own]),
-        scattering=np.array([medium.scattering_coefficient for medium in own]),
-        present=np.ones(len(own), bool),
-        clear=np.full(len(own), clear),
-    )
-
-
 def of_place(place: Place) -> World:
     """The world that the twin of a place case believes in."""
     spec = place.spec
     radios = {node.name: Radio(node=node) for node in spec.nodes}
     ends_m = [node.waypoints_m for node in spec.nodes]
     mesh = Mesh.of(place.solids, np.concatenate(ends_m))
+    media = [place.media[name] for name in mesh.names]
+    surface = surface_of(media, spec.carrier_hz, clear=spec.refraction, scatters=spec.scattering)
     return World(
-        mesh=mesh, media=place.media, surface=surface_of(mesh, place.media, spec.carrier_hz, spec.refraction), radios=radios,
+        mesh=mesh, media=place.media, surface=surface, radios=radios,
         carrier_hz=spec.carrier_hz, max_depth=spec.max_depth, diffraction=spec.diffraction,
     )  # fmt: skip
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ....scenario.create import fields
 from ....scenario.create.geometry import Solid
 from ....scenario.create.media import Medium
-from ..world import surface_of
 from .base import Effect, Family, OfThings, std_of, value
 
 _WIDE_M = 3000.0  # of a ground
@@ -119,7 +119,9 @@ class Carrier(Family):
 
     def apply(self, world, effect):
         carrier_hz = float(np.exp(effect.values[0]))
-        surface = surface_of(world.mesh, world.media, carrier_hz, world.is_clear)
+        own = [world.media[name] for name in world.mesh.names]
+        at = fields.surface_of(own, carrier_hz)
+        surface = replace(world.surface, permittivity=at.permittivity, conductivity=at.conductivity)
         return replace(world, carrier_hz=carrier_hz, surface=surface)
 
     def steps(self, world, effect):
