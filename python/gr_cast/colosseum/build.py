@@ -2,7 +2,6 @@
 """The CaST container, built from Debian's packages and this project's own files: the same of both gives the same hash."""
 
 import gzip
-import hashlib
 import io
 import json
 import os
@@ -14,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 from ..core.errors import CastError
-from ..core.files import written_aside
+from ..core.files import digest_of, written_aside
 
 SUITE = "bookworm"
 PACKAGES = (
@@ -59,8 +58,7 @@ def build(path: Path, say=lambda line: None) -> str:
         say(f"{len(packages)} packages; writing {path}")
         with written_aside(path) as aside:
             _write(aside, system, packages)
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    return digest
+    return digest_of(path)
 
 
 def _debian(system: Path, names: Path) -> None:

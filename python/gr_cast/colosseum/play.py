@@ -10,6 +10,7 @@ from pathlib import Path
 
 from .. import scenario as sc
 from ..core.errors import CastError
+from ..core.files import digest_of
 from . import radio_api, traffic, updates
 from .box import Box, Srn, colosseum_config
 from .emulator import Channel
@@ -17,7 +18,7 @@ from .image import RADIO_API
 from .job import Job
 from .storage import Storage
 from .timeline import Clock
-from .unpacked import copy_logs, digest_of, used_bytes
+from .unpacked import copy_logs, used_bytes
 
 
 @dataclass(kw_only=True)

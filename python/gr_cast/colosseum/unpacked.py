@@ -1,27 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Images unpacked once and shared by all containers, which only read them: each writes to a layer of its own."""
 
-import hashlib
 import os
 import shutil
 import subprocess
 from pathlib import Path
 
 from ..core.errors import CastError
-from ..core.files import written_aside
+from ..core.files import digest_of, written_aside
 from . import image as images
 from .container import INIT
-
-_BLOCK = 1 << 20
-
-
-def digest_of(path: Path) -> str:
-    """SHA-256 of a file."""
-    digest = hashlib.sha256()
-    with open(path, "rb") as file:
-        while block := file.read(_BLOCK):
-            digest.update(block)
-    return digest.hexdigest()
 
 
 def unpacked(path: Path, cache: Path) -> Path:

@@ -2,6 +2,7 @@
 """Files that are whole or not there: written aside, then renamed."""
 
 import fcntl
+import hashlib
 import json
 import os
 import re
@@ -109,6 +110,12 @@ def check_writable(folder: Path) -> None:
         raise CastError(f"{there}: not a folder")
     if not os.access(there, os.W_OK | os.X_OK):
         raise CastError(f"{there}: cannot be written to")
+
+
+def digest_of(path: str | Path) -> str:
+    """Hexadecimal SHA-256 of a file."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def write_text(path: str | Path, text: str) -> None:

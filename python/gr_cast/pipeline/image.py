@@ -8,11 +8,11 @@ from pathlib import Path
 
 from .. import __version__
 from ..core.errors import CastError, Faults
-from ..core.files import write_json, written_aside
+from ..core.files import digest_of, write_json, written_aside
 from .clean import Outcome, Room
 from .document import Environment, Pipeline
 from .source import Source
-from .stages import Storage, file_hash
+from .stages import Storage
 
 STACK = "stack"  # the folder of a room that holds the tree or the unpacked image
 LONGEST_S = 3600.0  # of a build, and of its tests
@@ -119,7 +119,7 @@ def _packed(storage: Storage, pipeline: Pipeline, tree: Path) -> str:
         with tarfile.open(new, "w", format=tarfile.PAX_FORMAT) as tar:
             for path in files:
                 tar.add(path, arcname=str(path.relative_to(tree)), recursive=False, filter=_plain)
-        digest = file_hash(new)
+        digest = digest_of(new)
         with written_aside(storage.folder / "images" / f"{digest}.tar") as aside:
             new.chmod(0o644)
             new.rename(aside)
@@ -138,7 +138,7 @@ def _plain(entry: tarfile.TarInfo) -> tarfile.TarInfo:
 def unpacked(storage: Storage, digest: str, folder: Path) -> None:
     """Deploy an image into a new folder, once its hash is right."""
     path = storage.folder / "images" / f"{digest}.tar"
-    if not path.is_file() or file_hash(path) != digest:
+    if not path.is_file() or digest_of(path) != digest:
         raise CastError(f"{path}: is missing or changed: its SHA-256 is not its name")
     folder.mkdir(parents=True)
     subprocess.run(["tar", "-x", "-C", folder, "-f", path], check=True)

@@ -17,12 +17,6 @@ def fingerprint(*inputs) -> str:
     return hashlib.sha256(json.dumps(inputs, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()).hexdigest()
 
 
-def file_hash(path: Path) -> str:
-    """Hexadecimal SHA-256 of a file."""
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
 def histories(folder: Path) -> dict[str, list[dict]]:
     """Repository → verdicts kept in a storage, parents before their children, else by date."""
     found = {}
