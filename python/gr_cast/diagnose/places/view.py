@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What families ask of the state of a search: who is there, what is seen, where coarse searches point."""
 
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -333,8 +333,8 @@ class View:
         best = -200.0
         for ear in self.ears:
             for index, link in enumerate(ear.predictor.links):
-                world, ends = self.world, (self.world.radios[name].antenna for name in link)
-                ends_m = ear.predictor.ends_m(world, index)
+                world, ends_m = self.world, ear.predictor.ends_m(self.world, index)
+                ends = (partial(_from, self.world.radios[name].antenna) for name in link)
                 _, gain, length_m = wedges.paths(world.mesh.edges, world.faces, world.surface, world.carrier_hz, *ends_m, *ends)
                 if len(gain):
                     free = self.world.wavelength_m / (4 * np.pi * length_m)
@@ -349,3 +349,7 @@ class View:
 
     def lit(self, effect):
         return planes.lit(self, effect)
+
+
+def _from(antenna: fields.Antenna, _, direction: np.ndarray) -> np.ndarray:
+    return fields.far_field(antenna, direction)

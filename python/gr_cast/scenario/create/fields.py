@@ -75,6 +75,10 @@ def optics(faces: Faces, met: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray) ->
     return Optics(points_m=points, direction=direction, length_m=lengths.sum(axis=1))
 
 
+def rows_of(way: Optics, rows) -> Optics:
+    return Optics(points_m=way.points_m[rows], direction=way.direction[rows], length_m=way.length_m[rows])
+
+
 def turned(orientation_rad) -> np.ndarray:
     """Rotation (3, 3): yaw about z, then pitch about y, then roll about x of the antenna's own axes."""
     (cy, cp, cr), (sy, sp, sr) = np.cos(orientation_rad), np.sin(orientation_rad)
@@ -166,7 +170,7 @@ def gains(
     return wavelength_m / (4 * np.pi * way.length_m) * np.einsum("ij,ij->i", field, end)
 
 
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Cross product of rows (n, 3): NumPy's own spends most of its time on its axes."""
     a, b = np.broadcast_arrays(a, b)
     out = np.empty(a.shape, np.result_type(a, b))
@@ -177,9 +181,9 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def _across(incoming: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """Unit vector across the plane of incidence; any one where a ray falls straight."""
-    across = _cross(incoming, normal)
+    across = cross(incoming, normal)
     size = np.linalg.norm(across, axis=1, keepdims=True)
-    other = _cross(incoming, np.where(np.abs(incoming[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]]))
+    other = cross(incoming, np.where(np.abs(incoming[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]]))
     return np.where(size > 1e-9, across / np.maximum(size, _TINY), other / np.linalg.norm(other, axis=1, keepdims=True))
 
 
@@ -196,7 +200,7 @@ def _reflect(faces, face, way, surface, eta, wavelength_m, field, rows, leg) -> 
     te, tm, _, _ = slab(eta[owner], surface.thickness_m[owner], cos_in, wavelength_m)
     rough = rough_loss(surface.height_rms_m[owner], cos_in, wavelength_m) * np.sqrt(1 - surface.scattering[owner] ** 2)
     across = _across(incoming, normal)
-    before, after = _cross(across, incoming), _cross(across, outgoing)
+    before, after = cross(across, incoming), cross(across, outgoing)
     old = field[rows]
     field[rows] = (
         (rough * te * np.einsum("ij,ij->i", old, across))[:, None] * across
@@ -213,7 +217,7 @@ def _pass(faces, paths, way, surface, eta, wavelength_m, field, crossing, leg) -
         cos_in = np.clip(np.abs(np.einsum("ij,ij->i", direction, normal)), 1e-9, 1)
         _, _, te, tm = slab(eta[owner], surface.thickness_m[owner], cos_in, wavelength_m)
         across = _across(direction, normal)
-        along = _cross(across, direction)
+        along = cross(across, direction)
         old = field[rows]
         field[rows] = (te * np.einsum("ij,ij->i", old, across))[:, None] * across + (tm * np.einsum("ij,ij->i", old, along))[
             :, None

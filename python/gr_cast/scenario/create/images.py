@@ -124,6 +124,35 @@ def chosen(paths: Paths, keep: np.ndarray) -> Paths:
     )
 
 
+def joined_paths(parts: Sequence[Paths], counts: Sequence[int]) -> Paths:
+    """Paths between several lists of pairs of points, `counts` long, as those of one list."""
+    pairs, paths = (np.concatenate([[0], np.cumsum(lengths)]) for lengths in (counts, [len(part.pair) for part in parts]))
+    return Paths(
+        pair=np.concatenate([part.pair + first for part, first in zip(parts, pairs, strict=False)]),
+        faces=np.concatenate([part.faces for part in parts]),
+        crossing_path=np.concatenate([part.crossing_path + first for part, first in zip(parts, paths, strict=False)]),
+        crossing_leg=np.concatenate([part.crossing_leg for part in parts]),
+        crossing_face=np.concatenate([part.crossing_face for part in parts]),
+    )
+
+
+def parted_paths(paths: Paths, counts: Sequence[int]) -> list[Paths]:
+    """What `joined_paths` joined."""
+    pairs = np.concatenate([[0], np.cumsum(counts)])
+    first = np.searchsorted(paths.pair, pairs)
+    crossing = np.searchsorted(paths.crossing_path, first)
+    return [
+        Paths(
+            pair=paths.pair[a:b] - pair,
+            faces=paths.faces[a:b],
+            crossing_path=paths.crossing_path[c:d] - a,
+            crossing_leg=paths.crossing_leg[c:d],
+            crossing_face=paths.crossing_face[c:d],
+        )
+        for pair, a, b, c, d in zip(pairs, first, first[1:], crossing, crossing[1:], strict=False)
+    ]
+
+
 def _first_sign(normals: np.ndarray) -> np.ndarray:
     """Sign of the first component that is not nil."""
     first = np.argmax(np.abs(normals) > 1e-6, axis=1)

@@ -106,8 +106,11 @@ def coefficient(n, k, distance, sin_beta, phi_in, phi_out, r0, rn) -> np.ndarray
     return -np.exp(-1j * np.pi / 4) / (2 * n * np.sqrt(2 * np.pi * k) * sin_beta) * out
 
 
-def paths(edges: Edges, faces, surface, carrier_hz: float, tx_m: np.ndarray, rx_m: np.ndarray, tx_antenna, rx_antenna):
-    """Instant, gain and length of every diffracted path (n,) from point i of `tx_m` to point i of `rx_m` (P, 3)."""
+def paths(edges: Edges, faces, surface, carrier_hz: float, tx_m: np.ndarray, rx_m: np.ndarray, send, take):
+    """Number i, gain and length of every diffracted path (n,) from point i of `tx_m` to point i of `rx_m` (P, 3).
+
+    `send(i, direction)` and `take(i, direction)` give the antennas' fields (n, 3) along directions (n, 3) away from them.
+    """
     wavelength_m = fields.SPEED_OF_LIGHT_M_PER_S / carrier_hz
     keep = np.flatnonzero(surface.present[edges.owner])
     row, edge = (grid.ravel() for grid in np.meshgrid(np.arange(len(tx_m)), keep, indexing="ij"))
@@ -125,14 +128,15 @@ def paths(edges: Edges, faces, surface, carrier_hz: float, tx_m: np.ndarray, rx_
     phi_in, phi_out = (_angle(edges, edge, v) for v in (-first, second))
     limit = edges.n[edge] * np.pi
     free = (phi_in > 1e-6) & (phi_in < limit - 1e-6) & (phi_out > 1e-6) & (phi_out < limit - 1e-6)
-    points = np.stack([tx_m[row], point_m, rx_m[row]], axis=1)
-    path, _, face, _ = images.crossings(faces, points, np.zeros((len(row), 1), np.int64))
-    solid = surface.present & ~surface.clear
-    free[path[solid[faces.owner[face]]]] = False
+    at = np.flatnonzero(free)
+    points = np.stack([tx_m[row[at]], point_m[at], rx_m[row[at]]], axis=1)
+    solid = (surface.present & ~surface.clear)[faces.owner]
+    path, *_ = images.crossings(faces, points, np.zeros((len(at), 1), np.int64), solid)
+    free[at[path]] = False
     row, edge, along, first, second, s_in, s_out, phi_in, phi_out = (
         v[free] for v in (row, edge, along, first, second, s_in, s_out, phi_in, phi_out)
     )
-    sin_beta = np.maximum(np.linalg.norm(np.cross(first, along), axis=1), 1e-6)
+    sin_beta = np.maximum(np.linalg.norm(fields.cross(first, along), axis=1), 1e-6)
     k, n = 2 * np.pi / wavelength_m, edges.n[edge]
     eta = surface.permittivity - 1j * surface.conductivity * wavelength_m * fields.OHM_60
     owner = edges.owner[edge]
@@ -145,10 +149,10 @@ def paths(edges: Edges, faces, surface, carrier_hz: float, tx_m: np.ndarray, rx_
     distance = s_in * s_out / (s_in + s_out) * sin_beta**2
     soft, hard = (coefficient(n, k, distance, sin_beta, phi_in, phi_out, coefficients[0][p], coefficients[1][p]) for p in (0, 1))
     # Edge-fixed axes: φ across edge and ray, β completes them; soft: the field along β.
-    phi_a = -np.cross(along, first) / sin_beta[:, None]
-    phi_b = np.cross(along, second) / sin_beta[:, None]
-    beta_a, beta_b = np.cross(phi_a, first), np.cross(phi_b, second)
-    sent, taken = fields.far_field(tx_antenna, first), fields.far_field(rx_antenna, -second)
+    phi_a = -fields.cross(along, first) / sin_beta[:, None]
+    phi_b = fields.cross(along, second) / sin_beta[:, None]
+    beta_a, beta_b = fields.cross(phi_a, first), fields.cross(phi_b, second)
+    sent, taken = send(row, first), take(row, -second)
     dot = lambda u, v: np.einsum("ij,ij->i", u, v)  # noqa: E731
     field = -soft * dot(sent, beta_a) * dot(taken, beta_b) - hard * dot(sent, phi_a) * dot(taken, phi_b)
     spread = np.sqrt(1 / (s_in * s_out * (s_in + s_out)))

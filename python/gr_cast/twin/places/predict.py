@@ -2,7 +2,7 @@
 """What a world sounds like on the links of one sounding: H(f, t) = Σ a·exp(−j2π(f_c + f)τ) over its paths."""
 
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,7 @@ from . import passer
 from .world import Radio, World
 
 _KEPT = 4000  # links in memory
+_AT_ONCE = 2_000_000  # phasors in memory at the same time
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,33 +48,42 @@ class Predictor:
         self._tables: OrderedDict = OrderedDict()
 
     def response(self, world: World) -> np.ndarray:
-        return np.stack([self.link_response(world, index) for index in range(len(self.links))])
+        return np.stack(self._responses(world, range(len(self.links))))
 
     def link_response(self, world: World, index: int) -> np.ndarray:
         """(T, K) of one link."""
-        tx, rx = (world.radios[name] for name in self.links[index])
-        cables = tx.gain_db + rx.gain_db, tx.delay_s + rx.delay_s, world.link_loss_db.get(self.links[index], 0.0)
+        return self._responses(world, [index])[0]
+
+    def _responses(self, world: World, which: Sequence[int]) -> list[np.ndarray]:
         # Edges and echoes of a person see objects that no specular path touches.
         others = surface_key(world.surface) if world.diffraction or world.person else b""
-        key = self._key(world, index), cables, world.diffraction, world.person, others
-        return _remember(self._known, key, lambda: self._compute(world, index))
+        law = world.diffraction, world.person, others
+        keys = [(key, law) for key in self._keys(world, which)]
+        heard = _remembered(self._known, keys, lambda missing: self._compute(world, [which[one] for one in missing]))
+        shape = len(self.time_s), len(self.frequency_hz)
+        return [np.broadcast_to(h * self.cables(world, index), shape) for index, h in zip(which, heard, strict=True)]
 
-    def _key(self, world: World, index: int):
-        """Of what the paths' gains depend on: its ends, and the surfaces that they touch."""
-        ends = tuple(radio_key(world.radios[name]) for name in self.links[index])
-        rows = surface_key(world.surface, self.traced(world, index).touched)
-        law = world.carrier_hz, world.exponent, world.loss_db_per_m
-        return self._geometry_key(world, index), ends, world.mesh.key, rows, law
+    def _keys(self, world: World, which: Sequence[int]) -> list:
+        """Of what the gains of links' paths depend on: their ends, and the surfaces that they touch."""
+        law = world.mesh.key, world.carrier_hz, world.exponent, world.loss_db_per_m
+        keys = []
+        for index, traced in zip(which, self._traced_of(world, which), strict=True):
+            ends = tuple(radio_key(world.radios[name]) for name in self.links[index])
+            keys.append((self._geometry_key(world, index), ends, law, surface_key(world.surface, traced.touched)))
+        return keys
 
     def remembered(self, key, make):
         """What others compute of a link and want to keep."""
-        return _remember(self._known, key, make)
+        return _remembered(self._known, [key], lambda _: [make()])[0]
 
     def traced(self, world: World, index: int) -> Traced:
         """The paths of a link, as they are in the world that this one is frozen at."""
+        return self._traced_of(world, [index])[0]
+
+    def _traced_of(self, world: World, which: Sequence[int]) -> list[Traced]:
+        keys = [self._geometry_key(world, index) for index in which]
         base = world.frozen or world
-        key = self._geometry_key(world, index)
-        return _remember(self._traced, key, lambda: self._trace(base, index))
+        return _remembered(self._traced, keys, lambda missing: self._trace(base, [which[one] for one in missing]))
 
     def _geometry_key(self, world: World, index: int):
         base = world.frozen or world
@@ -95,69 +105,123 @@ class Predictor:
         """Both ends (T, 3)."""
         return tuple(np.broadcast_to(end, (len(self.time_s), 3)) for end in self._ends_m(world, index))
 
-    def _trace(self, world: World, index: int) -> Traced:
-        tx_m, rx_m = self._ends_m(world, index)
-        faces = world.faces
+    def _trace(self, world: World, which: Sequence[int]) -> list[Traced]:
+        faces, (tx_m, rx_m, counts) = world.faces, self._pairs(world, which)
         paths = images.search(faces, tx_m, rx_m, world.max_depth)
-        met = np.concatenate([paths.faces[paths.faces >= 0], paths.crossing_face])
-        return Traced(paths=paths, touched=np.unique(faces.owner[met]))
+        return [Traced(paths=part, touched=_touched(faces, part)) for part in images.parted_paths(paths, counts)]
+
+    def _pairs(self, world: World, which: Sequence[int]) -> tuple[np.ndarray, np.ndarray, list[int]]:
+        """Ends (P, 3) of links one after the other, and how many pairs each has."""
+        ends = [self._ends_m(world, index) for index in which]
+        tx_m, rx_m = (np.concatenate(side) for side in zip(*ends, strict=True))
+        return tx_m, rx_m, [len(one) for one, _ in ends]
 
     def cables(self, world: World, index: int) -> np.ndarray:
         """(K,) what both ends' cables and the link's own loss do to a response."""
         tx, rx = (world.radios[name] for name in self.links[index])
         return world.link_amplitude(self.links[index]) * np.exp(-2j * np.pi * self.frequency_hz * (tx.delay_s + rx.delay_s))
 
-    def path_table(self, world: World, index: int):
+    def path_table(self, world: World, index: int) -> Table:
         """Paths of a link that are there, with instant, gain, optics."""
-        return _remember(self._tables, self._key(world, index), lambda: self._table(world, index))
+        return self._tables_of(world, [index])[0]
 
-    def _table(self, world: World, index: int) -> Table:
-        tx, rx = (world.radios[name] for name in self.links[index])
+    def _tables_of(self, world: World, which: Sequence[int]) -> list[Table]:
+        keys = self._keys(world, which)
+        return _remembered(self._tables, keys, lambda missing: self._tabled(world, [which[one] for one in missing]))
+
+    def _tabled(self, world: World, which: Sequence[int]) -> list[Table]:
         base = world.frozen or world
         faces = world.mesh.thick if base.is_clear else world.mesh.thin
-        paths = fields.unblocked(faces, self.traced(world, index).paths, world.surface)
-        tx_m, rx_m = self._ends_m(world, index)
+        tx_m, rx_m, counts = self._pairs(world, which)
+        known = images.joined_paths([traced.paths for traced in self._traced_of(world, which)], counts)
+        paths = fields.unblocked(faces, known, world.surface)
         way = fields.optics(faces, paths.faces, tx_m[paths.pair], rx_m[paths.pair])
-        start, end = fields.far_field(tx.antenna, way.direction[:, 0]), fields.far_field(rx.antenna, -way.direction[:, -1])
+        link = np.repeat(np.arange(len(which)), counts)[paths.pair]
+        start, end = (
+            self._fields(world, which, side, link, direction)
+            for side, direction in ((0, way.direction[:, 0]), (1, -way.direction[:, -1]))
+        )
         gain = fields.gains(faces, paths, way, world.surface, start, end, world.carrier_hz)
         if world.exponent != 2.0:
             gain = gain * way.length_m ** ((2.0 - world.exponent) / 2)
         if world.loss_db_per_m:
             gain = gain * amplitude_from_db(-world.loss_db_per_m * way.length_m)
-        return Table(paths=paths, instant=paths.pair, gain=gain, way=way, many=len(tx_m))
+        bounds = np.searchsorted(link, np.arange(len(which) + 1))
+        parts = zip(images.parted_paths(paths, counts), bounds, bounds[1:], counts, strict=False)
+        return [
+            Table(paths=part, instant=part.pair, gain=gain[a:b], way=fields.rows_of(way, slice(a, b)), many=many)
+            for part, a, b, many in parts
+        ]
 
-    def _compute(self, world: World, index: int) -> np.ndarray:
-        tx, rx = (world.radios[name] for name in self.links[index])
-        table = self.path_table(world, index)
-        instant, gain, way, many = table.instant, table.gain, table.way, table.many
-        length_m = way.length_m
-        if world.person is not None:
-            instant, gain, length_m, many = passer.with_person(world, self, index, instant, gain, way, many)
+    def _compute(self, world: World, which: Sequence[int]) -> list[np.ndarray]:
+        """Responses (T or 1, K) between the antennas of links."""
+        rows = []
+        for index, table in zip(which, self._tables_of(world, which), strict=True):
+            row = table.instant, table.gain, table.way.length_m, table.many
+            if world.person is not None:
+                row = passer.with_person(world, self, index, *row[:2], table.way, table.many)
+            rows.append(row)
+        counts = [many for *_, many in rows]
+        first = np.concatenate([[0], np.cumsum(counts)])
+        instant = np.concatenate([one + begin for (one, *_), begin in zip(rows, first, strict=False)])
+        gain, length_m = (np.concatenate([row[part] for row in rows]) for part in (1, 2))
         if world.diffraction:
-            ends = self.ends_m(world, index) if many > 1 else self._ends_m(world, index)
-            more = wedges.paths(world.mesh.edges, world.faces, world.surface, world.carrier_hz, *ends, tx.antenna, rx.antenna)
-            instant, gain, length_m = (np.concatenate([a, b]) for a, b in zip((instant, gain, length_m), more, strict=True))
-        response = summed(instant, gain, length_m, many, world.carrier_hz, self.frequency_hz)
-        return np.broadcast_to(response * self.cables(world, index), (len(self.time_s), len(self.frequency_hz)))
+            more = self._diffracted(world, which, counts)
+            instant, gain, length_m = (np.concatenate(pair) for pair in zip((instant, gain, length_m), more, strict=True))
+        sums = summed(instant, gain, length_m, int(first[-1]), world.carrier_hz, self.frequency_hz)
+        return [sums[a:b] for a, b in zip(first, first[1:], strict=False)]
+
+    def _diffracted(self, world: World, which: Sequence[int], counts: list[int]):
+        ends = [self._ends_m(world, index) for index in which]
+        tx_m, rx_m = (
+            np.concatenate([np.broadcast_to(end[side], (many, 3)) for end, many in zip(ends, counts, strict=True)])
+            for side in (0, 1)
+        )
+        link = np.repeat(np.arange(len(which)), counts)
+        send, take = (lambda at, direction, s=s: self._fields(world, which, s, link[at], direction) for s in (0, 1))
+        return wedges.paths(world.mesh.edges, world.faces, world.surface, world.carrier_hz, tx_m, rx_m, send, take)
+
+    def _fields(self, world: World, which: Sequence[int], side: int, link: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Fields (n, 3) of one end's antennas along directions (n, 3), number i on link `which[link[i]]`."""
+        antennas = [world.radios[self.links[index][side]].antenna for index in which]
+        out = np.empty(direction.shape)
+        for antenna in set(antennas):
+            own = np.array([one == antenna for one in antennas])[link]
+            out[own] = fields.far_field(antenna, direction[own])
+        return out
+
+
+def _touched(faces: images.Faces, paths: images.Paths) -> np.ndarray:
+    return np.unique(faces.owner[np.concatenate([paths.faces[paths.faces >= 0], paths.crossing_face])])
 
 
 def summed(instant, gain, length_m, many: int, carrier_hz: float, frequency_hz: np.ndarray) -> np.ndarray:
     """Sum of paths per instant, (many, K). Frequencies in equal steps go on from one to the next."""
     out = np.zeros((many, len(frequency_hz)), complex)
     rows = np.flatnonzero(gain)
-    if not len(rows):
-        return out
-    order = rows[np.argsort(instant[rows], kind="stable")]
-    delay_s = length_m[order] / SPEED_OF_LIGHT_M_PER_S
-    phasors = np.empty((len(order), len(frequency_hz)), complex)
-    phasors[:, 0] = gain[order] * np.exp(-2j * np.pi * np.fmod((carrier_hz + frequency_hz[0]) * delay_s, 1.0))
+    rows = rows[np.argsort(instant[rows], kind="stable")]
+    where, first = np.unique(instant[rows], return_index=True)
+    first = np.append(first, len(rows))
+    begin = 0
+    while begin < len(where):
+        most = first[begin] + max(1, _AT_ONCE // len(frequency_hz))
+        end = max(begin + 1, int(np.searchsorted(first, most, side="right")) - 1)
+        part = rows[first[begin] : first[end]]
+        phasors = _phasors(gain[part], length_m[part] / SPEED_OF_LIGHT_M_PER_S, carrier_hz, frequency_hz)
+        out[where[begin:end]] = np.add.reduceat(phasors, first[begin:end] - first[begin], axis=1).T
+        begin = end
+    return out
+
+
+def _phasors(gain: np.ndarray, delay_s: np.ndarray, carrier_hz: float, frequency_hz: np.ndarray) -> np.ndarray:
+    """gain·exp(−j2π(f_c + f)τ), (K, n)."""
+    phasors = np.empty((len(frequency_hz), len(gain)), complex)
+    phasors[0] = gain * np.exp(-2j * np.pi * np.fmod((carrier_hz + frequency_hz[0]) * delay_s, 1.0))
     if len(frequency_hz) > 1:
         step = np.exp(-2j * np.pi * (frequency_hz[1] - frequency_hz[0]) * delay_s)
         for k in range(1, len(frequency_hz)):
-            np.multiply(phasors[:, k - 1], step, out=phasors[:, k])
-    where, first = np.unique(instant[order], return_index=True)
-    out[where] = np.add.reduceat(phasors, first, axis=0)
-    return out
+            np.multiply(phasors[k - 1], step, out=phasors[k])
+    return phasors
 
 
 def radio_key(radio: Radio):
@@ -170,11 +234,15 @@ def surface_key(surface: fields.Surface, which=slice(None)) -> bytes:
     return b"".join(values[which].tobytes() for values in vars(surface).values())
 
 
-def _remember(memory: OrderedDict, key, make):
-    if key in memory:
+def _remembered(memory: OrderedDict, keys: Sequence, make) -> list:
+    """Values by keys; `make(numbers of the missing ones)` gives those that the memory lacks, all at once."""
+    if missing := [number for number, key in enumerate(keys) if key not in memory]:
+        for number, value in zip(missing, make(missing), strict=True):
+            memory[keys[number]] = value
+    found = []
+    for key in keys:
         memory.move_to_end(key)
-        return memory[key]
-    memory[key] = value = make()
-    if len(memory) > _KEPT:
+        found.append(memory[key])
+    while len(memory) > _KEPT:
         memory.popitem(last=False)
-    return value
+    return found
