@@ -9,6 +9,7 @@ import numpy as np
 from ...twin.places.families.base import Effect
 from ...twin.places.world import World, frozen
 from . import diffuse
+from .bending import loosened
 from .ears import PowerEar, ResponseEar
 from .likelihood import Fitted
 
@@ -49,7 +50,7 @@ def applied(base: World, effects: Sequence[Effect]) -> World:
 
 def evaluated(ears: Sequence[Ear], base: World, effects: Sequence[Effect]) -> Model:
     world = applied(base, effects)
-    fits = tuple(ear.profiled(ear.predicted(world)) for ear in ears)
+    fits = tuple(loosened(ear, ear.profiled(ear.predicted(world)), world) for ear in ears)
     plain = sum(fit.energy for fit in fits)
     scattered = [diffuse.gain(ear, fit, world) for ear, fit in zip(ears, fits, strict=True)]
     energy, whitened = (plain - sum(pair[part] for pair in scattered) for part in (0, 1))

@@ -17,3 +17,5 @@ DIFFUSE_SHARE = 0.03  # of the energy of scattered fields: bins of delay are no 
 STIFF_SHARE = 0.25  # of the excess energy that one deterministic effect explains: then no random field is asked yet
 QUIET_DEVIATIONS = 1.5  # of the energy of noise: below, wide searches for what moves by wavelengths are spared
 RIVALS_SHARE = 0.3  # of the time of a search: a cause is told only beside what else it might have been
+EDGE_SHARE = 0.5  # of the theory's strength by which an edge's may differ: slabs and corners are no half-planes
+EDGE_NATS = 0.5  # of such a difference: below, an edge's strength is as the theory has it

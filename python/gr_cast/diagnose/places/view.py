@@ -335,7 +335,9 @@ class View:
             for index, link in enumerate(ear.predictor.links):
                 world, ends_m = self.world, ear.predictor.ends_m(self.world, index)
                 ends = (partial(_from, self.world.radios[name].antenna) for name in link)
-                _, gain, length_m = wedges.paths(world.mesh.edges, world.faces, world.surface, world.carrier_hz, *ends_m, *ends)
+                _, gain, length_m, _ = wedges.paths(
+                    world.mesh.edges, world.faces, world.surface, world.carrier_hz, *ends_m, *ends
+                )
                 if len(gain):
                     free = self.world.wavelength_m / (4 * np.pi * length_m)
                     best = max(best, float(db_from_amplitude(np.abs(gain) / free).max()))

@@ -11,6 +11,7 @@ from . import fields, images
 from .geometry import Solid
 
 _SAME_PLACE = 5  # decimals of a metre
+_ON_FACE_M = 1e-4  # nearer to a face than this is on it: where two walls meet no edge is free
 _TINY = 1e-12
 
 
@@ -28,11 +29,11 @@ class Edges:
     owner: np.ndarray
 
 
-def edges_of(solids: tuple[Solid, ...]) -> Edges:
-    """Free edges of sheets (n = 2) and outward edges between two faces of hulls."""
+def edges_of(solids: tuple[Solid, ...], faces: images.Faces) -> Edges:
+    """Free edges of sheets (n = 2) and outward edges between two faces of hulls; none that lies on a face of another object."""
     rows = []
     for index, solid in enumerate(solids):
-        rows += _edges(index, solid)
+        rows += [row for row in _edges(index, solid) if _is_free(row, faces)]
     if not rows:
         empty = np.zeros((0, 3))
         return Edges(
@@ -71,6 +72,13 @@ def _edges(index: int, solid: Solid) -> list[tuple]:
     return out
 
 
+def _is_free(row: tuple, faces: images.Faces) -> bool:
+    begin, along, length_m, *_, owner = row
+    middle = begin + along * length_m / 2
+    near = np.flatnonzero((faces.owner != owner) & (np.abs(faces.normal @ middle - faces.level_m) < _ON_FACE_M))
+    return not images.on_face(faces, near, np.broadcast_to(middle, (len(near), 3))).any()
+
+
 def _inward(triangle_m: np.ndarray, begin: np.ndarray, along: np.ndarray) -> np.ndarray:
     away = triangle_m - begin
     away = away - (away @ along)[:, None] * along
@@ -107,7 +115,7 @@ def coefficient(n, k, distance, sin_beta, phi_in, phi_out, r0, rn) -> np.ndarray
 
 
 def paths(edges: Edges, faces, surface, carrier_hz: float, tx_m: np.ndarray, rx_m: np.ndarray, send, take):
-    """Number i, gain and length of every diffracted path (n,) from point i of `tx_m` to point i of `rx_m` (P, 3).
+    """Number i, gain, length and edge of every diffracted path (n,) from point i of `tx_m` to point i of `rx_m` (P, 3).
 
     `send(i, direction)` and `take(i, direction)` give the antennas' fields (n, 3) along directions (n, 3) away from them.
     """
@@ -131,8 +139,9 @@ def paths(edges: Edges, faces, surface, carrier_hz: float, tx_m: np.ndarray, rx_
     at = np.flatnonzero(free)
     points = np.stack([tx_m[row[at]], point_m[at], rx_m[row[at]]], axis=1)
     solid = (surface.present & ~surface.clear)[faces.owner]
-    path, *_ = images.crossings(faces, points, np.zeros((len(at), 1), np.int64), solid)
-    free[at[path]] = False
+    path, leg, _, share = images.crossings(faces, points, np.zeros((len(at), 1), np.int64), solid)
+    beyond_m = np.where(leg == 0, (1 - share) * s_in[at[path]], share * s_out[at[path]])
+    free[at[path[beyond_m > _ON_FACE_M]]] = False  # nearer are the faces that meet in the edge
     row, edge, along, first, second, s_in, s_out, phi_in, phi_out = (
         v[free] for v in (row, edge, along, first, second, s_in, s_out, phi_in, phi_out)
     )
@@ -156,7 +165,7 @@ def paths(edges: Edges, faces, surface, carrier_hz: float, tx_m: np.ndarray, rx_
     dot = lambda u, v: np.einsum("ij,ij->i", u, v)  # noqa: E731
     field = -soft * dot(sent, beta_a) * dot(taken, beta_b) - hard * dot(sent, phi_a) * dot(taken, phi_b)
     spread = np.sqrt(1 / (s_in * s_out * (s_in + s_out)))
-    return row, wavelength_m / (4 * np.pi) * spread * field, s_in + s_out
+    return row, wavelength_m / (4 * np.pi) * spread * field, s_in + s_out, edge
 
 
 def _angle(edges: Edges, edge: np.ndarray, direction: np.ndarray) -> np.ndarray:

@@ -35,6 +35,17 @@ class Table:
     many: int
 
 
+@dataclass(frozen=True, kw_only=True)
+class Bent:
+    """Diffracted paths of a link: `instant` (n,) of `many`, `gain` without the phase of the delay, length, number of the edge."""
+
+    instant: np.ndarray
+    gain: np.ndarray
+    length_m: np.ndarray
+    edge: np.ndarray
+    many: int
+
+
 class Predictor:
     """Responses (L, T, K) of worlds on links (tx, rx names) at `time_s` (T,) and `frequency_hz` (K,) from the carrier.
     Nodes that were `tracked`, name → (T, 3), are there and not where their SPEC has them."""
@@ -46,6 +57,7 @@ class Predictor:
         self._traced: OrderedDict = OrderedDict()
         self._known: OrderedDict = OrderedDict()
         self._tables: OrderedDict = OrderedDict()
+        self._bent: OrderedDict = OrderedDict()
 
     def response(self, world: World) -> np.ndarray:
         return np.stack(self._responses(world, range(len(self.links))))
@@ -161,25 +173,42 @@ class Predictor:
             if world.person is not None:
                 row = passer.with_person(world, self, index, *row[:2], table.way, table.many)
             rows.append(row)
-        counts = [many for *_, many in rows]
-        first = np.concatenate([[0], np.cumsum(counts)])
+        found = self._summed(world, rows)
+        if world.diffraction:
+            bent = [(one.instant, one.gain, one.length_m, one.many) for one in self._bent_of(world, which)]
+            found = [a + b for a, b in zip(found, self._summed(world, bent), strict=True)]
+        return found
+
+    def _summed(self, world: World, rows: list[tuple]) -> list[np.ndarray]:
+        """Responses (instants, K) of rows (instant, gain, length_m, how many instants)."""
+        first = np.concatenate([[0], np.cumsum([many for *_, many in rows])])
         instant = np.concatenate([one + begin for (one, *_), begin in zip(rows, first, strict=False)])
         gain, length_m = (np.concatenate([row[part] for row in rows]) for part in (1, 2))
-        if world.diffraction:
-            more = self._diffracted(world, which, counts)
-            instant, gain, length_m = (np.concatenate(pair) for pair in zip((instant, gain, length_m), more, strict=True))
         sums = summed(instant, gain, length_m, int(first[-1]), world.carrier_hz, self.frequency_hz)
         return [sums[a:b] for a, b in zip(first, first[1:], strict=False)]
 
-    def _diffracted(self, world: World, which: Sequence[int], counts: list[int]):
-        ends = [self._ends_m(world, index) for index in which]
-        tx_m, rx_m = (
-            np.concatenate([np.broadcast_to(end[side], (many, 3)) for end, many in zip(ends, counts, strict=True)])
-            for side in (0, 1)
-        )
+    def bent(self, world: World, index: int) -> Bent:
+        """The diffracted paths of a link."""
+        return self._bent_of(world, [index])[0]
+
+    def _bent_of(self, world: World, which: Sequence[int]) -> list[Bent]:
+        law = world.mesh.key, world.carrier_hz, surface_key(world.surface)
+        keys = [(index, *(radio_key(world.radios[name]) for name in self.links[index]), law) for index in which]
+        return _remembered(self._bent, keys, lambda missing: self._diffracted(world, [which[one] for one in missing]))
+
+    def _diffracted(self, world: World, which: Sequence[int]) -> list[Bent]:
+        tx_m, rx_m, counts = self._pairs(world, which)
         link = np.repeat(np.arange(len(which)), counts)
         send, take = (lambda at, direction, s=s: self._fields(world, which, s, link[at], direction) for s in (0, 1))
-        return wedges.paths(world.mesh.edges, world.faces, world.surface, world.carrier_hz, tx_m, rx_m, send, take)
+        found = wedges.paths(world.mesh.edges, world.faces, world.surface, world.carrier_hz, tx_m, rx_m, send, take)
+        first = np.concatenate([[0], np.cumsum(counts)])
+        bounds = np.searchsorted(found[0], first)
+        return [
+            Bent(instant=at - begin, gain=gain, length_m=length_m, edge=edge, many=many)
+            for begin, many, (at, gain, length_m, edge) in zip(
+                first, counts, ([part[a:b] for part in found] for a, b in zip(bounds, bounds[1:], strict=False)), strict=False
+            )
+        ]
 
     def _fields(self, world: World, which: Sequence[int], side: int, link: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Fields (n, 3) of one end's antennas along directions (n, 3), number i on link `which[link[i]]`."""

@@ -63,7 +63,7 @@ class Mesh:
 
     @cached_property
     def edges(self) -> Edges:
-        return edges_of(self.solids)
+        return edges_of(self.solids, self.thin)
 
     @cached_property
     def patches(self):

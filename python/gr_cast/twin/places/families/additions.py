@@ -13,7 +13,7 @@ from .base import Effect, Family, std_of, value
 _MATERIALS = ((1.0, 1e7), (6.0, 0.05), (2.5, 0.03))  # permittivity and conductivity (S/m) to begin with: metal, stone, board
 _PERMITTIVITIES = (1.5, 2.0, 2.7, 3.4, 4.2, 5.2, 6.3, 7.5, 10.0, 15.0)  # to begin anew with, once the plane is where it is
 _FAR_M = 3.0  # that a plane may move from where it was imaged
-_RADIUS_M, _HEIGHT_M = 0.4, 1.8  # of a person, to begin with
+_RADII_M, _HEIGHT_M = (0.4, 0.2, 0.9), 1.8  # of a person or a vehicle: how wide a shadow is; height to begin with
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,16 +113,19 @@ class MovingScatterer(Family):
 
     def starts(self, view, owner):
         return [
-            Effect(family=self, owner=owner, values=np.array([*place, *speed, np.log(area), _HEIGHT_M]))
+            Effect(family=self, owner=owner, values=np.array([*place, *speed, np.log(area), _HEIGHT_M]), choice=_RADII_M[0])
             for place, speed in view.passers(_HEIGHT_M / 2)
             for area in (1.0, 8.0)
         ]
+
+    def restarts(self, effect):
+        return [replace(effect, choice=radius_m) for radius_m in _RADII_M[1:]]
 
     def apply(self, world, effect):
         x, y, vx, vy, area, height_m = effect.values
         person = Person(
             position_m=(x, y, 0.0), velocity_m_per_s=(vx, vy, 0.0), cross_section_m2=float(np.exp(area)),
-            radius_m=_RADIUS_M, height_m=float(height_m),
+            radius_m=effect.choice, height_m=float(height_m),
         )  # fmt: skip
         return replace(world, person=person)
 

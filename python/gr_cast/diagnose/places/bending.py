@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Diffraction is known less well than mirror images: real corners are no perfect wedges. How strong each edge bends on a link is
+therefore a random number about what the theory says, and what the sounding says of it is taken out of the residual."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...core.units import SPEED_OF_LIGHT_M_PER_S
+from . import policy
+
+
+def loosened(ear, fit, world):
+    """The fit with the likeliest strength of every edge on every link, Gaussian about the theory; energy: all strengths alike."""
+    if not ear.has_responses or not world.diffraction:
+        return fit
+    model, residual = fit.model.copy(), fit.residual.copy()
+    price = 0.0
+    for index in range(len(ear.heard.links)):
+        columns = _columns(ear, fit, world, index)
+        if not len(columns):
+            continue
+        weight = ear.heard.weight[index]
+        inner = np.einsum("etk,ftk->ef", columns.conj(), columns * weight) * policy.EDGE_SHARE**2
+        side = (columns.conj() * (residual[index] * weight)).sum(axis=(1, 2)) * policy.EDGE_SHARE
+        inner[np.diag_indices(len(inner))] += 1
+        change = np.linalg.solve(inner, side)
+        more = policy.EDGE_SHARE * np.einsum("e,etk->tk", change, columns)
+        model[index] += more
+        residual[index] -= np.where(weight > 0, more, 0)
+        price += float((np.abs(change) ** 2).sum() + np.linalg.slogdet(inner)[1])
+    energy = float((np.abs(residual) ** 2 * ear.heard.weight).sum()) + price
+    return replace(fit, model=model, residual=residual, energy=energy, offset=fit.offset + price)
+
+
+def _columns(ear, fit, world, index: int) -> np.ndarray:
+    """(E, T, K): what each edge that counts gives to a link's response."""
+    bent, predictor = ear.predictor.bent(world, index), ear.predictor
+    weight = ear.heard.weight[index]
+    scale = predictor.cables(world, index) * fit.factor[index]
+    strength = np.bincount(bent.edge, np.abs(bent.gain) ** 2) / bent.many * (np.abs(scale) ** 2 * weight).sum()
+    use = strength[bent.edge] * policy.EDGE_SHARE**2 > policy.EDGE_NATS if len(bent.edge) else np.zeros(0, bool)
+    edges, place = np.unique(bent.edge[use], return_inverse=True)
+    columns = np.zeros((len(edges), bent.many, weight.shape[1]), complex)
+    delay_s = bent.length_m[use] / SPEED_OF_LIGHT_M_PER_S
+    turns = np.outer(delay_s, predictor.frequency_hz) + np.fmod(world.carrier_hz * delay_s, 1.0)[:, None]
+    columns[place, bent.instant[use]] = bent.gain[use, None] * np.exp(-2j * np.pi * turns)
+    return columns * scale

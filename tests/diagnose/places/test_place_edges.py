@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Edges of a yard bend as those of another tracer (tests/bench/places), and nobody is accused of how strongly they do."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gr_cast.diagnose.places.ears import ResponseEar
+from gr_cast.diagnose.places.fit import evaluated
+from gr_cast.diagnose.places.likelihood import Heard
+from gr_cast.scenario.create.fields import surface_of
+from gr_cast.scenario.create.geometry import Solid
+from gr_cast.scenario.create.media import Medium
+from gr_cast.scenario.create.nodes import Node
+from gr_cast.twin.places.predict import Predictor
+from gr_cast.twin.places.world import Mesh, Radio, World
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "bench" / "places"))
+from world import new_world, response
+
+CARRIER_HZ, FREQUENCY_HZ, TIME_S = 2e9, np.linspace(-5e7, 5e7, 24), np.array([0.0, 1.0])
+NODES = {"a": [-3.1, 0.4, 1.7], "b": [6.2, 5.3, 1.1], "c": [7.3, -2.2, 2.6]}
+MADE = {"ground": "concrete", "fence": "wood", "shed": "brick"}
+LINKS = [("a", "b"), ("a", "c"), ("b", "c")]
+SIDES = [[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7]]
+SIDES += [[a, b, c] for a in range(4) for b, c in (((a + 1) % 4, (a + 1) % 4 + 4), ((a + 1) % 4 + 4, a + 4))]
+YARD = {
+    "ground": [(-9, -9, 0), (12, -9, 0), (12, 9, 0), (-9, 9, 0)],
+    "fence": [(-1, -4, 0), (9, -4, 0), (9, -4, 2.2), (-1, -4, 2.2)],
+}
+
+
+def box(low, high, turn_rad: float) -> np.ndarray:
+    """Corners (8, 3) at places that no grid of decimals holds."""
+    ring = [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]
+    corners = np.array([[x, y, z] for z in (low[2], high[2]) for x, y in ring])
+    turn = np.array([[np.cos(turn_rad), -np.sin(turn_rad), 0], [np.sin(turn_rad), np.cos(turn_rad), 0], [0, 0, 1]])
+    return corners @ turn.T
+
+
+SHED = box((0.31, 0.17, -0.05), (np.pi, np.e, 2.1234567), 0.2345)
+
+
+def theirs(diffraction: bool) -> dict:
+    flat = {name: np.array(points, float)[[[0, 1, 2], [0, 2, 3]]] for name, points in YARD.items()}
+    node = {"speed_m_per_s": 0.0, "antenna": "dipole", "orientation_rad": [0.1, 0.0, 0.0]}
+    return new_world() | {
+        "objects": {name: {"tris": tris, "surface": None} for name, tris in (flat | {"shed": SHED[SIDES]}).items()},
+        "materials": MADE,
+        "nodes": {name: node | {"waypoints_m": [at_m]} for name, at_m in NODES.items()},
+        "carrier_hz": CARRIER_HZ,
+        "bandwidth_hz": 1e8,
+        "max_depth": 1,
+        "diffraction": diffraction,
+    }
+
+
+def ours() -> World:
+    solids = [Solid(name=n, vertices_m=np.array(points, float), faces=[[0, 1, 2], [0, 2, 3]]) for n, points in YARD.items()]
+    solids.append(Solid(name="shed", vertices_m=SHED, faces=SIDES))
+    media = {name: Medium(material=material) for name, material in MADE.items()}
+    mesh = Mesh.of(tuple(solids), np.array(list(NODES.values())))
+    told = {"speed_m_per_s": 0.0, "antenna": "dipole", "orientation_rad": (0.1, 0.0, 0.0)}
+    radios = {name: Radio(node=Node(name=name, waypoints_m=[at_m], **told)) for name, at_m in NODES.items()}
+    surface = surface_of([media[name] for name in mesh.names], CARRIER_HZ)
+    return World(mesh=mesh, media=media, surface=surface, radios=radios, carrier_hz=CARRIER_HZ, max_depth=1, diffraction=True)
+
+
+def test_edges_bend_what_another_tracer_bends():
+    predictor = Predictor(*zip(*LINKS, strict=True), TIME_S, FREQUENCY_HZ)
+    bent = predictor.response(ours()) - predictor.response(replace(ours(), diffraction=False))
+    wanted = response(theirs(True), LINKS, TIME_S, FREQUENCY_HZ) - response(theirs(False), LINKS, TIME_S, FREQUENCY_HZ)
+    assert (np.abs(wanted) ** 2).sum(axis=(1, 2)).min() > 0
+    # Where a ray grazes a face, one takes the angle of the nearer of both rays, the other that of each: some per cent.
+    assert (np.abs(bent - wanted) ** 2).sum() < 0.03 * (np.abs(wanted) ** 2).sum()
+
+
+@pytest.mark.parametrize("share", [0.7, 1.0, 1.4])
+def test_how_strongly_edges_bend_is_nobodys_fault(share):
+    plain, whole = (response(theirs(on), LINKS, TIME_S, FREQUENCY_HZ) for on in (False, True))
+    random = np.random.default_rng(8)
+    noise = 0.003 * (np.abs(whole - plain) ** 2).mean()
+    y = plain + share * (whole - plain)
+    y = y + np.sqrt(noise / 2) * (random.normal(size=y.shape) + 1j * random.normal(size=y.shape))
+    unknown = {"phase": "none", "delay": "none", "gain": "none"}
+    told = Heard(links=tuple(LINKS), y=y, weight=np.full(y.shape, 1 / noise), frequency_hz=FREQUENCY_HZ, **unknown)
+    ears = [ResponseEar(Predictor(*zip(*LINKS, strict=True), TIME_S, FREQUENCY_HZ), told)]
+    left = [evaluated(ears, replace(ours(), diffraction=on), ()) for on in (True, False)]
+    above = [(one.whitened - one.offset - told.count) / np.sqrt(told.count) for one in left]
+    assert above[0] < 4 < 100 < above[1]
