@@ -1,7 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: GPL-3.0-or-later
 # PYTHON_ARGCOMPLETE_OK
-"""Scenarios: list the catalogue, show one, convert between YAML, Colosseum's .mat and Zarr, create one from a place, validate."""
+"""Scenarios: list the catalogue, show one, convert between YAML, Colosseum's .mat and Zarr, plan where to sound a place, create
+one from it, validate."""
 
 import argparse
 import os
@@ -14,13 +15,15 @@ from gr_cast import scenario as sc
 from gr_cast.comparing import validation
 from gr_cast.core.errors import CastError
 from gr_cast.core.figures import fixed
-from gr_cast.core.files import write_text
+from gr_cast.core.files import write_json, write_text
 from gr_cast.core.units import db_from_amplitude
 from gr_cast.report import plan, plot
+from gr_cast.report.place import planning as place_planning
 from gr_cast.scenario import colosseum, zarr_file
-from gr_cast.scenario.create import p2m, pipeline
+from gr_cast.scenario.create import materials, model, p2m, pipeline
 from gr_cast.scenario.create.spec import read as read_spec
 from gr_cast.scenario.reduced import reduced
+from gr_cast.twin.places import planning
 
 MAX_ROWS = 40  # of a table on screen; --all shows the rest
 
@@ -158,19 +161,46 @@ def create(args) -> int:
     if python.exists() and Path(sys.prefix) != python.parent.parent:
         # On in the Python that has the ray tracer and Dask: GNU Radio's own stays as it is.
         os.execv(python, [str(python), "-W", "ignore", __file__, *args.argv])
-    path = Path(args.spec)
-    if not path.exists() and (sc.examples_folder() / f"{args.spec}.yaml").exists():
-        path = sc.examples_folder() / f"{args.spec}.yaml"
-    if not path.exists():
-        examples = ", ".join(sorted(example.stem for example in sc.examples_folder().glob("*.yaml")))
-        raise CastError(f"{args.spec}: no such file, and none of the examples: {examples}")
-    spec = read_spec(path)
+    spec = _spec(args.spec)
     folder = Path(args.work or f"{spec.id}.create")
     run = pipeline.Run(folder=folder, tell=lambda line: print(line, flush=True), progress=_program.progress, dask=args.dask)
     record = pipeline.create(spec, run, only=args.until)
     if "install" in record:
         _write_plan(spec.id, folder / "plan.html")
     return 0
+
+
+def _spec(name: str):
+    """The SPEC of a file, or of an example."""
+    path = Path(name)
+    if not path.exists() and (sc.examples_folder() / f"{name}.yaml").exists():
+        path = sc.examples_folder() / f"{name}.yaml"
+    if not path.exists():
+        examples = ", ".join(sorted(example.stem for example in sc.examples_folder().glob("*.yaml")))
+        raise CastError(f"{name}: no such file, and none of the examples: {examples}")
+    return read_spec(path)
+
+
+def plan_soundings(args) -> None:
+    """Before anyone measures: which positions make a place known, and what a campaign cannot see."""
+    spec = _spec(args.spec)
+    solids = materials.assign(model.read(spec)[0], spec.materials, spec.carrier_hz)
+    wanted = planning.Wanted(
+        links=tuple(args.link), anchors=tuple(args.anchor), region_m=args.region, height_m=args.height, step_m=args.step,
+        count=args.positions, max_depth=args.depth, snr_db=args.snr, unknown=tuple(dict.fromkeys(args.unknown)),
+    )  # fmt: skip
+    told = lambda done, total: _program.progress("plan", done, total)  # noqa: E731
+    world, links, anchors, plan_ = planning.of_spec(spec, solids, wanted, told)
+    print(f"{spec.id}: {len(plan_.grid_m)} positions at {args.height:g} m, each sounding with {', '.join(anchors)}")
+    print(f"up to {world.max_depth} reflections, {spec.bandwidth_hz / 1e6:g} MHz, noise {args.snr:g} dB below the median link")
+    print(*place_planning.table(plan_, bool(links)), sep="\n")
+    if args.json:
+        write_json(args.json, place_planning.document(plan_, links, anchors))
+        print(f"plan: {args.json}")
+    if args.plot:
+        title = f"{spec.id}: where to sound, {args.height:g} m above the ground"
+        plot.save(place_planning.figure(plan_, world, links, anchors, title), args.plot)
+        print(f"picture: {args.plot}")
 
 
 def check(args) -> int:
@@ -291,6 +321,33 @@ def main(argv=None) -> int:
     command.add_argument("--tx-power-dbm", type=float, default=0.0, help="power that the files were made with (default 0)")
     command.add_argument("--band", type=_program.rate, default=80e6, metavar="HZ", help="band to fit (default 80e6)")
     command.set_defaults(call=import_paths)
+    command = commands.add_parser("plan", help="where to sound a place before anyone measures, and what a campaign cannot see")
+    command.add_argument("spec", help="SPEC.yaml, or the name of an example: arena, street")
+    command.add_argument("--positions", type=int, default=4, metavar="K", help="how many to choose (default 4)")
+    command.add_argument("--link", action="append", default=[], metavar="TX>RX", help="of a campaign that is made anyway; repeat")
+    command.add_argument(
+        "--anchor",
+        action="append",
+        default=[],
+        metavar="NODE",
+        help="that a position sounds with; repeat (default: all still nodes)",
+    )
+    command.add_argument(
+        "--region", type=float, nargs=4, metavar=("X0", "Y0", "X1", "Y1"), help="in m (default: the box of all nodes)"
+    )
+    command.add_argument("--height", type=float, default=1.5, metavar="M", help="of the positions, z (default 1.5)")
+    command.add_argument("--step", type=float, metavar="M", help="of the grid of positions (default: 150 of them)")
+    command.add_argument(
+        "--depth", type=int, default=2, metavar="N", help="reflections at most (default 2, or the SPEC's if less)"
+    )
+    command.add_argument("--snr", type=float, default=25.0, metavar="DB", help="of the median link, a tone of 32 (default 25)")
+    command.add_argument(
+        "--unknown", nargs="*", default=["phase", "delay"], choices=planning.UNKNOWN,
+        help="what a response does not know of its link (default: phase delay)",
+    )  # fmt: skip
+    command.add_argument("--json", metavar="FILE", help="also the plan as JSON")
+    command.add_argument("--plot", metavar="PNG", help="also the place from above")
+    command.set_defaults(call=plan_soundings)
     command = commands.add_parser("create", help="from a place to an installed scenario, in eight steps that resume")
     command.add_argument("spec", help="SPEC.yaml, or the name of an example: arena, street")
     command.add_argument("--work", metavar="FOLDER", help="results of the steps (default: ID.create in this folder)")

@@ -5,16 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...scenario.create.geometry import is_closed, is_inside
 from ...scenario.create.nodes import Node
 from ...twin.places.predict import Predictor
+from ...twin.places.standing import standing
 from ...twin.places.world import Radio, World
 from . import policy
 from .ears import PowerEar
 from .likelihood import Heard, profiled
 
 NEW = "new"
-_APART_M = 0.3  # from nodes
 
 
 def where_to_sound(ears, hypotheses, unknown: dict):
@@ -40,14 +39,7 @@ def positions(world: World) -> list[np.ndarray]:
     low, high = nodes_m.min(axis=0), nodes_m.max(axis=0)
     random = np.random.default_rng(len(nodes_m))
     tries = low + (high - low) * random.random((4 * policy.POSITIONS, 3))
-    hulls = [solid for solid in world.mesh.solids if is_closed(solid)]
-    rooms = [solid for solid in hulls if all(is_inside(solid, point) for point in nodes_m)]
-    hulls = [solid for solid in hulls if solid not in rooms]
-    good = [
-        point for point in tries
-        if np.linalg.norm(nodes_m - point, axis=1).min() > _APART_M and not any(is_inside(solid, point) for solid in hulls)
-    ]  # fmt: skip
-    return good[: policy.POSITIONS]
+    return [*tries[standing(world, tries)]][: policy.POSITIONS]
 
 
 def separation_nats(heard: Heard, hypotheses, unknown: dict, position_m: np.ndarray) -> float:

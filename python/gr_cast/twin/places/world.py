@@ -2,7 +2,7 @@
 """A place as the forward model needs it. Effects only ever replace parts of a world; what did not change is not computed anew."""
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -15,6 +15,7 @@ from ...scenario.create.images import Faces, faces_of, joined, shifted
 from ...scenario.create.media import Medium
 from ...scenario.create.nodes import Node, position_m
 from ...scenario.create.patches import patches_of
+from ...scenario.create.spec import Spec
 from ...scenario.create.wedges import Edges, edges_of
 from .document import Place
 from .meters import Fading, Meter
@@ -160,14 +161,17 @@ class World:
 
 def of_place(place: Place) -> World:
     """The world that the twin of a place case believes in."""
-    spec = place.spec
+    return of_spec(place.spec, place.solids)
+
+
+def of_spec(spec: Spec, solids: Sequence[Solid]) -> World:
+    """The world of a SPEC and its objects, each with its medium."""
     radios = {node.name: Radio(node=node) for node in spec.nodes}
-    ends_m = [node.waypoints_m for node in spec.nodes]
-    mesh = Mesh.of(place.solids, np.concatenate(ends_m))
-    media = [place.media[name] for name in mesh.names]
-    surface = surface_of(media, spec.carrier_hz, clear=spec.refraction, scatters=spec.scattering)
+    mesh = Mesh.of(tuple(solids), np.concatenate([node.waypoints_m for node in spec.nodes]))
+    media = {solid.name: solid.medium for solid in solids}
+    surface = surface_of([*media.values()], spec.carrier_hz, clear=spec.refraction, scatters=spec.scattering)
     return World(
-        mesh=mesh, media=place.media, surface=surface, radios=radios,
+        mesh=mesh, media=media, surface=surface, radios=radios,
         carrier_hz=spec.carrier_hz, max_depth=spec.max_depth, diffraction=spec.diffraction,
     )  # fmt: skip
 
