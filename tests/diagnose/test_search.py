@@ -17,6 +17,7 @@ from gr_cast.signals import recording
 from gr_cast.twin.effects import FAMILIES
 from gr_cast.twin.effects.base import start
 from gr_cast.twin.model import predict
+from scipy import signal
 
 
 @pytest.fixture
@@ -100,6 +101,23 @@ def test_peaks_of_a_band_of_noise_are_no_tones(world, tmp_path, half_width, tone
     case = read_case(world.write(tmp_path / "case", world.noisy(world.clean() + draw)))
     _, data, model = align.build(case, case.observations[0])
     assert View(refit(data, model)).lines(count=2)[:1] == [0.21 * n] * tones
+
+
+@pytest.mark.parametrize(("loud", "told"), [(0.0, False), (20.0, True)])
+def test_a_line_of_the_signal_at_half_the_rate_has_no_sign_and_is_no_tone_unless_it_is_louder(world, tmp_path, loud, told):
+    world.x = signal.resample(world.x.real, 500) + 0.5 * (-1.0) ** np.arange(500)  # an even period
+    recording.write(tmp_path / "sent", world.x, sample_rate_hz=RATE_HZ)
+    half = signal.resample(world.x, 1000)[1::2]  # half a sample early: of a real wave at half the rate nothing is left then
+    assert np.abs(np.fft.fft(half)[250]) < 1e-9 * np.abs(np.fft.fft(world.x)[250])
+    tone = loud * 0.3 * np.exp(2j * np.pi * 0.5 * world.n)
+    twin = world.twin() | {"waveforms": {"w1": {"file": "sent", "repeat": True}}}
+    world.twin = lambda: twin | {"links": [{"tx": "tx1", "rx": "rx1", "taps": [{"delay_s": 0.0}]}]}
+    folder = world.write(tmp_path / "case", world.noisy(0.3 * half[world.n % 500] + tone))
+    for file in tmp_path.glob("sent.*"):
+        file.rename(folder / file.name)
+    case = read_case(folder)
+    _, data, model = align.build(case, case.observations[0])
+    assert bool(View(refit(data, model)).lines(count=2)) == told
 
 
 @pytest.mark.parametrize("a", [-0.4, 0.0, 0.4])

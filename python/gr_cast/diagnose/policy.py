@@ -267,5 +267,6 @@ VIEW_JUMP_NATS = 10.0  # by which two parts must be likelier than one
 POINTS, SLOW_POINTS = 8192, 1024  # of a gain's course that show a hum's harmonics
 HARMONICS = (1, 2, 3, 5, 8)
 SHORT_HUM = 200.0  # cycles over the recording up to which a hum is looked for, however short it is
+UNSIGNED = 2.0  # amplitudes of a signal's own line at half the sample rate, by which a delay may change it: there it has no sign
 LINE_NATS = 5.0  # by which a line stands out of the largest of as many peaks of noise
 SLOW_HUMS = tuple(np.arange(1.0, 6.0, 0.05))  # cycles over the recording, seen once at least, too few for lines apart

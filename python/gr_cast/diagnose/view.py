@@ -22,6 +22,7 @@ from .policy import (
     SKIRT,
     SLOW_HUMS,
     SLOW_POINTS,
+    UNSIGNED,
     VIEW_AROUND,
     VIEW_JUMP_NATS,
     VIEW_SEGMENTS,
@@ -143,6 +144,8 @@ class View:
             if at_half_the_rate(i / (2 * span)):
                 wanted = np.abs(sp_fft.fft(self.scene.spread(self.wanted), 2 * span))
                 beside = max(beside, np.mean(wanted[near] ** 2))
+                if spectrum[i] < UNSIGNED * wanted[(i + np.arange(-SKIRT, SKIRT + 1)) % len(wanted)].max():
+                    continue
             if spectrum[i] ** 2 < (np.log(len(spectrum)) + LINE_NATS) * beside:
                 continue
             found.append((i if i < span else i - 2 * span) / 2)
