@@ -120,6 +120,17 @@ def test_a_line_of_the_signal_at_half_the_rate_has_no_sign_and_is_no_tone_unless
     assert bool(View(refit(data, model)).lines(count=2)) == told
 
 
+@pytest.mark.parametrize("cycles", [2.0, -61.0, 150.0])
+def test_an_echo_is_found_however_fast_a_path_may_turn_it(world, tmp_path, cycles):
+    """A carrier of 1 GHz, 20 ms: a path that grows by 3 km/s turns by 200 cycles."""
+    world.taps = world.taps[:1]
+    echo = 0.3 * 0.02 * world.path(23) * np.exp(2j * np.pi * cycles * world.n / len(world.n))
+    case = read_case(world.write(tmp_path / "case", world.noisy(world.clean() + echo)))
+    _, data, model = align.build(case, case.observations[0])
+    found = [e for e in FAMILIES["extra_path"].starts(View(refit(data, model))) if e.free[3]]
+    assert any(abs(e.p[2] - 23) < 1 and abs(e.p[3] - cycles) <= 0.5 for e in found)
+
+
 @pytest.mark.parametrize("a", [-0.4, 0.0, 0.4])
 def test_coloured_noise_is_worth_what_its_entropy_lacks_where_it_is_densest_in_the_signals_band(world, tmp_path, a):
     world.x = np.repeat(world.x[::2], 8)

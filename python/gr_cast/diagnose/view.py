@@ -12,6 +12,8 @@ from ..twin.effects.base import RX_GAIN, RX_LO, at_half_the_rate, peaks
 from ..twin.model import predict
 from ..twin.scene import PAD
 from .policy import (
+    ECHO_CELLS,
+    ECHO_SEGMENTS,
     HARMONICS,
     LEAST_SEGMENT,
     LINE_NATS,
@@ -185,27 +187,42 @@ class View:
             c[m] = np.conj(both[: spread - low][::-1])
         return c, np.arange(low, spread)
 
-    def echoes(self, code, count: int) -> list[tuple[float, float, float]]:
-        """The strongest (delay in samples on the taps' scale, Doppler in cycles, places tried) in which the
-        residual holds
-        the waveform once more."""
-        segments = 32 if self.scene.count > 2048 else 4
-        c, lags = self.correlations(code, self.residual * np.conj(self.carrier_of(code)), segments)
+    def echoes(self, code, count: int, fastest: float = 0.0) -> list[tuple[float, float, float]]:
+        """The strongest (delay in samples on the taps' scale, Doppler in cycles, up to `fastest` where the waveform's delays
+        leave room, places tried up to that Doppler) in which the residual holds the waveform once more."""
         source = self.scene.sources[code] if isinstance(code, int) else self.scene.extra[code]
+        segments = self._echo_segments(source, fastest)
+        c, lags = self.correlations(code, self.residual * np.conj(self.carrier_of(code)), segments)
         spectrum = np.abs(sp_fft.fft(c, 2 * segments, axis=0))
         window = np.sinc(sp_fft.fftfreq(2 * segments) * 1.0)  # loss within a segment
         power = spectrum**2 / np.maximum(window[:, None], 0.6) ** 2
-        found, trials = [], float(power.size)
+        cycles = sp_fft.fftfreq(2 * segments, 1 / segments)
+        # Slow paths are the rule: a place is one of those up to its own Doppler.
+        places = len(lags) * np.maximum(4 * np.abs(cycles), 2 * min(segments, ECHO_SEGMENTS))
+        nats = power / self._noise_of(source, self.carrier_of(code)) - np.log(places)[:, None]
+        found = []
         for _ in range(count):
-            k, d = np.unravel_index(int(np.argmax(power)), power.shape)
-            cycles = (k if k < segments else k - 2 * segments) / 2
+            k, d = np.unravel_index(int(np.argmax(nats)), nats.shape)
             delay = float(lags[d] - self.fit.model.base[0])
             if source.repeat:
                 size = len(source.samples)
                 delay = (delay + size / 8) % size - size / 8
-            found.append((delay, cycles, trials))
-            power[:, np.abs(lags - lags[d]) <= 2] = 0.0
+            found.append((delay, float(cycles[k]), float(places[k])))
+            nats[:, np.abs(lags - lags[d]) <= 2] = -np.inf
         return found
+
+    def _echo_segments(self, source, fastest: float) -> int:
+        """How many stretches of time tell a Doppler of up to `fastest` cycles over the recording."""
+        if self.scene.count <= 2048:
+            return 4
+        delays = len(source.samples) if source.repeat else PAD
+        most = min(ECHO_CELLS // delays, self.scene.count // LEAST_SEGMENT)
+        wanted = 1 << int(np.ceil(np.log2(max(2 * fastest, 1.0))))
+        return max(ECHO_SEGMENTS, min(wanted, most))
+
+    def _noise_of(self, source, carrier) -> float:
+        """Energy of a correlation of white noise alone with a waveform under a carrier."""
+        return self.sigma2 * np.mean(np.abs(source.samples[source.known]) ** 2) * np.sum(self.weight * np.abs(carrier) ** 2)
 
     def held_late(self, code: int, first: float, last: float) -> float:
         """Standard deviations by which the residual holds more of a waveform, from `first` to `last` samples late on the taps'
@@ -217,7 +234,7 @@ class View:
         inside = (late >= first) & (late < last)
         if not inside.any():
             return 0.0
-        noise = self.sigma2 * np.mean(np.abs(source.samples[source.known]) ** 2) * np.sum(self.weight * np.abs(carrier) ** 2)
+        noise = self._noise_of(source, carrier)
         independent = inside.sum() * np.mean(self.scene.occupied)
         return float((np.mean(np.abs(c[0, inside]) ** 2) / noise - 1) * np.sqrt(independent))
 
