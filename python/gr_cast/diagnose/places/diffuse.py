@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Scattering leaves a residual that is noise with a delay profile: its likelihood, by bins of delay."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from ...scenario.create import patches
-from ...twin.places.predict import radio_key, surface_key
+from ...twin.places.predict import surface_key
 
 _SPREAD = (0.15, 0.7, 0.15)  # of a delay between two bins
+_COSINES = np.linspace(0, 1, 25)  # of incidence, between which reflections are interpolated
+_COARSE_M = 0.1  # of positions: patches are half a metre wide
 _INSTANTS = 6  # of a moving link at which its profile is computed
 
 
@@ -54,22 +55,38 @@ def profiles(world, predictor, index: int, count: int, spacing_hz: float) -> np.
     static = not (tx.node.is_moving or rx.node.is_moving)
     every = max(1, -(-len(tx_m) // _INSTANTS))
     steps = np.zeros(1, int) if static else np.arange(len(tx_m)) // every * every
-    square, out = world.surface.scattering**2, []
-    whole = replace(world.surface, scattering=np.zeros_like(square))  # powers over S² are the same for all S
-    made = world.mesh.key, world.carrier_hz, surface_key(whole), radio_key(tx), radio_key(rx)
+    kept = predictor.remembered(("reflected", world.carrier_hz, surface_key(world.surface)), lambda: _kept(world))
+    ends = [(radio.node.antenna, radio.node.orientation_rad) for radio in (tx, rx)]
+    made = world.mesh.coarse.key, world.carrier_hz, world.surface.present.tobytes(), world.surface.clear.tobytes(), *ends
+    tx_m, rx_m = (np.round(end_m / _COARSE_M) * _COARSE_M for end_m in (tx_m, rx_m))
+    power = []
     for step in steps:
         key = ("scattered", made, tx_m[step].tobytes(), rx_m[step].tobytes())
-        make = partial(_by_object, world, tx, rx, tx_m[step], rx_m[step], count, spacing_hz)
-        power = square @ predictor.remembered(key, make)
-        out.append(np.convolve(np.tile(power, 3), _SPREAD, "same")[count : 2 * count] * count)
-    return np.array(out)
+        make = partial(_mirrors, world, tx, rx, tx_m[step], rx_m[step], count, spacing_hz)
+        cell, place, mirrored = predictor.remembered(key, make)
+        power.append(np.bincount(place, kept[cell] * mirrored, minlength=count))
+    power = np.array(power)
+    return sum(share * np.roll(power, shift, axis=1) for shift, share in zip((-1, 0, 1), _SPREAD, strict=True)) * count
 
 
-def _by_object(world, tx, rx, tx_m, rx_m, count: int, spacing_hz: float) -> np.ndarray:
-    """Power over S² per object and delay bin (O, bins)."""
-    power, length_m, owner = patches.powers(
-        world.mesh.patches, world.faces, world.surface, world.carrier_hz, tx_m, rx_m, tx.antenna, rx.antenna
+def _kept(world) -> np.ndarray:
+    """Share of the power that objects scatter at each of the cosines: S² of what they reflect."""
+    owner, cosine = (grid.ravel() for grid in np.meshgrid(np.arange(len(world.mesh.solids)), _COSINES, indexing="ij"))
+    return world.surface.scattering[owner] ** 2 * patches.reflected(world.surface, world.carrier_hz, owner, cosine)
+
+
+def _mirrors(world, tx, rx, tx_m, rx_m, count: int, spacing_hz: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Power of perfect mirrors over S² by object and cosine, and by delay bin: numbers of both and power, where there is any."""
+    mesh = world.mesh.coarse
+    faces = mesh.thick if world.is_clear else mesh.thin
+    power, cos_in, length_m, owner = patches.seen(
+        mesh.patches, faces, world.surface, world.carrier_hz, tx_m, rx_m, tx.antenna, rx.antenna
     )  # fmt: skip
     place = np.round(length_m / SPEED_OF_LIGHT_M_PER_S * count * spacing_hz).astype(int) % count
-    objects = len(world.mesh.solids)
-    return np.bincount(owner * count + place, power, minlength=objects * count).reshape(objects, count)
+    at = cos_in * (len(_COSINES) - 1)
+    low = np.minimum(at.astype(int), len(_COSINES) - 2)
+    cells = [(owner * len(_COSINES) + low + more) * count + place for more in (0, 1)]
+    shares = [power * (1 - (at - low)), power * (at - low)]
+    total = np.bincount(np.concatenate(cells), np.concatenate(shares))
+    used = np.flatnonzero(total)
+    return used // count, used % count, total[used]

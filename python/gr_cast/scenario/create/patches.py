@@ -33,8 +33,9 @@ def patches_of(faces: images.Faces) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return np.concatenate(middle), np.concatenate(size), np.concatenate(owner)
 
 
-def powers(patches, faces, surface, carrier_hz: float, tx_m, rx_m, tx_antenna, rx_antenna):
-    """Power gain over S², length in m and object (n,) of what `patches` of the faces scatter from one point to another."""
+def seen(patches, faces, surface, carrier_hz: float, tx_m, rx_m, tx_antenna, rx_antenna):
+    """What `patches` of the faces scatter from one point to another: power gain over S² (n,) of perfect mirrors, cosine of
+    incidence, length in m and object (n,)."""
     middle_m, area, face = patches
     keep = surface.present[faces.owner[face]]
     middle_m, area, face = middle_m[keep], area[keep], face[keep]
@@ -44,17 +45,23 @@ def powers(patches, faces, surface, carrier_hz: float, tx_m, rx_m, tx_antenna, r
     normal = faces.normal[face]
     cos_in, cos_out = -np.einsum("ij,ij->i", first, normal), np.einsum("ij,ij->i", second, normal)
     lit = (cos_in * cos_out > 0) & (~faces.sided[face] | (cos_in > 0))
-    points = np.stack([np.broadcast_to(tx_m, middle_m.shape), middle_m, np.broadcast_to(rx_m, middle_m.shape)], axis=1)
-    path, _, crossed, _ = images.crossings(faces, points, np.zeros((len(middle_m), 1), np.int64))
-    lit[path[(surface.present & ~surface.clear)[faces.owner[crossed]]]] = False
-    middle_m, area, face, first, second, d_in, d_out, cos_in, cos_out = (
-        v[lit] for v in (middle_m, area, face, first, second, d_in, d_out, np.abs(cos_in), np.abs(cos_out))
+    at = np.flatnonzero(lit)
+    points = np.stack([np.broadcast_to(tx_m, (len(at), 3)), middle_m[at], np.broadcast_to(rx_m, (len(at), 3))], axis=1)
+    shut = (surface.present & ~surface.clear)[faces.owner]
+    path, *_ = images.crossings(faces, points, np.zeros((len(at), 1), np.int64), shut)
+    lit[at[path]] = False
+    area, face, first, second, d_in, d_out, cos_in, cos_out = (
+        v[lit] for v in (area, face, first, second, d_in, d_out, np.abs(cos_in), np.abs(cos_out))
     )
     wavelength_m = fields.SPEED_OF_LIGHT_M_PER_S / carrier_hz
-    owner = faces.owner[face]
+    antennas = (fields.far_field(tx_antenna, first) ** 2).sum(axis=1) * (fields.far_field(rx_antenna, -second) ** 2).sum(axis=1)
+    power = (wavelength_m / (4 * np.pi)) ** 2 * cos_in * cos_out * area / np.pi / (d_in * d_out) ** 2 * antennas
+    return power, cos_in, d_in + d_out, faces.owner[face]
+
+
+def reflected(surface, carrier_hz: float, owner: np.ndarray, cos_in: np.ndarray) -> np.ndarray:
+    """Share of the power (n,) that objects reflect, both polarisations alike."""
+    wavelength_m = fields.SPEED_OF_LIGHT_M_PER_S / carrier_hz
     eta = surface.permittivity - 1j * surface.conductivity * wavelength_m * fields.OHM_60
     te, tm, _, _ = fields.slab(eta[owner], surface.thickness_m[owner], np.maximum(cos_in, 1e-6), wavelength_m)
-    reflected = (np.abs(te) ** 2 + np.abs(tm) ** 2) / 2
-    antennas = (fields.far_field(tx_antenna, first) ** 2).sum(axis=1) * (fields.far_field(rx_antenna, -second) ** 2).sum(axis=1)
-    power = (wavelength_m / (4 * np.pi)) ** 2 * reflected * cos_in * cos_out * area / np.pi / (d_in * d_out) ** 2 * antennas
-    return power, d_in + d_out, owner
+    return (np.abs(te) ** 2 + np.abs(tm) ** 2) / 2

@@ -20,6 +20,7 @@ from ...scenario.create.wedges import Edges, edges_of
 from .document import Place
 from .meters import Fading, Meter
 
+_COARSE_M = 0.25
 _numbers = itertools.count()
 
 
@@ -50,10 +51,14 @@ class Radio:
 
 
 class Mesh:
-    """Objects of a place, with their faces: `thin`, hollow objects from outside alone, and `thick`, for legs that go through."""
+    """Objects of a place, with their faces: `thin`, hollow objects from outside alone, and `thick`, for legs that go through.
 
-    def __init__(self, solids: tuple[Solid, ...], thin: Faces, thick: Faces):
+    `coarse` is a mesh that is the same to a quarter of a metre, without added sheets: many fine changes have it in common.
+    """
+
+    def __init__(self, solids: tuple[Solid, ...], thin: Faces, thick: Faces, coarse: "Mesh | None" = None):
         self.solids, self.thin, self.thick = solids, thin, thick
+        self.coarse, self._moves = coarse or self, {}
         self.names = tuple(solid.name for solid in solids)
         self.key = next(_numbers)
 
@@ -74,14 +79,26 @@ class Mesh:
         return self.names.index(name)
 
     def moved(self, name: str, offset_m) -> "Mesh":
-        offset_m, number = np.asarray(offset_m, float), self.index(name)
+        offset_m = np.asarray(offset_m, float)
+        return self._shifted(name, offset_m, self.coarse._moved_coarsely(name, np.round(offset_m / _COARSE_M)))
+
+    def _moved_coarsely(self, name: str, steps: np.ndarray) -> "Mesh":
+        if not steps.any():
+            return self
+        key = name, *steps.tolist()
+        if key not in self._moves:
+            self._moves[key] = self._shifted(name, steps * _COARSE_M, None)
+        return self._moves[key]
+
+    def _shifted(self, name: str, offset_m: np.ndarray, coarse: "Mesh | None") -> "Mesh":
+        number = self.index(name)
         solids = tuple(replace(s, vertices_m=s.vertices_m + offset_m) if s.name == name else s for s in self.solids)
-        return Mesh(solids, shifted(self.thin, number, offset_m), shifted(self.thick, number, offset_m))
+        return Mesh(solids, shifted(self.thin, number, offset_m), shifted(self.thick, number, offset_m), coarse)
 
     def joined(self, solid: Solid) -> "Mesh":
         """One more object: a sheet."""
         faces, count = faces_of((solid,)), len(self.solids)
-        return Mesh((*self.solids, solid), joined(self.thin, faces, count), joined(self.thick, faces, count))
+        return Mesh((*self.solids, solid), joined(self.thin, faces, count), joined(self.thick, faces, count), self.coarse)
 
 
 @dataclass(frozen=True, kw_only=True)
