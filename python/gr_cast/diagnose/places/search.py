@@ -40,14 +40,17 @@ def evidence(model: Model, count: float, tried: float) -> float:
 
 
 def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget) -> tuple[list[Model], int]:
-    """Models with one effect more, fitted, the best evidence first; and how many were tried."""
+    """Models with one effect more, fitted, the best evidence first; and how many were tried. None where time ran out before
+    all had been looked at: the best of a few is no answer."""
     view = View(ears, model, unknown)
     have = {effect.key for effect in model.effects}
     screened, tried = [], 0
     for family in FAMILIES:
         for owner in family.owners(view):
-            if (family.name, owner) in have and family.level != "place" or budget.is_spent:
+            if (family.name, owner) in have and family.level != "place":
                 continue
+            if budget.is_spent:
+                return [], tried
             tried += 1
             starts = family.starts(view, owner)
             if len(starts) > policy.FULL_STARTS:
