@@ -91,6 +91,8 @@ def play_place(args) -> None:
     arrays = play.campaigns(place, world, noise_power_db=args.noise, seed=args.seed, progress=told)
     play.write(args.output, place, arrays)
     print(f"{args.output}: {', '.join(arrays)}")
+    for line in play.lost_in_words(place, world):
+        print(line)
     print(f"next: cast_diagnose.py {args.output} --output diagnosis")
 
 

@@ -135,11 +135,33 @@ def snapshot(
 
 
 def _responses(campaign: Sounding, snapshots: list[collect.Snapshot], world: World) -> dict[str, np.ndarray]:
-    """The campaign's own frequencies, as far as taps stand for them. What taps lose counts as noise: it is known no better."""
+    """The campaign's own frequencies, as far as taps stand for them. What taps lose is known no better and counts as noise: it is
+    one error over all frequencies, and over all times at which taps are the same, and must not weigh more than one entry."""
     made = collect.campaign(snapshots, campaign.frequency_hz[np.abs(campaign.frequency_hz) <= world.band_hz / 2])
     power = np.nanmean(np.abs(made["response"]) ** 2, axis=(1, 2))
-    share = [world.lost.get(link, 0.0) for link in zip(made["tx"].tolist(), made["rx"].tolist(), strict=True)]
+    links = list(zip(made["tx"].tolist(), made["rx"].tolist(), strict=True))
+    alike = [len(made["frequency_hz"]) * _repeated(world, link, made["time_s"]) for link in links]
+    share = [world.lost.get(link, 0.0) * count for link, count in zip(links, alike, strict=True)]
     return made | {"noise_power": made["noise_power"] + share * power}
+
+
+def lost_in_words(place: Place, world: World) -> list[str]:
+    """What four taps on Colosseum's grid lose of the links that are sounded: no cause in the place, and told as such."""
+    sounded = {link for one in place.soundings for link in zip(one.tx, one.rx, strict=True)}
+    lost_db = {link: float(db_from_power(max(world.lost.get(link, 0.0), 1e-20))) for link in sorted(sounded)}
+    worst = max(lost_db, key=lost_db.get)
+    return [
+        f"four taps on a grid of {1e9 * GRID_STEP_S:g} ns lose {np.median([*lost_db.values()]):.1f} dB of what a link hears"
+        f" (median; worst {lost_db[worst]:.1f} dB, {link_name(worst)}): counted as noise, no cause in the place"
+    ]
+
+
+def _repeated(world: World, link: tuple[str, str], time_s: np.ndarray) -> float:
+    """How often the same taps are sounded."""
+    if link not in world.scenario.links:
+        return 1.0
+    _, gain = taps_at(world.scenario, link, time_s)
+    return len(time_s) / len(np.unique(gain, axis=0))
 
 
 def _powers(
