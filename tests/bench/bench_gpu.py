@@ -3,7 +3,8 @@
 """The network on a graphics card: how much faster than real time, alone and with all samples coming and going, and how exact.
 
 Every row is a process of its own: what fails is told and leaves the other rows as they are. New taps of all links come every
-millisecond, 4 of 512 each, from memory of the processor. Real-time factors are milliseconds of radio per millisecond.
+millisecond, 4 of 512 each, from pinned memory of the processor. Real-time factors are milliseconds of radio per millisecond. What
+the card's link to the processor allows is measured beside: the same stream with nothing between its copies, turn about.
 """
 
 import argparse
@@ -21,6 +22,7 @@ import _program
 import numpy as np
 from gr_cast.emulation.gpu.device import open_device
 from gr_cast.emulation.gpu.faults import DeviceFault, told
+from gr_cast.emulation.gpu.form import DELAY_TYPE
 from gr_cast.emulation.gpu.links import Table
 from gr_cast.emulation.gpu.network import DeviceNetwork
 from gr_cast.emulation.gpu.planner import Task, candidates, choose, error_db
@@ -30,6 +32,10 @@ N_TAPS, TAPS = 512, 4
 TABLES = 8  # of taps, taken in turns
 PERIOD_S = 1e-3  # that taps last
 SMALL = 16  # nodes, up to which a chunk is of several periods: the card is through one before the processor has asked for it
+TURNS = 5  # of every measurement; the best counts
+FEWEST = 6  # chunks of a turn
+LATE = 20  # chunks that are alone on their way
+ENERGY_S = 2.0  # over which joules are counted: a card tells them some ten times a second
 LONGEST_S = 150  # of a row
 # name: nodes, MS/s, precision, 16 bits out, what must be reached: on the card, with transfers, error in dB
 ROWS = {
@@ -49,15 +55,12 @@ TINY = {
 }
 
 
-def random_tables(rng, nodes: int) -> list[Table]:
+def random_table(ops, rng, nodes: int) -> Table:
     shape = (nodes, nodes, TAPS)
-    return [
-        Table(
-            delays=np.sort(rng.integers(0, N_TAPS, shape), axis=-1),
-            gains=(rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2 * TAPS),
-        )
-        for _ in range(TABLES)
-    ]
+    delays, gains = ops.pinned(shape, DELAY_TYPE), ops.pinned(shape, np.complex64)
+    delays[...] = np.sort(rng.integers(0, N_TAPS, shape), axis=-1)
+    gains[...] = (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2 * TAPS)
+    return Table(delays=delays, gains=gains)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +93,8 @@ def set_up(ops, form, period: int, periods: int, is_int16_out: bool) -> Setup:
     # Transmitters of a fifth of full scale meet in a receiver: five times their root mean square is full scale there.
     full_scale = float(np.sqrt(form.n_inputs))
     network.set_samples(int16_in=True, int16_out=is_int16_out, output_full_scale=full_scale)
-    tables = random_tables(np.random.default_rng(3), form.n_inputs)
+    rng = np.random.default_rng(3)
+    tables = [random_table(ops, rng, form.n_inputs) for _ in range(TABLES)]
     return Setup(network=network, stream=Stream(network, periods * period), tables=tables, period=period, full_scale=full_scale)
 
 
@@ -128,51 +132,85 @@ def on_card(setup: Setup, seconds: float):
                 network.run(inputs[(k + 1) % 2], inputs[k % 2], outs[k % 2])
             ops.synchronize()
 
-    return paced(turn, seconds)
+    (rates,) = paced(seconds, turn)
+    return max(rates), joules(turn, max(rates))
 
 
-def there_and_back(setup: Setup, seconds: float):
-    """The same from pinned memory to pinned memory; seconds that a chunk is on its way: median and worst, and alone."""
+class NoNetwork:
+    """Leaves samples where they are: what remains of a stream are its copies, a chunk's way down behind its way up."""
+
+    def run(self, before, now, out) -> None:
+        pass
+
+
+def there_and_back(setup: Setup, seconds: float) -> dict:
+    """The same from pinned memory to pinned memory, beside bare copies of the samples: chunks per second; seconds that a chunk
+    is on its way: median and worst, and alone."""
     stream, took, alone, rng = setup.stream, [], [], np.random.default_rng(5)
     setup.emptied()
     for _ in range(stream.depth):  # samples to be sent again and again: to make them takes longer than to send them
         stream.take()[...] = noise16(rng, setup.shape)
         stream.push()
+    setup.emptied()
 
     def turn(n):
+        took.clear()
         for _ in range(n):
             if stream.under_way == stream.depth:
                 stream.wait()
                 took.append(stream.took_s())
             setup.new_taps()
             stream.push()
+        setup.emptied()
 
-    rate, joules = paced(turn, seconds)
-    setup.emptied()
-    for _ in range(20):
+    def bare(n):
+        stream.network = NoNetwork()
+        for _ in range(n):
+            if stream.under_way == stream.depth:
+                stream.wait()
+            stream.push()
+        setup.emptied()
+        stream.network = setup.network
+
+    both, copies = paced(seconds, turn, bare)
+    turn(max(LATE, round(max(both) * seconds / TURNS)))
+    for _ in range(LATE):
         setup.new_taps()
         stream.push()
         stream.wait()
         alone.append(stream.took_s())
     later = took[len(took) // 2 :]
-    return rate, joules, np.median(later), max(later), np.median(alone)
+    return {
+        "chunks_per_s": max(both), "copies_per_s": max(copies), "share": np.median(np.divide(both, copies)),
+        "late_s": np.median(later), "worst_s": max(later), "alone_s": np.median(alone),
+    }  # fmt: skip
 
 
-def paced(turn, seconds: float):
-    """Calls of turn(n) until `seconds` have gone: n per second, and joules per n where the card counts them."""
-    turn(3)
-    begin = time.perf_counter()
-    turn(3)
-    n = int(np.clip(3 * seconds / (time.perf_counter() - begin) / 4, 3, 20000))
-    best, joules = 0.0, None
-    for _ in range(4):
-        before, begin = energy_j(), time.perf_counter()
-        turn(n)
-        rate = n / (time.perf_counter() - begin)
-        if rate > best:
-            best, after = rate, energy_j()
-            joules = None if before is None or after is None else (after - before) / n
-    return best, joules
+def paced(seconds: float, *turns) -> list[list[float]]:
+    """How often per second each of `turns`, asked by turn(n) for n, does it: TURNS figures of each, turn about."""
+    counts = []
+    for turn in turns:
+        turn(3)
+        begin = time.perf_counter()
+        turn(FEWEST)
+        counts.append(int(np.clip(FEWEST * seconds / (time.perf_counter() - begin) / TURNS, FEWEST, 20000)))
+    rates = [[] for _ in turns]
+    for _ in range(TURNS):
+        for turn, n, found in zip(turns, counts, rates, strict=True):
+            begin = time.perf_counter()
+            turn(n)
+            found.append(n / (time.perf_counter() - begin))
+    return rates
+
+
+def joules(turn, rate: float):
+    """What one of turn(n)'s n takes, over ENERGY_S; None where the card does not count."""
+    before = energy_j()
+    if before is None:
+        return None
+    n = max(1, round(rate * ENERGY_S))
+    turn(n)
+    return (energy_j() - before) / n
 
 
 def energy_j():
@@ -234,14 +272,19 @@ def measure(name: str, device: str, seconds: float, only: str | None = None) -> 
             "chunk_ms": 1e3 * real_time, "samples_out": "int16" if is_int16_out else "complex64", "wanted": wanted,
             "tried": tried, "error_db": check(setup),
         }  # fmt: skip
-        chunks_per_s, joules = on_card(setup, seconds)
+        chunks_per_s, taken = on_card(setup, seconds)
         row["on_card"] = chunks_per_s * real_time
-        row["joules_per_link_sample"] = None if joules is None else joules / (nodes * nodes * periods * period)
-        both, _, latency, worst, alone = there_and_back(setup, seconds)
+        row["joules_per_link_sample"] = None if taken is None else taken / (nodes * nodes * periods * period)
+        way = there_and_back(setup, seconds)
+        table, ends = setup.tables[0], setup.network.ends
+        sizes = [nodes * periods * period * (4 if is_int16 else 8) for is_int16 in (True, ends.int16_out)]
         row |= {
-            "with_transfers": both * real_time, "latency_ms": 1e3 * latency, "latency_worst_ms": 1e3 * worst,
-            "latency_alone_ms": 1e3 * alone, "clipped": setup.network.clipped_samples(), "error_after_db": check(setup),
-            "parts_ms": parts(setup),
+            "with_transfers": way["chunks_per_s"] * real_time, "copies": way["copies_per_s"] * real_time,
+            "share_of_copies": way["share"], "copies_gb_s": [way["copies_per_s"] * size * 1e-9 for size in sizes],
+            "tables_share": periods * (table.delays.nbytes + table.gains.nbytes) / sizes[0],
+            "latency_ms": 1e3 * way["late_s"], "latency_worst_ms": 1e3 * way["worst_s"],
+            "latency_alone_ms": 1e3 * way["alone_s"], "clipped": setup.network.clipped_samples(),
+            "error_after_db": check(setup), "parts_ms": parts(setup),
         }  # fmt: skip
     return row
 
@@ -273,7 +316,8 @@ def line(name: str, row: dict) -> str:
         return f"{name:14} {row['fault']}"
     energy = row["joules_per_link_sample"]
     return (
-        f"{name:14} {row['on_card']:8.2f} {row['with_transfers']:10.2f} {row['error_db']:8.1f} {row['latency_ms']:8.2f} "
+        f"{name:14} {row['on_card']:8.2f} {row['with_transfers']:10.2f} {row['copies']:7.2f} {100 * row['share_of_copies']:4.0f} "
+        f"{row['error_db']:8.1f} {row['latency_ms']:8.2f} "
         f"{row['latency_alone_ms']:6.2f} {'-' if energy is None else f'{1e12 * energy:.1f}':>8}  "
         f"{row['plan']}, tile {row['tile']}  {verdict(row)}"
     )
@@ -284,7 +328,10 @@ def verdict(row: dict) -> str:
     on_card, both, db = row["wanted"]
     short = [
         f"{what} {got:.2f} < {least}"
-        for what, got, least in (("on card", row["on_card"], on_card), ("transfers", row["with_transfers"], both))
+        for what, got, least in (
+            ("on card", row["on_card"], on_card),
+            (f"transfers (bare copies: {row['copies']:.2f})", row["with_transfers"], both),
+        )
         if least is not None and got < least
     ]
     short += [f"error {row[which]:.1f} dB > {db}" for which in ("error_db", "error_after_db") if not row[which] <= db]
@@ -314,7 +361,8 @@ def main(argv=None):
             Path(arguments.json).write_text(json.dumps(result, indent=1) + "\n")
 
     print(
-        f"{'nodes x MS/s':14} {'on card':>8} {'transfers':>10} {'error dB':>8} {'ms late':>8} {'alone':>6} {'pJ/l.s.':>8}  plan"
+        f"{'nodes x MS/s':14} {'on card':>8} {'transfers':>10} {'copies':>7} {'%':>4} {'error dB':>8} {'ms late':>8} "
+        f"{'alone':>6} {'pJ/l.s.':>8}  plan"
     )
     for name in arguments.rows or (ROWS if arguments.device == "cuda" else TINY):
         asked = ["--one", name, "--device", arguments.device, "--seconds", str(arguments.seconds)]

@@ -66,6 +66,19 @@ class _Memory:
         ctypes.memmove(address, self.ptr, n_bytes)
 
 
+class _Pointer:
+    """As cupy.cuda.MemoryPointer."""
+
+    def __init__(self, memory):
+        self.memory = memory
+
+    def __add__(self, n_bytes):
+        return _Pointer(self.memory[n_bytes:])
+
+    def copy_from_host_async(self, address, n_bytes, stream):
+        ctypes.memmove(self.memory.ctypes.data, address, n_bytes)
+
+
 class CUDARuntimeError(RuntimeError):
     """Of cupy_backends.cuda.api.runtime."""
 
@@ -136,19 +149,31 @@ def install(monkeypatch, faults=None):
             return kernel if not faults else _Faulty(kernel, launch)
 
     event = types.SimpleNamespace(record=lambda stream=None: None, synchronize=lambda: None)
+    pinned = []
+
+    def alloc_pinned_memory(n_bytes):
+        pinned.append(bytearray(n_bytes))
+        return pinned[-1]
+
+    def attributes(address):
+        begins = [np.frombuffer(memory, np.uint8).ctypes.data for memory in pinned]
+        is_pinned = any(begin <= address < begin + len(memory) for begin, memory in zip(begins, pinned, strict=True))
+        return types.SimpleNamespace(type=int(is_pinned))
+
     runtime = types.SimpleNamespace(
         getDeviceCount=device_count, getDevice=lambda: 0, getDeviceProperties=lambda n: {"name": b"a card that is none"},
         driverGetVersion=lambda: 13000, runtimeGetVersion=lambda: 13000, memGetInfo=lambda: (1 << 26, 1 << 27),
+        pointerGetAttributes=attributes,
     )  # fmt: skip
     cupy = types.ModuleType("cupy")
     cupy.__getattr__ = lambda name: getattr(np, name)
-    cupy.ndarray = lambda shape, dtype, memory: np.ndarray(shape, dtype, memory).view(_Array)
+    cupy.ndarray = lambda shape, dtype, pointer: np.ndarray(shape, dtype, pointer.memory).view(_Array)
     cupy.empty, cupy.RawModule, cupy.asnumpy = empty, Module, np.asarray
     cupy.get_default_memory_pool = lambda: types.SimpleNamespace(free_bytes=lambda: 0)
     cupy.cuda = types.SimpleNamespace(
         runtime=runtime, Event=lambda disable_timing=False: event, Stream=_Stream, get_current_stream=_Stream,
-        alloc=lambda n: np.empty(n, np.uint8), alloc_pinned_memory=bytearray, get_elapsed_time=lambda begin, end: 1.0,
-        device=types.SimpleNamespace(get_cublas_handle=lambda: 1),
+        alloc=lambda n: _Pointer(np.full(n, 0xFF, np.uint8)), alloc_pinned_memory=alloc_pinned_memory,
+        get_elapsed_time=lambda begin, end: 1.0, device=types.SimpleNamespace(get_cublas_handle=lambda: 1),
     )  # fmt: skip
     cublas = types.SimpleNamespace(gemmStridedBatchedEx=_gemm, CUBLAS_COMPUTE_32F=68, CUBLAS_COMPUTE_32F_FAST_TF32=77)
     libs = types.ModuleType("cupy_backends.cuda.libs")

@@ -40,12 +40,15 @@ def test_a_row_is_measured_and_what_it_computes_is_right(monkeypatch, tmp_path, 
         if shutil.which("g++") is None:
             pytest.skip("NO G++: CuPy is not stood in for")
         fake_cupy.install(monkeypatch)
+    for name_of, few in (("TURNS", 1), ("FEWEST", 1), ("LATE", 6)):
+        monkeypatch.setattr(bench_gpu, name_of, few)
     forms = [Form(n_inputs=4, n_outputs=4, n_taps=512, **form)]
     monkeypatch.setattr(planner, "candidates", lambda task, tiles: forms)
     monkeypatch.setattr(bench_gpu, "candidates", planner.candidates)
     row = bench_gpu.measure(name, device, 0.01)
     assert row["error_db"] < row["wanted"][2] and row["error_after_db"] < row["wanted"][2]
-    assert 0 < row["on_card"] < np.inf and 0 < row["with_transfers"] < np.inf and row["clipped"] == 0
+    assert all(0 < row[what] < np.inf for what in ("on_card", "with_transfers", "copies", "share_of_copies"))
+    assert row["clipped"] == 0 and row["tables_share"] == 4 * 4 * 4 * 10 / (4 * 1000 * 4)
     assert set(row["parts_ms"]) == (set() if form.get("method") else {"taps", "forward", "product", "inverse"})
     assert bench_gpu.verdict(row) == "reached" and name in bench_gpu.line(name, row)
     row["wanted"] = [1e9, 1e9, -999]

@@ -13,7 +13,7 @@ from gr_cast.emulation.gpu import planner
 from gr_cast.emulation.gpu.arrays import ArrayOps
 from gr_cast.emulation.gpu.device import open_device
 from gr_cast.emulation.gpu.faults import DeviceFault
-from gr_cast.emulation.gpu.form import Form
+from gr_cast.emulation.gpu.form import DELAY_TYPE, Form
 from gr_cast.emulation.gpu.links import Table
 from gr_cast.emulation.gpu.network import DeviceNetwork
 from gr_cast.emulation.gpu.scenario import _planned
@@ -142,10 +142,12 @@ def test_a_stream_of_chunks_is_the_network_on_all_of_them(monkeypatch, device):
     rng, chunk, n = np.random.default_rng(8), 700, 9 * 700
     x = rng.integers(-9000, 9000, (3, 99 + n, 2), dtype=np.int16)
     x[:, :99] = 0
-    tables = [
-        Table(delays=rng.integers(0, 100, (2, 3, 4)), gains=rng.standard_normal((2, 3, 4)) + 1j * rng.standard_normal((2, 3, 4)))
-        for _ in range(8)
-    ]
+    ops, tables, links = open_device(device), [], (2, 3, 4)
+    for k in range(8):
+        made = ops.pinned if k % 2 else np.empty  # some are sent from where they lie
+        delays, gains = made(links, DELAY_TYPE), made(links, np.complex64)
+        delays[...], gains[...] = rng.integers(0, 100, links), rng.standard_normal(links) + 1j * rng.standard_normal(links)
+        tables.append(Table(delays=delays, gains=gains))
 
     def network(ops):
         made = DeviceNetwork(ops, Form(**shape))
@@ -155,7 +157,7 @@ def test_a_stream_of_chunks_is_the_network_on_all_of_them(monkeypatch, device):
         return made
 
     wanted = network(ArrayOps()).run(x[:, :99], x[:, 99:])
-    stream, got = Stream(network(open_device(device)), chunk), []
+    stream, got = Stream(network(ops), chunk), []
     for k in range(9):
         while stream.under_way == stream.depth:
             got.append(stream.wait().copy())

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gr_cast.emulation.gpu.arrays import ArrayOps
 from gr_cast.emulation.gpu.cuda import _SOURCE, CudaOps, defines
-from gr_cast.emulation.gpu.form import Ends, Form
+from gr_cast.emulation.gpu.form import DELAY_TYPE, Ends, Form
 
 sys.path.append(str(Path(__file__).resolve().parent))
 from fake_cupy import compile_for_host
@@ -39,7 +39,8 @@ def random_links(rng, form, n_segments, n_taps):
     delays = np.argsort(rng.random((n_segments, form.n_outputs, form.n_inputs, form.n_taps)), axis=-1)[..., :n_taps]
     gains = random_samples(rng, delays.shape, False) * 10.0 ** rng.integers(-4, 3, delays.shape[:3])[..., None]
     gains[0, 0, 0] = 0
-    return np.ascontiguousarray(delays, np.int32), gains.astype(np.complex64)
+    delays[..., 1] = delays[..., 0]  # two taps of one delay add
+    return np.ascontiguousarray(delays, DELAY_TYPE), gains.astype(np.complex64)
 
 
 SEGMENTS = np.array([[0, 1337, 1, 0], [1337, 1500, 1, 0], [1500, 2750, 1, 0.0]])

@@ -198,3 +198,16 @@ def test_a_malformed_update_is_refused_and_changes_nothing(ops, wrong):
     with pytest.raises(CastError):
         net.set_sparse_taps(*wrong)
     assert not net.process(np.ones((3, N_TAPS - 1 + 10))).any()
+
+
+@pytest.mark.parametrize("delay", [-1, N_TAPS, 1 << 16, (1 << 16) + 3])
+def test_a_delay_that_no_table_holds_is_refused_and_not_wrapped(ops, delay):
+    delays = np.zeros((2, 3, 1), int)
+    delays[1, 2] = delay
+    with pytest.raises(CastError, match=f"delay: got .*{delay}"):
+        network(ops, "direct", "fp32", 512).set_network(None, Table(delays=delays, gains=np.ones((2, 3, 1))))
+
+
+def test_a_network_whose_delays_no_table_holds_is_refused():
+    with pytest.raises(CastError, match="taps: got 65537"):
+        Form(n_inputs=1, n_outputs=1, n_taps=(1 << 16) + 1, method="direct")

@@ -35,9 +35,9 @@ class ArrayOps:
     def upload(self, array: np.ndarray):
         return self.xp.asarray(array)
 
-    def lend(self, tables: list[np.ndarray]):
-        """Tables of one shape, stacked on the device until the run is over."""
-        return self.upload(np.stack(tables))
+    def lend(self, *kinds: list[np.ndarray]):
+        """Tables, of each kind those of one shape, stacked on the device until the run is over."""
+        return tuple(self.upload(np.stack(tables)) for tables in kinds)
 
     def end_of_run(self) -> None:
         """All that a run asks for has been asked for."""

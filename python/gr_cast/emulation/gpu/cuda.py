@@ -18,6 +18,8 @@ _BINS_PER_THREAD = 32  # bins_per_thread in kernels.cu
 _WIDE, _SAMPLES_EACH = 256, 4  # wide and samples_each there
 _MOST_SMALLS = 256
 _UPLOADS = 8  # tables that may be on their way at once
+_PINNED = 1  # cudaMemoryTypeHost
+_ALIGNED = 256  # bytes that a table begins at a multiple of
 
 
 def defines(form: Form, int16_in: bool, int16_out: bool) -> tuple[str, ...]:
@@ -224,9 +226,12 @@ class CardOps(CudaOps):
     def ways(self, depth: int):
         return _Ways(self, depth)
 
-    def lend(self, tables: list[np.ndarray]):
-        # Through a ring of buffers in both memories: what a run still reads is not written over by the next one's tables.
-        cupy, n_bytes = self.xp, sum(table.nbytes for table in tables)
+    def lend(self, *kinds: list[np.ndarray]):
+        # Into a ring of buffers on the card: what a run still reads is not written over by the next one's tables. From where
+        # they lie if that is pinned; else by one transfer through pinned memory.
+        cupy = self.xp
+        begins = [0, *np.cumsum([-(-sum(table.nbytes for table in tables) // _ALIGNED) * _ALIGNED for tables in kinds]).tolist()]
+        n_bytes = begins[-1]
         compute = cupy.cuda.get_current_stream()
         carrier = self.upload_stream or compute
         turn, self._lent_turn = self._lent_turn, (self._lent_turn + 1) % _UPLOADS
@@ -236,20 +241,30 @@ class CardOps(CudaOps):
                 self.synchronize()
             slot = self._lent[turn] = _Lent(cupy, max(n_bytes, 1 << 16))
         slot.copied.synchronize()
+        slot.sources = kinds  # they stay until they are copied
         if slot.in_use:  # this very run has come round
             slot.used.record(compute)
         carrier.wait_event(slot.used)
-        shape, at = (len(tables), *tables[0].shape), 0
-        for table in tables:
-            staged = np.frombuffer(slot.pinned, table.dtype, table.size, at)
-            staged.reshape(table.shape)[...] = table
-            at += table.nbytes
-        made = cupy.ndarray(shape, tables[0].dtype, slot.memory)
-        made.data.copy_from_host_async(slot.address, n_bytes, carrier)
+        in_place = all(self._is_pinned(table) for tables in kinds for table in tables)
+        made = []
+        for begin, tables in zip(begins, kinds, strict=False):
+            shape, dtype = (len(tables), *tables[0].shape), tables[0].dtype
+            made.append(cupy.ndarray(shape, dtype, slot.memory + begin))
+            if in_place:
+                for k, table in enumerate(tables):
+                    (slot.memory + begin + k * table.nbytes).copy_from_host_async(table.ctypes.data, table.nbytes, carrier)
+            else:
+                np.stack(tables, out=np.frombuffer(slot.pinned, dtype, int(np.prod(shape)), begin).reshape(shape))
+        if not in_place:
+            slot.memory.copy_from_host_async(slot.address, n_bytes, carrier)
         slot.copied.record(carrier)
         compute.wait_event(slot.copied)
         slot.in_use = True
         return made
+
+    def _is_pinned(self, array: np.ndarray) -> bool:
+        attributes = self.xp.cuda.runtime.pointerGetAttributes(array.ctypes.data)
+        return attributes.type == _PINNED and array.flags.c_contiguous
 
     def end_of_run(self) -> None:
         stream = self.xp.cuda.get_current_stream()
@@ -298,7 +313,7 @@ class _Lent:
     """One place of the ring of tables: pinned and on the card, when it was copied and when it was last read."""
 
     def __init__(self, cupy, n_bytes: int):
-        self.n_bytes, self.in_use = n_bytes, False
+        self.n_bytes, self.in_use, self.sources = n_bytes, False, ()
         self.pinned = cupy.cuda.alloc_pinned_memory(n_bytes)
         self.address = np.frombuffer(self.pinned, np.uint8).ctypes.data
         self.memory = cupy.cuda.alloc(n_bytes)

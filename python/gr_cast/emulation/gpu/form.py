@@ -11,6 +11,8 @@ from ...core.errors import CastError
 PRECISIONS = ("tf32", "fp16", "fp32", "split")
 METHODS = ("direct", "overlap-save")
 BINS = (512, 1024, 2048, 4096)
+DELAY_TYPE = np.uint16  # of delays in tables: they go to the card every time that taps change
+MOST_TAPS = 1 << 16
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +35,8 @@ class Form:
             raise CastError(
                 f"network: got {self.n_inputs}x{self.n_outputs} nodes and {self.n_taps} taps, needs 1 or more of each"
             )
+        if self.n_taps > MOST_TAPS:
+            raise CastError(f"taps: got {self.n_taps} of a link, needs {MOST_TAPS} or less")
         if self.method == "overlap-save" and (self.n_bins not in BINS or self.step < 1):
             raise CastError(f"bins: got {self.n_bins} for {self.n_taps} taps, needs one of {BINS} that is more than the taps")
 

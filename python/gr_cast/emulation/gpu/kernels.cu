@@ -23,6 +23,7 @@ __device__ inline float float_of(unsigned half)
 
 typedef unsigned long long u64;
 typedef long long i64;
+typedef unsigned short delay_type;
 
 constexpr int each = 16;              // bins that one thread holds
 constexpr int team = BINS / each;     // threads of one transform
@@ -328,7 +329,7 @@ extern "C" __global__ void scales(const float2* gains, int n_links, int n_taps, 
 }
 
 // Spectra of links with few taps: phasors that turn from bin to bin. Thread: one link, bins_per_thread bins.
-extern "C" __global__ void sparse_filters(const int* delays, const float2* gains, const float* scale, int n_inputs,
+extern "C" __global__ void sparse_filters(const delay_type* delays, const float2* gains, const float* scale, int n_inputs,
                                           int n_links, int n_taps, const float2* twiddles, void* high, void* low)
 {
     const int link = blockIdx.x * blockDim.x + threadIdx.x, first = blockIdx.y * bins_per_thread, segment = blockIdx.z;
@@ -360,7 +361,7 @@ extern "C" __global__ void sparse_filters(const int* delays, const float2* gains
 
 // The same of links with many taps: TILE transforms per thread block.
 extern "C" __global__ void __launch_bounds__(threads, blocks_at_once)
-    dense_filters(const int* delays, const float2* gains, const float* scale, int n_inputs, int n_links, int n_taps,
+    dense_filters(const delay_type* delays, const float2* gains, const float* scale, int n_inputs, int n_links, int n_taps,
                   const float2* twiddles, void* high, void* low)
 {
     SHARED_MEMORY(shared);
@@ -375,8 +376,11 @@ extern "C" __global__ void __launch_bounds__(threads, blocks_at_once)
         const float inverse = 1.0f / scale[segment * (n_links / n_inputs) + link / n_inputs];
         for (int p = t; p < n_taps; p += team) {
             const float2 gain = gains[taps + p];
-            if (gain.x != 0 || gain.y != 0)
-                mine[place(delays[taps + p])] = make_float2(gain.x * inverse, gain.y * inverse);
+            if (gain.x != 0 || gain.y != 0) { // two taps may have one delay
+                float2& sum = mine[place(delays[taps + p])];
+                atomicAdd(&sum.x, gain.x * inverse);
+                atomicAdd(&sum.y, gain.y * inverse);
+            }
         }
     }
     __syncthreads();
@@ -471,7 +475,7 @@ extern "C" __global__ void __launch_bounds__(threads, blocks_at_once)
 constexpr int wide = 256, samples_each = 4;
 extern "C" __global__ void __launch_bounds__(wide)
     direct(const sample_in* before, i64 before_stride, int n_before, const sample_in* now, i64 now_stride, int n, float gain_in,
-           float levels_in, const int* delays, const float2* gains, int n_inputs, int n_taps, const double* segments,
+           float levels_in, const delay_type* delays, const float2* gains, int n_inputs, int n_taps, const double* segments,
            int n_outputs, void* out, float2* partial, i64 stride, int is_first, int is_last, float gain, float levels,
            float scale, const float* noise, unsigned seed_low, unsigned seed_high, u64 first_sample, u64* clipped)
 {

@@ -10,25 +10,30 @@ import numpy as np
 
 from ...core.errors import CastError
 from ..reference import quantize
+from .form import DELAY_TYPE, MOST_TAPS
 
-_NO_TAPS = np.zeros(0, np.int32), np.zeros(0, np.complex64)
+_NO_TAPS = np.zeros(0, DELAY_TYPE), np.zeros(0, np.complex64)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """Taps of all links, checked once: delays in samples and gains, (receivers, transmitters, taps), zero where there is none."""
+    """Taps of all links, checked once: delays in samples and gains, (receivers, transmitters, taps), zero where there is none.
+
+    Arrays of DELAY_TYPE and complex64 are not copied; made by the device's `pinned()`, they go to it straight from there.
+    """
 
     delays: np.ndarray
     gains: np.ndarray
 
     def __post_init__(self):
-        delays, gains = np.ascontiguousarray(self.delays, np.int32), np.ascontiguousarray(self.gains, np.complex64)
+        delays, gains = np.asarray(self.delays), np.ascontiguousarray(self.gains, np.complex64)
         if delays.shape != gains.shape or delays.ndim != 3:
             raise CastError(f"taps: got shapes {delays.shape} and {gains.shape}, needs one (receivers, transmitters, taps)")
-        if delays.size and delays.min() < 0:
-            raise CastError(f"delay: got {delays.min()} samples, expected 0 or more")
+        if delays.size and not (delays.min() >= 0 and delays.max() < MOST_TAPS):
+            raise CastError(f"delay: got {delays.min()} to {delays.max()}, expected 0 to {MOST_TAPS - 1} samples")
         if not np.isfinite(gains).all():
             raise CastError("gain of a tap: not a finite number")
+        delays = np.ascontiguousarray(delays, DELAY_TYPE)
         for name, array in (("delays", delays.view()), ("gains", gains.view())):
             array.flags.writeable = False
             object.__setattr__(self, name, array)
@@ -83,7 +88,7 @@ class Links:
     def clear(self) -> None:
         """No link has taps from the next sample on, and no update is pending."""
         self._pending = []
-        self._delays = np.zeros((*self._shape, 1), np.int32)
+        self._delays = np.zeros((*self._shape, 1), DELAY_TYPE)
         self._gains = np.zeros((*self._shape, 1), np.complex64)
         self._loss_gain = np.ones(self._shape, np.float32)
         self._enabled = np.ones(self._shape, bool)
@@ -206,7 +211,7 @@ class Links:
             groups.setdefault((ramp.begin, ramp.end), {})[link] = ramp.slope
         yield Layer(delays=delays, gains=self._played(gains))
         for (begin, end), slopes in groups.items():
-            table = np.zeros((*self._shape, 1), np.int32), np.zeros((*self._shape, 1), np.complex64)
+            table = np.zeros((*self._shape, 1), DELAY_TYPE), np.zeros((*self._shape, 1), np.complex64)
             for link, slope in slopes.items():
                 table = _put(*table, link, *slope)
             length = end - begin
@@ -248,4 +253,4 @@ def _sum(delays, gains):
     unique, where = np.unique(delays, return_inverse=True)
     total = np.zeros(len(unique), np.complex128)
     np.add.at(total, where, gains)
-    return _kept(unique.astype(np.int32), total.astype(np.complex64))
+    return _kept(unique.astype(DELAY_TYPE), total.astype(np.complex64))

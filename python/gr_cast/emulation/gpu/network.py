@@ -206,10 +206,7 @@ class DeviceNetwork:
     def _taps(self, segments, layer: int):
         layers = [segment.layers[layer] for segment in segments]
         width = max(one.gains.shape[-1] for one in layers)
-        return tuple(
-            self.ops.lend([_widened(table, width) for table in tables])
-            for tables in ([one.delays for one in layers], [one.gains for one in layers])
-        )
+        return self.ops.lend([_widened(one.delays, width) for one in layers], [_widened(one.gains, width) for one in layers])
 
 
 def _from(segment: Segment, begin: int):

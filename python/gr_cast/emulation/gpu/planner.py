@@ -15,7 +15,7 @@ from ...core.errors import CastError
 from ...core.files import written_aside
 from .arrays import ArrayOps
 from .faults import DeviceFault, told
-from .form import BINS, Form
+from .form import BINS, DELAY_TYPE, Form
 from .links import Table
 from .network import DeviceNetwork
 
@@ -83,8 +83,9 @@ def measure(ops: ArrayOps, form: Form, task: Task) -> tuple[float, float]:
     network = DeviceNetwork(ops, form)
     n = int(np.clip(task.life_samples, 2 * form.n_bins, 1 << 17))
     links = (form.n_outputs, form.n_inputs, task.taps_per_link)
-    delays = rng.integers(0, form.n_taps, links, dtype=np.int32)
-    gains = (rng.standard_normal(links) + 1j * rng.standard_normal(links)).astype(np.complex64)
+    delays, gains = ops.pinned(links, DELAY_TYPE), ops.pinned(links, np.complex64)
+    delays[...] = rng.integers(0, form.n_taps, links)
+    gains[...] = rng.standard_normal(links) + 1j * rng.standard_normal(links)
     past = form.n_taps - 1
     x = rng.standard_normal((form.n_inputs, past + n, 2)).astype(np.float32) * 0.1
     if task.int16:
@@ -122,7 +123,7 @@ def error_db(
     wanted = np.empty(_CHECKED, complex)
     nodes = np.arange(samples.shape[0])[:, None]
     for k, (receiver, n) in enumerate(zip(receivers, at, strict=True)):
-        taken = samples[nodes, past + n - delays[receiver]]
+        taken = samples[nodes, past + n - delays[receiver].astype(int)]
         if samples.dtype == np.int16:
             taken = (taken[..., 0] + 1j * taken[..., 1].astype(float)) / 32768
         wanted[k] = np.sum(taken * gains[receiver].astype(complex))
