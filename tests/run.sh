@@ -27,7 +27,7 @@ say "style"
 "$tools/bin/ruff" check -q python apps tests docs
 "$tools/bin/ruff" format --check -q python apps tests docs
 "$tools/bin/mypy"
-git ls-files '*.cc' '*.h' | xargs clang-format --dry-run --Werror
+git ls-files '*.cc' '*.h' '*.cu' | xargs clang-format --dry-run --Werror
 
 say "C++ tests, plain and with sanitizers"
 [ -w "${HOME:-}" ] || export HOME=$root/build # GNU Radio's transforms keep a lock there

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The steps of arrays.py for a graphics card, compiled at run time. Defined from outside, per form of the network:
-// BINS (L), TILE (blocks transformed together), PAST (n_taps - 1), STORED (spectra: 0 floats, 1 halves, 2 halves and what
-// rounding leaves of them), INT16_IN, INT16_OUT. tests/emulation/test_gpu_kernels.py compiles the same text for the
-// processor, where host_cuda.h stands in for CUDA.
+// The steps of arrays.py for a graphics card, compiled at run time. Defined from outside, per form
+// of the network: BINS (L), TILE (blocks transformed together), PAST (n_taps - 1), STORED (spectra:
+// 0 floats, 1 halves, 2 halves and what rounding leaves of them), INT16_IN, INT16_OUT.
+// tests/emulation/test_gpu_kernels.py compiles the same text for the processor, where host_cuda.h
+// stands in for CUDA.
 #ifdef HOST_CUDA
 #include "host_cuda.h"
 #else
@@ -25,12 +26,14 @@ typedef unsigned long long u64;
 typedef long long i64;
 typedef unsigned short delay_type;
 
-constexpr int each = 16;              // bins that one thread holds
-constexpr int team = BINS / each;     // threads of one transform
-constexpr int step = BINS - PAST;     // samples that one block brings forth
-constexpr int row = BINS + BINS / 16 + 4; // of shared memory, per transform: no two threads meet in a bank
-constexpr int threads = TILE * team, blocks_at_once = threads > 512 ? 1 : 1024 / threads; // on one multiprocessor
-constexpr int bins_per_thread = 32;   // of a sparse filter's spectrum
+constexpr int each = 16;          // bins that one thread holds
+constexpr int team = BINS / each; // threads of one transform
+constexpr int step = BINS - PAST; // samples that one block brings forth
+constexpr int row =
+    BINS + BINS / 16 + 4; // of shared memory, per transform: no two threads meet in a bank
+constexpr int threads = TILE * team,
+              blocks_at_once = threads > 512 ? 1 : 1024 / threads; // on one multiprocessor
+constexpr int bins_per_thread = 32;                                // of a sparse filter's spectrum
 
 __device__ inline int place(int bin) { return bin + (bin >> 4); }
 __device__ inline float2 times(float2 a, float2 b)
@@ -55,15 +58,23 @@ __device__ inline void dft4(float2& a, float2& b, float2& c, float2& d)
 // exp(-2πi m / 16) for the products of the radices' inner factors
 __device__ inline float2 sixteenth(int m)
 {
-    constexpr float one = 0.92387953251128674f, two = 0.70710678118654752f, three = 0.38268343236508977f;
+    constexpr float one = 0.92387953251128674f, two = 0.70710678118654752f,
+                    three = 0.38268343236508977f;
     switch (m) {
-    case 1: return make_float2(one, -three);
-    case 2: return make_float2(two, -two);
-    case 3: return make_float2(three, -one);
-    case 4: return make_float2(0.0f, -1.0f);
-    case 6: return make_float2(-two, -two);
-    case 9: return make_float2(-one, three);
-    default: return make_float2(1.0f, 0.0f);
+    case 1:
+        return make_float2(one, -three);
+    case 2:
+        return make_float2(two, -two);
+    case 3:
+        return make_float2(three, -one);
+    case 4:
+        return make_float2(0.0f, -1.0f);
+    case 6:
+        return make_float2(-two, -two);
+    case 9:
+        return make_float2(-one, three);
+    default:
+        return make_float2(1.0f, 0.0f);
     }
 }
 
@@ -109,8 +120,7 @@ template <int radix> __device__ inline void dft(float2* u)
 }
 
 // One pass on v[e], the bins t + team * e, whose parts of `done` bins are transformed already.
-template <int radix, int done>
-__device__ inline void pass(float2* v, int t, const float2* twiddles)
+template <int radix, int done> __device__ inline void pass(float2* v, int t, const float2* twiddles)
 {
     constexpr int n = each / radix;
 #pragma unroll
@@ -137,7 +147,8 @@ __device__ inline void pass(float2* v, int t, const float2* twiddles)
     }
 }
 
-// v[e], samples t + team * e of one block, into bins t + team * e; `mine` is this transform's row of shared memory.
+// v[e], samples t + team * e of one block, into bins t + team * e; `mine` is this transform's row
+// of shared memory.
 __device__ inline void transform(float2* v, int t, float2* mine, const float2* twiddles)
 {
     pass<16, 1>(v, t, twiddles);
@@ -171,13 +182,16 @@ __device__ inline void store(float2 z, i64 at, void* high, void* low)
     const unsigned re = half_of(z.x), im = half_of(z.y);
     static_cast<unsigned*>(high)[at] = re | im << 16;
 #if STORED == 2
-    static_cast<unsigned*>(low)[at] = half_of(z.x - float_of(re)) | half_of(z.y - float_of(im)) << 16;
+    static_cast<unsigned*>(low)[at] = half_of(z.x - float_of(re)) | half_of(z.y - float_of(im))
+                                                                        << 16;
 #endif
 #endif
 }
 
-// Block b of a node's bin; as halves twice, as real matrices need it: (re, im), and a row further (-im, re).
-__device__ inline void store_sent(float2 z, i64 bin, int node, int n_nodes, int b, int n_blocks, void* high, void* low)
+// Block b of a node's bin; as halves twice, as real matrices need it: (re, im), and a row further
+// (-im, re).
+__device__ inline void store_sent(float2 z, i64 bin, int node, int n_nodes, int b, int n_blocks,
+                                  void* high, void* low)
 {
 #if STORED == 0
     store(z, (bin * n_nodes + node) * n_blocks + b, high, low);
@@ -238,11 +252,14 @@ struct outputs {
     u64* clipped;
 };
 
-// Unit noise of a receiver's sample: Philox4x32-10, Box-Muller; reference.receiver_noise in single precision.
-__device__ inline float2 noise_of(unsigned seed_low, unsigned seed_high, unsigned receiver, u64 number)
+// Unit noise of a receiver's sample: Philox4x32-10, Box-Muller; reference.receiver_noise in single
+// precision.
+__device__ inline float2 noise_of(unsigned seed_low, unsigned seed_high, unsigned receiver,
+                                  u64 number)
 {
     const u64 pair = number / 2;
-    unsigned c0 = (unsigned)pair, c1 = (unsigned)(pair >> 32), c2 = receiver, c3 = 0, k0 = seed_low, k1 = seed_high;
+    unsigned c0 = (unsigned)pair, c1 = (unsigned)(pair >> 32), c2 = receiver, c3 = 0, k0 = seed_low,
+             k1 = seed_high;
 #pragma unroll
     for (int k = 0; k < 10; k++) {
         const u64 a = (u64)0xD2511F53u * c0, b = (u64)0xCD9E8D57u * c2;
@@ -298,7 +315,8 @@ __device__ inline void finish(float2 y, float weight, int receiver, int n, const
 
 // --- the steps. Segments are rows (begin, end, weight, slope).
 
-// What makes the loudest link of each receiver 4096 or a little less: scale[segment][receiver]; one thread block each.
+// What makes the loudest link of each receiver 4096 or a little less: scale[segment][receiver]; one
+// thread block each.
 extern "C" __global__ void scales(const float2* gains, int n_links, int n_taps, float* scale)
 {
     SHARED_MEMORY(shared);
@@ -328,11 +346,14 @@ extern "C" __global__ void scales(const float2* gains, int n_links, int n_taps, 
     }
 }
 
-// Spectra of links with few taps: phasors that turn from bin to bin. Thread: one link, bins_per_thread bins.
-extern "C" __global__ void sparse_filters(const delay_type* delays, const float2* gains, const float* scale, int n_inputs,
-                                          int n_links, int n_taps, const float2* twiddles, void* high, void* low)
+// Spectra of links with few taps: phasors that turn from bin to bin. Thread: one link,
+// bins_per_thread bins.
+extern "C" __global__ void sparse_filters(const delay_type* delays, const float2* gains,
+                                          const float* scale, int n_inputs, int n_links, int n_taps,
+                                          const float2* twiddles, void* high, void* low)
 {
-    const int link = blockIdx.x * blockDim.x + threadIdx.x, first = blockIdx.y * bins_per_thread, segment = blockIdx.z;
+    const int link = blockIdx.x * blockDim.x + threadIdx.x, first = blockIdx.y * bins_per_thread,
+              segment = blockIdx.z;
     if (link >= n_links)
         return;
     const i64 taps = ((i64)segment * n_links + link) * n_taps;
@@ -347,7 +368,8 @@ extern "C" __global__ void sparse_filters(const delay_type* delays, const float2
             continue;
         const int delay = delays[taps + p];
         const float2 turn = twiddles[delay & (BINS - 1)];
-        float2 phasor = times(make_float2(gain.x * inverse, gain.y * inverse), twiddles[(delay * first) & (BINS - 1)]);
+        float2 phasor = times(make_float2(gain.x * inverse, gain.y * inverse),
+                              twiddles[(delay * first) & (BINS - 1)]);
 #pragma unroll
         for (int k = 0; k < bins_per_thread; k++) {
             sum[k] = plus(sum[k], phasor);
@@ -361,8 +383,8 @@ extern "C" __global__ void sparse_filters(const delay_type* delays, const float2
 
 // The same of links with many taps: TILE transforms per thread block.
 extern "C" __global__ void __launch_bounds__(threads, blocks_at_once)
-    dense_filters(const delay_type* delays, const float2* gains, const float* scale, int n_inputs, int n_links, int n_taps,
-                  const float2* twiddles, void* high, void* low)
+    dense_filters(const delay_type* delays, const float2* gains, const float* scale, int n_inputs,
+                  int n_links, int n_taps, const float2* twiddles, void* high, void* low)
 {
     SHARED_MEMORY(shared);
     const int t = threadIdx.x % team, s = threadIdx.x / team, segment = blockIdx.y;
@@ -398,18 +420,21 @@ extern "C" __global__ void __launch_bounds__(threads, blocks_at_once)
     for (int m = threadIdx.x; m < TILE * BINS; m += threads) {
         const int one = m % TILE, k = m / TILE;
         if (blockIdx.x * TILE + one < n_links)
-            store(shared[one * row + place(k)], ((i64)segment * BINS + k) * n_links + blockIdx.x * TILE + one, high, low);
+            store(shared[one * row + place(k)],
+                  ((i64)segment * BINS + k) * n_links + blockIdx.x * TILE + one, high, low);
     }
 }
 
 // Spectra of TILE blocks of one transmitter in one segment.
 extern "C" __global__ void __launch_bounds__(threads, blocks_at_once)
-    forward(const sample_in* before, i64 before_stride, int n_before, const sample_in* now, i64 now_stride, int n, float gain,
-            float levels, int n_inputs, const double* segments, int n_blocks, const float2* twiddles, void* high, void* low)
+    forward(const sample_in* before, i64 before_stride, int n_before, const sample_in* now,
+            i64 now_stride, int n, float gain, float levels, int n_inputs, const double* segments,
+            int n_blocks, const float2* twiddles, void* high, void* low)
 {
     SHARED_MEMORY(shared);
     const inputs x = {before, now, before_stride, now_stride, n_before, n, gain, levels};
-    const int t = threadIdx.x % team, s = threadIdx.x / team, block = blockIdx.x * TILE, node = blockIdx.y, segment = blockIdx.z;
+    const int t = threadIdx.x % team, s = threadIdx.x / team, block = blockIdx.x * TILE,
+              node = blockIdx.y, segment = blockIdx.z;
     const int begin = (int)segments[4 * segment], end = (int)segments[4 * segment + 1];
     if (begin + block * step >= end)
         return; // room that this segment does not need
@@ -428,21 +453,23 @@ extern "C" __global__ void __launch_bounds__(threads, blocks_at_once)
 #pragma unroll 4
     for (int m = threadIdx.x; m < TILE * BINS; m += threads) {
         const int one = m % TILE, k = m / TILE;
-        store_sent(shared[one * row + place(k)], (i64)segment * BINS + k, node, n_inputs, block + one, n_blocks, high, low);
+        store_sent(shared[one * row + place(k)], (i64)segment * BINS + k, node, n_inputs,
+                   block + one, n_blocks, high, low);
     }
 }
 
 // Samples of TILE blocks of one receiver in one segment.
 extern "C" __global__ void __launch_bounds__(threads, blocks_at_once)
-    inverse(const float2* product, const float* row_scale, const double* segments, int n_blocks, int n_outputs,
-            const float2* twiddles, void* out, float2* partial, i64 stride, int is_first, int is_last, float gain, float levels,
-            float scale, const float* noise, unsigned seed_low, unsigned seed_high, u64 first_sample, u64* clipped)
+    inverse(const float2* product, const float* row_scale, const double* segments, int n_blocks,
+            int n_outputs, const float2* twiddles, void* out, float2* partial, i64 stride,
+            int is_first, int is_last, float gain, float levels, float scale, const float* noise,
+            unsigned seed_low, unsigned seed_high, u64 first_sample, u64* clipped)
 {
     SHARED_MEMORY(shared);
-    const outputs to = {out,   partial, stride, is_first, is_last,   gain,         levels,
+    const outputs to = {out,   partial, stride,   is_first,  is_last,      gain,   levels,
                         scale, noise,   seed_low, seed_high, first_sample, clipped};
-    const int t = threadIdx.x % team, s = threadIdx.x / team, block = blockIdx.x * TILE, receiver = blockIdx.y,
-              segment = blockIdx.z;
+    const int t = threadIdx.x % team, s = threadIdx.x / team, block = blockIdx.x * TILE,
+              receiver = blockIdx.y, segment = blockIdx.z;
     const int begin = (int)segments[4 * segment], end = (int)segments[4 * segment + 1];
     const float weight = (float)segments[4 * segment + 2], slope = (float)segments[4 * segment + 3];
     if (begin + block * step >= end)
@@ -450,7 +477,8 @@ extern "C" __global__ void __launch_bounds__(threads, blocks_at_once)
 #pragma unroll 8
     for (int m = threadIdx.x; m < TILE * BINS; m += threads) {
         const int one = m % TILE, k = m / TILE;
-        const float2 z = product[(((i64)segment * BINS + k) * n_outputs + receiver) * n_blocks + block + one];
+        const float2 z =
+            product[(((i64)segment * BINS + k) * n_outputs + receiver) * n_blocks + block + one];
         shared[one * row + place(k)] = make_float2(z.x, -z.y);
     }
     __syncthreads();
@@ -467,23 +495,27 @@ extern "C" __global__ void __launch_bounds__(threads, blocks_at_once)
     for (int e = 0; e < each; e++) {
         const int at = t + team * e, n = first + at;
         if (at >= PAST && n < end)
-            finish(make_float2(v[e].x * back, -v[e].y * back), weight + slope * (n - begin), receiver, n, to);
+            finish(make_float2(v[e].x * back, -v[e].y * back), weight + slope * (n - begin),
+                   receiver, n, to);
     }
 }
 
-// The network by its definition. Thread: samples_each samples of one receiver; paths pass through shared memory.
+// The network by its definition. Thread: samples_each samples of one receiver; paths pass through
+// shared memory.
 constexpr int wide = 256, samples_each = 4;
 extern "C" __global__ void __launch_bounds__(wide)
-    direct(const sample_in* before, i64 before_stride, int n_before, const sample_in* now, i64 now_stride, int n, float gain_in,
-           float levels_in, const delay_type* delays, const float2* gains, int n_inputs, int n_taps, const double* segments,
-           int n_outputs, void* out, float2* partial, i64 stride, int is_first, int is_last, float gain, float levels,
-           float scale, const float* noise, unsigned seed_low, unsigned seed_high, u64 first_sample, u64* clipped)
+    direct(const sample_in* before, i64 before_stride, int n_before, const sample_in* now,
+           i64 now_stride, int n, float gain_in, float levels_in, const delay_type* delays,
+           const float2* gains, int n_inputs, int n_taps, const double* segments, int n_outputs,
+           void* out, float2* partial, i64 stride, int is_first, int is_last, float gain,
+           float levels, float scale, const float* noise, unsigned seed_low, unsigned seed_high,
+           u64 first_sample, u64* clipped)
 {
     SHARED_MEMORY(shared);
     float2* path_gain = shared;
     int* path_from = reinterpret_cast<int*>(shared + wide); // delay and transmitter
     const inputs x = {before, now, before_stride, now_stride, n_before, n, gain_in, levels_in};
-    const outputs to = {out,   partial, stride, is_first, is_last,   gain,         levels,
+    const outputs to = {out,   partial, stride,   is_first,  is_last,      gain,   levels,
                         scale, noise,   seed_low, seed_high, first_sample, clipped};
     const int receiver = blockIdx.y, segment = blockIdx.z;
     const int begin = (int)segments[4 * segment], end = (int)segments[4 * segment + 1];
@@ -511,7 +543,8 @@ extern "C" __global__ void __launch_bounds__(wide)
             const float2 g = path_gain[p];
             if (g.x == 0 && g.y == 0)
                 continue;
-            const int at = first + PAST - path_from[2 * p] + threadIdx.x, node = path_from[2 * p + 1];
+            const int at = first + PAST - path_from[2 * p] + threadIdx.x,
+                      node = path_from[2 * p + 1];
 #pragma unroll
             for (int q = 0; q < samples_each; q++)
                 sum[q] = plus(sum[q], times(g, fetch(x, node, at + q * wide)));
@@ -521,6 +554,7 @@ extern "C" __global__ void __launch_bounds__(wide)
     for (int q = 0; q < samples_each; q++) {
         const int at = first + q * wide + threadIdx.x;
         if (at < end)
-            finish(make_float2(sum[q].x * gain, sum[q].y * gain), weight + slope * (at - begin), receiver, at, to);
+            finish(make_float2(sum[q].x * gain, sum[q].y * gain), weight + slope * (at - begin),
+                   receiver, at, to);
     }
 }
