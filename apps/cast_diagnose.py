@@ -58,8 +58,11 @@ def _one(common: tuple[Path, float], folder: Path) -> tuple[str, list[str]]:
     except OSError as error:
         return "", [f"{error.filename or output}: {error.strerror or error}"]
     d = diagnosis.document
+    notes = [f"    {line}" for line in d.get("warnings", [])]
     named = ", ".join(f"{e['family']} ({e['owner']['name']})" for e in d["effects"])
-    return "\n".join([f"{case.name}: {d['verdict']}{': ' + named if named else ''}  [{d['seconds']:.1f} s]", *_next(d)]), []
+    return "\n".join(
+        [f"{case.name}: {d['verdict']}{': ' + named if named else ''}  [{d['seconds']:.1f} s]", *notes, *_next(d)]
+    ), []
 
 
 def _next(document: dict) -> list[str]:

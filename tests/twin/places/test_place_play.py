@@ -90,6 +90,23 @@ def test_nobody_is_accused_of_what_four_taps_lose_and_it_is_told(tmp_path, monke
     assert found["verdict"] == "no_mismatch" and found["effects"] == []
 
 
+def test_what_four_taps_lose_is_named_where_the_noise_does_not_hide_it(tmp_path, monkeypatch):
+    """Soundings of a scenario that say of themselves no more noise than a sounder has: no wall, body or gain is accused."""
+    monkeypatch.setattr(trace, "is_installed", lambda: False)
+    monkeypatch.setattr(play.pipeline, "lost", lambda *_: {})
+    still = SPEC.replace("waypoints_m: [[5, 12, 1.5], [15, 12, 1.5]], speed_m_per_s: 5", "position_m: [5, 12, 1.5]")
+    links = dict(tx=np.array(["a", "a", "b"]), rx=np.array(["b", "c", "c"]), time_s=TIMES_S[:1])
+    monday = links | dict(frequency_hz=FREQUENCY_HZ, response=np.zeros((3, 1, 41), np.complex64), noise_power=np.ones(3))
+    flight = links | dict(power_db=np.zeros((3, 1)), std_db=np.full(3, 0.5))
+    place_case.write(tmp_path / "case", spec=still, mesh=FLOOR + WALL, monday=monday, flight=flight)
+    assert cast_case.main(["place", str(tmp_path / "case"), "--output", str(tmp_path / "played")]) == 0
+    found = diagnose(document.read(tmp_path / "played"), budget_s=30.0).document
+    assert found["verdict"] == "no_mismatch" and found["effects"] == []
+    assert (
+        len(found["warnings"]) == 1 and "4 taps on a grid of 10 ns" in found["warnings"][0] and "lose -4" in found["warnings"][0]
+    )
+
+
 def test_the_same_seed_gives_the_same_soundings_and_a_folder_that_is_there_stays(played, tmp_path, capsys):
     world = play.world(
         spec.read(tmp_path / "world" / "spec.yaml"), play.pipeline.Run(folder=tmp_path / "w", tell=lambda line: None)

@@ -3,7 +3,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import norm
@@ -11,7 +11,7 @@ from scipy.stats import norm
 from ...core.units import db_from_power
 from ...twin.places.believed import believed
 from ...twin.places.document import Place
-from . import policy, search
+from . import policy, search, taps
 from .ears import ear
 from .fit import Model, applied, deviations, evaluated, fitted, without_effect
 from .next_position import where_to_sound
@@ -40,7 +40,12 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
     base, bandwidth_hz = believed(place), place.spec.bandwidth_hz
     ears = tuple(ear(one, place.unknown, bandwidth_hz) for one in place.soundings if not one.vault)
     vault = tuple(ear(one, place.unknown, bandwidth_hz) for one in place.soundings if one.vault)
-    found = search.run(ears, base, place.unknown, _SEARCH_SHARE * budget_s, progress)
+    warnings = []
+    if (through := taps.tapped(ears, bandwidth_hz)) and (as_taps := _as_taps(ears, through, base)):
+        found, ears, vault = as_taps, through, taps.tapped(vault, bandwidth_hz) or vault
+        warnings.append(taps.in_words(ears, base))
+    else:
+        found = search.run(ears, base, place.unknown, _SEARCH_SHARE * budget_s, progress)
     model = found.model
     everything = (*ears, *vault)
     before, after = evaluated(everything, base, ()), evaluated(everything, base, model.effects)
@@ -59,11 +64,22 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
         "ambiguous": open_,
         "fit": residual_over_received(vault or ears, before, after, len(ears) if vault else 0, bool(vault)),
         "residual": _residual(found, ears, after),
+        "warnings": warnings,
         "seconds": round(time.monotonic() - begin_s, 2),
     }
     return PlaceDiagnosis(
         place=place, document=document, model=model, ears=ears, vault=vault, before=before.fits, after=after.fits
     )  # fmt: skip
+
+
+def _as_taps(ears, through, base) -> search.Found | None:
+    """The twin as it is, where four taps in the place of its paths explain what it leaves above noise."""
+    count = sum(one.count for one in ears)
+    plain = search.Found(model=evaluated(ears, base, ()), start=None, rivals={}, tried=1, count=count, spent=False)
+    if plain.deviations < policy.CLEAN_DEVIATIONS:
+        return None
+    model = evaluated(through, base, ())
+    return replace(plain, model=model, start=model) if taps.explain(plain.model, model, count) else None
 
 
 def _verdict(effects: list, open_: list, clean: bool) -> str:

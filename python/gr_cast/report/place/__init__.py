@@ -27,6 +27,7 @@ def render(diagnosis) -> str:
     found, powers = maps.profiles(scene), maps.courses(scene)
     parts = [
         f"<h1>{name}</h1><p class='verdict {d['verdict']}'>{escape(words.verdict(d))}</p>",
+        *(f"<p>{escape(line)}</p>" for line in d.get("warnings", [])),
         _views(scene),
         words.causes(d),
         words.bars(d["fit"]),
