@@ -139,3 +139,14 @@ def test_a_node_elsewhere_and_a_board_that_is_not_there_are_both_named():
     assert set(named) == {("node_position", "b"), ("extra_object", "board")}
     assert named["node_position", "b"] == pytest.approx([0.15, -0.12, 0.0], abs=0.02)
     assert found.deviations < 4
+
+
+def test_what_only_stands_in_the_way_is_named_too():
+    world = copy.deepcopy(theirs())
+    screen = np.array([(0.2, 1.9, 0.2), (1.6, 1.9, 0.2), (1.6, 1.9, 2.2), (0.2, 1.9, 2.2)])
+    world["objects"]["screen"] = {"tris": screen[[[0, 1, 2], [0, 2, 3]]], "surface": None}
+    world["materials"]["screen"] = "wood"
+    world["media"]["screen"] = {"permittivity": 1.0, "conductivity": 1e-9}  # nothing comes back from it
+    found = search.run(heard(world, 30.0), ours(), UNKNOWN, 60.0)
+    assert [effect.family.name for effect in found.model.effects] == ["missing_object"]
+    assert found.deviations < 4

@@ -77,7 +77,7 @@ def _refined(view, normal: np.ndarray, level_m: float):
     origin = origin + shift * normal
     _, met, _ = imaging.mirrored((rows["tx"], rows["rx"]), tilted, origin @ tilted)
     places = np.column_stack([(met - origin) @ along, (met - origin) @ v])
-    box = _rectangle(places, gain_nats)
+    box = rectangle(places, gain_nats)
     if box is None:
         return None
     nats, low, high = box
@@ -156,10 +156,10 @@ def _evidence(view, rows, origin, normal, u, shift, turn, amplitude):
     return gain.sum(axis=1)
 
 
-def _rectangle(places: np.ndarray, nats: np.ndarray):
+def rectangle(places: np.ndarray, nats: np.ndarray):
     """(nats, low, high) of the rectangle with most nats in it, its edges half-way to the next row that does not see it."""
     lit = nats > _SEEN_NATS
-    if lit.sum() < 2:
+    if not lit.any():
         return None
     low, high = places[lit].min(axis=0), places[lit].max(axis=0)
     inside = lambda lo, hi: ((places >= lo - 1e-9) & (places <= hi + 1e-9)).all(axis=1)  # noqa: E731

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
 from ...scenario.create import fields, wedges
-from . import imaging, planes, policy, scan
+from . import imaging, planes, policy, scan, shades
 from .ears import thinned, without_phase
 from .fit import applied, evaluated
 
@@ -345,6 +345,9 @@ class View:
 
     def sheets(self):
         return planes.sheets(self)
+
+    def shades(self):
+        return shades.shades(self)
 
     def passers(self, height_m: float):
         return planes.passers(self, height_m)

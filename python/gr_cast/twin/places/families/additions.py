@@ -11,6 +11,7 @@ from ..world import Person
 from .base import Effect, Family, std_of, value
 
 _MATERIALS = ((1.0, 1e7), (6.0, 0.05), (2.5, 0.03))  # permittivity and conductivity (S/m) to begin with: metal, stone, board
+_DARK = (1.0, 1e-5)  # what shades and sends nothing back
 _PERMITTIVITIES = (1.5, 2.0, 2.7, 3.4, 4.2, 5.2, 6.3, 7.5, 10.0, 15.0)  # to begin anew with, once the plane is where it is
 _FAR_M = 3.0  # that a plane may move from where it was imaged
 _RADII_M, _HEIGHT_M = (0.4, 0.2, 0.9), 1.8  # of a person or a vehicle: how wide a shadow is; height to begin with
@@ -48,14 +49,13 @@ class MissingObject(Family):
         return ["place"] if view.has_responses else []
 
     def starts(self, view, owner):
+        seen = [(sheet, made) for sheet in view.sheets() for made in _MATERIALS] + [(sheet, _DARK) for sheet in view.shades()]
         return [
-            Effect(family=self, owner=owner, values=np.array([0.0, 0.0, *np.log(made)]), choice=sheet)
-            for sheet in view.sheets()
-            for made in _MATERIALS
+            Effect(family=self, owner=owner, values=np.array([0.0, 0.0, *np.log(made)]), choice=sheet) for sheet, made in seen
         ]
 
     def restarts(self, effect):
-        made = [(1.0, 1e7), *((permittivity, 0.03) for permittivity in _PERMITTIVITIES)]
+        made = [(1.0, 1e7), _DARK, *((permittivity, 0.03) for permittivity in _PERMITTIVITIES)]
         return [effect.moved(np.array([*effect.values[:2], *np.log(one)])) for one in made]
 
     def apply(self, world, effect):
@@ -83,11 +83,11 @@ class MissingObject(Family):
         arm = float((point - np.array(effect.choice.origin_m)) @ np.array(effect.choice.u))
         slope = np.array([1.0, arm])
         std = float(np.sqrt(max(slope @ covariance[:2, :2] @ slope, 0.0)))
+        seen = {} if lit_m is None else {"reflection_db": value(reflection_db, 1.0)}
         return {
             "point_m": value(point, np.maximum(std * np.abs(normal), 1e-6)),
             "normal": value(normal, [std_of(covariance, 1)] * 3),
-            "reflection_db": value(reflection_db, 1.0),
-        }
+        } | seen
 
     def extent_m(self, view, effect) -> list[list[float]]:
         lit_m, _ = view.lit(effect)
@@ -96,6 +96,10 @@ class MissingObject(Family):
 
     def sentence(self, effect, told):
         x, y, z = told["point_m"]["value"]
+        if "reflection_db" not in told:
+            return (
+                f"Something that the mesh leaves out stands in the way at ({x:.2f}, {y:.2f}, {z:.2f}) m and sends nothing back."
+            )
         return (
             f"Something that the mesh leaves out reflects at ({x:.2f}, {y:.2f}, {z:.2f}) m, "
             f"{told['reflection_db']['value']:.1f} dB, normal ({', '.join(f'{n:.2f}' for n in told['normal']['value'])})."
