@@ -11,7 +11,7 @@ from .ears import ResponseEar, evenly
 from .likelihood import Fitted
 
 NO_SECOND = np.zeros(1)  # axis
-_ROWS, _FREQUENCIES = 40, 12  # of a sounding that a scan looks at: a guess needs no more
+_ROWS, _TONES = 40, 12  # of a sounding that a scan looks at: a guess needs no more
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +33,7 @@ def rows(ear: ResponseEar, fit: Fitted, world, rates_of) -> list[Row]:
     touched = {index: rates for index in range(len(heard.links)) if (rates := rates_of(index)) is not None}
     out = []
     per_link = max(2, _ROWS // max(len(touched), 1))
-    columns = evenly(len(heard.frequency_hz), _FREQUENCIES)
+    columns = evenly(len(heard.frequency_hz), _TONES)
     f_hz = heard.frequency_hz[columns]
     for index, rates in touched.items():
         table = predictor.path_table(world, index)
@@ -42,24 +42,23 @@ def rows(ear: ResponseEar, fit: Fitted, world, rates_of) -> list[Row]:
         moves = gain != 0
         moves &= np.abs(rates).max(axis=(0, 2)) > 0
         still = instant.max(initial=0) == 0
-        for step in evenly(len(predictor.time_s), per_link):
-            here = np.flatnonzero(moves & (instant == (0 if still else step)))
-            weight = heard.weight[index, step, columns]
+        cables = predictor.cables(world, index)[columns]
+        for step in (0,) if still else evenly(len(predictor.time_s), per_link):
+            here = np.flatnonzero(moves & (instant == step))
+            y, weight, factor = (_mean if still else _at)(heard, fit, index, step, columns)
             if not len(here) or not weight.any():
                 continue
             tau_s = way.length_m[here] / SPEED_OF_LIGHT_M_PER_S
-            base = gain[here, None] * np.exp(-2j * np.pi * (world.carrier_hz + f_hz) * tau_s[:, None])
+            base = gain[here, None] * np.exp(-2j * np.pi * (world.carrier_hz + f_hz) * tau_s[:, None]) * cables
             rate = (2 * np.pi / SPEED_OF_LIGHT_M_PER_S) * (
                 world.carrier_hz * rates[:, here, :1] + f_hz[None, None] * rates[:, here, 1:]
             )
-            factor = fit.factor[index, step, columns]
-            base = base * predictor.cables(world, index)[columns]
             out.append(
                 Row(
                     base=base * factor,
                     rates=rate,
                     rest=(response[step, columns] - base.sum(axis=0)) * factor,
-                    y=heard.y[index, step, columns],
+                    y=y,
                     weight=weight,
                     is_free=heard.phase != "none",
                 )  # fmt: skip
@@ -67,19 +66,33 @@ def rows(ear: ResponseEar, fit: Fitted, world, rates_of) -> list[Row]:
     return out
 
 
+def _at(heard, fit: Fitted, index: int, step: int, columns):
+    return heard.y[index, step, columns], heard.weight[index, step, columns], fit.factor[index, step, columns]
+
+
+def _mean(heard, fit: Fitted, index: int, step: int, columns):
+    """Of a still link: all instants as one, each turned as its fit is."""
+    factor, weight = fit.factor[index][:, columns], heard.weight[index][:, columns]
+    size = np.abs(factor)
+    turned = heard.y[index][:, columns] * np.where(size > 0, factor, 1).conj() / np.where(size > 0, size, 1)
+    total = weight.sum(axis=0)
+    return (turned * weight).sum(axis=0) / np.where(total > 0, total, 1), total, size.mean(axis=0)
+
+
 def energy(rows_: Sequence[Row], first: np.ndarray, second: np.ndarray = NO_SECOND) -> np.ndarray:
     """Energy of all rows (len(first), len(second)) over the grid."""
-    total = np.zeros((len(first), len(second)))
+    total = np.zeros((len(first), len(second)), np.float32)
     for row in rows_:
-        cross, power = np.zeros(total.shape, complex), np.zeros(total.shape)
+        cross, power = np.zeros(total.shape, np.complex64), np.zeros(total.shape, np.float32)
         for k in range(len(row.y)):
-            left = row.base[:, k] * np.exp(-1j * np.multiply.outer(first, row.rates[0][:, k]))
+            root = np.sqrt(row.weight[k])  # first: powers of amplitudes alone are less than single precision holds
+            left = root * row.base[:, k] * np.exp(-1j * np.multiply.outer(first, row.rates[0][:, k]))
             right = (
                 np.exp(-1j * np.multiply.outer(second, row.rates[1][:, k])) if len(row.rates) > 1 else np.ones((1, left.shape[1]))
             )
-            model = left @ right.T + row.rest[k]
-            cross += row.weight[k] * row.y[k].conj() * model
-            power += row.weight[k] * np.abs(model) ** 2
+            model = left.astype(np.complex64) @ right.T.astype(np.complex64) + np.complex64(root * row.rest[k])
+            cross += np.complex64(root * row.y[k].conj()) * model
+            power += model.real**2 + model.imag**2
         total += power - 2 * (np.abs(cross) if row.is_free else cross.real)
     return total
 
