@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Scattering leaves a residual that is noise with a delay profile: its likelihood, by bins of delay."""
 
+import functools
 from functools import partial
 
 import numpy as np
@@ -9,7 +10,7 @@ from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from ...scenario.create import patches
 from ...twin.places.predict import surface_key
 
-_SPREAD = (0.15, 0.7, 0.15)  # of a delay between two bins
+_FINER = 4  # steps of a bin of delay
 _COSINES = np.linspace(0, 1, 25)  # of incidence, between which reflections are interpolated
 _COARSE_M = 0.1  # of positions: patches are half a metre wide
 _INSTANTS = 6  # of a moving link at which its profile is computed
@@ -64,9 +65,16 @@ def profiles(world, predictor, index: int, count: int, spacing_hz: float) -> np.
         key = ("scattered", made, tx_m[step].tobytes(), rx_m[step].tobytes())
         make = partial(_mirrors, world, tx, rx, tx_m[step], rx_m[step], count, spacing_hz)
         cell, place, mirrored = predictor.remembered(key, make)
-        power.append(np.bincount(place, kept[cell] * mirrored, minlength=count))
-    power = np.array(power)
-    return sum(share * np.roll(power, shift, axis=1) for shift, share in zip((-1, 0, 1), _SPREAD, strict=True)) * count
+        power.append(np.bincount(place, kept[cell] * mirrored, minlength=count * _FINER))
+    spread = np.fft.rfft(_leakage(count))
+    return np.fft.irfft(np.fft.rfft(np.array(power), axis=1) * spread, count * _FINER, axis=1)[:, ::_FINER] * count
+
+
+@functools.cache
+def _leakage(count: int) -> np.ndarray:
+    """Share of a path's power in the bin of delay 0, by the path's delay in parts of a bin: |Dirichlet's kernel|²."""
+    delay = np.arange(count * _FINER) / _FINER
+    return np.abs(np.exp(-2j * np.pi * np.outer(np.arange(count), delay) / count).mean(axis=0)) ** 2
 
 
 def _kept(world) -> np.ndarray:
@@ -82,11 +90,12 @@ def _mirrors(world, tx, rx, tx_m, rx_m, count: int, spacing_hz: float) -> tuple[
     power, cos_in, length_m, owner = patches.seen(
         mesh.patches, faces, world.surface, world.carrier_hz, tx_m, rx_m, tx.antenna, rx.antenna
     )  # fmt: skip
-    place = np.round(length_m / SPEED_OF_LIGHT_M_PER_S * count * spacing_hz).astype(int) % count
+    many = count * _FINER
+    place = np.round(length_m / SPEED_OF_LIGHT_M_PER_S * many * spacing_hz).astype(int) % many
     at = cos_in * (len(_COSINES) - 1)
     low = np.minimum(at.astype(int), len(_COSINES) - 2)
-    cells = [(owner * len(_COSINES) + low + more) * count + place for more in (0, 1)]
+    cells = [(owner * len(_COSINES) + low + more) * many + place for more in (0, 1)]
     shares = [power * (1 - (at - low)), power * (at - low)]
     total = np.bincount(np.concatenate(cells), np.concatenate(shares))
     used = np.flatnonzero(total)
-    return used // count, used % count, total[used]
+    return used // many, used % many, total[used]
