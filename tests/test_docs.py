@@ -10,10 +10,14 @@ from pathlib import Path
 
 import pytest
 from gr_cast.core import documents
+from gr_cast.core.documents import Reader
 from gr_cast.core.errors import CastError
+from gr_cast.twin.contract import Known, check_effects
+from gr_cast.twin.effects import FAMILIES, NAMED
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "docs"))
+import effect_schemas
 import schemas
 
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("docs/reference/*.md")])
@@ -41,6 +45,54 @@ def test_a_schema_takes_what_the_reader_takes_and_refuses_what_it_refuses(name, 
             (tmp_path / "wrong.yaml").write_text(documents.yaml_text(wrong))
             with pytest.raises(CastError):
                 read(tmp_path / "wrong.yaml")
+
+
+def value_of(value):
+    """One that a family's parameter or number of its model may have."""
+    if value.words:
+        return value.words[0]
+    if value.kind is not float:
+        return value.kind(True) if value.kind is bool else "code"
+    plain = max(value.low, min(value.high, 1))
+    plain = round(plain) if value.whole else plain
+    return [plain] if value.many else plain
+
+
+@pytest.mark.parametrize("family", NAMED)
+def test_schema_and_reader_take_and_refuse_the_same_entries_of_a_family(family):
+    jsonschema = pytest.importorskip("jsonschema", reason="NO JSONSCHEMA: schemas are not held against the reader")
+    check = jsonschema.Draft202012Validator(effect_schemas.entry())
+    check.check_schema(check.schema)
+    known = Known(nodes=("a", "b"), links=(("a", "b"),), waveforms=("code",), rate_hz=2e6)
+    about = FAMILIES[family]
+
+    def faults(entry):
+        reader = Reader("twin.yaml")
+        check_effects(reader, [entry], known)
+        return len(reader.faults) > 0, bool(list(check.iter_errors(entry)))
+
+    level = about.owners[0]
+    owner = {"level": level, "name": {"link": "a>b", "environment": "environment"}.get(level, "a")}
+    parameters = {name: value_of(value) for name, value in about.parameters.items()}
+    model = {name: value_of(value) for name, value in about.remembered.items()}
+    good = {"family": family, "owner": owner, "parameters": parameters, "model": model}
+    contradicts = about.contradiction(parameters, model) is not None
+    assert faults(good) == (contradicts, False)
+    wrong = [
+        good | {"parameters": parameters | {"nobody_knows": 1}},
+        good | {"model": model | {"nobody_knows": 1}},
+        good | {"family": f"{family}s"},
+        good | {"owner": owner | {"level": "nobody"}},
+        good | {"nobody_knows": 1},
+        *(good | {"parameters": parameters | {name: {"value": []}}} for name in parameters),
+        *(
+            good | {"parameters": parameters | {name: value.low - 1}}
+            for name, value in about.parameters.items()
+            if value.low == 0
+        ),
+    ]
+    for entry in wrong:
+        assert faults(entry) == (True, True), entry
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)

@@ -4,11 +4,15 @@
 import json
 import signal
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "docs"))
+import effect_schemas
 
 PROGRAM = Path(__file__).resolve().parents[2] / "apps" / "cast_diagnose.py"
 FILES = ["diagnosis.json", "report.html", "residual.npz", "twin_corrected.yaml"]
@@ -34,6 +38,15 @@ def test_a_diagnosis_is_a_whole_folder_and_its_twin_carries_the_effects(case, tm
     assert document["cast_diagnosis"] == 1 and document["verdict"] == "identified"
     assert [e["family"] for e in twin["effects"]] == [e["family"] for e in document["effects"]]
     assert twin["effects"][0]["parameters"] == document["effects"][0]["parameters"]
+
+
+def test_a_diagnosis_is_what_its_schema_says(case, tmp_path):
+    jsonschema = pytest.importorskip("jsonschema", reason="NO JSONSCHEMA: a diagnosis is not held against its schema")
+    assert call(case, "--output", tmp_path / "out").returncode == 0
+    document = json.loads((tmp_path / "out" / "echo" / "diagnosis.json").read_text())
+    check = jsonschema.Draft202012Validator(effect_schemas.diagnosis())
+    assert document["effects"] and not list(check.iter_errors(document))
+    assert list(check.iter_errors(document | {"verdict": "guilty"}))
 
 
 def test_every_fault_of_a_case_is_told_at_once_and_the_others_go_on(case, tmp_path):

@@ -92,7 +92,7 @@ def _model(get: Reader, model, place: str, family, known: Known) -> dict:
     model = get.keys({} if model is None else model, place, {*family.remembered, *MEASURED})
     for key in MEASURED:
         for name, value in get.mapping(model.get(key, {}), f"{place}.{key}").items():
-            get.number(value, f"{place}.{key}.{name}", *_limits(key, Value(), known))
+            get.number(value, f"{place}.{key}.{name}", *limits(key, Value(), known))
     found = {}
     for name, value in family.remembered.items():
         where = f"{place}.{name}"
@@ -116,11 +116,11 @@ def _one(get: Reader, entry, place: str, name: str, value: Value, known: Known):
         return get.truth(entry, place)
     if value.kind is str:
         return get.choice(entry, place, known.waveforms) if known.waveforms else get.text(entry, place)
-    unit, low, high = _limits(name, value, known)
+    unit, low, high = limits(name, value, known)
     return get.whole(entry, place, unit, int(low), int(high)) if value.whole else get.number(entry, place, unit, low, high)
 
 
-def _limits(name: str, value: Value, known: Known) -> tuple[str, float, float]:
+def limits(name: str, value: Value, known: Known) -> tuple[str, float, float]:
     """(unit, smallest, largest) of a number: what its own value says, within what its unit can mean at this sample rate."""
     late_s = LONGEST_DELAY / known.rate_hz
     unit, most = next(
