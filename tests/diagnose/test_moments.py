@@ -4,7 +4,11 @@
 import numpy as np
 import pytest
 from conftest_world import RATE_HZ
-from gr_cast.diagnose import diagnose, read_case
+from gr_cast.diagnose import align, diagnose, read_case
+from gr_cast.diagnose.search import refit, search
+from gr_cast.signals import codes
+from gr_cast.twin.effects import FAMILIES
+from gr_cast.twin.effects.base import start
 
 RUN = 25  # samples at a stretch of the vault, in which no joint is placed
 
@@ -13,7 +17,7 @@ def lost(world, *joints):
     """The clean signal with (first sample behind it, samples lost) at every joint."""
     ahead = sum((lost * (world.n >= at) for at, lost in joints), np.zeros_like(world.n))
     other = type(world)()
-    other.n = world.n + ahead
+    other.n, other.taps, other.x = world.n + ahead, world.taps, world.x
     return other.clean()
 
 
@@ -64,3 +68,21 @@ def test_a_tone_goes_on_in_the_air_while_samples_are_lost(world, tmp_path):
     assert sorted(e["family"] for e in document["effects"]) == ["sample_loss", "tone_interference"]
     ((time, number),) = losses(document).items()
     assert abs(time - at) <= 2 and number == samples
+
+
+def test_samples_that_were_miscounted_beside_a_wrong_clock_are_counted_again(world, tmp_path):
+    """One sample too many and a clock that gives most of it back: what a search may begin with beside a carrier offset."""
+    at, samples = 7200, 5
+    world.taps, world.code["samples_per_chip"] = world.taps[:1], 4
+    world.x = codes.from_spec(world.code).astype(complex)
+    y = lost(world, (at, samples)) * np.exp(2j * np.pi * 3000.0 * (world.n + samples * (world.n >= at)) / RATE_HZ)
+    case = read_case(world.write(tmp_path / "case", world.noisy(y)))
+    _, data, model = align.build(case, case.observations[0])
+    carrier = start(FAMILIES["carrier_frequency_offset"], [60.0, 0.0])
+    loss = start(FAMILIES["sample_loss"], [at, samples + 1.0], free=[False, False])
+    clock = start(FAMILIES["sample_clock_offset"], [-1.38])
+    begun = refit(data, model.adding(carrier).adding(loss).adding(clock))
+    best = search(data, [begun])[0]
+    found = {e.family: e.p for e in best.model.found}
+    assert found["sample_loss"].tolist() == [at, samples]
+    assert set(found) == {"sample_loss", "carrier_frequency_offset"}

@@ -365,7 +365,7 @@ def search(data: Data, beam: list[Fit], proof_deadline: float = np.inf) -> list[
         beam = _best(grown.values(), leader, leader.evidence - before)
         if not any(f is leader or not f.model.flexible for f in beam):
             break
-        beam = [quantiser_again(data, _on_their_sides(data, at_their_moments(data, f))) for f in beam]
+        beam = [quantiser_again(data, _on_their_sides(data, counted_again(data, f))) for f in beam]
         done |= {f.model.families: f for f in beam if f.evidence >= done.get(f.model.families, f).evidence}
     ranked = sorted(done.values(), key=lambda f: -f.evidence)
     cut, data = data.late, replace(data, deadline=max(data.deadline, proof_deadline))
@@ -476,6 +476,20 @@ def at_their_moments(data: Data, fit: Fit) -> Fit:
             first = np.append(scene.index, scene.index[-1] + 1)[at]
             model = fit.model.replacing(i, family.happening(scene, effect, float(first)))
             fit = max(fit, refit(data, model, near=fit), key=lambda f: f.evidence)
+    return fit
+
+
+def counted_again(data: Data, fit: Fit) -> Fit:
+    """The fit with what happens at its moments, and one more or less of what was counted there where that makes the recording
+    likelier: while a carrier or a clock is off, a search miscounts."""
+    fit = at_their_moments(data, fit)
+    for i, effect in enumerate(fit.model.effects):
+        for other in () if effect.fixed else FAMILIES[effect.family].another(effect):
+            if data.late:
+                return fit
+            trial = at_their_moments(data, refit(data, fit.model.replacing(i, other), near=fit))
+            if trial.evidence > fit.evidence + SEARCH_MARGIN:
+                return counted_again(data, trial)
     return fit
 
 
