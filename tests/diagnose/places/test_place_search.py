@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 from gr_cast.diagnose.places import search
 from gr_cast.diagnose.places.ears import ResponseEar
+from gr_cast.diagnose.places.fit import evaluated
 from gr_cast.diagnose.places.likelihood import Heard, profiled
 from gr_cast.diagnose.places.power import PowerEar
 from gr_cast.diagnose.places.run import residual_over_received
+from gr_cast.diagnose.places.view import View
 from gr_cast.scenario.create.fields import surface_of
 from gr_cast.scenario.create.geometry import Solid
 from gr_cast.scenario.create.media import Medium
 from gr_cast.scenario.create.nodes import Node
+from gr_cast.twin.places.families.nodes import TrackTiming
 from gr_cast.twin.places.predict import Predictor
 from gr_cast.twin.places.world import Mesh, Radio, World
 
@@ -150,3 +153,15 @@ def test_what_only_stands_in_the_way_is_named_too():
     found = search.run(heard(world, 30.0), ours(), UNKNOWN, 60.0)
     assert [effect.family.name for effect in found.model.effects] == ["missing_object"]
     assert found.deviations < 4
+
+
+def test_a_track_is_looked_for_far_and_wide_only_where_its_own_links_are_at_odds():
+    late, elsewhere = copy.deepcopy(theirs()), copy.deepcopy(theirs())
+    late["nodes"]["walker"]["time_offset_s"] = 0.3
+    elsewhere["nodes"]["b"]["waypoints_m"] = [[4.25, 0.48, 1.9]]
+    starts = []
+    for world in (late, elsewhere):
+        ears = heard(world, 30.0)
+        starts.append(TrackTiming().starts(View(ears, evaluated(ears, ours(), ()), UNKNOWN), "walker"))
+    assert min(abs(one.values[1] - 0.3) for one in starts[0]) < 0.05
+    assert max(abs(one.values[1]) for one in starts[1]) < 0.05
