@@ -9,7 +9,18 @@ import pytest
 from gr_cast.diagnose.confidence import Figures, confidence, is_whole
 from gr_cast.diagnose.policy import OPEN, SUREST, WEAKEST
 
-CLEAR = Figures(evidence=300.0, held_out=40.0, lead=60.0, largest=300.0, causes=1, courses=0, left=0.0, complete=True, open=False)
+CLEAR = Figures(
+    evidence=300.0,
+    held_out=40.0,
+    lead=60.0,
+    largest=300.0,
+    causes=1,
+    courses=0,
+    left=0.0,
+    flexible=True,
+    complete=True,
+    open=False,
+)
 
 
 @pytest.mark.parametrize(("name", "values", "way"), [
@@ -41,6 +52,13 @@ def test_an_effect_with_an_equal_rival_is_no_likelier_than_that():
 def test_what_an_unexplained_case_shows_loudly_is_surer_than_what_it_hardly_shows():
     loud, faint = (replace(CLEAR, evidence=e, held_out=e / 7, largest=2362.0, causes=2, left=200.0) for e in (2362.0, 0.4))
     assert confidence(loud) > 0.5 > 3 * confidence(faint)
+
+
+@pytest.mark.parametrize("left", [1.0, 30.0, 3e3])
+def test_what_is_left_speaks_against_what_can_look_like_it_rather_than_against_few_numbers(left):
+    few, flexible = (confidence(replace(CLEAR, flexible=f, left=left)) for f in (False, True))
+    assert flexible < few < confidence(CLEAR)
+    assert few < 0.5 or left < CLEAR.evidence  # but what is louder than an effect makes it doubtful, whatever it is
 
 
 def test_six_effects_that_are_each_sure_are_a_whole_list_and_two_random_courses_are_none():

@@ -18,6 +18,7 @@ from .policy import (
     IMITATION,
     LEAD_NATS,
     LEFT,
+    LEFT_BY_FEW,
     OPEN,
     SHARE_POWER,
     SUREST,
@@ -32,7 +33,8 @@ from .policy import (
 class Figures:
     """What tells how sure an effect is. Nats of `evidence`, on unseen samples (`held_out`, None where that was not worked out),
     of the `lead` over the runner-up (None without one), of the `largest` effect of its list that has numbers, and what is `left`
-    unexplained; the effects in its recording (`causes`), and random `courses` there where it is one itself, else 0."""
+    unexplained; the effects in its recording (`causes`), random `courses` there where it is one itself, else 0, and whether its
+    family is `flexible`: has the freedom to look like others."""
 
     evidence: float
     held_out: float | None
@@ -41,6 +43,7 @@ class Figures:
     causes: int
     courses: int
     left: float
+    flexible: bool
     complete: bool
     open: bool
 
@@ -59,7 +62,7 @@ def confidence(figures: Figures) -> float:
     if f.courses:
         sure *= COURSE * COURSES ** (f.courses - 1)
     if f.left:
-        sure *= LEFT * nats / (nats + f.left)
+        sure *= (LEFT if f.flexible else LEFT_BY_FEW) * nats / (nats + f.left)
     elif not f.complete:
         sure *= HURRIED
     return float(min(sure, OPEN) if f.open else sure)

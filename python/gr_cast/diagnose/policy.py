@@ -47,7 +47,9 @@ IMITATION, SHARE_POWER = 0.12, 0.25
 COURSE = 0.9  # a random course fits much of what is not it
 COURSES = 0.5  # for every further course in one recording: two of them imitate almost anything
 OPEN = 0.5  # at most, where another family fits alike
-LEFT = 0.6  # at most, where something is left that nothing explains; less where that is as loud as the effect
+# Where something is left that nothing explains, less where that is as loud as the effect: of one that has the freedom to look
+# like others what is left may be the rest of what it imitates; few numbers seldom explain most of what is not theirs.
+LEFT, LEFT_BY_FEW = 0.6, 0.9
 HURRIED = 0.9  # where the time ended the search
 WHOLE = 0.5  # probability of a list from which on it is called the whole truth: likelier right than not
 

@@ -692,7 +692,7 @@ def _doubted(data: Data, fit: Fit, known: list[Fit]) -> dict[int, Fit | None]:
         gain = fit.evidence - less.evidence
         if FAMILIES[effect.family].noise_like and gain < LEAST_OF_NOISE:
             doubted[i] = None
-        elif gain < SEARCH_SURE_NATS or _imitates(effect):
+        elif gain < SEARCH_SURE_NATS or imitates(effect):
             doubted[i] = less
     return doubted
 
@@ -702,7 +702,7 @@ def _unseen(parts: list[Data], model: Model) -> float:
     return sum(heldout.log_likelihood(refit(part, model, iterations=PROOF_STEPS)) for part in parts)
 
 
-def _imitates(effect: Effect) -> bool:
+def imitates(effect: Effect) -> bool:
     """Whether an effect has the freedom to look like others, however much it explains."""
     family = FAMILIES[effect.family]
     return family.flexible or family.linear or family.noise_like or effect.prior is not None

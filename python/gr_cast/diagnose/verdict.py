@@ -15,6 +15,7 @@ from .maps import power_of, steps
 from .ownership import kind_of, owner
 from .policy import REFUSED_NATS, SAME_DELAY_SAMPLES, SURELY_APART, VERDICT_LEAST_NATS
 from .residual import Leftover
+from .search import imitates
 
 LONGER = "longer_recording"  # what tells more of effects that are not sure enough
 
@@ -200,6 +201,7 @@ def _confidences(told: list[Told], ambiguous: list[dict], complete: bool) -> lis
             causes=len(beside),
             courses=sum(FAMILIES[other.effect.family].random for other in beside) if random else 0,
             left=max([rest.nats for rest in t.finding.left], default=0.0),
+            flexible=imitates(t.effect),
             complete=complete,
             open=FAMILIES[t.effect.family].told in open_ones,
         )
