@@ -43,7 +43,8 @@ def make_case(args) -> None:
         taps, noise_db = _believed(args, recordings, keys), {}
     make.write(args.output, recordings, make.document(recordings, taps, noise_db))
     names = ", ".join(f"{sc.link_name(key)} ({len(taps[key])} taps)" for key in keys)
-    print(f"{args.output}: {len(recordings)} recordings, {names}")
+    what = "recording" if len(recordings) == 1 else "recordings"
+    print(f"{args.output}: {len(recordings)} {what}, {names}")
     print(f"next: cast_diagnose.py {args.output} --output diagnosis")
 
 

@@ -101,13 +101,16 @@ def wire(args) -> int:
 def radio(args) -> int:
     """Between network namespaces whose packets a modem at each node carries over the emulated channel, in real time."""
     from gr_cast.blocks.modem import open_modem
-    from gr_cast.blocks.radio_link import RadioLink
+    from gr_cast.blocks.radio_link import LATENCIES_S, RadioLink
 
     traffic, scenario = _read(args), sc.load(args.scenario)
     if not 1e4 <= args.rate <= 2e6:
         raise CastError(f"--rate: got {args.rate} samples/s, needs 1e4 to 2e6 samples/s (real time)")
     if not np.isfinite([args.snr_db, *args.lower]).all():
         raise CastError(f"--snr-db, --lower: got {args.snr_db} and {args.lower} dB, need finite numbers")
+    least_s, most_s = LATENCIES_S
+    if not least_s <= args.latency <= most_s:
+        raise CastError(f"--latency: got {args.latency:g} s, needs {least_s:g} to {most_s:g} s")
     modem = open_modem("802.11a", args.mode)
     generators.check_mgen()
     namespaces.run_with_rights(sys.argv)
@@ -122,7 +125,10 @@ def radio(args) -> int:
             for file in tuns.values():
                 stack.callback(namespaces.os.close, file)
             lowered = sc.with_base_loss(scenario, lower_db)
-            link = RadioLink(lowered, tuns, modem, args.rate, noise_power=10 ** (-args.snr_db / 10), mtu=mtu, seed=args.seed)
+            noise_power = 10 ** (-args.snr_db / 10)
+            link = RadioLink(
+                lowered, tuns, modem, args.rate, noise_power=noise_power, mtu=mtu, seed=args.seed, latency_s=args.latency
+            )
             with link:
                 results, failure = _generate(traffic, nodes, output / name, lambda link=link: link.is_quiet)
                 status = link.status()
@@ -130,8 +136,11 @@ def radio(args) -> int:
                      "frames": status["frames"], "results": results})  # fmt: skip
         if failure:
             break
-    about = {"over": modem.name, "scenario": scenario.name, "sample_rate_hz": args.rate, "snr_at_0_db_db": args.snr_db}
+    about = {"over": modem.name, "scenario": scenario.name, "sample_rate_hz": args.rate, "snr_at_0_db_db": args.snr_db,
+             "held_back_s": args.latency, "longest_frame_s": link.frame_s}  # fmt: skip
     print(f"modem: {modem.name} at {args.rate:g} samples/s")
+    print(f"latency: at most {1e3 * args.latency:g} ms held back (--latency), at most {1e3 * link.frame_s:.1f} ms the frame"
+          " itself; the rest is this machine's")  # fmt: skip
     return _report(output, traffic, runs, about, failure)
 
 
@@ -167,6 +176,10 @@ def main(argv=None) -> int:
             command.add_argument(
                 "--rate", type=_program.rate, default=500e3, help="samples/s (default 500e3): one core does a million"
             )
+            command.add_argument(
+                "--latency", type=float, default=35e-3, metavar="S",
+                help="that samples are held back at most, 2e-3 to 1 (default 35e-3): the less, the more work for the machine",
+            )  # fmt: skip
             command.add_argument("--seed", type=int, default=0, help="of the noise")
         if function is evaluate:
             command.add_argument("--logs", required=True, metavar="DIR", help="NODE.log of every node")

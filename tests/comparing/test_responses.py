@@ -80,6 +80,12 @@ def test_the_table_and_the_document_tell_every_tap_of_both():
     assert lines[1].split() == ["0.0000", "0.00", "+4.0", "-1.00"]
 
 
+def test_no_difference_in_the_table_is_minus_nought():
+    document = responses.as_document(responses.compare_responses(response((4, 1)), response((3.99, 0.999)), 20e-9))
+    assert document["taps"][0]["delay_error_s"] < 0 > document["taps"][0]["gain_error_db"]
+    assert responses.as_table(document).split("\n")[1].split()[2:] == ["+0.0", "+0.00"]
+
+
 def test_a_sounding_is_read_with_its_taps_and_what_is_none_is_left_to_others(tmp_path):
     taps = [{"delay_s": 1e-6, "gain_db": -3.0}, {"delay_s": 2e-6, "gain_db": -9.0}]
     path = tmp_path / "result.json"

@@ -17,8 +17,9 @@ from .emulation import Emulation
 from .modem import Modem
 
 _GAP = 200  # samples of silence between two frames
-_SHARE_S = 0.03  # of fresh samples that are looked at together
-_STEP_S = 5e-3  # of samples that are made together
+LATENCY_S = 35e-3  # that samples are held back: made together at one end, looked at together at the other
+LATENCIES_S = 2e-3, 1.0  # the least and the most that may be asked for
+_MADE = 1 / 7  # of it at the sender
 _CATCH_UP_S = 0.1  # of samples that may be made together after the machine was busy elsewhere
 _SEND_BUFFER = 1 << 20  # bytes of packets that wait; more stay in the kernel's own queue, which drops
 
@@ -26,8 +27,9 @@ _SEND_BUFFER = 1 << 20  # bytes of packets that wait; more stay in the kernel's 
 class FrameSource(gr.sync_block):
     """Frames of the packets read from a TUN file, silence between them, at the pace of the wall clock."""
 
-    def __init__(self, modem: Modem, tun: int, sample_rate_hz: float):
+    def __init__(self, modem: Modem, tun: int, sample_rate_hz: float, latency_s: float = LATENCY_S):
         gr.sync_block.__init__(self, "frame_source", None, [np.complex64])
+        self._step = max(1, int(_MADE * latency_s * sample_rate_hz))
         self.set_min_output_buffer(int(_CATCH_UP_S * sample_rate_hz))
         self._modem, self._tun, self._rate_hz = modem, tun, sample_rate_hz
         self._left = np.empty(0, np.complex64)
@@ -65,7 +67,7 @@ class FrameSource(gr.sync_block):
     def work(self, input_items, output_items):
         out = output_items[0]
         due = int((time.monotonic() - self._begin) * self._rate_hz) - self._made
-        step = min(len(out), int(_STEP_S * self._rate_hz))
+        step = min(len(out), self._step)
         if due < step:
             time.sleep((step - due) / self._rate_hz)
             return 0
@@ -91,10 +93,10 @@ class FrameSource(gr.sync_block):
 class FrameSink(gr.sync_block):
     """Writes the packets of whole frames to a TUN file."""
 
-    def __init__(self, modem: Modem, tun: int, sample_rate_hz: float, longest_frame: int):
+    def __init__(self, modem: Modem, tun: int, sample_rate_hz: float, longest_frame: int, latency_s: float = LATENCY_S):
         gr.sync_block.__init__(self, "frame_sink", [np.complex64], None)
         self._modem, self._tun = modem, tun
-        self._fresh, self._old = max(int(_SHARE_S * sample_rate_hz), longest_frame), longest_frame
+        self._fresh, self._old = max(1, int((1 - _MADE) * latency_s * sample_rate_hz)), longest_frame
         self._samples = np.empty(0, np.complex64)
         self._begin = 0  # of `_samples`, in the stream: frames that begin before it are through
         self._newest = -2 * _GAP  # where the newest packet began, in the stream
@@ -128,18 +130,23 @@ class FrameSink(gr.sync_block):
 
 
 class RadioLink:
-    """Nodes of a scenario with a modem each between their TUN files and one emulator, in real time."""
+    """Nodes of a scenario with a modem each between their TUN files and one emulator, in real time.
+
+    `latency_s` is how long samples are held back to be made and looked at together: the less, the more often the modem looks
+    at the same samples again. `frame_s` is the longest frame's own time on the air.
+    """
 
     def __init__(
         self, scenario: Scenario, tuns: dict[str, int], modem: Modem, sample_rate_hz: float, *, noise_power: float, mtu: int,
-        seed: int = 0,
+        seed: int = 0, latency_s: float = LATENCY_S,
     ):  # fmt: skip
         missing = [node for node in tuns if node not in scenario.nodes]
         if missing:
             raise CastError(f"{scenario.name}: no node {', '.join(missing)}; the scenario has {', '.join(scenario.nodes)}")
         longest = len(modem.modulate(bytes(mtu))) + 2 * _GAP
-        self._sources = {node: FrameSource(modem, tun, sample_rate_hz) for node, tun in tuns.items()}
-        self._sinks = {node: FrameSink(modem, tun, sample_rate_hz, longest) for node, tun in tuns.items()}
+        self.frame_s = longest / sample_rate_hz
+        self._sources = {node: FrameSource(modem, tun, sample_rate_hz, latency_s) for node, tun in tuns.items()}
+        self._sinks = {node: FrameSink(modem, tun, sample_rate_hz, longest, latency_s) for node, tun in tuns.items()}
         ends = {(node, "tx"): block for node, block in self._sources.items()}
         ends |= {(node, "rx"): block for node, block in self._sinks.items()}
         self._emulation = Emulation(scenario, [], sample_rate_hz, noise_power=noise_power, seed=seed, ends=ends)

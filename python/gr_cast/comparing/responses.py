@@ -138,7 +138,7 @@ def as_table(document: dict) -> str:
     for tap in document["taps"]:
         lines.append(
             f"{tap['a']['delay_s'] * 1e6:16.4f}{tap['a']['gain_db']:11.2f}"
-            f"{tap['delay_error_s'] * 1e9:+21.1f}{tap['gain_error_db']:+11.2f}"
+            f"{tap['delay_error_s'] * 1e9:+z21.1f}{tap['gain_error_db']:+z11.2f}"
         )
     for side in ("a", "b"):
         lines += [

@@ -5,10 +5,11 @@ import os
 import socket
 import time
 
+import numpy as np
 import pytest
 from gr_cast import scenario as sc
 from gr_cast.blocks.modem import open_modem
-from gr_cast.blocks.radio_link import RadioLink
+from gr_cast.blocks.radio_link import LATENCY_S, FrameSink, RadioLink
 from gr_cast.core.errors import CastError
 
 MTU = 200
@@ -59,3 +60,27 @@ def test_nothing_crosses_where_the_taps_are_below_the_noise():
 def test_a_node_that_the_scenario_does_not_have_is_refused():
     with pytest.raises(CastError, match="no node 7"):
         RadioLink(sc.load("four_tap"), {"7": 0}, open_modem("802.11a", "qpsk1/2"), 500e3, noise_power=0.01, mtu=MTU)
+
+
+@pytest.mark.parametrize("latency_s", [4e-3, LATENCY_S])
+def test_a_packet_is_out_as_soon_as_the_latency_that_was_asked_for_has_passed(latency_s):
+    """Counted in samples behind the frame's last, wherever it begins: no clock is asked."""
+    rate_hz, modem, call = 500e3, open_modem("802.11a", "qpsk1/2"), 100
+    tun, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    packet = b"\x45" + bytes(range(60))
+    frame = modem.modulate(packet)
+    with tun, far:
+        far.setblocking(False)
+        for begin in (0, 3333, 9999):
+            sink = FrameSink(modem, tun.fileno(), rate_hz, 4000, latency_s)
+            sink.work([np.zeros(20000, np.complex64)], [])
+            samples = np.concatenate([np.zeros(begin), frame, np.zeros(int(latency_s * rate_hz) + 2 * call)]).astype(np.complex64)
+            got = until = None
+            for at in range(0, len(samples), call):
+                sink.work([samples[at : at + call]], [])
+                try:
+                    got, until = far.recv(2000), at + call
+                    break
+                except BlockingIOError:
+                    continue
+            assert got == packet and until <= begin + len(frame) + latency_s * rate_hz + call

@@ -359,7 +359,7 @@ def _approximation(spec: Spec, run: Run, folder: Path):
     steps_db = np.abs(np.concatenate([item.power_step_db for item in every.values()]))
     summary = {
         "NMSE median dB": round(float(np.median(nmse_db)), 2), "NMSE 90 % dB": round(float(np.percentile(nmse_db, 90)), 2),
-        "power error median dB": round(float(np.median(power_db)), 3),
+        "power error median dB": round(float(np.median(power_db)), 3) + 0.0,  # never -0.0
         "delay spread error median ns": round(1e9 * float(np.median(spread_s)), 3),
         **({"power step between holds, largest dB": round(float(steps_db.max()), 3)} if steps_db.size else {}),
         "base loss dB": round(-float(db_from_amplitude(strongest)), 3),
