@@ -159,8 +159,8 @@ def with_effect(ears: Sequence[Ear], model: Model, effect: Effect) -> Model:
     return evaluated(ears, model.base, (*model.effects, effect))
 
 
-def without_effect(ears: Sequence[Ear], model: Model, number: int) -> Model:
-    return evaluated(ears, model.base, tuple(e for i, e in enumerate(model.effects) if i != number))
+def without_effects(ears: Sequence[Ear], model: Model, numbers: Sequence[int]) -> Model:
+    return evaluated(ears, model.base, tuple(e for i, e in enumerate(model.effects) if i not in numbers))
 
 
 def replaced(ears: Sequence[Ear], model: Model, number: int, effect: Effect) -> Model:

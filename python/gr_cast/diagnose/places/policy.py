@@ -19,3 +19,4 @@ QUIET_DEVIATIONS = 1.5  # of the energy of noise: below, wide searches for what 
 RIVALS_SHARE = 0.3  # of the time of a search: a cause is told only beside what else it might have been
 EDGE_SHARE = 0.5  # of the theory's strength by which an edge's may differ: slabs and corners are no half-planes
 EDGE_NATS = 0.5  # of such a difference: below, an edge's strength is as the theory has it
+REFUSED_NATS = 10.0  # by which an effect makes soundings that it was not fitted to less likely: then it is none

@@ -13,7 +13,7 @@ from ...twin.places.believed import believed
 from ...twin.places.document import Place
 from . import policy, search, taps
 from .ears import ear
-from .fit import Model, applied, deviations, evaluated, fitted, without_effect
+from .fit import Model, applied, deviations, evaluated, fitted, without_effects
 from .next_position import where_to_sound
 from .view import View
 
@@ -45,7 +45,7 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
         found, ears, vault = as_taps, through, taps.tapped(vault, bandwidth_hz) or vault
         warnings.append(taps.in_words(ears, base))
     else:
-        found = search.run(ears, base, place.unknown, _SEARCH_SHARE * budget_s, progress)
+        found = search.run(ears, base, place.unknown, _SEARCH_SHARE * budget_s, progress, vault)
     model = found.model
     everything = (*ears, *vault)
     before, after = evaluated(everything, base, ()), evaluated(everything, base, model.effects)
@@ -53,9 +53,12 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
     open_ = _ambiguous(found, ears, base, place)
     clean = found.deviations < policy.CLEAN_DEVIATIONS
     told = evaluated(vault, base, model.effects) if vault else None
+    covariances = deviations(ears, model)
     effects = [
-        _entry(view, found, number, covariance, clean, told and without_effect(vault, told, number).energy - told.energy)
-        for number, covariance in enumerate(deviations(ears, model))
+        _entry(
+            view, found, cause, covariances[cause[0]], clean, told and without_effects(vault, told, cause).energy - told.energy
+        )
+        for cause in causes(view, model.effects)
     ]
     document = {
         "cast_diagnosis": 1,
@@ -121,12 +124,23 @@ def _ambiguous(found: search.Found, ears, base, place: Place) -> list[dict]:
     return out
 
 
-def _entry(view: View, found: search.Found, number: int, covariance: np.ndarray, clean: bool, vault_nats: float | None) -> dict:
-    effect = found.model.effects[number]
+def causes(view: View, effects) -> list[list[int]]:
+    """Numbers of the effects that are one cause each, the telling one first: what is found in pieces is told once."""
+    groups: list[list[int]] = []
+    for number, effect in enumerate(effects):
+        near = [group for group in groups if any(effect.family.is_one_with(view, effect, effects[other]) for other in group)]
+        groups = [group for group in groups if group not in near] + [sorted([number, *(one for group in near for one in group)])]
+    return [sorted(group, key=lambda number: not effects[number].family.is_telling(view, effects[number])) for group in groups]
+
+
+def _entry(
+    view: View, found: search.Found, cause: list[int], covariance: np.ndarray, clean: bool, vault_nats: float | None
+) -> dict:
+    effect = found.model.effects[cause[0]]
     told = effect.family.told(view, effect, covariance)
     rivals = _rivals(found, effect)
     margin = min((nats for _, nats in rivals), default=None)
-    less = fitted(view.ears, without_effect(view.ears, found.model, number), rounds=2)
+    less = fitted(view.ears, without_effects(view.ears, found.model, cause), rounds=2)
     gain = less.energy - found.model.energy
     where = {"links": _links(view.ears, less, found.model), "time_s": None, "delay_s": None}
     if extent := effect.family.extent_m(view, effect):

@@ -2,7 +2,7 @@
 """Which effects explain the soundings of a place: rounds of candidates, each fitted with all found before; then elimination."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from ...twin.places.families import FAMILIES
 from ...twin.places.families.base import Effect
 from . import policy
-from .fit import Ear, Model, evaluated, fitted, replaced, with_effect, without_effect
+from .fit import Ear, Model, evaluated, fitted, replaced, with_effect, without_effects
 from .view import View
 
 
@@ -39,7 +39,7 @@ def evidence(model: Model, count: float, tried: float) -> float:
     return -model.energy - sum(numbers_price_nats(e, count) + np.log(max(tried, 1)) for e in model.effects)
 
 
-def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget) -> tuple[list[Model], int]:
+def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, barred: Collection) -> tuple[list[Model], int]:
     """Models with one effect more, fitted, the best evidence first; and how many were tried. None where time ran out before
     all had been looked at: the best of a few is no answer."""
     view = View(ears, model, unknown)
@@ -47,13 +47,14 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget)
     screened, tried = [], 0
     for family in FAMILIES:
         for owner in family.owners(view):
-            if (family.name, owner) in have and family.level != "place":
+            key = family.name, owner
+            if key in barred or key in have and family.level != "place":
                 continue
             if budget.is_spent:
                 return [], tried
             tried += 1
             starts = family.starts(view, owner)
-            if len(starts) > policy.FULL_STARTS:
+            if len(starts) > policy.FULL_STARTS and family.ranks_unfitted:
                 starts = list({id(one): one for one in (*view.ranked(starts)[: policy.FULL_STARTS], starts[0])}.values())
             screened += [_quick(ears, with_effect(ears, model, start)) for start in starts]
     count = sum(ear.count for ear in ears)
@@ -104,23 +105,54 @@ class Found:
         return (self.model.whitened - self.model.offset - self.count) / float(spread)
 
 
-def run(ears: Sequence[Ear], base, unknown: dict, budget_s: float, progress=lambda text: None) -> Found:
-    """Search, elimination, rivals; `budget_s` of processor time, a part of it for the rivals."""
+def run(
+    ears: Sequence[Ear], base, unknown: dict, budget_s: float, progress=lambda text: None, vault: Sequence[Ear] = ()
+) -> Found:
+    """Search, elimination, rivals; `budget_s` of processor time, a part of it for the rivals. What the `vault`, which nothing is
+    fitted to, refuses is taken out again, and the search goes on without it."""
     budget = Budget.of((1 - policy.RIVALS_SHARE) * budget_s)
     start = model = evaluated(ears, base, ())
     count = sum(ear.count for ear in ears)
-    tried, others = 1, {}
+    others: dict = {}
+    barred: set = set()
+    while True:
+        model, tried = _grown(ears, model, unknown, budget, others, barred, progress)
+        refused = [number for number, nats in enumerate(told_nats(vault, model)) if nats < -policy.REFUSED_NATS]
+        if not refused:
+            break
+        barred |= {model.effects[number].key for number in refused}
+        model = fitted(ears, without_effects(ears, model, refused))
+        if budget.is_spent:
+            break
+    spent = budget.is_spent
+    others = {key: [one for one in found if one.key not in barred] for key, found in others.items()}
+    model, rivals = exchanged(ears, model, others, count, tried, Budget.of(policy.RIVALS_SHARE * budget_s))
+    return Found(model=model, start=start, rivals=rivals, tried=tried, count=count, spent=spent)
+
+
+def _grown(ears, model: Model, unknown: dict, budget: Budget, others: dict, barred: set, progress) -> tuple[Model, int]:
+    """The model with effect after effect as long as they pay, none of them `barred`; what came next to each goes to `others`."""
+    count, tried = sum(ear.count for ear in ears), 1
     while len(model.effects) < policy.MOST_EFFECTS and not budget.is_spent:
         progress(f"looking for effect {len(model.effects) + 1}")
-        better, tried = candidates(ears, model, unknown, budget)
+        better, tried = candidates(ears, model, unknown, budget, barred)
         least = max(policy.LEAST_EVIDENCE_NATS, policy.DIFFUSE_SHARE * (model.plain - model.whitened))
         if not better or evidence(better[0], count, tried) - evidence(model, count, tried) < least:
             break
         others[better[0].effects[-1].key] = [one.effects[-1] for one in better[1:]]
         model = pruned(ears, better[0], count, tried)
-    spent = budget.is_spent
-    model, rivals = exchanged(ears, model, others, count, tried, Budget.of(policy.RIVALS_SHARE * budget_s))
-    return Found(model=model, start=start, rivals=rivals, tried=tried, count=count, spent=spent)
+    return model, tried
+
+
+def told_nats(vault: Sequence[Ear], model: Model) -> list[float]:
+    """Nats by which each effect predicts soundings that it was not fitted to; 0 of what does not last from one to the next."""
+    if not vault or not model.effects:
+        return [0.0] * len(model.effects)
+    told = evaluated(vault, model.base, model.effects)
+    return [
+        without_effects(vault, told, [number]).energy - told.energy if effect.family.lasts else 0.0
+        for number, effect in enumerate(model.effects)
+    ]
 
 
 def exchanged(ears, model: Model, others: dict, count: float, tried: float, budget: Budget):
@@ -137,15 +169,25 @@ def exchanged(ears, model: Model, others: dict, count: float, tried: float, budg
             trials[0], model = model, trials[0]
             here = evidence(model, count, tried)
         own = model.effects[number]
-        rivals[own.key] = [(one.effects[number], here - evidence(one, count, tried)) for one in trials]
+        rivals[own.key] = sorted(
+            ((one.effects[number], behind_nats(one, model, number)) for one in trials), key=lambda pair: pair[1]
+        )
     return model, rivals
+
+
+def behind_nats(rival: Model, model: Model, number: int) -> float:
+    """How far a rival of one effect is behind, by what the soundings say and one nat (Akaike) per number: that it is less simple
+    does not rule it out."""
+    one, other = rival.effects[number], model.effects[number]
+    more = len(one.values) - len(other.values) + one.family.price_nats - other.family.price_nats
+    return rival.energy - model.energy + more
 
 
 def pruned(ears, model: Model, count: float, tried: float) -> Model:
     """Without effects that no longer pay."""
     number = 0
     while number < len(model.effects) - 1:
-        less = fitted(ears, without_effect(ears, model, number), rounds=4)
+        less = fitted(ears, without_effects(ears, model, [number]), rounds=4)
         if evidence(less, count, tried) > evidence(model, count, tried) - policy.LEAST_EVIDENCE_NATS / 2:
             model = less
         else:

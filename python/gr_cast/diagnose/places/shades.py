@@ -110,3 +110,23 @@ def _across(point: np.ndarray, way: np.ndarray, lost, begin_m, end_m):
     nats, low, high = box
     sheet = Sheet(origin_m=tuple(point), normal=tuple(normal), u=tuple(u), v=tuple(v), low_m=tuple(low), high_m=tuple(high))
     return nats, sheet
+
+
+def shaded(view, effect) -> np.ndarray:
+    """Points (n, 3), a few on each, of the legs that would go through an added rectangle if it were not there."""
+    world, corners_m = view.without(effect), effect.choice.corners_m(*effect.values[:2])
+    origin, u, v = corners_m[0], corners_m[1] - corners_m[0], corners_m[3] - corners_m[0]
+    normal = np.cross(u, v)
+    found = [np.zeros((0, 3))]
+    for ear in view.ears:
+        for index in range(len(ear.predictor.links)):
+            points_m = ear.predictor.path_table(world, index).way.points_m
+            begin, end = points_m[:, :-1].reshape(-1, 3), points_m[:, 1:].reshape(-1, 3)
+            before, after = (begin - origin) @ normal, (end - origin) @ normal
+            through = before * after < 0
+            share = (before / np.where(through, before - after, 1.0))[:, None]
+            place = begin + share * (end - begin) - origin
+            across, up = place @ u / (u @ u), place @ v / (v @ v)
+            through &= (across > 0) & (across < 1) & (up > 0) & (up < 1)
+            found += [begin[through] + way * (end - begin)[through] for way in _WAYS]
+    return np.concatenate(found)

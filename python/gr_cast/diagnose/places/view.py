@@ -349,6 +349,10 @@ class View:
     def shades(self):
         return shades.shades(self)
 
+    def shaded(self, effect) -> np.ndarray:
+        """Points (n, 3) on the legs that an added object stands in the way of."""
+        return shades.shaded(self, effect)
+
     def passers(self, height_m: float):
         return planes.passers(self, height_m)
 

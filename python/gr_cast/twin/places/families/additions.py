@@ -13,6 +13,7 @@ from .base import Effect, Family, std_of, value
 _MATERIALS = ((1.0, 1e7), (6.0, 0.05), (2.5, 0.03))  # permittivity and conductivity (S/m) to begin with: metal, stone, board
 _DARK = (1.0, 1e-5)  # what shades and sends nothing back
 _PERMITTIVITIES = (1.5, 2.0, 2.7, 3.4, 4.2, 5.2, 6.3, 7.5, 10.0, 15.0)  # to begin anew with, once the plane is where it is
+_BODY_M = 1.0  # between faces of one thing, or between a face and a way that it blocks
 _FAR_M = 3.0  # that a plane may move from where it was imaged
 _RADII_M, _HEIGHT_M = (0.4, 0.2, 0.9), 1.8  # of a person or a vehicle: how wide a shadow is; height to begin with
 
@@ -44,6 +45,7 @@ class MissingObject(Family):
     name = "missing_object"
     order = 1
     price_nats = 12.0  # of where it ends, and of all planes that were looked at
+    ranks_unfitted = False  # how strong an echo is, and its last centimetre, are found by the fit
 
     def owners(self, view):
         return ["place"] if view.has_responses else []
@@ -94,6 +96,21 @@ class MissingObject(Family):
         points = effect.choice.corners_m(*effect.values[:2]) if lit_m is None else lit_m
         return [points.min(axis=0).tolist(), points.max(axis=0).tolist()]
 
+    def is_one_with(self, view, effect, other):
+        if other.family is not self:
+            return False
+        boxes = [np.array(self.extent_m(view, one)) for one in (effect, other) if self.is_telling(view, one)]
+        if len(boxes) == 2:  # two faces of a body: hardly apart
+            (low, high), (other_low, other_high) = boxes
+            return bool(np.linalg.norm(np.maximum(0, np.maximum(low - other_high, other_low - high))) < _BODY_M)
+        ways = [view.shaded(one) for one in (effect, other) if not self.is_telling(view, one)]
+        if not boxes:
+            return bool(np.linalg.norm(ways[0][:, None] - ways[1][None], axis=2).min(initial=np.inf) < _BODY_M)
+        return bool(np.linalg.norm(ways[0] - np.clip(ways[0], *boxes[0]), axis=1).min(initial=np.inf) < _BODY_M)
+
+    def is_telling(self, view, effect):
+        return view.lit(effect)[0] is not None
+
     def sentence(self, effect, told):
         x, y, z = told["point_m"]["value"]
         if "reflection_db" not in told:
@@ -108,7 +125,7 @@ class MissingObject(Family):
 
 class MovingScatterer(Family):
     name = "moving_scatterer"
-    is_in_spec = False
+    is_in_spec = lasts = False
     order = 4
     price_nats = 12.0
 

@@ -34,6 +34,8 @@ class Family:
     order = 5  # of application: lower first
     price_nats = 0.0  # of what it may name beside its numbers
     is_flexible = False  # explains much that it is not: asked only where nothing else explains a good part
+    ranks_unfitted = True  # its first guesses are near enough to be told apart before they are fitted
+    lasts = True  # what it changes is there on another day, at another position
     is_in_spec = True  # a SPEC has keys for it; what has none stands in its `effects`
 
     def owners(self, view) -> Sequence[str]:
@@ -69,6 +71,14 @@ class Family:
     def extent_m(self, view, effect: Effect) -> list | None:
         """[[lo], [hi]] of the box that holds it, where it has a place of its own."""
         return None
+
+    def is_one_with(self, view, effect: Effect, other: Effect) -> bool:
+        """Whether both are of one thing that was found in pieces."""
+        return False
+
+    def is_telling(self, view, effect: Effect) -> bool:
+        """Whether the numbers of this piece say where the thing is."""
+        return True
 
     def sentence(self, effect: Effect, told: dict) -> str:
         raise NotImplementedError
