@@ -209,6 +209,9 @@ MOST_SWAPS = 3  # of what was found for a rival that explains more
 CUT_NATS = 10.0  # by which rails on a grid, or at one end alone, must make a recording likelier
 FINE_GRID = 10.0  # energy of its error over the noise, over the whole recording
 JITTER_SURE = 2.5  # standard deviations by which noise across the signal must exceed noise along it
+ACROSS = (
+    0.5  # of a band's power, by which more is across the signal than along it: all of an oscillator's, none of an interference's
+)
 UNEXPLAINED_P = 1e-5
 UNEXPLAINED_NATS = 40.0
 UNEXPLAINED_SHARE = 0.01

@@ -16,6 +16,7 @@ from .fit import Fit, off_the_rails, solve
 from .ownership import agree_on_sides, agree_on_wander
 from .passing import without_passing
 from .policy import (
+    ACROSS,
     BUDGET_S,
     COLOUR_ORDERS,
     CROWDED_P,
@@ -288,7 +289,8 @@ def _finer(fit: Fit) -> Fit:
 
 
 def _with_jitter(fit: Fit) -> Fit:
-    """Phase noise with its part that is too fast to be followed: noise across the signal, and none along it."""
+    """Phase noise with its part that is too fast to be followed: noise across the signal, and none along it; such noise is no
+    other law's, over time or, as it lies in the signal's own band, over frequency."""
     at = fit.model.index_of(Role.WANDER, found=True)
     if at is None:
         return fit
@@ -304,6 +306,11 @@ def _with_jitter(fit: Fit) -> Fit:
         if profile(np.concatenate([across, along]), np.concatenate([1 + 2 * shape, np.ones_like(shape)])) > both:
             fit = refit(fit.data, fit.model.without(follows))
             return _with_jitter(fit)
+    for i in (i for i, e in enumerate(effects) if FAMILIES[e.family].band(e) and not e.fixed):
+        bare = refit(fit.data, fit.model.without(i))
+        across, along, _ = _directions(bare)
+        if across.sum() - along.sum() > ACROSS * (bare.sigma2 - fit.sigma2) * bare.data.count:
+            return _with_jitter(bare)
     noisy = effects[at]
     return replace(fit, model=fit.model.replacing(at, replace(noisy, aux={**noisy.aux, "_jitter": float(jitter)})))
 

@@ -311,12 +311,17 @@ def _candidates(fit: Fit) -> list[Score]:
             scores = [replace(s, net=s.net + colour * (stage_of(s.effect) == RX_FILTER)) for s in scores]
         scores += noises
     scores.sort(key=lambda s: -s.net)
-    kept, per_family = [], {}
+    kept: list[Score] = []
     for s in scores:
-        if per_family.get(s.effect.family, 0) < 2:
-            per_family[s.effect.family] = per_family.get(s.effect.family, 0) + 1
+        same = [k.effect for k in kept if k.effect.family == s.effect.family]
+        if len(same) < 2 and not any(_one_course(s.effect, other) for other in same):
             kept.append(s)
     return kept
+
+
+def _one_course(a: Effect, b: Effect) -> bool:
+    """Whether two random courses differ in their laws alone: how far they follow matters more, and a score is rough in that."""
+    return bool(FAMILIES[a.family].wanders) and len(a.p) == len(b.p) and a.aux.get("tap") == b.aux.get("tap")
 
 
 def _what(effect: Effect) -> tuple[str, str]:

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""An oscillator's phase of which a part is too fast to be followed: noise across the signal, in the signal's own band."""
+
+import numpy as np
+import pytest
+from conftest_world import noise
+from gr_cast.diagnose import diagnose, read_case
+from gr_cast.signals import codes
+
+SLOW, FAST = (1 / 20_000, 20 / 20_000), (0.02, 0.06)  # cycles per sample
+
+
+def _course(rng, count, rms, low, high):
+    f = np.abs(np.fft.fftfreq(count))
+    course = np.fft.ifft(np.fft.fft(rng.normal(size=count)) * ((f >= low) & (f <= high))).real
+    return course * rms / np.std(course)
+
+
+@pytest.fixture
+def jittery(world, tmp_path):
+    """fast (rad), interference (rms) → the effects that are found."""
+
+    def found(fast, interference):
+        world.taps, world.code["samples_per_chip"] = world.taps[:1], 4
+        world.x = codes.from_spec(world.code).astype(complex)
+        rng, n = np.random.default_rng(3), len(world.n)
+        phase = _course(rng, n, 0.05, *SLOW) + _course(rng, n, max(fast, 1e-12), *FAST)
+        band = np.abs(np.fft.fftfreq(n)) < 0.06
+        hiss = np.fft.ifft(np.fft.fft(noise(rng, n)) * band)
+        hiss *= interference / np.sqrt(np.mean(np.abs(hiss) ** 2))
+        y = world.noisy(world.clean() * np.exp(1j * phase) + hiss)
+        return diagnose(read_case(world.write(tmp_path / "case", y)), budget_s=3000).document["effects"]
+
+    return found
+
+
+@pytest.mark.parametrize("fast", [0.010, 0.016])
+def test_a_phase_too_fast_to_be_followed_is_phase_noise_and_neither_a_fading_tap_nor_interference(jittery, fast):
+    (told,) = jittery(fast, 0.0)
+    assert told["family"] == "phase_noise"
+    assert told["parameters"]["rms_rad"]["value"] == pytest.approx(np.hypot(0.05, fast), rel=0.03)
+
+
+def test_interference_in_the_signals_band_beside_phase_noise_is_interference(jittery):
+    assert {e["family"] for e in jittery(0.0, 0.006)} == {"phase_noise", "narrowband_interference"}
