@@ -18,9 +18,10 @@ from gr_cast.core.figures import fixed
 from gr_cast.core.files import write_json, write_text
 from gr_cast.core.units import db_from_amplitude
 from gr_cast.report import plan, plot
+from gr_cast.report.place import area as place_area
 from gr_cast.report.place import planning as place_planning
 from gr_cast.scenario import colosseum, zarr_file
-from gr_cast.scenario.create import materials, model, p2m, pipeline
+from gr_cast.scenario.create import area, materials, model, p2m, pipeline
 from gr_cast.scenario.create.spec import read as read_spec
 from gr_cast.scenario.reduced import reduced
 from gr_cast.twin.places import planning
@@ -203,6 +204,24 @@ def plan_soundings(args) -> None:
         print(f"picture: {args.plot}")
 
 
+def heat(args) -> None:
+    """Path loss from one node to every point of an area, from a SPEC alone."""
+    spec = _spec(args.spec)
+    wanted = area.Wanted(
+        sender=args.sender, time_s=args.at, region_m=args.region, height_m=args.height, step_m=args.step, max_depth=args.depth
+    )
+    wanted.grid(spec)  # its faults before anything is read
+    solids = materials.assign(model.read(spec)[0], spec.materials, spec.carrier_hz)
+    told = lambda done, total: _program.progress("heat", done, total)  # noqa: E731
+    found = area.losses(spec, solids, wanted, args.band or spec.bandwidth_hz, told)
+    heard = found.loss_db[np.isfinite(found.loss_db)]
+    span = f"{heard.min():.1f} to {heard.max():.1f} dB, median {np.median(heard):.1f} dB" if heard.size else "nothing is heard"
+    print(f"{spec.id}: {found.loss_db.size} points at {args.height:g} m, {heard.size} hear {args.sender}: {span}")
+    title = f"{spec.id}: path loss from {args.sender} at {args.height:g} m, up to {min(args.depth, spec.max_depth)} reflections"
+    plot.save(place_area.figure(found, solids, title), args.plot)
+    print(f"picture: {args.plot}")
+
+
 def check(args) -> int:
     """Exit status 1 where a link does not agree with its taps within the sounder's own uncertainty."""
     if not args.links >= 1:
@@ -348,6 +367,21 @@ def main(argv=None) -> int:
     command.add_argument("--json", metavar="FILE", help="also the plan as JSON")
     command.add_argument("--plot", metavar="PNG", help="also the place from above")
     command.set_defaults(call=plan_soundings)
+    command = commands.add_parser("heat", help="path loss from one node over an area, as a picture, from a SPEC alone")
+    command.add_argument("spec", help="SPEC.yaml, or the name of an example: arena, street")
+    command.add_argument("--from", required=True, metavar="NODE", dest="sender", help="that sends")
+    command.add_argument("--plot", required=True, metavar="PNG", help="the picture")
+    command.add_argument("--at", type=float, default=0.0, metavar="S", help="where a node that moves is (default 0)")
+    command.add_argument(
+        "--region", type=float, nargs=4, metavar=("X0", "Y0", "X1", "Y1"), help="in m (default: the box of all nodes)"
+    )
+    command.add_argument("--height", type=float, default=1.5, metavar="M", help="of the points, z (default 1.5)")
+    command.add_argument("--step", type=float, metavar="M", help="between points (default: 2000 of them)")
+    command.add_argument(
+        "--depth", type=int, default=2, metavar="N", help="reflections at most (default 2, or the SPEC's if less)"
+    )
+    command.add_argument("--band", type=_program.rate, metavar="HZ", help="band of the losses (default: the SPEC's)")
+    command.set_defaults(call=heat)
     command = commands.add_parser("create", help="from a place to an installed scenario, in eight steps that resume")
     command.add_argument("spec", help="SPEC.yaml, or the name of an example: arena, street")
     command.add_argument("--work", metavar="FOLDER", help="results of the steps (default: ID.create in this folder)")
