@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
-from ...scenario.create import patches
+from ...scenario.create import fields, patches
 from ...twin.places.predict import surface_key
 
 _FINER = 4  # steps of a bin of delay
@@ -57,14 +57,14 @@ def profiles(world, predictor, index: int, count: int, spacing_hz: float) -> np.
     every = max(1, -(-len(tx_m) // _INSTANTS))
     steps = np.zeros(1, int) if static else np.arange(len(tx_m)) // every * every
     kept = predictor.remembered(("reflected", world.carrier_hz, surface_key(world.surface)), lambda: _kept(world))
-    ends = [(radio.node.antenna, radio.node.orientation_rad) for radio in (tx, rx)]
-    made = world.mesh.coarse.key, world.carrier_hz, world.surface.present.tobytes(), world.surface.clear.tobytes(), *ends
+    made = world.mesh.coarse.key, world.surface.present.tobytes(), world.surface.clear.tobytes()
     tx_m, rx_m = (np.round(end_m / _COARSE_M) * _COARSE_M for end_m in (tx_m, rx_m))
     power = []
     for step in steps:
-        key = ("scattered", made, tx_m[step].tobytes(), rx_m[step].tobytes())
-        make = partial(_mirrors, world, tx, rx, tx_m[step], rx_m[step], count, spacing_hz)
-        cell, place, mirrored = predictor.remembered(key, make)
+        key = made, tx_m[step].tobytes(), rx_m[step].tobytes()
+        lit = predictor.remembered(("lit", key), partial(_lit, world, tx_m[step], rx_m[step]))
+        key = "mirrors", key, tx.antenna, rx.antenna
+        cell, place, mirrored = predictor.remembered(key, partial(_mirrors, lit, tx.antenna, rx.antenna, count, spacing_hz))
         power.append(np.bincount(place, kept[cell] * mirrored, minlength=count * _FINER))
     spread = np.fft.rfft(_leakage(count))
     return np.fft.irfft(np.fft.rfft(np.array(power), axis=1) * spread, count * _FINER, axis=1)[:, ::_FINER] * count
@@ -78,24 +78,26 @@ def _leakage(count: int) -> np.ndarray:
 
 
 def _kept(world) -> np.ndarray:
-    """Share of the power that objects scatter at each of the cosines: S² of what they reflect."""
+    """Share of the power that objects scatter at each of the cosines: (λ/4π)²·S² of what they reflect."""
     owner, cosine = (grid.ravel() for grid in np.meshgrid(np.arange(len(world.mesh.solids)), _COSINES, indexing="ij"))
-    return world.surface.scattering[owner] ** 2 * patches.reflected(world.surface, world.carrier_hz, owner, cosine)
+    share = (world.wavelength_m / (4 * np.pi)) ** 2 * world.surface.scattering[owner] ** 2
+    return share * patches.reflected(world.surface, world.carrier_hz, owner, cosine)
 
 
-def _mirrors(world, tx, rx, tx_m, rx_m, count: int, spacing_hz: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Power of perfect mirrors over S² by object and cosine, and by delay bin: numbers of both and power, where there is any."""
+def _lit(world, tx_m, rx_m) -> patches.Seen:
     mesh = world.mesh.coarse
-    faces = mesh.thick if world.is_clear else mesh.thin
-    power, cos_in, length_m, owner = patches.seen(
-        mesh.patches, faces, world.surface, world.carrier_hz, tx_m, rx_m, tx.antenna, rx.antenna
-    )  # fmt: skip
+    return patches.seen(mesh.patches, mesh.thick if world.is_clear else mesh.thin, world.surface, tx_m, rx_m)
+
+
+def _mirrors(lit: patches.Seen, tx, rx, count: int, spacing_hz: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where there is any, power of perfect mirrors between two antennas: number of object and cosine, delay bin, power."""
+    antennas = (fields.far_field(tx, lit.first) ** 2).sum(axis=1) * (fields.far_field(rx, -lit.second) ** 2).sum(axis=1)
     many = count * _FINER
-    place = np.round(length_m / SPEED_OF_LIGHT_M_PER_S * many * spacing_hz).astype(int) % many
-    at = cos_in * (len(_COSINES) - 1)
+    place = np.round(lit.length_m / SPEED_OF_LIGHT_M_PER_S * many * spacing_hz).astype(int) % many
+    at = lit.cos_in * (len(_COSINES) - 1)
     low = np.minimum(at.astype(int), len(_COSINES) - 2)
-    cells = [(owner * len(_COSINES) + low + more) * many + place for more in (0, 1)]
-    shares = [power * (1 - (at - low)), power * (at - low)]
+    cells = [(lit.owner * len(_COSINES) + low + more) * many + place for more in (0, 1)]
+    shares = [lit.power * antennas * (1 - (at - low)), lit.power * antennas * (at - low)]
     total = np.bincount(np.concatenate(cells), np.concatenate(shares))
     used = np.flatnonzero(total)
     return used // many, used % many, total[used]

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Diffuse scattering: every face as patches that scatter by Lambert's law, each with a phase of its own (Degli-Esposti 2007)."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from . import fields, images
@@ -33,9 +35,21 @@ def patches_of(faces: images.Faces) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return np.concatenate(middle), np.concatenate(size), np.concatenate(owner)
 
 
-def seen(patches, faces, surface, carrier_hz: float, tx_m, rx_m, tx_antenna, rx_antenna):
-    """What `patches` of the faces scatter from one point to another: power gain over S² (n,) of perfect mirrors, cosine of
-    incidence, length in m and object (n,)."""
+@dataclass(frozen=True, kw_only=True)
+class Seen:
+    """Patches (n) that both ends see: power gain over S²·(λ/4π)² of perfect mirrors between isotropic antennas, cosine of
+    incidence, length in m of the way over it, object, and unit directions (n, 3) to it and on from it."""
+
+    power: np.ndarray
+    cos_in: np.ndarray
+    length_m: np.ndarray
+    owner: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+
+
+def seen(patches, faces, surface, tx_m: np.ndarray, rx_m: np.ndarray) -> Seen:
+    """What `patches` of the faces may scatter from one point to another (Degli-Esposti 2007, Lambert's law)."""
     middle_m, area, face = patches
     keep = surface.present[faces.owner[face]]
     middle_m, area, face = middle_m[keep], area[keep], face[keep]
@@ -50,13 +64,11 @@ def seen(patches, faces, surface, carrier_hz: float, tx_m, rx_m, tx_antenna, rx_
     shut = (surface.present & ~surface.clear)[faces.owner]
     path, *_ = images.crossings(faces, points, np.zeros((len(at), 1), np.int64), shut)
     lit[at[path]] = False
-    area, face, first, second, d_in, d_out, cos_in, cos_out = (
-        v[lit] for v in (area, face, first, second, d_in, d_out, np.abs(cos_in), np.abs(cos_out))
-    )
-    wavelength_m = fields.SPEED_OF_LIGHT_M_PER_S / carrier_hz
-    antennas = (fields.far_field(tx_antenna, first) ** 2).sum(axis=1) * (fields.far_field(rx_antenna, -second) ** 2).sum(axis=1)
-    power = (wavelength_m / (4 * np.pi)) ** 2 * cos_in * cos_out * area / np.pi / (d_in * d_out) ** 2 * antennas
-    return power, cos_in, d_in + d_out, faces.owner[face]
+    area, face, d_in, d_out, cos_in, cos_out = (v[lit] for v in (area, face, d_in, d_out, np.abs(cos_in), np.abs(cos_out)))
+    power = cos_in * cos_out * area / np.pi / (d_in * d_out) ** 2
+    return Seen(
+        power=power, cos_in=cos_in, length_m=d_in + d_out, owner=faces.owner[face], first=first[lit], second=second[lit]
+    )  # fmt: skip
 
 
 def reflected(surface, carrier_hz: float, owner: np.ndarray, cos_in: np.ndarray) -> np.ndarray:
