@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From a case on disk to its diagnosis, and from the corrected twin to nothing left: received power alone."""
 
+import json
 import shutil
+import subprocess
+from pathlib import Path
 
 import numpy as np
 from gr_cast.diagnose import places
 from gr_cast.twin.places import document
 
+PROGRAM = Path(__file__).parents[3] / "apps" / "cast_diagnose.py"
 SPEC = """cast_create: 1
 id: place
 environment: {place: a yard, carrier_hz: 2.0e9, bandwidth_hz: 2.0e7}
@@ -74,3 +78,14 @@ def test_a_lossy_link_is_named_and_the_corrected_twin_misses_nothing(tmp_path):
     (corrected / "place.yaml").write_text(PLACE.format(twin="spec_corrected.yaml"))
     again = places.diagnose(document.read(corrected))
     assert again.document["verdict"] == "no_mismatch" and again.document["effects"] == []
+
+
+def test_jobs_change_nothing_but_the_time(tmp_path):
+    cases, texts = [_case(tmp_path / name, lossy_db) for name, lossy_db in (("lossy", 4.0), ("plain", 0.0))], []
+    for jobs in ("1", "2"):
+        out = tmp_path / f"out{jobs}"
+        subprocess.run(["/usr/bin/python3", PROGRAM, *cases, "--output", out, "--jobs", jobs], check=True, capture_output=True)
+        documents = [json.loads((out / case.name / "diagnosis.json").read_text()) for case in cases]
+        texts.append([{key: value for key, value in one.items() if key != "seconds"} for one in documents])
+    assert texts[0] == texts[1]
+    assert [len(one["effects"]) for one in texts[0]] == [1, 0]
