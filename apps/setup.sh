@@ -33,7 +33,9 @@ install_missing() {
 build() {
     local folder=$1
     shift
-    say "building in ${folder#"$root"/}"
+    local hint=
+    [ -e "$folder/build.ninja" ] || hint=" (some minutes the first time; log: ${folder#"$root"/}.log)"
+    say "building in ${folder#"$root"/}$hint"
     cmake -S "$root" -B "$folder" -G Ninja "$@" >"$folder.log" 2>&1 &&
         cmake --build "$folder" >>"$folder.log" 2>&1 ||
         { tail -n 40 "$folder.log" >&2; echo "error: build failed, whole log in $folder.log" >&2; exit 1; }

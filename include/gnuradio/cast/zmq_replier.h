@@ -24,7 +24,7 @@ public:
     typedef std::shared_ptr<zmq_replier> sptr;
 
     /*!
-     * \param address to bind, such as tcp://127.0.0.1:2001 or tcp://*:2001
+     * \param address to bind, such as tcp://127.0.0.1:2001; "*" for the host is all of this machine
      *
      * Throws std::runtime_error where the address cannot be, or is taken.
      */
