@@ -15,6 +15,7 @@ sys.path.append(str(Path(__file__).resolve().parent))
 sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
 import bench_gpu
 import fake_cupy
+import gpu_measures
 
 
 @pytest.fixture(autouse=True)
@@ -41,7 +42,7 @@ def test_a_row_is_measured_and_what_it_computes_is_right(monkeypatch, tmp_path, 
             pytest.skip("NO G++: CuPy is not stood in for")
         fake_cupy.install(monkeypatch)
     for name_of, few in (("TURNS", 1), ("FEWEST", 1), ("LATE", 6)):
-        monkeypatch.setattr(bench_gpu, name_of, few)
+        monkeypatch.setattr(gpu_measures, name_of, few)
     forms = [Form(n_inputs=4, n_outputs=4, n_taps=512, **form)]
     monkeypatch.setattr(planner, "candidates", lambda task, tiles: forms)
     monkeypatch.setattr(bench_gpu, "candidates", planner.candidates)
