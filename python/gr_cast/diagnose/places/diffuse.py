@@ -16,17 +16,18 @@ _COARSE_M = 0.1  # of positions: patches are half a metre wide
 _INSTANTS = 6  # of a moving link at which its profile is computed
 
 
-def gain(ear, fit, world) -> tuple[float, float]:
-    """(nats, energy): what the profile that `world` scatters is worth against white noise on this fit's residual, and how much
-    less energy the residual has when it is whitened by it. Static links count once: patches keep their phases."""
+def gain(ear, fit, world) -> tuple[float, float, float]:
+    """(nats, energy, count): what the profile that `world` scatters is worth against white noise on this fit's residual, how much
+    less energy the residual has when it is whitened by it, and how many numbers are scattered rather than noise. Static links
+    count once: patches keep their phases."""
     if not ear.has_responses or not (world.surface.scattering > 0).any():
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     heard, predictor = ear.heard, ear.predictor
     spacing_hz = heard.frequency_hz[1] - heard.frequency_hz[0]
     count = len(heard.frequency_hz)
     amplitude = np.abs(fit.factor)
     unit = fit.factor / np.maximum(amplitude, 1e-300)
-    nats = saved = 0.0
+    nats = saved = scattered = 0.0
     for index in range(len(heard.links)):
         profile = profiles(world, predictor, index, count, spacing_hz)
         weight = heard.weight[index]
@@ -46,7 +47,8 @@ def gain(ear, fit, world) -> tuple[float, float]:
         whitened = power / wide
         nats += float((power / noise - whitened - np.log(wide / noise)).sum() * share)
         saved += float((power / noise - whitened).sum())
-    return nats, saved
+        scattered += float((1 - noise / wide).sum())
+    return nats, saved, scattered
 
 
 def profiles(world, predictor, index: int, count: int, spacing_hz: float) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...twin.places.families.base import Effect
 from ...twin.places.world import World, frozen
-from . import diffuse
+from . import diffuse, policy
 from .bending import loosened
 from .ears import PowerEar, ResponseEar
 from .likelihood import Fitted
@@ -23,13 +23,14 @@ Ear = ResponseEar | PowerEar
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Model:
-    """A twin with effects, fitted. `energy` is −ln p, `whitened` what noise keeps at its count, `plain` of white noise."""
+    """A twin with effects, fitted. `energy` is −ln p, `whitened` what noise keeps at its count but for `slack`: scattered fields
+    may be off their law."""
 
     base: World
     effects: tuple[Effect, ...]
     energy: float
     whitened: float
-    plain: float
+    slack: float
     fits: tuple[Fitted, ...]
 
     @property
@@ -53,8 +54,11 @@ def evaluated(ears: Sequence[Ear], base: World, effects: Sequence[Effect]) -> Mo
     fits = tuple(loosened(ear, ear.profiled(ear.predicted(world)), world) for ear in ears)
     plain = sum(fit.energy for fit in fits)
     scattered = [diffuse.gain(ear, fit, world) for ear, fit in zip(ears, fits, strict=True)]
-    energy, whitened = (plain - sum(pair[part] for pair in scattered) for part in (0, 1))
-    return Model(base=base, effects=tuple(effects), energy=energy, whitened=whitened, plain=plain, fits=fits)
+    nats, saved, count = (sum(one[part] for one in scattered) for part in range(3))
+    slack = min(policy.DIFFUSE_SHARE * saved, policy.DIFFUSE_NUMBERS * count)
+    return Model(
+        base=base, effects=tuple(effects), energy=plain - nats, whitened=plain - saved, slack=slack, fits=fits
+    )  # fmt: skip
 
 
 def _split(effects: Sequence[Effect], vector: np.ndarray) -> tuple[Effect, ...]:

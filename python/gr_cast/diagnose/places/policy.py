@@ -13,7 +13,8 @@ LINK_NATS = 3.0  # of one link: less is no part of an effect's place
 POSITIONS = 60  # that are tried for the next sounding
 THIN_INSTANTS, THIN_FREQUENCIES = 7, 20  # of a sounding on which first guesses of one family are ranked
 FULL_STARTS = 3  # first guesses of one family and owner that are fitted
-DIFFUSE_SHARE = 0.01  # of the energy of scattered fields: their law is no nearer to what patches do
+DIFFUSE_SHARE, DIFFUSE_NUMBERS = 0.01, 0.02  # of the energy of scattered fields, of the numbers that they make: the less of both;
+# their law is no nearer to what patches do
 STIFF_SHARE = 0.25  # of the excess energy that one deterministic effect explains: then no random field is asked yet
 QUIET_DEVIATIONS = 1.5  # of the energy of noise: below, wide searches for what moves by wavelengths are spared
 RIVALS_SHARE = 0.3  # of the time of a search: a cause is told only beside what else it might have been

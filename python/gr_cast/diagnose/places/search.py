@@ -101,7 +101,7 @@ class Found:
     @property
     def deviations(self) -> float:
         """Energy above what noise has, in its standard deviations."""
-        spread = np.sqrt(max(self.count, 1.0)) + policy.DIFFUSE_SHARE * (self.model.plain - self.model.whitened)
+        spread = np.sqrt(max(self.count, 1.0)) + self.model.slack
         return (self.model.whitened - self.model.offset - self.count) / float(spread)
 
 
@@ -136,7 +136,7 @@ def _grown(ears, model: Model, unknown: dict, budget: Budget, others: dict, barr
     while len(model.effects) < policy.MOST_EFFECTS and not budget.is_spent:
         progress(f"looking for effect {len(model.effects) + 1}")
         better, tried = candidates(ears, model, unknown, budget, barred)
-        least = max(policy.LEAST_EVIDENCE_NATS, policy.DIFFUSE_SHARE * (model.plain - model.whitened))
+        least = max(policy.LEAST_EVIDENCE_NATS, model.slack)
         if not better or evidence(better[0], count, tried) - evidence(model, count, tried) < least:
             break
         others[better[0].effects[-1].key] = [one.effects[-1] for one in better[1:]]
