@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gr_cast.diagnose.places import search
 from gr_cast.diagnose.places.ears import ResponseEar
 from gr_cast.diagnose.places.fit import evaluated
 from gr_cast.diagnose.places.likelihood import Heard
@@ -68,6 +69,14 @@ def ours() -> World:
     return World(mesh=mesh, media=media, surface=surface, radios=radios, carrier_hz=CARRIER_HZ, max_depth=1, diffraction=True)
 
 
+def heard(clean: np.ndarray, noise: float) -> ResponseEar:
+    random = np.random.default_rng(8)
+    y = clean + np.sqrt(noise / 2) * (random.normal(size=clean.shape) + 1j * random.normal(size=clean.shape))
+    unknown = {"phase": "none", "delay": "none", "gain": "none"}
+    told = Heard(links=tuple(LINKS), y=y, weight=np.full(y.shape, 1 / noise), frequency_hz=FREQUENCY_HZ, **unknown)
+    return ResponseEar(Predictor(*zip(*LINKS, strict=True), TIME_S, FREQUENCY_HZ), told)
+
+
 def test_edges_bend_what_another_tracer_bends():
     predictor = Predictor(*zip(*LINKS, strict=True), TIME_S, FREQUENCY_HZ)
     bent = predictor.response(ours()) - predictor.response(replace(ours(), diffraction=False))
@@ -80,13 +89,17 @@ def test_edges_bend_what_another_tracer_bends():
 @pytest.mark.parametrize("share", [0.7, 1.0, 1.4])
 def test_how_strongly_edges_bend_is_nobodys_fault(share):
     plain, whole = (response(theirs(on), LINKS, TIME_S, FREQUENCY_HZ) for on in (False, True))
-    random = np.random.default_rng(8)
-    noise = 0.003 * (np.abs(whole - plain) ** 2).mean()
-    y = plain + share * (whole - plain)
-    y = y + np.sqrt(noise / 2) * (random.normal(size=y.shape) + 1j * random.normal(size=y.shape))
-    unknown = {"phase": "none", "delay": "none", "gain": "none"}
-    told = Heard(links=tuple(LINKS), y=y, weight=np.full(y.shape, 1 / noise), frequency_hz=FREQUENCY_HZ, **unknown)
-    ears = [ResponseEar(Predictor(*zip(*LINKS, strict=True), TIME_S, FREQUENCY_HZ), told)]
-    left = [evaluated(ears, replace(ours(), diffraction=on), ()) for on in (True, False)]
-    above = [(one.whitened - one.offset - told.count) / np.sqrt(told.count) for one in left]
+    ear = heard(plain + share * (whole - plain), 0.003 * (np.abs(whole - plain) ** 2).mean())
+    left = [evaluated([ear], replace(ours(), diffraction=on), ()) for on in (True, False)]
+    above = [(one.whitened - one.offset - ear.count) / np.sqrt(ear.count) for one in left]
     assert above[0] < 4 < 100 < above[1]
+
+
+def test_that_edges_could_explain_a_node_elsewhere_is_no_reason_to_let_them_bend():
+    moved = theirs(False)
+    moved["nodes"]["b"]["waypoints_m"] = [[6.2, 5.3, 1.14]]
+    clean = response(moved, LINKS, TIME_S, FREQUENCY_HZ)
+    ears = [heard(clean, 1e-9 * (np.abs(clean) ** 2).mean())]
+    before, bent = (evaluated(ears, replace(ours(), diffraction=on), ()) for on in (False, True))
+    assert before.energy - bent.energy > 0.2 * before.energy
+    assert search.worth(bent, before, ears[0].count, 1) < 0.02 * before.energy

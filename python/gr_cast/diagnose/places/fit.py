@@ -24,13 +24,14 @@ Ear = ResponseEar | PowerEar
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Model:
     """A twin with effects, fitted. `energy` is −ln p, `whitened` what noise keeps at its count but for `slack`: scattered fields
-    may be off their law."""
+    may be off their law. `loose`: nats that edges gain by bending more or less than the theory has it."""
 
     base: World
     effects: tuple[Effect, ...]
     energy: float
     whitened: float
     slack: float
+    loose: float
     fits: tuple[Fitted, ...]
 
     @property
@@ -51,13 +52,15 @@ def applied(base: World, effects: Sequence[Effect]) -> World:
 
 def evaluated(ears: Sequence[Ear], base: World, effects: Sequence[Effect]) -> Model:
     world = applied(base, effects)
-    fits = tuple(loosened(ear, ear.profiled(ear.predicted(world)), world) for ear in ears)
+    theory = [ear.profiled(ear.predicted(world)) for ear in ears]
+    fits = tuple(loosened(ear, fit, world) for ear, fit in zip(ears, theory, strict=True))
     plain = sum(fit.energy for fit in fits)
+    loose = sum(fit.energy for fit in theory) - plain
     scattered = [diffuse.gain(ear, fit, world) for ear, fit in zip(ears, fits, strict=True)]
     nats, saved, count = (sum(one[part] for one in scattered) for part in range(3))
     slack = min(policy.DIFFUSE_SHARE * saved, policy.DIFFUSE_NUMBERS * count)
     return Model(
-        base=base, effects=tuple(effects), energy=plain - nats, whitened=plain - saved, slack=slack, fits=fits
+        base=base, effects=tuple(effects), energy=plain - nats, whitened=plain - saved, slack=slack, loose=loose, fits=fits
     )  # fmt: skip
 
 

@@ -39,6 +39,13 @@ def evidence(model: Model, count: float, tried: float) -> float:
     return -model.energy - sum(numbers_price_nats(e, count) + np.log(max(tried, 1)) for e in model.effects)
 
 
+def worth(model: Model, before: Model, count: float, tried: float) -> float:
+    """Evidence for a model beyond that for the one before it. What edges gain by bending otherwise than the theory has it is no
+    reason to let them bend: so free, they would explain anything."""
+    freedom = max(0.0, model.loose - before.loose)
+    return evidence(model, count, tried) - evidence(before, count, tried) - freedom
+
+
 def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, barred: Collection) -> tuple[list[Model], int]:
     """Models with one effect more, fitted, the best evidence first; and how many were tried. None where time ran out before
     all had been looked at: the best of a few is no answer."""
@@ -61,7 +68,7 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
     stiff = [one.energy for one in screened if not one.effects[-1].family.is_flexible]
     if stiff and model.energy - min(stiff) > policy.STIFF_SHARE * (model.energy - count):
         screened = [one for one in screened if not one.effects[-1].family.is_flexible]
-    screened.sort(key=lambda one: -evidence(one, count, tried))
+    screened.sort(key=lambda one: -worth(one, model, count, tried))
     chosen, crowd = [], {}
     for one in screened:
         name = one.effects[-1].family.name
@@ -69,14 +76,16 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
             crowd[name] = crowd.get(name, 0) + 1
             chosen.append(one)
     final = [_settled(ears, one) if not budget.is_spent else one for one in chosen]
-    return sorted(final, key=lambda one: -evidence(one, count, tried)), tried
+    return sorted(final, key=lambda one: -worth(one, model, count, tried)), tried
 
 
 def _settled(ears, model: Model) -> Model:
     """Fitted, and once more from the best of its family's other beginnings."""
     model = fitted(ears, model)
     number = len(model.effects) - 1
-    others = [replaced(ears, model, number, one) for one in model.effects[number].family.restarts(model.effects[number])]
+    others = [
+        replaced(ears, model, number, one) for one in model.effects[number].family.restarts(model.base, model.effects[number])
+    ]
     others = sorted(others, key=lambda one: one.energy)[: policy.FULL_STARTS]
     return min((model, *(fitted(ears, one) for one in others)), key=lambda one: one.energy)
 
@@ -137,7 +146,7 @@ def _grown(ears, model: Model, unknown: dict, budget: Budget, others: dict, barr
         progress(f"looking for effect {len(model.effects) + 1}")
         better, tried = candidates(ears, model, unknown, budget, barred)
         least = max(policy.LEAST_EVIDENCE_NATS, model.slack)
-        if not better or evidence(better[0], count, tried) - evidence(model, count, tried) < least:
+        if not better or worth(better[0], model, count, tried) < least:
             break
         others[better[0].effects[-1].key] = [one.effects[-1] for one in better[1:]]
         model = pruned(ears, better[0], count, tried)
@@ -163,11 +172,9 @@ def exchanged(ears, model: Model, others: dict, count: float, tried: float, budg
         for other in others.get(effect.key, ()):
             if other.key not in {e.key for e in model.effects} and not budget.is_spent:
                 trials.append(fitted(ears, replaced(ears, model, number, other), rounds=4))
-        here = evidence(model, count, tried)
-        trials.sort(key=lambda one: -evidence(one, count, tried))
-        if trials and evidence(trials[0], count, tried) > here + 1.0:
+        trials.sort(key=lambda one: -worth(one, model, count, tried))
+        if trials and worth(trials[0], model, count, tried) > 1.0:
             trials[0], model = model, trials[0]
-            here = evidence(model, count, tried)
         own = model.effects[number]
         rivals[own.key] = sorted(
             ((one.effects[number], behind_nats(one, model, number)) for one in trials), key=lambda pair: pair[1]

@@ -56,7 +56,7 @@ class MissingObject(Family):
             Effect(family=self, owner=owner, values=np.array([0.0, 0.0, *np.log(made)]), choice=sheet) for sheet, made in seen
         ]
 
-    def restarts(self, effect):
+    def restarts(self, world, effect):
         made = [(1.0, 1e7), _DARK, *((permittivity, 0.03) for permittivity in _PERMITTIVITIES)]
         return [effect.moved(np.array([*effect.values[:2], *np.log(one)])) for one in made]
 
@@ -139,7 +139,7 @@ class MovingScatterer(Family):
             for area in (1.0, 8.0)
         ]
 
-    def restarts(self, effect):
+    def restarts(self, world, effect):
         return [replace(effect, choice=radius_m) for radius_m in _RADII_M[1:]]
 
     def apply(self, world, effect):

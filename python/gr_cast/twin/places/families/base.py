@@ -46,7 +46,7 @@ class Family:
         """First guesses, few; the engine compares their energies and fits the best."""
         raise NotImplementedError
 
-    def restarts(self, effect: Effect) -> list[Effect]:
+    def restarts(self, world: World, effect: Effect) -> list[Effect]:
         """Other beginnings once an effect is fitted, where one number decides which minimum another falls into."""
         return []
 

@@ -11,6 +11,7 @@ from .base import Effect, OfThings, std_of, value
 
 _FAR_M = 3.0  # farthest move that is looked for
 _BEST = 3  # maxima of a scan that are fitted
+_WELLS = 8  # of the phase, either way, that are tried beside one that was found
 _PERMITTIVITIES, _CONDUCTIVITIES = np.geomspace(1.15, 30, 14), (0.003, 0.05, 0.5)  # relative; S/m
 _ROUGH = (1 / 60, 1 / 25, 1 / 12, 1 / 6)  # of a wavelength: first guesses of the roughness
 
@@ -57,6 +58,10 @@ class ObjectMoved(_OfObject):
             for shift_m in (0.0, *view.scan_object(owner, normal, grid_m, best=_BEST)):
                 out.append(Effect(family=self, owner=owner, values=np.array([shift_m]), choice=tuple(normal)))
         return out
+
+    def restarts(self, world, effect):
+        # The next wells of its phase, a quarter of a wave apart or more: far moves bend lengths, and the scan is led astray.
+        return [effect.moved(effect.values + world.wavelength_m / 4 * step) for step in range(-_WELLS, _WELLS + 1) if step]
 
     def apply(self, world, effect):
         return replace(world, mesh=world.mesh.moved(effect.owner, effect.values[0] * np.array(effect.choice)))
