@@ -42,7 +42,7 @@ def case(tmp_path_factory):
 def diagnosed(case, *effects, rival=None):
     """The diagnosis that a search would give that finds these effects."""
 
-    def found(ears, base, unknown, budget, progress):
+    def found(ears, base, unknown, budget, progress, vault):
         start, model = evaluated(ears, base, ()), evaluated(ears, base, effects)
         rivals = {effects[0].key: [(rival, 0.4)]} if rival else {}
         return Found(model=model, start=start, rivals=rivals, tried=9, count=sum(e.count for e in ears), spent=False)
