@@ -305,6 +305,16 @@ def _emulator():
     return play
 
 
+def _over_a_region(command: argparse.ArgumentParser, what: str) -> None:
+    command.add_argument(
+        "--region", type=float, nargs=4, metavar=("X0", "Y0", "X1", "Y1"), help="in m (default: the box of all nodes)"
+    )
+    command.add_argument("--height", type=float, default=1.5, metavar="M", help=f"of the {what}, z (default 1.5)")
+    command.add_argument(
+        "--depth", type=int, default=2, metavar="N", help="reflections at most (default 2, or the SPEC's if less)"
+    )
+
+
 def main(argv=None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
@@ -351,14 +361,8 @@ def main(argv=None) -> int:
         metavar="NODE",
         help="that a position sounds with; repeat (default: all still nodes)",
     )
-    command.add_argument(
-        "--region", type=float, nargs=4, metavar=("X0", "Y0", "X1", "Y1"), help="in m (default: the box of all nodes)"
-    )
-    command.add_argument("--height", type=float, default=1.5, metavar="M", help="of the positions, z (default 1.5)")
+    _over_a_region(command, "positions")
     command.add_argument("--step", type=float, metavar="M", help="of the grid of positions (default: 150 of them)")
-    command.add_argument(
-        "--depth", type=int, default=2, metavar="N", help="reflections at most (default 2, or the SPEC's if less)"
-    )
     command.add_argument("--snr", type=float, default=25.0, metavar="DB", help="of the median link, a tone of 32 (default 25)")
     command.add_argument(
         "--unknown", nargs="*", default=["phase", "delay"], choices=planning.UNKNOWN,
@@ -372,14 +376,8 @@ def main(argv=None) -> int:
     command.add_argument("--from", required=True, metavar="NODE", dest="sender", help="that sends")
     command.add_argument("--plot", required=True, metavar="PNG", help="the picture")
     command.add_argument("--at", type=float, default=0.0, metavar="S", help="where a node that moves is (default 0)")
-    command.add_argument(
-        "--region", type=float, nargs=4, metavar=("X0", "Y0", "X1", "Y1"), help="in m (default: the box of all nodes)"
-    )
-    command.add_argument("--height", type=float, default=1.5, metavar="M", help="of the points, z (default 1.5)")
+    _over_a_region(command, "points")
     command.add_argument("--step", type=float, metavar="M", help="between points (default: 2000 of them)")
-    command.add_argument(
-        "--depth", type=int, default=2, metavar="N", help="reflections at most (default 2, or the SPEC's if less)"
-    )
     command.add_argument("--band", type=_program.rate, metavar="HZ", help="band of the losses (default: the SPEC's)")
     command.set_defaults(call=heat)
     command = commands.add_parser("create", help="from a place to an installed scenario, in eight steps that resume")

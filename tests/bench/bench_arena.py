@@ -16,19 +16,14 @@ sys.path.insert(0, str(ROOT / "tests" / "bench" / "places"))
 import grade
 import shipped
 from diagnose_bank import truth
-from sealed import judged
+from sealed import add_arguments, judged
 
 
 def main(argv=None):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=shipped.WHAT, default=list(shipped.WHAT), help="these alone")
-    parser.add_argument("--seed", type=int, default=1, metavar="S", help="of all that is drawn (default 1)")
     parser.add_argument("--draws", type=int, default=1, metavar="N", help="of each, with seeds S, S + 1, … (default 1)")
-    parser.add_argument("--jobs", type=int, default=1, metavar="J", help="diagnoses at the same time (default 1)")
-    parser.add_argument(
-        "--output", type=Path, default=ROOT / "build" / "bench_arena", metavar="DIR", help="default build/bench_arena"
-    )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="all figures as JSON")
+    add_arguments(parser, ROOT / "build" / "bench_arena")
     args = parser.parse_args(argv)
     if min(args.jobs, args.draws) < 1:
         parser.error(f"--jobs, --draws: got {args.jobs}, {args.draws}, need 1 or more")

@@ -14,7 +14,7 @@ sys.path.insert(0, str(ROOT / "tests" / "bench" / "places"))
 
 import grade
 from diagnose_bank import truth
-from sealed import judged
+from sealed import add_arguments, judged
 
 import build
 
@@ -25,12 +25,7 @@ def main(argv=None):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     for kind, count in KINDS.items():
         parser.add_argument(f"--{kind}", type=int, default=count, metavar="N", help=f"how many (default {count})")
-    parser.add_argument("--seed", type=int, default=1, metavar="S", help="of all that is drawn (default 1)")
-    parser.add_argument("--jobs", type=int, default=1, metavar="J", help="diagnoses at the same time (default 1)")
-    parser.add_argument(
-        "--output", type=Path, default=ROOT / "build" / "bench_places", metavar="DIR", help="default build/bench_places"
-    )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="all figures as JSON")
+    add_arguments(parser, ROOT / "build" / "bench_places")
     args = parser.parse_args(argv)
     if args.jobs < 1:
         parser.error(f"--jobs: got {args.jobs}, needs 1 or more")

@@ -11,6 +11,14 @@ from diagnose_bank import truth
 PROGRAM = Path(__file__).resolve().parents[2] / "apps" / "cast_diagnose.py"
 
 
+def add_arguments(parser, output: Path) -> None:
+    """What all sealed benches are asked."""
+    parser.add_argument("--seed", type=int, default=1, metavar="S", help="of all that is drawn (default 1)")
+    parser.add_argument("--jobs", type=int, default=1, metavar="J", help="diagnoses at the same time (default 1)")
+    parser.add_argument("--output", type=Path, default=output, metavar="DIR", help=f"default build/{output.name}")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="all figures as JSON")
+
+
 def judged(cases: Path, truths: Path, args, score, markdown) -> int:
     """Exit status. `args` holds `output`, `jobs`, `seed` and `json`; `score(diagnoses, truths)` gives the figures."""
     diagnoses = args.output / "diagnoses"

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...core.units import SPEED_OF_LIGHT_M_PER_S
+from ...twin.places.predict import phasors
 from . import policy
 
 
@@ -42,7 +42,5 @@ def _columns(ear, fit, world, index: int) -> np.ndarray:
     use = strength[bent.edge] * policy.EDGE_SHARE**2 > policy.EDGE_NATS if len(bent.edge) else np.zeros(0, bool)
     edges, place = np.unique(bent.edge[use], return_inverse=True)
     columns = np.zeros((len(edges), bent.many, weight.shape[1]), complex)
-    delay_s = bent.length_m[use] / SPEED_OF_LIGHT_M_PER_S
-    turns = np.outer(delay_s, predictor.frequency_hz) + np.fmod(world.carrier_hz * delay_s, 1.0)[:, None]
-    columns[place, bent.instant[use]] = bent.gain[use, None] * np.exp(-2j * np.pi * turns)
+    columns[place, bent.instant[use]] = phasors(bent.gain[use], bent.length_m[use], world.carrier_hz, predictor.frequency_hz).T
     return columns * scale

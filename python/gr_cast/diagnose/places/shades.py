@@ -3,8 +3,8 @@
 
 import numpy as np
 
-from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from ...twin.places.families.additions import Sheet
+from ...twin.places.predict import phasors
 from .planes import rectangle
 
 _WAYS = np.arange(1, 8) / 8  # along a leg: where something may stand
@@ -37,7 +37,8 @@ def shades(view) -> list[Sheet]:
 def _legs(view):
     """Nats (n,) by which the soundings would rather not have the path of each leg, both ends of the legs (n, 3), and which they
     are: numbers (n, 4 and more) of ear, link, leg, faces and instant."""
-    lost, begins, ends, names = [np.zeros(0)], [], [], []
+    none = np.zeros((0, 3))
+    lost, begins, ends, names = [np.zeros(0)], [none], [none], [np.zeros((0, 4 + view.world.max_depth), int)]
     for number, (ear, fit) in enumerate(zip(view.ears, view.model.fits, strict=True)):
         if not ear.has_responses:
             continue
@@ -56,21 +57,14 @@ def _legs(view):
                 where = np.broadcast_to([number, index, leg], (len(used), 3))
                 padded = np.pad(faces[used], ((0, 0), (0, view.world.max_depth - faces.shape[1])), constant_values=-1)
                 names.append(np.column_stack([where, padded, table.instant[here[used]]]))
-    none = np.zeros((0, 3))
-    return np.concatenate(lost), np.concatenate([none, *begins]), np.concatenate([none, *ends]), _stacked(names)
-
-
-def _stacked(names: list[np.ndarray]) -> np.ndarray:
-    return np.concatenate(names) if names else np.zeros((0, 4), int)
+    return tuple(np.concatenate(column) for column in (lost, begins, ends, names))
 
 
 def _lost(ear, fit, world, index: int, table, here: np.ndarray) -> np.ndarray:
     """Nats by which the fit of a link is better without each path. Paths overlap in delay: the worst is taken away before the
     others are asked again."""
     f_hz, weight = ear.predictor.frequency_hz, ear.heard.weight[index]
-    delay_s = table.way.length_m[here] / SPEED_OF_LIGHT_M_PER_S
-    turns = np.outer(delay_s, f_hz) + np.fmod(world.carrier_hz * delay_s, 1.0)[:, None]
-    alone = table.gain[here, None] * np.exp(-2j * np.pi * turns) * ear.predictor.cables(world, index)
+    alone = phasors(table.gain[here], table.way.length_m[here], world.carrier_hz, f_hz).T * ear.predictor.cables(world, index)
     if table.many == 1:  # of a still link, at all instants
         at, path = np.divmod(np.arange(len(weight) * len(here)), len(here))
     else:

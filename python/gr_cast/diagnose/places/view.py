@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What families ask of the state of a search: who is there, what is seen, where coarse searches point."""
 
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
-from ...scenario.create import fields, wedges
+from ...scenario.create import fields
 from . import imaging, planes, policy, scan, shades
 from .ears import thinned, without_phase
 from .fit import applied, evaluated
@@ -140,13 +140,7 @@ class View:
 
     def axes(self, owner: str) -> list[np.ndarray]:
         """Directions of an object's faces, signs aside."""
-        world = self.world
-        own = np.flatnonzero(world.faces.owner == world.mesh.index(owner))
-        axes: list[np.ndarray] = []
-        for normal in world.faces.normal[own]:
-            if not any(abs(normal @ other) > 0.999 for other in axes):
-                axes.append(normal)
-        return axes[:4]
+        return self.world.axes(self.world.mesh.index(owner))[:4]
 
     @cached_property
     def lowest_m(self) -> float:
@@ -332,15 +326,11 @@ class View:
         """The strongest diffracted path over free space of the same length."""
         best = -200.0
         for ear in self.ears:
-            for index, link in enumerate(ear.predictor.links):
-                world, ends_m = self.world, ear.predictor.ends_m(self.world, index)
-                ends = (partial(_from, self.world.radios[name].antenna) for name in link)
-                _, gain, length_m, _ = wedges.paths(
-                    world.mesh.edges, world.faces, world.surface, world.carrier_hz, *ends_m, *ends
-                )
-                if len(gain):
-                    free = self.world.wavelength_m / (4 * np.pi * length_m)
-                    best = max(best, float(db_from_amplitude(np.abs(gain) / free).max()))
+            for index in range(len(ear.predictor.links)):
+                bent = ear.predictor.bent(self.world, index)
+                if len(bent.gain):
+                    free = self.world.wavelength_m / (4 * np.pi * bent.length_m)
+                    best = max(best, float(db_from_amplitude(np.abs(bent.gain) / free).max()))
         return best
 
     def sheets(self):
@@ -358,7 +348,3 @@ class View:
 
     def lit(self, effect):
         return planes.lit(self, effect)
-
-
-def _from(antenna: fields.Antenna, _, direction: np.ndarray) -> np.ndarray:
-    return fields.far_field(antenna, direction)

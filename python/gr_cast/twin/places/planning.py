@@ -127,10 +127,7 @@ def numbers_of(world: World, nodes: Sequence[str]) -> tuple[Number, ...]:
     out = []
     for index, name in enumerate(world.mesh.names):
         out.append(Number(level="object", name=name, what="reflection_db"))
-        axes: list[np.ndarray] = []
-        for normal in world.faces.normal[world.faces.owner == index]:
-            if not any(abs(normal @ axis) > 0.999 for axis in axes):
-                axes.append(normal * np.sign(normal[np.argmax(np.abs(normal))]))
+        axes = [axis * np.sign(axis[np.argmax(np.abs(axis))]) for axis in world.axes(index)]
         out += [Number(level="object", name=name, what="place_m", axis=tuple(axis.tolist())) for axis in axes]
     return (*out, *(Number(level="node", name=n, what="place_m", axis=tuple(a)) for n in nodes for a in np.eye(3).tolist()))
 

@@ -236,21 +236,22 @@ def summed(instant, gain, length_m, many: int, carrier_hz: float, frequency_hz: 
         most = first[begin] + max(1, _AT_ONCE // len(frequency_hz))
         end = max(begin + 1, int(np.searchsorted(first, most, side="right")) - 1)
         part = rows[first[begin] : first[end]]
-        phasors = _phasors(gain[part], length_m[part] / SPEED_OF_LIGHT_M_PER_S, carrier_hz, frequency_hz)
-        out[where[begin:end]] = np.add.reduceat(phasors, first[begin:end] - first[begin], axis=1).T
+        turned = phasors(gain[part], length_m[part], carrier_hz, frequency_hz)
+        out[where[begin:end]] = np.add.reduceat(turned, first[begin:end] - first[begin], axis=1).T
         begin = end
     return out
 
 
-def _phasors(gain: np.ndarray, delay_s: np.ndarray, carrier_hz: float, frequency_hz: np.ndarray) -> np.ndarray:
-    """gain·exp(−j2π(f_c + f)τ), (K, n)."""
-    phasors = np.empty((len(frequency_hz), len(gain)), complex)
-    phasors[0] = gain * np.exp(-2j * np.pi * np.fmod((carrier_hz + frequency_hz[0]) * delay_s, 1.0))
+def phasors(gain: np.ndarray, length_m: np.ndarray, carrier_hz: float, frequency_hz: np.ndarray) -> np.ndarray:
+    """gain·exp(−j2π(f_c + f)τ) of paths, (K, n), at frequencies in equal steps."""
+    delay_s = length_m / SPEED_OF_LIGHT_M_PER_S
+    out = np.empty((len(frequency_hz), len(gain)), complex)
+    out[0] = gain * np.exp(-2j * np.pi * np.fmod((carrier_hz + frequency_hz[0]) * delay_s, 1.0))
     if len(frequency_hz) > 1:
         step = np.exp(-2j * np.pi * (frequency_hz[1] - frequency_hz[0]) * delay_s)
         for k in range(1, len(frequency_hz)):
-            np.multiply(phasors[k - 1], step, out=phasors[k])
-    return phasors
+            np.multiply(out[k - 1], step, out=out[k])
+    return out
 
 
 def radio_key(radio: Radio):

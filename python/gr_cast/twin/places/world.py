@@ -148,6 +148,14 @@ class World:
         tx, rx = (self.radios[name] for name in link)
         return float(amplitude_from_db(tx.gain_db + rx.gain_db - self.link_loss_db.get(link, 0.0)))
 
+    def axes(self, index: int) -> list[np.ndarray]:
+        """Directions of an object's faces, one of each two that face apart."""
+        axes: list[np.ndarray] = []
+        for normal in self.faces.normal[self.faces.owner == index]:
+            if not any(abs(normal @ other) > 0.999 for other in axes):
+                axes.append(normal)
+        return axes
+
     def level_of(self, owner: str) -> str:
         """The contract's word for what `made_of` takes."""
         return "object" if owner in self.mesh.names else "place" if owner == "place" else "material"
