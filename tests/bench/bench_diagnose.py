@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from diagnose_bank import build, score
-from sealed import judged
+from sealed import add_arguments, judged
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -23,10 +23,7 @@ def main(argv=None):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", type=int, default=200, metavar="N", help="how many cases (default 200)")
     parser.add_argument("--nulls", type=int, default=0, metavar="N", help="so many more with nothing wrong (default 0)")
-    parser.add_argument("--seed", type=int, default=1, metavar="S", help="of all that is drawn (default 1)")
-    parser.add_argument("--jobs", type=int, default=1, metavar="J", help="diagnoses at the same time (default 1)")
-    parser.add_argument("--output", type=Path, default=ROOT / "build" / "bench", metavar="DIR", help="default build/bench")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="all figures as JSON")
+    add_arguments(parser, ROOT / "build" / "bench")
     args = parser.parse_args(argv)
     if args.cases < 1 or args.jobs < 1 or args.nulls < 0:
         given = f"{args.cases}, {args.jobs} and {args.nulls}"
