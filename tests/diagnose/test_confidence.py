@@ -6,63 +6,65 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.confidence import Figures, confidence, is_whole
-from gr_cast.diagnose.policy import OPEN, SUREST, WEAKEST
+from gr_cast.diagnose.confidence import Figures, confidence, is_whole, unseen_rest
+from gr_cast.diagnose.policy import OPEN, SUREST, TEMPER_NATS, UNEXPLAINED_NATS
+from scipy import stats
 
-CLEAR = Figures(
-    evidence=300.0,
-    held_out=40.0,
-    lead=60.0,
-    largest=300.0,
-    causes=1,
-    courses=0,
-    left=0.0,
-    flexible=True,
-    complete=True,
-    open=False,
-)
+CLEAR = Figures(evidence=3000.0, held_out=400.0, lead=600.0, left=0.0, flexible=False, complete=True, open=False)
+BARE = replace(CLEAR, evidence=9.0, held_out=1.0, lead=None)
 
 
 @pytest.mark.parametrize(("name", "values", "way"), [
     ("evidence", [0.0, 10.0, 40.0, 300.0, 1e6], 1),
     ("held_out", [-40.0, -3.0, 0.0, 3.0, 40.0], 1),
     ("lead", [-9.0, 0.0, 3.0, 12.0, 1e4], 1),
-    ("largest", [300.0, 3e3, 3e5], -1),
-    ("causes", [1, 2, 4, 6], -1),
-    ("courses", [0, 1, 2, 4], -1),
     ("left", [0.0, 10.0, 300.0, 1e4], -1),
+    ("flexible", [False, True], -1),
+    ("complete", [True, False], -1),
 ])  # fmt: skip
 def test_a_confidence_moves_one_way_with_each_figure(name, values, way):
-    weak = replace(CLEAR, largest=3000.0, causes=2)
-    sure = [confidence(replace(weak, **{name: v})) for v in values]
+    sure = [confidence(replace(BARE, **{name: v})) for v in values]
     assert np.all(way * np.diff(sure) >= -1e-12) and way * (sure[-1] - sure[0]) > 0
     assert all(0 <= s <= SUREST for s in sure)
 
 
-def test_an_effect_that_all_figures_speak_for_is_as_sure_as_any_and_one_that_only_pays_its_price_is_not():
+def test_an_effect_that_all_figures_speak_for_is_as_sure_as_any_and_one_of_no_evidence_is_a_toss_up():
     assert confidence(CLEAR) == pytest.approx(SUREST, abs=0.001)
-    bare = replace(CLEAR, evidence=0.0, held_out=None, lead=None, largest=0.0)
-    assert confidence(bare) == pytest.approx(WEAKEST)
+    assert confidence(replace(BARE, evidence=0.0, held_out=None)) == pytest.approx(SUREST / 2)
+
+
+def test_nats_count_alike_whether_fitted_or_unseen_and_whatever_they_are_compared_with():
+    odds = lambda f: confidence(f) / (SUREST - confidence(f))  # noqa: E731
+    assert odds(replace(BARE, evidence=6.0, held_out=6.0)) == pytest.approx(odds(replace(BARE, evidence=12.0, held_out=None)))
+    assert odds(replace(CLEAR, lead=12.0)) == pytest.approx(odds(replace(BARE, evidence=12.0, held_out=None)), rel=1e-6)
+    assert odds(replace(CLEAR, lead=12.0 + TEMPER_NATS)) == pytest.approx(np.e * odds(replace(CLEAR, lead=12.0)), rel=1e-6)
 
 
 def test_an_effect_with_an_equal_rival_is_no_likelier_than_that():
     assert confidence(replace(CLEAR, open=True)) == OPEN
+    assert confidence(replace(CLEAR, lead=0.0)) == pytest.approx(SUREST / 2)
 
 
 def test_what_an_unexplained_case_shows_loudly_is_surer_than_what_it_hardly_shows():
-    loud, faint = (replace(CLEAR, evidence=e, held_out=e / 7, largest=2362.0, causes=2, left=200.0) for e in (2362.0, 0.4))
+    loud, faint = (replace(CLEAR, evidence=e, held_out=e / 7, left=200.0) for e in (2362.0, 0.4))
     assert confidence(loud) > 0.5 > 3 * confidence(faint)
 
 
-@pytest.mark.parametrize("left", [1.0, 30.0, 3e3])
-def test_what_is_left_speaks_against_what_can_look_like_it_rather_than_against_few_numbers(left):
-    few, flexible = (confidence(replace(CLEAR, flexible=f, left=left)) for f in (False, True))
-    assert flexible < few < confidence(CLEAR)
-    assert few < 0.5 or left < CLEAR.evidence  # but what is louder than an effect makes it doubtful, whatever it is
+@pytest.mark.parametrize("left", [1.0, 30.0, 3e4])
+def test_an_effect_as_loud_as_what_is_left_may_as_well_be_a_part_of_it(left):
+    for flexible in (False, True):
+        whole = replace(CLEAR, flexible=flexible, evidence=left + 1e3, held_out=None)
+        sure = confidence(replace(whole, left=left + 1e3))
+        assert sure == pytest.approx(confidence(whole) / 2)
 
 
-def test_six_effects_that_are_each_sure_are_a_whole_list_and_two_random_courses_are_none():
-    strong = replace(CLEAR, evidence=5e3, held_out=700.0, lead=500.0, largest=6e3, causes=6)
-    assert is_whole([confidence(strong)] * 6)
-    course = replace(strong, causes=2, courses=2)
-    assert not is_whole([confidence(course)] * 2)
+@pytest.mark.parametrize("nats", [8.0, 40.0, 900.0, 1e5])
+def test_what_would_fit_something_else_leaves_nothing_as_seldom_as_an_unknown_share_is_so_near_to_all(nats):
+    share = nats / (nats + UNEXPLAINED_NATS)  # with less of it explained, tests would see the rest
+    assert unseen_rest(nats) == pytest.approx(stats.beta(0.5, 0.5).sf(share))
+
+
+def test_six_effects_that_are_each_sure_are_a_whole_list_random_courses_among_them():
+    assert is_whole([confidence(CLEAR)] * 4 + [confidence(replace(CLEAR, flexible=True))] * 2)
+    faint = replace(BARE, flexible=True)
+    assert not is_whole([confidence(faint)] * 2)

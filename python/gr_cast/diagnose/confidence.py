@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How sure an effect is, and whether a list of effects is the whole truth: every factor with its reason, in one place.
 
-A confidence is a product of factors between 0 and 1, each smooth and monotone in one figure: the evidence, what unseen samples
-say, the lead over the runner-up, what larger effects leave over, courses that fit much, what is left unexplained.
+A confidence is a product of probabilities, each from one figure: that chance did not make the evidence, that the runner-up is not
+right instead, that the effect is not a part of what is left unexplained, and that a family of many forms does not stand for
+something else. How many effects are told, and how loud the others are, says nothing more: each pays for itself in the evidence.
 """
 
 from collections.abc import Sequence
@@ -10,38 +11,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .policy import (
-    CHANCE_NATS,
-    COURSE,
-    COURSES,
-    HURRIED,
-    IMITATION,
-    LEAD_NATS,
-    LEFT,
-    LEFT_BY_FEW,
-    OPEN,
-    SHARE_POWER,
-    SUREST,
-    VOTE_AT_ZERO,
-    VOTE_NATS,
-    WEAKEST,
-    WHOLE,
-)
+from .policy import FREEDOM, HURRIED, OPEN, SUREST, TEMPER_NATS, UNEXPLAINED_NATS, WHOLE
 
 
 @dataclass(frozen=True, kw_only=True)
 class Figures:
     """What tells how sure an effect is. Nats of `evidence`, on unseen samples (`held_out`, None where that was not worked out),
-    of the `lead` over the runner-up (None without one), of the `largest` effect of its list that has numbers, and what is `left`
-    unexplained; the effects in its recording (`causes`), random `courses` there where it is one itself, else 0, and whether its
-    family is `flexible`: has the freedom to look like others."""
+    of the `lead` over the runner-up (None without one), and what is `left` unexplained; whether its family is `flexible`: has the
+    freedom to look like others."""
 
     evidence: float
     held_out: float | None
     lead: float | None
-    largest: float
-    causes: int
-    courses: int
     left: float
     flexible: bool
     complete: bool
@@ -51,27 +32,29 @@ class Figures:
 def confidence(figures: Figures) -> float:
     """Probability that an effect is there and has the right name."""
     f, nats = figures, max(figures.evidence, 0.0)
-    sure = 1 - (1 - WEAKEST / SUREST) * np.exp(-nats / CHANCE_NATS)
-    sure *= SUREST
-    if f.held_out is not None:
-        sure *= _logistic(np.log(VOTE_AT_ZERO) + f.held_out / VOTE_NATS)
+    sure = SUREST * _tempered(f.evidence + (f.held_out or 0.0))
     if f.lead is not None and not f.open:
-        sure *= _logistic(f.lead / LEAD_NATS)
-    share = min(1.0, max(nats, 1.0) / max(f.largest, 1.0))
-    sure *= 1 - min(1.0, IMITATION * max(f.causes - 1, 0)) * (1 - share**SHARE_POWER)
-    if f.courses:
-        sure *= COURSE * COURSES ** (f.courses - 1)
+        sure *= _tempered(f.lead)
     if f.left:
-        sure *= (LEFT if f.flexible else LEFT_BY_FEW) * nats / (nats + f.left)
-    elif not f.complete:
+        sure *= nats / (nats + f.left)
+    if f.flexible:
+        sure *= 1 - FREEDOM * unseen_rest(nats)
+    if not f.complete:
         sure *= HURRIED
     return float(min(sure, OPEN) if f.open else sure)
+
+
+def unseen_rest(nats: float) -> float:
+    """Probability that what explains `nats` of something else leaves a rest that no test of the residual sees. The share of it
+    that is explained is not known: Jeffreys' prior of a share, the arcsine law."""
+    return float(2 / np.pi * np.arcsin(np.sqrt(UNEXPLAINED_NATS / (UNEXPLAINED_NATS + nats))))
+
+
+def _tempered(nats: float) -> float:
+    """Probability of the likelier of two by evidence of models that are not exact (Miller and Dunson, JASA 2019)."""
+    return float(1 / (1 + np.exp(-np.clip(nats / TEMPER_NATS, -50, 50))))
 
 
 def is_whole(confidences: Sequence[float]) -> bool:
     """Whether a list of effects, each as sure as told, is likelier the whole truth than not."""
     return float(np.prod(confidences)) >= WHOLE
-
-
-def _logistic(log_odds: float) -> float:
-    return float(1 / (1 + np.exp(-np.clip(log_odds, -50, 50))))

@@ -37,19 +37,11 @@ BROKEN_SIGMA = 2.5  # standard deviations by which held-out samples must contrad
 
 # confidence
 SUREST = 0.98  # of an effect for which all figures speak: families that nobody thought of remain
-WEAKEST, CHANCE_NATS = 0.60, 20.0  # an effect that only just pays its price; nats by which chance is forgotten (bank: .60 to .98)
-# models are not exact: three nats on unseen samples count as one; odds at none
-VOTE_NATS, VOTE_AT_ZERO = 3.0, 10.0
-LEAD_NATS = 4.0  # of a runner-up, whose nearest form was fitted but not all its forms: odds by e for each four nats
-# Each further effect of a list may be what the largest one leaves over where its form is not quite right. Such a rest has a small
-# share of its nats; the share enters with its fourth root, for forms that are right leave nothing.
-IMITATION, SHARE_POWER = 0.12, 0.25
-COURSE = 0.9  # a random course fits much of what is not it
-COURSES = 0.5  # for every further course in one recording: two of them imitate almost anything
+TEMPER_NATS = 4.0  # models are not exact: so many nats count as one, whatever they are compared with
+# Of families that have the freedom to look like others: as likely as not one stands for something else that it would fit. What it
+# then leaves is seen from UNEXPLAINED_NATS on.
+FREEDOM = 0.5
 OPEN = 0.5  # at most, where another family fits alike
-# Where something is left that nothing explains, less where that is as loud as the effect: of one that has the freedom to look
-# like others what is left may be the rest of what it imitates; few numbers seldom explain most of what is not theirs.
-LEFT, LEFT_BY_FEW = 0.6, 0.9
 HURRIED = 0.9  # where the time ended the search
 WHOLE = 0.5  # probability of a list from which on it is called the whole truth: likelier right than not
 

@@ -191,15 +191,10 @@ def _confidences(told: list[Told], ambiguous: list[dict], complete: bool) -> lis
     """How sure every effect is."""
     out, open_ones = [], {family for a in ambiguous for family in a["families"]}
     for t in told:
-        beside = [other for other in told if any(f is t.finding for f, _ in other.members)]
-        random = FAMILIES[t.effect.family].random
         figures = Figures(
             evidence=t.evidence,
             held_out=None if t.surely_read else t.held_out,
             lead=t.rivals[0].evidence if t.rivals else None,
-            largest=max([other.nats for other in beside if len(other.effect.p)], default=t.evidence),
-            causes=len(beside),
-            courses=sum(FAMILIES[other.effect.family].random for other in beside) if random else 0,
             left=max([rest.nats for rest in t.finding.left], default=0.0),
             flexible=imitates(t.effect),
             complete=complete,
