@@ -70,6 +70,12 @@ def test_what_no_effect_says_is_refused_with_its_place(wrong, says):
     assert len(error.value.faults) == 1 and says in error.value.faults[0]
 
 
+def test_what_a_body_takes_of_some_directions_is_no_loss_of_all():
+    found = read(entry("excess_loss", "node", "a", loss_db=9.0, azimuth_rad=3.1, width_rad=0.8))
+    assert effects.step_of(found[0]) is None
+    assert (effects.on_link(found, "a", "b", two_paths(), CARRIER_HZ).gain == two_paths().gain).all()
+
+
 def test_gains_belong_to_all_links_of_their_node_and_losses_count_along_the_way():
     found = read(
         entry("node_gain", "node", "a", error_db=6.0), entry("excess_loss", "link", "a>b", loss_db=2.0),

@@ -61,7 +61,9 @@ def material_or_roughness(rng):
 
     best = min(
         (
-            minimize(gap, [np.log(own["permittivity"] * k - 1 + 1e-3), np.log(s)], method="Nelder-Mead", options={"maxiter": 150})
+            minimize(
+                gap, [np.log(max(own["permittivity"] * k - 1, 1e-3)), np.log(s)], method="Nelder-Mead", options={"maxiter": 150}
+            )
             for k in (0.6, 1.3)
             for s in (0.01, 0.2)
         ),

@@ -4,6 +4,7 @@
 import json
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +73,10 @@ def test_a_lossy_link_is_named_and_the_corrected_twin_misses_nothing(tmp_path):
     assert fit["corrected_rmse_db"] < 1.15 * fit["noise_rmse_db"] < fit["twin_rmse_db"]
 
     corrected = tmp_path / "corrected"
+    pieces = replace(found, model=replace(found.model, effects=2 * found.model.effects))  # of one cause, which is told once
+    places.write(pieces, tmp_path / "pieces", "a page")
     places.write(found, corrected, "a page")
+    assert (tmp_path / "pieces" / "spec_corrected.yaml").read_text() == (corrected / "spec_corrected.yaml").read_text()
     for name in ("first.npz", "second.npz"):
         shutil.copy(case / name, corrected / name)
     (corrected / "place.yaml").write_text(PLACE.format(twin="spec_corrected.yaml"))

@@ -7,12 +7,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from gr_cast.diagnose.places.ears import bursts
+from gr_cast.diagnose.places.fit import evaluated
 from gr_cast.diagnose.places.power import Expected, PowerEar
 from gr_cast.diagnose.places.search import run
+from gr_cast.diagnose.places.view import View
 from gr_cast.scenario.create.fields import surface_of
 from gr_cast.scenario.create.geometry import Solid
 from gr_cast.scenario.create.media import Medium
 from gr_cast.scenario.create.nodes import Node
+from gr_cast.twin.places.carrying import Body, headings, loss_db
 from gr_cast.twin.places.families.power import scales
 from gr_cast.twin.places.meters import Fading, Meter
 from gr_cast.twin.places.predict import Predictor
@@ -163,6 +166,26 @@ def test_ground_is_found_by_the_fringes_of_power_alone():
     assert abs(found.deviations) < 4
 
 
+def test_ground_far_under_steep_paths_is_found():
+    """Its fringes turn within a centimetre of height; against the two-ray law."""
+    x_m, height_m = np.linspace(6, 40, 80), -1.273
+    at_m = np.stack([x_m, 0 * x_m, 5.0 + 0.04 * x_m], 1)
+    up_m = 5.0 + at_m[:, 2] - 2 * height_m
+    straight_m, far_m = np.hypot(x_m, at_m[:, 2] - 5.0), np.hypot(x_m, up_m)
+    eta, sine = 6.0 - 1j * 0.01 * 17.975 / (CARRIER_HZ / 1e9), up_m / far_m
+    root = np.sqrt(eta - (1 - sine**2))
+    reflection = (eta * sine - root) / (eta * sine + root)
+    k = 2 * np.pi * CARRIER_HZ / 299792458.0
+    field = np.exp(-1j * k * straight_m) / straight_m + reflection * np.exp(-1j * k * far_m) / far_m
+    power_db = 20 * np.log10(np.abs(field) * 299792458.0 / CARRIER_HZ / (4 * np.pi))
+    power_db = (power_db + np.random.default_rng(5).normal(0, 0.5, 80))[None]
+    predictor = Predictor(["a"], ["b"], np.arange(80.0), np.zeros(1), {"b": at_m})
+    ear = PowerEar(predictor, power_db[:, :, None], np.full((1, 80, 1), 2.0), None, "none")
+    found = run([ear], replace(_yard(), max_depth=1), {"gain": "none", "delay": "none", "phase": "none"}, 60.0)
+    assert [effect.key for effect in found.model.effects] == [("ground", "place")]
+    assert found.model.effects[0].values[0] == pytest.approx(height_m, abs=0.02)
+
+
 def test_a_long_campaign_is_heard_in_bursts_from_end_to_end():
     assert (bursts(100, 400) == np.arange(100)).all()
     heard = bursts(50_000, 1500)
@@ -196,6 +219,64 @@ def test_a_fading_link_is_found_and_named():
     found = _round(_faded)
     assert list(found) == [("small_scale", "c>b")]
     assert found["small_scale", "c>b"].values[0] == pytest.approx(3.0, abs=4.0)
+
+
+def test_a_body_that_carries_a_node_and_takes_what_comes_from_behind_is_found_and_named():
+    def shaded(power_db, random, at_m):
+        turn = np.linspace(0, 2, 40)
+        ahead = np.stack([-12 * np.sin(turn), 9 * np.cos(turn)], 1)
+        ahead /= np.linalg.norm(ahead, axis=1)[:, None]
+        for row, fixed_m in enumerate(([0.0, 0, 5], [25.0, 3, 6], [-8.0, 20, 4])):
+            towards = fixed_m - at_m
+            towards /= np.linalg.norm(towards, axis=1)[:, None]
+            cosine = -(ahead * towards[:, :2]).sum(axis=1)  # 1: right behind
+            power_db[row] -= 14.0 * np.exp(-(1 - cosine) / (1 - np.cos(0.9)))
+        return power_db
+
+    found = _round(shaded)
+    assert list(found) == [("excess_loss", "b")]
+    loss_db, azimuth_rad, width_rad = found["excess_loss", "b"].values
+    assert loss_db == pytest.approx(14.0, abs=2.0) and abs(azimuth_rad) == pytest.approx(np.pi, abs=0.15)
+    assert width_rad == pytest.approx(0.9, abs=0.15)
+
+
+def test_what_carries_a_node_looks_where_it_went_last():
+    at_m = np.array([[0.0, 0, 1], [0, 1, 1], [0, 2, 1], [0, 2, 1], [0, 2, 1], [-1, 2, 1], [-2, 2, 1]])
+    heading = headings(at_m)
+    assert heading[:4] == pytest.approx(np.tile([0.0, 1.0, 0.0], (4, 1))) and heading[6] == pytest.approx([-1.0, 0, 0])
+    body = Body(loss_db=9.0, azimuth_rad=np.pi / 2, width_rad=1.0)
+    left, right = loss_db(body, heading[[0, 6]], np.array([[-1.0, 0, 0], [0, -1, 0]])), [[1.0, 0, 0], [0, 1, 0]]
+    assert left == pytest.approx([9.0, 9.0])
+    assert loss_db(body, heading[[0, 6]], np.array(right)) == pytest.approx([9.0 * np.exp(-2 / (1 - np.cos(1.0)))] * 2)
+    assert not headings(np.zeros((5, 3))).any()
+
+
+def test_power_alone_tells_no_place_of_anything():
+    _, view = _fixed_dipoles()
+    shown = {family.name for family in view.families}
+    assert shown == {
+        "node_gain", "antenna_pattern", "antenna_orientation", "ground", "excess_loss", "small_scale", "meter_limits",
+    }  # fmt: skip
+
+
+def _fixed_dipoles():
+    """A link that stands, 3 dB weaker than foretold, by a node whose dipole may also lean away from it."""
+    predictor = Predictor(["a"], ["b"], np.arange(30.0), np.zeros(1))
+    world = _yard()
+    for name in ("a", "b"):
+        world = world.with_radio(name, node=replace(world.radios[name].node, antenna="dipole"))
+    foretold_db = 20 * np.log10(np.abs(predictor.response(world)[:, :, 0]))
+    power_db = foretold_db - 3.0 + np.random.default_rng(4).normal(0, 0.5, (1, 30))
+    ear = PowerEar(predictor, power_db[:, :, None], np.full((1, 30, 1), 2.0), None, "none")
+    unknown = {"gain": "none", "delay": "none", "phase": "none"}
+    return run([ear], world, unknown, 60.0), View([ear], evaluated([ear], world, ()), unknown)
+
+
+def test_an_antenna_seen_from_one_side_alone_is_not_said_to_look_elsewhere():
+    found, view = _fixed_dipoles()
+    assert [effect.family.name for effect in found.model.effects] in (["excess_loss"], ["node_gain"])
+    rivals = {rival.family.name for pairs in found.rivals.values() for rival, nats in pairs if nats < 6}
+    assert rivals <= {"excess_loss", "node_gain"} and not view.looks_around("b")
 
 
 def test_a_meter_that_saturates_is_found_and_named():

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...twin.places.families import FAMILIES
 from ...twin.places.families.base import Effect
 from . import policy
 from .fit import Ear, Model, evaluated, fitted, replaced, with_effect, without_effects
@@ -52,7 +51,7 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
     view = View(ears, model, unknown)
     have = {effect.key for effect in model.effects}
     screened, tried = [], 0
-    for family in FAMILIES:
+    for family in view.families:
         for owner in family.owners(view):
             key = family.name, owner
             if key in barred or key in have and family.level != "place":

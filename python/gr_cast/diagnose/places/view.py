@@ -7,12 +7,14 @@ import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
 from ...scenario.create import fields
-from . import imaging, planes, policy, scan, shades
+from ...twin.places.carrying import headings
+from ...twin.places.families import FAMILIES
+from . import fringes, imaging, planes, policy, scan, shades
 from .ears import thinned, without_phase
 from .fit import applied, evaluated
 
 _SCANNED_CARRIERS = 3000
-_GROUND_BELOW_M = 3.0  # under the lowest node, looked at finely
+_AROUND = 0.3  # change of a link's direction, as a share of its length, from which antennas show from several sides
 
 
 class View:
@@ -64,6 +66,34 @@ class View:
     def tracked(self) -> set[str]:
         """Nodes whose positions were recorded along with the soundings."""
         return {name for ear in self.ears for name in ear.predictor.tracked}
+
+    @property
+    def families(self):
+        """Those that these soundings can show: power alone tells no place of anything."""
+        return [family for family in FAMILIES if self.has_responses or family.shows_in_power]
+
+    @cached_property
+    def walkers(self) -> list[str]:
+        """Nodes that go somewhere while they are sounded."""
+        going = set()
+        for ear in self.ears:
+            for index, link in enumerate(ear.predictor.links):
+                ends_m = ear.predictor.ends_m(self.world, index)
+                going |= {name for name, end_m in zip(link, ends_m, strict=True) if headings(end_m).any()}
+        return sorted(going)
+
+    def looks_around(self, name: str) -> bool:
+        """Whether a node's antenna shows a link from several sides: from one it is as good as a gain."""
+        if self.has_responses:
+            return True
+        for ear in self.ears:
+            for index, link in enumerate(ear.predictor.links):
+                if name in link:
+                    tx_m, rx_m = ear.predictor.ends_m(self.world, index)
+                    line = (rx_m - tx_m) / np.linalg.norm(rx_m - tx_m, axis=1)[:, None]
+                    if np.ptp(line, axis=0).max() > _AROUND:
+                        return True
+        return False
 
     @cached_property
     def fading_links(self):
@@ -250,14 +280,10 @@ class View:
     def scan_ground(self) -> list[float]:
         """Heights under all nodes at which a level plane would explain what is left."""
         lowest = self.lowest_m
+        if not self.has_responses:
+            return fringes.heights_m(self.ears, self.world, lowest)
         resolution_m = max((SPEED_OF_LIGHT_M_PER_S / one.bins_per_s for one in self.echoes), default=1.0)
         coarse = np.arange(lowest - 6.0, lowest - 0.05, min(resolution_m, 0.25))
-        if not len(self.echoes):  # fringes of power: the two-ray phase turns by a quarter or less from one height to the next
-            step_m = max(0.35 * self.world.wavelength_m, 0.02)
-            deep = -np.geomspace(_GROUND_BELOW_M, 100.0, 12)
-            near_zero = np.arange(-0.5, 0.5, step_m) if lowest > _GROUND_BELOW_M else []
-            heights = np.concatenate([np.arange(lowest - _GROUND_BELOW_M, lowest - 0.2, step_m), lowest + deep, near_zero])
-            return [float(h) for h in heights]
         normal = np.broadcast_to([0.0, 0.0, 1.0], (len(coarse), 3))
         found = scan.minima(coarse, -imaging.plane_scores(self.echoes, normal, coarse), 3)
         step_m = self.world.wavelength_m / 8

@@ -8,10 +8,13 @@ import numpy as np
 from ...core.arrays import plain_values
 from ...core.files import write_json, written_aside
 from ...scenario.create.families import FAMILIES
+from ...twin.places import families
 from ...twin.places.correct import corrected_solids, corrected_spec
 from ...twin.places.write import document as spec_document
 from ...twin.places.write import write_spec
 from .run import PlaceDiagnosis
+
+_IN_SPEC = {family.name for family in families.FAMILIES if family.is_in_spec}  # a SPEC's keys say them
 
 
 def write(diagnosis: PlaceDiagnosis, folder: str | Path, page: str) -> None:
@@ -32,8 +35,8 @@ def correct(diagnosis: PlaceDiagnosis, folder: Path) -> None:
     solids = corrected_solids(world)
     entries = [
         {"family": entry["family"], "owner": entry["owner"], "parameters": _known(entry)}
-        for entry, effect in zip(diagnosis.document["effects"], diagnosis.model.effects, strict=True)
-        if not effect.family.is_in_spec
+        for entry in diagnosis.document["effects"]  # causes: what was found in pieces is one
+        if entry["family"] not in _IN_SPEC
     ]
     write_spec(folder, spec_document(corrected_spec(spec, world)), solids, plain_values(entries))
 

@@ -23,6 +23,7 @@ _PLAYED = {
     "node_delay": ("parsing", {"error_s"}),
     "excess_loss": ("parsing", {"loss_db", "db_per_m", "exponent"}),
 }
+_TURNS = {"azimuth_rad"}  # what is of some directions alone is not played: a link's paths have lost theirs
 _GROUND = dict(own_permittivity=5.0, own_conductivity_s_per_m=0.01, thickness_m=10.0)  # so thick that it has one face
 _GROUND_MARGIN_M = 1000.0  # around the place
 
@@ -30,7 +31,7 @@ _GROUND_MARGIN_M = 1000.0  # around the place
 def step_of(entry: dict) -> str | None:
     """The step that plays an effect; None where no scenario can hold it, or a SPEC has keys for it."""
     step, played = _PLAYED.get(entry["family"], (None, set()))
-    return step if played & {*entry["parameters"]} else None
+    return step if played & {*entry["parameters"]} and not _TURNS & {*entry["parameters"]} else None
 
 
 def summary(entries: Sequence[dict]) -> dict[str, str]:
@@ -88,7 +89,7 @@ def on_link(entries: Sequence[dict], tx: str, rx: str, link: LinkPaths, carrier_
     gain_db = np.zeros(link.gain.shape)
     for entry in _of(entries, "node_gain", *nodes, *own):
         gain_db = gain_db + entry["parameters"].get("error_db", 0.0)
-    for entry in _of(entries, "excess_loss", "place", *nodes, *own):
+    for entry in filter(step_of, _of(entries, "excess_loss", "place", *nodes, *own)):
         given = entry["parameters"]
         gain_db = gain_db - given.get("loss_db", 0.0) - given.get("db_per_m", 0.0) * length_m
         gain_db = gain_db - 10 * (given.get("exponent", 2.0) - 2.0) * np.log10(length_m)  # of power over distance from 1 m on

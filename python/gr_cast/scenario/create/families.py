@@ -76,7 +76,13 @@ FAMILIES = {
     "meter_limits": Family(levels=("node",), parameters={"level_db": _DB, "step_db": Number(unit="dB", low=0, high=400)}),
     "excess_loss": Family(
         levels=("place", "node", "link"),
-        parameters={"loss_db": _DB, "db_per_m": Number(unit="dB/m", low=-100, high=100), "exponent": Number(low=0, high=20)},
+        parameters={
+            "loss_db": _DB,
+            "db_per_m": Number(unit="dB/m", low=-100, high=100),
+            "exponent": Number(low=0, high=20),
+            "azimuth_rad": _ANGLE,
+            "width_rad": _ANGLE,
+        },
     ),
 }  # fmt: skip
 

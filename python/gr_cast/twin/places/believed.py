@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from .carrying import Body
 from .document import Place
 from .families.base import Effect
 from .families.mechanisms import Ground
@@ -31,6 +32,8 @@ def _with(world: World, family: str, owner: dict, told: dict) -> World:
     if family == "excess_loss" and level == "place":
         law = replace(world, exponent=told.get("exponent", world.exponent))
         return replace(law, loss_db_per_m=told.get("db_per_m", world.loss_db_per_m))
+    if family == "excess_loss" and {"loss_db", "azimuth_rad", "width_rad"} <= {*told}:
+        return world.with_radio(name, body=Body(**{key: told[key] for key in ("loss_db", "azimuth_rad", "width_rad")}))
     if family == "excess_loss" and "loss_db" in told:
         return _louder(world, level, name, -told["loss_db"])
     if family == "ground" and "height_m" in told:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S, amplitude_from_db
 from ...scenario.create import fields, images, wedges
-from . import passer
+from . import carrying, passer
 from .world import Radio, World
 
 _KEPT = 4000  # links in memory
@@ -150,7 +150,7 @@ class Predictor:
         way = fields.optics(faces, paths.faces, tx_m[paths.pair], rx_m[paths.pair])
         link = np.repeat(np.arange(len(which)), counts)[paths.pair]
         start, end = (
-            self._fields(world, which, side, link, direction)
+            self._fields(world, which, side, (tx_m, rx_m)[side], counts, paths.pair, direction)
             for side, direction in ((0, way.direction[:, 0]), (1, -way.direction[:, -1]))
         )
         gain = fields.gains(faces, paths, way, world.surface, start, end, world.carrier_hz)
@@ -198,8 +198,9 @@ class Predictor:
 
     def _diffracted(self, world: World, which: Sequence[int]) -> list[Bent]:
         tx_m, rx_m, counts = self._pairs(world, which)
-        link = np.repeat(np.arange(len(which)), counts)
-        send, take = (lambda at, direction, s=s: self._fields(world, which, s, link[at], direction) for s in (0, 1))
+        send, take = (
+            lambda at, direction, s=s: self._fields(world, which, s, (tx_m, rx_m)[s], counts, at, direction) for s in (0, 1)
+        )
         found = wedges.paths(world.mesh.edges, world.faces, world.surface, world.carrier_hz, tx_m, rx_m, send, take)
         first = np.concatenate([[0], np.cumsum(counts)])
         bounds = np.searchsorted(found[0], first)
@@ -210,13 +211,22 @@ class Predictor:
             )
         ]
 
-    def _fields(self, world: World, which: Sequence[int], side: int, link: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Fields (n, 3) of one end's antennas along directions (n, 3), number i on link `which[link[i]]`."""
-        antennas = [world.radios[self.links[index][side]].antenna for index in which]
+    def _fields(self, world, which, side: int, at_m, counts, pair, direction: np.ndarray) -> np.ndarray:
+        """Fields (n, 3) of one end's antennas along directions (n, 3), number i of the pair of ends `pair[i]`; `at_m` (P, 3):
+        where that end is, `counts` of links `which` after each other."""
+        radios = [world.radios[self.links[index][side]] for index in which]
+        link = np.repeat(np.arange(len(which)), counts)[pair]
         out = np.empty(direction.shape)
-        for antenna in set(antennas):
-            own = np.array([one == antenna for one in antennas])[link]
+        for antenna in {radio.antenna for radio in radios}:
+            own = np.array([radio.antenna == antenna for radio in radios])[link]
             out[own] = fields.far_field(antenna, direction[own])
+        first = np.concatenate([[0], np.cumsum(counts)])
+        for number, radio in enumerate(radios):
+            if radio.body is not None:
+                heading = carrying.headings(at_m[first[number] : first[number + 1]])
+                own = np.flatnonzero(link == number)
+                taken_db = carrying.loss_db(radio.body, heading[pair[own] - first[number]], direction[own])
+                out[own] *= amplitude_from_db(-taken_db)[:, None]
         return out
 
 
@@ -256,7 +266,7 @@ def phasors(gain: np.ndarray, length_m: np.ndarray, carrier_hz: float, frequency
 
 def radio_key(radio: Radio):
     """Of what a node's end of a link depends on, its cable aside."""
-    return radio.track_key, radio.node.orientation_rad, radio.node.antenna
+    return radio.track_key, radio.node.orientation_rad, radio.node.antenna, radio.body
 
 
 def surface_key(surface: fields.Surface, which=slice(None)) -> bytes:

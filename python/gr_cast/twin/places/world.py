@@ -17,6 +17,7 @@ from ...scenario.create.nodes import Node, position_m
 from ...scenario.create.patches import patches_of
 from ...scenario.create.spec import Spec
 from ...scenario.create.wedges import Edges, edges_of
+from .carrying import Body
 from .document import Place
 from .meters import Fading, Meter
 
@@ -26,7 +27,8 @@ _numbers = itertools.count()
 
 @dataclass(frozen=True, kw_only=True)
 class Radio:
-    """A node with what a world may hold against its SPEC: `offset_m`, timing of its track, gain and delay of its cable."""
+    """A node with what a world may hold against its SPEC: `offset_m`, timing of its track, gain and delay of its cable, the
+    body that carries it."""
 
     node: Node
     offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -34,6 +36,7 @@ class Radio:
     time_offset_s: float = 0.0
     gain_db: float = 0.0
     delay_s: float = 0.0
+    body: Body | None = None
 
     @property
     def antenna(self) -> Antenna:

@@ -9,5 +9,5 @@ FAMILIES = (
     mechanisms.MissingReflections(), mechanisms.MissingTransmission(), mechanisms.MissingDiffraction(),
     mechanisms.MissingScattering(), mechanisms.Carrier(), mechanisms.Ground(), mechanisms.ExcessLoss(),
     mechanisms.DistanceLaw(), mechanisms.Attenuation(), additions.MissingObject(), additions.MovingScatterer(),
-    power.SmallScale(), power.MeterLimits(),
+    power.BodyLoss(), power.SmallScale(), power.MeterLimits(),
 )  # fmt: skip

@@ -35,6 +35,7 @@ class Family:
     price_nats = 0.0  # of what it may name beside its numbers
     is_flexible = False  # explains much that it is not: asked only where nothing else explains a good part
     ranks_unfitted = True  # its first guesses are near enough to be told apart before they are fitted
+    shows_in_power = False  # also where received power is all there is
     lasts = True  # what it changes is there on another day, at another position
     is_in_spec = True  # a SPEC has keys for it; what has none stands in its `effects`
 

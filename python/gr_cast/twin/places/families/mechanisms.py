@@ -140,6 +140,7 @@ class Carrier(Family):
 
 class Ground(Family):
     name = "ground"
+    shows_in_power = True
     is_in_spec = False
     order = 1
     price_nats = float(np.log(3))
@@ -151,7 +152,7 @@ class Ground(Family):
         return [
             Effect(family=self, owner=owner, values=np.array([height_m, np.log(e)]))
             for height_m in view.scan_ground()
-            for e in ((4.0, 15.0) if view.has_responses else (8.0,))
+            for e in (4.0, 15.0)
         ]
 
     def apply(self, world, effect):
@@ -185,6 +186,7 @@ class ExcessLoss(Family):
     """Of one link."""
 
     name = "excess_loss"
+    shows_in_power = True
     is_in_spec = False
     level = "link"
 
@@ -212,6 +214,7 @@ class DistanceLaw(Family):
     """Of the whole place: loss goes with another power of the distance."""
 
     name = "excess_loss"
+    shows_in_power = True
     is_in_spec = False
 
     def owners(self, view):
@@ -237,6 +240,7 @@ class Attenuation(Family):
     """Of the whole place: what lies along the way, leaves or rain, takes its part of every metre."""
 
     name = "excess_loss"
+    shows_in_power = True
     is_in_spec = False
 
     def owners(self, view):

@@ -71,6 +71,7 @@ class NodePosition(_OfNode):
 
 class NodeGain(_OfNode):
     name = "node_gain"
+    shows_in_power = True
     is_in_spec = False
 
     def owners(self, view):
@@ -118,9 +119,10 @@ class NodeDelay(_OfNode):
 
 class AntennaOrientation(_OfNode):
     name = "antenna_orientation"
+    shows_in_power = True
 
     def owners(self, view):
-        return [name for name in view.nodes if view.world.radios[name].node.antenna != "iso"]
+        return [name for name in view.nodes if view.world.radios[name].node.antenna != "iso" and view.looks_around(name)]
 
     def starts(self, view, owner):
         round_ = view.world.radios[owner].node.antenna != "tr38901"
@@ -152,6 +154,7 @@ class AntennaOrientation(_OfNode):
 
 class AntennaPattern(_OfNode):
     name = "antenna_pattern"
+    shows_in_power = True
     price_nats = float(np.log(3))
 
     def starts(self, view, owner):

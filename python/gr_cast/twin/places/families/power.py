@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What received power alone shows beside its mean: fading along the way, and the scale of the meter."""
+"""What received power alone shows beside the fields of paths: who carries a node, fading along the way, the meter's scale."""
 
 from dataclasses import replace
 
 import numpy as np
 
+from ..carrying import Body
 from ..meters import Fading, Meter
 from .base import Effect, Family, std_of, value
 
@@ -13,11 +14,49 @@ _COHERENCE_M = (0.06, 0.2, 0.8)
 _LEAST_REPEATS = 4  # readings on one number that are no chance
 _CROWD = 3.0  # times the readings on the number beside it
 _SAME_DB = 1e-6
+_ROUND_RAD = np.linspace(-np.pi, np.pi, 8, endpoint=False)  # where a body may stand,
+_WIDE_RAD, _TAKES_DB = (0.5, 1.2), 6.0  # how wide it is and what it takes: first guesses
 _LEAST_STEP = 2.0  # of the meter's error: finer steps are inside it
+
+
+class BodyLoss(Family):
+    """Of a node that goes: what carries it stands in the way of some directions, and turns with it."""
+
+    name = "excess_loss"
+    shows_in_power = True
+    is_in_spec = False
+    level = "node"
+    order = 6
+
+    def owners(self, view):
+        return [] if view.has_responses else view.walkers
+
+    def starts(self, view, owner):
+        return [Effect(family=self, owner=owner, values=np.array([_TAKES_DB, a, w])) for a in _ROUND_RAD for w in _WIDE_RAD]
+
+    def apply(self, world, effect):
+        loss_db, azimuth_rad, width_rad = map(float, effect.values)
+        return world.with_radio(effect.owner, body=Body(loss_db=loss_db, azimuth_rad=azimuth_rad, width_rad=width_rad))
+
+    def bounded(self, values):
+        loss_db, azimuth_rad, width_rad = values
+        return np.array([np.clip(loss_db, 0, 60), (azimuth_rad + np.pi) % (2 * np.pi) - np.pi, np.clip(width_rad, 0.2, 2.5)])
+
+    def told(self, view, effect, covariance):
+        names = ("loss_db", "azimuth_rad", "width_rad")
+        return {name: value(effect.values[i], std_of(covariance, i)) for i, name in enumerate(names)}
+
+    def sentence(self, effect, told):
+        loss_db, azimuth_rad, _ = effect.values
+        return (
+            f"What carries {effect.owner} takes up to {loss_db:.1f} dB of what comes from "
+            f"{np.degrees(azimuth_rad):+.0f}° left of where it is heading."
+        )
 
 
 class SmallScale(Family):
     name = "small_scale"
+    shows_in_power = True
     is_in_spec = False
     level = "link"
     order = 6
@@ -54,6 +93,7 @@ class MeterLimits(Family):
     """Readings that repeat one number, or all lie on a grid, are the meter's and not the place's."""
 
     name = "meter_limits"
+    shows_in_power = True
     is_in_spec = False
     level = "node"
     order = 6
