@@ -33,6 +33,27 @@ def loosened(ear, fit, world):
     return replace(fit, model=model, residual=residual, energy=energy, offset=fit.offset + price)
 
 
+def whitened(ear, fit, world, rows: np.ndarray, *, left: bool = False) -> np.ndarray:
+    """Rows (n, numbers of the residual) of a linear problem, over what noise and edges of unknown strength together may be.
+    `left`: of what `loosened` leaves, which is less already."""
+    if not ear.has_responses or not world.diffraction:
+        return rows
+    half = rows.shape[1] // 2
+    fields = (rows[:, :half] + 1j * rows[:, half:]).reshape(len(rows), *fit.residual.shape)
+    for index in range(len(ear.heard.links)):
+        columns = _columns(ear, fit, world, index)
+        if len(columns):
+            bent = policy.EDGE_SHARE * (columns * np.sqrt(ear.heard.weight[index])).reshape(len(columns), -1)
+            power, turn = np.linalg.eigh(bent.conj() @ bent.T)
+            power = np.maximum(power, 0)
+            share = (1 - (1 + power) ** (0.5 if left else -0.5)) / np.where(power > 0, power, 1)
+            own = fields[:, index].reshape(len(rows), -1)
+            seen = (own @ bent.conj().T) @ turn.conj()
+            fields[:, index] -= ((seen * share) @ (turn.T @ bent)).reshape(fields[:, index].shape)
+    flat = fields.reshape(len(rows), -1)
+    return np.concatenate([flat.real, flat.imag], axis=1)
+
+
 def _columns(ear, fit, world, index: int) -> np.ndarray:
     """(E, T, K): what each edge that counts gives to a link's response."""
     bent, predictor = ear.predictor.bent(world, index), ear.predictor

@@ -22,33 +22,58 @@ def gain(ear, fit, world) -> tuple[float, float, float]:
     count once: patches keep their phases."""
     if not ear.has_responses or not (world.surface.scattering > 0).any():
         return 0.0, 0.0, 0.0
-    heard, predictor = ear.heard, ear.predictor
-    spacing_hz = heard.frequency_hz[1] - heard.frequency_hz[0]
-    count = len(heard.frequency_hz)
-    amplitude = np.abs(fit.factor)
-    unit = fit.factor / np.maximum(amplitude, 1e-300)
+    unit = _unit(fit)
     nats = saved = scattered = 0.0
-    for index in range(len(heard.links)):
-        profile = profiles(world, predictor, index, count, spacing_hz)
-        weight = heard.weight[index]
-        known = weight > 0
+    for index in range(len(ear.heard.links)):
+        known = ear.heard.weight[index] > 0
         if not known.any():
             continue
-        noise = 1 / weight[known].mean()
+        noise, wide, is_still = _widths(ear, fit, world, index)
         rows = np.where(known, fit.residual[index] * unit[index].conj(), 0)
-        scale = float((amplitude[index] ** 2).mean())
-        if len(profile) == 1:  # patches keep their phases: all instants say the same
+        if is_still:  # all instants say the same
             rows = rows.sum(axis=0, keepdims=True) / np.sqrt(max(len(rows), 1))
-            profile = profile * len(heard.y[index])
-        bins = np.fft.ifft(rows, axis=1) * np.sqrt(count)
-        share = known.mean()
-        wide = noise + scale * profile * share
-        power = np.abs(bins) ** 2
+        power = np.abs(np.fft.ifft(rows, axis=1, norm="ortho")) ** 2
         whitened = power / wide
-        nats += float((power / noise - whitened - np.log(wide / noise)).sum() * share)
+        nats += float((power / noise - whitened - np.log(wide / noise)).sum() * known.mean())
         saved += float((power / noise - whitened).sum())
         scattered += float((1 - noise / wide).sum())
     return nats, saved, scattered
+
+
+def whitened(ear, fit, world, rows: np.ndarray) -> np.ndarray:
+    """Rows (n, numbers of the residual) of a linear problem, over what noise and scattered field together may be: where the world
+    scatters, a bin of delay says less."""
+    if not ear.has_responses or not (world.surface.scattering > 0).any():
+        return rows
+    half = rows.shape[1] // 2
+    bins = (rows[:, :half] + 1j * rows[:, half:]).reshape(len(rows), *fit.residual.shape) * _unit(fit).conj()
+    bins = np.fft.ifft(bins, axis=3, norm="ortho")
+    for index in np.flatnonzero((ear.heard.weight > 0).any(axis=(1, 2))):
+        noise, wide, is_still = _widths(ear, fit, world, index)
+        narrow = np.sqrt(noise / wide)
+        if is_still:
+            mean = bins[:, index].mean(axis=1, keepdims=True)
+            bins[:, index] += mean * (narrow - 1)
+        else:
+            bins[:, index] *= narrow
+    flat = bins.reshape(len(rows), -1)
+    return np.concatenate([flat.real, flat.imag], axis=1)
+
+
+def _unit(fit) -> np.ndarray:
+    return fit.factor / np.maximum(np.abs(fit.factor), 1e-300)
+
+
+def _widths(ear, fit, world, index: int) -> tuple[float, np.ndarray, bool]:
+    """Noise of a link, with what is scattered to it (instants or 1, bins of delay), and whether patches keep their phases: then
+    it is of the sum of all instants over the root of their number."""
+    heard = ear.heard
+    known, count = heard.weight[index] > 0, len(heard.frequency_hz)
+    profile = profiles(world, ear.predictor, index, count, heard.frequency_hz[1] - heard.frequency_hz[0])
+    noise = 1 / heard.weight[index][known].mean()
+    is_still = len(profile) == 1
+    scale = float((np.abs(fit.factor[index]) ** 2).mean()) * (len(heard.y[index]) if is_still else 1)
+    return noise, noise + scale * profile * known.mean(), is_still
 
 
 def profiles(world, predictor, index: int, count: int, spacing_hz: float) -> np.ndarray:

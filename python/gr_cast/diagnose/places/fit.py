@@ -8,8 +8,7 @@ import numpy as np
 
 from ...twin.places.families.base import Effect
 from ...twin.places.world import World, frozen
-from . import diffuse, policy
-from .bending import loosened
+from . import bending, diffuse, policy
 from .ears import PowerEar, ResponseEar
 from .likelihood import Fitted
 
@@ -53,7 +52,7 @@ def applied(base: World, effects: Sequence[Effect]) -> World:
 def evaluated(ears: Sequence[Ear], base: World, effects: Sequence[Effect]) -> Model:
     world = applied(base, effects)
     theory = [ear.profiled(ear.predicted(world)) for ear in ears]
-    fits = tuple(loosened(ear, fit, world) for ear, fit in zip(ears, theory, strict=True))
+    fits = tuple(bending.loosened(ear, fit, world) for ear, fit in zip(ears, theory, strict=True))
     plain = sum(fit.energy for fit in fits)
     loose = sum(fit.energy for fit in theory) - plain
     scattered = [diffuse.gain(ear, fit, world) for ear, fit in zip(ears, fits, strict=True)]
@@ -93,10 +92,14 @@ def normal_equations(ears: Sequence[Ear], model: Model, free: np.ndarray) -> tup
         for number, world in zip(free, shifted, strict=True):
             columns.append(ear.columns(fit, base, ear.predicted(world), steps[number]))
         others = ear.nuisance(fit)
-        residual = ear.rows(fit)
-        j = np.array(columns)
-        if others:
-            basis = _basis(np.array(others))
+        residual = bending.whitened(ear, fit, here, ear.rows(fit)[None], left=True)
+        residual = diffuse.whitened(ear, fit, here, residual)[0]
+        j, others = (
+            diffuse.whitened(ear, fit, here, bending.whitened(ear, fit, here, np.array(rows))) if len(rows) else np.array(rows)
+            for rows in (columns, others)
+        )
+        if len(others):
+            basis = _basis(others)
             residual = residual - basis @ (basis.T @ residual)
             j = j - (j @ basis) @ basis.T
         top += j @ j.T
