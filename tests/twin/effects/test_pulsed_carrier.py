@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from gr_cast.twin.effects import FAMILIES
-from gr_cast.twin.effects.pulsed_carrier import Train, trains
+from gr_cast.twin.effects.pulsed_carrier import Train, polished, trains
 
 COUNT = 60_000
 
@@ -28,6 +28,21 @@ def test_a_train_is_found_below_the_noise(train, power):
     assert found.period == pytest.approx(train.period, abs=0.3 * train.width * train.period / COUNT + 0.2)
     assert found.width == pytest.approx(train.width, rel=0.15)
     assert found.frequency == pytest.approx(train.frequency, abs=1 / train.width)
+
+
+@pytest.mark.parametrize("sweep", [0.0, 4.57e-4, -7.7e-4])
+def test_pulses_far_above_the_noise_leave_no_more_than_it(sweep):
+    train, index = Train(period=1150.596, first=731.3, width=175.4, frequency=0.2371, sweep=sweep), np.arange(COUNT)
+    rng = np.random.default_rng(5)
+    number = np.maximum(train.pulses(index)[0], -1).astype(int)
+    pulses = 100.0 * np.exp(2j * np.pi * rng.random(COUNT))[number] * train.wave(index)  # 40 dB
+    y = pulses + noise(rng)
+    tame = y * np.minimum(1.0, 3.0 / np.abs(y))
+    found = polished(y, trains(tame, 1.0)[0])
+    number, wave = np.maximum(found.pulses(index)[0], -1).astype(int), found.wave(index)
+    own = [number == k for k in np.unique(number[wave != 0])]
+    left = y - sum(o * wave * np.vdot(wave[o], y[o]) / np.vdot(wave[o], wave[o]) for o in own)
+    assert np.mean(np.abs(left) ** 2) < 1.05
 
 
 @pytest.mark.parametrize("seed", range(4))

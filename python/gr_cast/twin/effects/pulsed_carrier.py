@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import fft as sp_fft
+from scipy import optimize
 from scipy.stats import gamma
 
 from ..columns import Lags
@@ -30,6 +31,7 @@ MOST_TURNS = 80  # quarters of a cycle, at most, by which a chirp's edge is trie
 EVEN = 0.25  # of the mean energy of a pulse, the least of the median: in a train with gaps every second pulse would be none
 GAPS = 9  # places between two pulses at which the wave is looked for too
 EDGES = 48  # places at which a pulse's beginning and end are tried
+POLISHED = 3  # times that a search for the best wave begins again
 EDGE_SHARE = 2.5  # energies of noise that an edge is placed to (Hinkley 1970)
 DB = 10 / np.log(10)
 
@@ -243,6 +245,50 @@ def _edges(signal, train: Train) -> Train:
     return replace(train, first=float((middle + begins) % train.period), width=width, frequency=frequency)
 
 
+def polished(signal: np.ndarray, train: Train) -> Train:
+    """The train with its beat, edges and wave where its pulses explain most: of loud ones a wave that is off by a hundredth of a
+    cycle leaves more than noise."""
+    index = np.arange(len(signal))
+    number = np.floor((index - train.first - train.width / 2) / train.period + 0.5)
+    from_middle = index - train.first - train.width / 2 - number * train.period
+    near = (np.abs(from_middle) < train.width) & (signal != 0)
+    if not near.any():
+        return train
+    y, from_middle, number = signal[near], from_middle[near], number[near]
+    which, centre = (number - number.min()).astype(int), number.mean()
+    steps = np.array(
+        [
+            train.width / (4 * (which.max() + 1)),
+            *2 * [max(1.0, train.width / 32)],
+            1 / (8 * train.width),
+            1 / train.width**2,
+        ]
+    )
+
+    def moved(q):
+        late, begin, end, frequency, sweep = q * steps + [0.0, -train.width / 2, train.width / 2, train.frequency, train.sweep]
+        return late, begin, end, frequency, sweep
+
+    def left(q):
+        late, begin, end, frequency, sweep = moved(q)
+        at = from_middle - (number - centre) * late
+        inside = (at >= begin) & (at < end)
+        at, k = at[inside], which[inside]
+        down = y[inside] * np.exp(-2j * np.pi * (frequency * at + 0.5 * sweep * at**2))
+        sums = np.bincount(k, down.real) ** 2 + np.bincount(k, down.imag) ** 2
+        return -float(np.sum(sums / np.maximum(np.bincount(k), 1)))
+
+    q = np.zeros(5)
+    for _ in range(POLISHED):
+        options = {"initial_simplex": q + np.vstack([np.zeros(5), np.eye(5)]), "xatol": 1e-3, "fatol": 1e-6 * abs(left(q))}
+        q = optimize.minimize(left, q, method="Nelder-Mead", options=options).x
+    late, begin, end, frequency, sweep = moved(q)
+    period = train.period + late
+    first = train.first + train.width / 2 + begin - centre * late
+    frequency += sweep * 0.5 * (begin + end)  # at the pulses' new middle
+    return Train(period=period, first=first % period, width=end - begin, frequency=frequency, sweep=sweep)
+
+
 class PulsedCarrier(Family):
     name = "pulsed_carrier"
     told_as = "pulsed_interference"
@@ -295,6 +341,7 @@ class PulsedCarrier(Family):
         power = float(np.median(size[size > 0] ** 2)) / np.log(2) if size.any() else 1.0
         tame = view.residual * np.minimum(1.0, LOUDEST_SAMPLE * np.sqrt(power) / np.maximum(size, 1e-300))
         for train in trains(view.scene.spread(tame), power):
+            train = polished(view.scene.spread(view.residual), train)
             count = self._numbers(view.scene, train)[1]
             if count >= FEWEST_PULSES and count * n <= MOST_NUMBERS and train.width < train.period / 2:
                 yield start(self, np.zeros(2 * count), prior=np.ones(2 * count), aux=vars(train).copy(), trials=float(n))
