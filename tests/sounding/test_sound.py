@@ -2,6 +2,7 @@
 import numpy as np
 import pytest
 from gr_cast.core.errors import CastError
+from gr_cast.emulation.reference import interpolator
 from gr_cast.signals import codes, recording
 from gr_cast.signals.recording import Recording
 from gr_cast.signals.waveform import Waveform, waveform_from_file
@@ -244,3 +245,23 @@ def test_rounding_that_repeats_with_the_code_is_no_tap():
     result = sound(air(FOUR_TAPS, 400, noise_db=-400.0), WAVEFORM)
     assert len(result.taps.power) == 4
     assert result.smallest_path_gain_db > -155.0
+
+
+@pytest.mark.parametrize("degree", [9, 11])
+@pytest.mark.parametrize("delays", [(92.5,), (0, 92.5, 213), (92.4, 123.3, 154.4)])
+def test_what_interpolating_filters_leave_is_no_tap_however_long_the_code(degree, delays):
+    """Taps between samples by the emulator's filters: by the definition of a least-squares filter they end 13 samples off."""
+    code = codes.glfsr(degree)
+    one = np.zeros(len(code), complex)
+    for delay in delays:
+        whole, fraction = divmod(delay, 1)
+        filtered = [1.0] if not fraction else interpolator(fraction)
+        for k, value in enumerate(filtered, start=int(whole) - (13 if fraction else 0)):
+            one += value * np.roll(code, k)
+    random = np.random.default_rng(1)
+    samples = np.tile(one, 100)
+    samples = samples + 1e-6 * (random.standard_normal(len(samples)) + 1j * random.standard_normal(len(samples)))
+    air = Recording(samples=samples.astype(np.complex64), sample_rate_hz=50e6)
+    result = sound(air, Waveform(samples=code.astype("c8"), name="code"), SoundingOptions(band=0.8))
+    assert result.taps.delay_samples == pytest.approx(delays, abs=1e-3)
+    assert result.smallest_path_gain_db < -85

@@ -162,6 +162,11 @@ def _are_apart(template: Template, delays: np.ndarray, gain: np.ndarray, noise_v
     return bool(np.all(gain_std < np.sqrt(gain.shape[1]) * LEAST_SURE * rms_gain))
 
 
+def _spurs(gain: np.ndarray, spur: float) -> float:
+    """The most power that what taps leave at other delays may add up to at one."""
+    return float((spur * np.sqrt(np.mean(np.abs(gain) ** 2, axis=1)).sum()) ** 2)
+
+
 def _powers(template: Template, rest: np.ndarray) -> np.ndarray:
     """Σ_blocks |matched filter|²/energy every 1/OVERSAMPLING samples, in noise of variance 1 a gamma variable of the blocks."""
     return np.sum(np.abs(template.matched_filter(rest, OVERSAMPLING)) ** 2, axis=1) / template.energy
@@ -192,13 +197,15 @@ def estimate_taps(
     max_taps: int = 64,
     separation_samples: float = 1.0,
     delays_searched: float | None = None,
+    spur: float = 0.0,
 ) -> Taps:
     """Find and fit the taps of `observed` = Σ_k gain[k]·s(n − delay[k]) + white noise.
 
     observed: (window,) or (window, blocks) complex, blocks sharing delays but not amplitudes. noise_variance: of a
     complex sample of a block, known with `noise_freedom` complex degrees of freedom; None reads it off the delays without taps.
     No two taps are closer than `separation_samples`, none is below the stated limit (`smallest_power`). `delays_searched`
-    bounds the delays of a waveform sent once.
+    bounds the delays of a waveform sent once. `spur` is the amplitude, over a tap's, of what each leaves at other delays: it
+    repeats with the waveform, so that no averaging and no longer waveform lowers it, and may add up over the taps.
     """
     observed = observed.reshape(len(observed), -1).astype(np.complex128)
     blocks = observed.shape[1]
@@ -218,7 +225,8 @@ def estimate_taps(
         noise = noise_variance if known_noise else max(np.median(whole) / gamma.median(blocks), least_noise)
         unsteady = one_block * _unsteady(whole, blocks, noise)
         found = _strongest(template, power, delays, separation_samples, span)
-        if found is None or len(delays) >= max_taps or not found[1] > threshold * noise + blocks * unsteady:
+        least = max(threshold * noise + blocks * unsteady, blocks * template.energy * _spurs(gain, spur))
+        if found is None or len(delays) >= max_taps or not found[1] > least:
             break
         more = _refit(template, observed, np.append(delays, found[0]))
         if not _are_apart(template, *more, noise):
@@ -227,7 +235,8 @@ def estimate_taps(
         rest = observed - template.columns(delays) @ gain
     # Powers of several blocks are reported without their noise, that of one block with it.
     surplus = threshold if blocks == 1 else (threshold - blocks) / blocks
-    limit = max((surplus * noise + unsteady) / template.energy, FLOAT32_HALF_UNIT * float(np.mean(np.abs(observed) ** 2)))
+    rounding = FLOAT32_HALF_UNIT * float(np.mean(np.abs(observed) ** 2))
+    limit = max((surplus * noise + unsteady) / template.energy, rounding, _spurs(gain, spur))
     taps = _in_order(template, delays, gain, noise, limit)
     while len(taps.delay_samples) and taps.power.min() < limit:  # together they may be weaker than one by one
         delays, gain = _refit(template, observed, np.delete(taps.delay_samples, np.argmin(taps.power)))

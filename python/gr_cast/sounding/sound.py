@@ -26,6 +26,7 @@ _TRACKS, _TRACKED, _TRACK_BLOCKS = 16, 1e-3, 512  # delays looked at for movemen
 _MOVES_SIGMA = 5.0  # standard deviations by which a tap must turn otherwise than the strongest one
 _HALF = 0.5  # share of what repeats with the code, beyond which taps that leave it unexplained are doubted
 INTERPOLATED = 10**-9.3  # power of the error, over the signal's, of the emulator's filters within their band
+INTERPOLATED_SPUR = 10 ** (-101.5 / 20)  # amplitude that they leave 15 samples off a tap, at most: half-way between samples
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,6 +223,7 @@ def _sound_periodic(recording: Recording, waveform: Waveform, options: SoundingO
         noise_freedom=np.inf if noise is None else length * (count - 2) / 1.94,  # differences share their periods
         false_alarm_rate=options.false_alarm_rate,
         max_taps=options.max_taps,
+        spur=INTERPOLATED_SPUR if options.band < 1 else 0.0,
     )
     unexplained = _unexplained(observed, template, taps)
     searches = options.correct_offset and not offset.known
