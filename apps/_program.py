@@ -10,6 +10,7 @@ import re
 import select
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 _HERE = Path(__file__).resolve().parent
@@ -49,10 +50,19 @@ def parse(parser: argparse.ArgumentParser, argv=None, namespace=None) -> argpars
 def settled(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
     """The parser of a program and those of its commands as all programs have them: every default told, -2e6 a number."""
     for one in _parsers(parser):
+        one.error = partial(_refuse, one)
         one._negative_number_matcher = _NEGATIVE  # argparse's own takes -2e6 for an option
         for action in one._actions:
             action.help = _with_default(action)
     return parser
+
+
+def _refuse(parser: argparse.ArgumentParser, message: str) -> None:
+    """argparse's own way to refuse arguments shows all options first, which drowns the one line that says what is wrong."""
+    commands = [name for action in parser._actions if isinstance(action, argparse._SubParsersAction) for name in action.choices]
+    if commands and "required: COMMAND" in message:
+        message = f"no command: {', '.join(commands)}"
+    parser.exit(2, f"error: {message} ({parser.prog} --help)\n")
 
 
 def _with_default(action: argparse.Action) -> str | None:

@@ -12,6 +12,7 @@ import _program
 from gr_cast import scenario as sc
 from gr_cast.core.errors import CastError
 from gr_cast.core.files import check_writable
+from gr_cast.core.programs import called
 from gr_cast.scenario.create import pipeline, spec
 from gr_cast.signals.waveform import entry_from_text
 from gr_cast.sounding.result import read_taps
@@ -45,7 +46,7 @@ def make_case(args) -> None:
     names = ", ".join(f"{sc.link_name(key)} ({len(taps[key])} taps)" for key in keys)
     what = "recording" if len(recordings) == 1 else "recordings"
     print(f"{args.output}: {len(recordings)} {what}, {names}")
-    print(f"next: cast_diagnose.py {args.output} --output diagnosis")
+    print(f"next: {called('cast_diagnose')} {args.output} --output diagnosis")
 
 
 def _believed(args, recordings, keys) -> dict:
@@ -75,7 +76,7 @@ def to_a_scenario(args) -> None:
     changed = ", ".join(map(sc.link_name, made.changed)) or "no link"
     print(f"{args.output}: {len(made.scenario.nodes)} nodes, {len(made.scenario.links)} links, changed: {changed}")
     for effect in made.left_out:
-        print(f"not in the scenario: {effect}; cast_emulator.py play --twin {args.twin} plays it")
+        print(f"not in the scenario: {effect}; {called('cast_emulator')} play --twin {args.twin} --output FOLDER plays it")
 
 
 def play_place(args) -> None:
@@ -94,7 +95,7 @@ def play_place(args) -> None:
     print(f"{args.output}: {', '.join(arrays)}")
     for line in play.lost_in_words(place, world):
         print(line)
-    print(f"next: cast_diagnose.py {args.output} --output diagnosis")
+    print(f"next: {called('cast_diagnose')} {args.output} --output diagnosis")
 
 
 def main(argv=None) -> int:

@@ -17,6 +17,7 @@ from gr_cast.colosseum.emulator import Channel
 from gr_cast.core import interrupts
 from gr_cast.core.errors import CastError
 from gr_cast.core.files import check_writable, write_json, write_text
+from gr_cast.core.programs import called
 from gr_cast.sounding.result import output_folder
 
 PROGRAM = Path(__file__).resolve().parent / "cast_emulator.py"
@@ -112,7 +113,9 @@ def _up_behind(args) -> int:
         log.unlink(missing_ok=True)
     state = box.state_of(host.boxes_folder() / name)
     print(f"{name}: {', '.join(state['srns'])}")
-    print(f"a shell in one: cast_colosseum.py enter {name} {state['srns'][0]}; end: cast_colosseum.py down {name}")
+    print(
+        f"a shell in one: {called('cast_colosseum')} enter {name} {state['srns'][0]}; end: {called('cast_colosseum')} down {name}"
+    )
     return 0
 
 

@@ -149,7 +149,7 @@ def _write_page(storage: Path, output: Path) -> None:
 
 def main(argv=None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    verbs = parser.add_subparsers(dest="verb", required=True)
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="COMMAND")
     command = verbs.add_parser("check", help=check.__doc__, description=check.__doc__)
     command.add_argument("path", type=Path, nargs="?", default=Path(), help="pipeline.yaml, or its folder (default: here)")
     command.add_argument("--sites", type=Path, metavar="DIR", help="folder of inventories, NAME.yaml each")

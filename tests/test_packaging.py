@@ -2,6 +2,8 @@
 """What packages say of the project is what the project is: version, licence, dependencies, blocks, recipes that hold."""
 
 import re
+import shutil
+import subprocess
 from pathlib import Path
 
 import gr_cast
@@ -45,3 +47,33 @@ def test_packages_need_what_the_programs_import():
 def test_the_files_that_recipes_name_are_there(path):
     for name in re.findall(r"`((?:python|tests|docs|apps|grc)/[\w./]+)`", (ROOT / path).read_text()):
         assert (ROOT / name).exists() or "my_" in name, name
+
+
+# What PyBOMBS's own recipes (gr-recipes of March 2026) call what this project needs.
+PYBOMBS = {"gnuradio", "numpy", "pybind11", "python-matplotlib", "python-zmq", "pyyaml", "scipy", "zeromq"}
+
+
+def test_pybombs_finds_every_recipe_that_ours_depends_on():
+    recipe = yaml.safe_load((ROOT / "packaging/pybombs/gr-cast.lwr").read_text())
+    assert set(recipe["depends"]) == PYBOMBS and recipe["inherit"] == "cmake"
+    told = (ROOT / "docs/packages.md").read_text()
+    assert "source" in recipe or "pybombs config --package gr-cast source" in told  # without one it has no install method
+
+
+def test_conda_builds_with_what_debian_builds_with():
+    """GNU Radio's configuration for CMake asks for its own dependencies again: what Debian's build needs, conda's does."""
+    recipe = (ROOT / "packaging/conda/meta.yaml").read_text()
+    needed = (ROOT / "debian/control").read_text().split("Standards-Version")[0]
+    same = {"libgmp-dev": "gmp", "libsndfile1-dev": "libsndfile", "libspdlog-dev": "spdlog", "libzmq3-dev": "zeromq"}
+    same |= {"pybind11-dev": "pybind11", "python3-zmq": "pyzmq", "python3-yaml": "pyyaml", "gnuradio-dev": "gnuradio-core"}
+    host = recipe.split("host:")[1].split("run:")[0]
+    assert {ours for debian, ours in same.items() if debian in needed} == {
+        ours for ours in same.values() if re.search(rf"- {ours}\b", host)
+    }
+
+
+def test_pybombs_lints_the_recipe():
+    if not (pybombs := shutil.which("pybombs")):
+        pytest.skip("NO PYBOMBS: its recipe is not linted")
+    told = subprocess.run([pybombs, "lint", ROOT / "packaging/pybombs/gr-cast.lwr"], capture_output=True, text=True)
+    assert "Linting recipe" in told.stdout and "BAD]" not in told.stdout + told.stderr

@@ -2,6 +2,7 @@
 """First mistakes: each message says what to type next, and typing it works."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -45,7 +46,7 @@ def test_a_raw_file_without_its_format_is_told_the_options(tmp_path):
 @pytest.mark.parametrize("name", ["arena", "street"])
 def test_an_example_that_is_not_made_yet_is_told_how(name, tmp_path, monkeypatch):
     monkeypatch.setenv("CAST_CATALOGUE", str(tmp_path))
-    with pytest.raises(CastError, match=f"{name}: not made yet: cast_scenario.py create {name} makes it"):
+    with pytest.raises(CastError, match=f"{name}: not made yet: cast_scenario create {name} makes it"):
         cast_scenario.main(["show", name])
 
 
@@ -97,3 +98,37 @@ def test_show_leaves_nothing_in_the_folder_unasked(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
     cast_scenario.main(["show", "four_tap", "--plot", "four.png"])
     assert [path.name for path in tmp_path.iterdir()] == ["four.png"]
+
+
+@pytest.mark.parametrize("way", ["a folder before it", "on PATH", "installed, on PATH", "installed"])
+def test_what_a_message_says_to_type_is_found_by_the_shell_that_reads_it(way, tmp_path):
+    """The shell is the judge: the first words of what is to be typed are pasted, with --version."""
+    apps, suffix = ROOT / "apps", ".py"
+    if way.startswith("installed"):
+        (tmp_path / "bin").mkdir()
+        for name in ("cast_scenario", "cast_diagnose"):
+            (tmp_path / "bin" / name).symlink_to(apps / f"{name}.py")
+        apps, suffix = tmp_path / "bin", ""
+    on_path = "on PATH" in way
+    environment = os.environ | {"PATH": f"{apps if on_path else ''}:/usr/bin:/bin", "CAST_CATALOGUE": str(tmp_path)}
+    program = f"cast_scenario{suffix}" if on_path else f"{os.path.relpath(apps, ROOT)}/cast_scenario{suffix}"
+    shell = {"cwd": ROOT, "env": environment, "capture_output": True, "text": True, "timeout": 120}
+    told = subprocess.run(["sh", "-c", f"{program} show arena"], **shell).stderr
+    typed = re.search(r"not made yet: (\S+) create arena", told)[1]
+    assert ("/" in typed) != on_path
+    assert subprocess.run(["sh", "-c", f"{typed} --version"], **shell).stdout.startswith("cast_scenario ")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("cast_scenario.py", "no command: list, show, .*create"),
+        ("cast_pipeline.py", "no command: .*bisect, "),
+        ("cast_emulator.py run four_tap --rate 11.52", "argument --rate: got 11.52, .*is 11.52M meant"),
+        ("cast_diagnose.py", "required: CASE, --output"),
+    ],
+)
+def test_a_wrong_argument_is_one_line_that_is_not_drowned(words, told):
+    program, *arguments = words.split()
+    done = subprocess.run([sys.executable, ROOT / "apps" / program, *arguments], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 2 and re.fullmatch(rf"error: .*{told}.* \(cast_\w+\.py( run)? --help\)\n", done.stderr)

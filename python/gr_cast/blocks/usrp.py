@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from ..core.errors import CastError
+from ..core.programs import called
 
 CLOCK_SOURCES = ("internal", "external", "gpsdo")
 FREQUENCY_TOLERANCE_HZ = 1.0  # the DDC's own step is 0.05 Hz
@@ -118,10 +119,10 @@ def _next_step(settings: RadioSettings, error: Exception) -> str:
         return ""
     given = settings.device_args.strip()
     if not given:
-        return "; name the radio: --args addr=192.168.40.2; cast_sounder.py devices lists those that answer"
+        return f"; name the radio: --args addr=192.168.40.2; {called('cast_sounder')} devices lists those that answer"
     if "=" not in given:
         return f"; an address needs its key: --args addr={given}"
-    return "; is it on, and in this network? cast_sounder.py devices lists those that answer"
+    return f"; is it on, and in this network? {called('cast_sounder')} devices lists those that answer"
 
 
 def _set_up(radio, settings: RadioSettings, uhd) -> None:

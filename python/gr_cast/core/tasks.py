@@ -11,6 +11,7 @@ from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 
 from .errors import CastError
+from .programs import installer
 
 _WAIT_S = 10  # for a scheduler to answer, and for a worker to be there
 
@@ -101,9 +102,7 @@ def _on_dask(function: Callable, common, inputs: Sequence, address: str) -> Iter
         from distributed import Client, KilledWorker
         from distributed import as_completed as first_done
     except ImportError:
-        raise CastError(
-            "--dask: Dask is not in this Python: Debian's python3-distributed, or bash apps/install_raytracer.sh"
-        ) from None
+        raise CastError(f"--dask: Dask is not in this Python: Debian's python3-distributed, or {installer()}") from None
     try:
         client = Client(address, timeout=_WAIT_S)
     except (OSError, ValueError) as error:

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from ..core.errors import CastError
 from ..core.files import write_json
+from ..core.programs import installer
 from .source import Source
 
-INSTALL = "bash apps/install_raytracer.sh --server"
 CONFIGURATION = Path(__file__).with_name("master_cfg.py")
 PROTOCOL = "tcp:9989"
 
@@ -20,7 +20,9 @@ def python() -> Path:
     home = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
     found = Path(os.environ.get("CAST_SERVER") or Path(home) / "gr_cast" / "server" / "bin" / "python")
     if not found.with_name("buildbot").is_file():
-        raise CastError(f"{found}: no Buildbot here: {INSTALL} installs it, or set CAST_SERVER to a Python that has it")
+        raise CastError(
+            f"{found}: no Buildbot here: {installer()} --server installs it, or set CAST_SERVER to a Python that has it"
+        )
     return found
 
 

@@ -12,6 +12,7 @@ from html import escape
 import numpy as np
 from matplotlib.figure import Figure
 
+from ..core.programs import called
 from ..core.units import db_from_amplitude, db_from_power
 from ..diagnose.maps import power_of
 from ..twin.effects import FAMILIES
@@ -313,7 +314,8 @@ def _use(d: dict) -> str:
     if not d["effects"]:
         return ""
     return (
-        "<h2>Using the corrected twin</h2><p><code>cast_emulator.py play --twin twin_corrected.yaml --output FOLDER</code> "
+        f"<h2>Using the corrected twin</h2><p><code>{escape(called('cast_emulator'))} play --twin twin_corrected.yaml "
+        "--output FOLDER</code> "
         "records what it would receive, with <code>--amplitude</code>, <code>--carrier</code> and <code>--duration</code> also "
         "what nobody has recorded yet. As the twin of the next case its effects are known and not accused again.</p>"
     )

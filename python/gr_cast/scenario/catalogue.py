@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 
 from ..core.errors import CastError
+from ..core.programs import called
 from . import colosseum, yaml_file, zarr_file
 from .model import Scenario
 
@@ -72,7 +73,7 @@ def load(name_or_path: str | Path) -> Scenario:
     if Path(name_or_path).suffix.lower() in _READERS:
         return read(name_or_path)
     if (examples_folder() / f"{name_or_path}.yaml").exists():
-        raise CastError(f"{name_or_path}: not made yet: cast_scenario.py create {name_or_path} makes it")
+        raise CastError(f"{name_or_path}: not made yet: {called('cast_scenario')} create {name_or_path} makes it")
     raise CastError(
         f"{name_or_path}: no such scenario: not a file (.yaml, .mat, .zarr) and not in the catalogue: {', '.join(entries)}"
     )

@@ -7,6 +7,7 @@ from html import escape
 
 import numpy as np
 
+from ...core.programs import called
 from .. import NEGATIVE, STYLE, Album
 from . import maps, words
 from .drawing import drawing, projections, ramp
@@ -139,6 +140,7 @@ def _use(d: dict) -> str:
     if not d["effects"]:
         return ""
     return (
-        "<h2>Using the corrected twin</h2><p><code>cast_scenario.py create spec_corrected.yaml</code> traces it. As the twin of "
+        "<h2>Using the corrected twin</h2><p><code>"
+        f"{escape(called('cast_scenario'))} create spec_corrected.yaml</code> traces it. As the twin of "
         "the next case what was found is known, and not accused again.</p>"
     )

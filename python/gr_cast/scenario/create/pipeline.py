@@ -259,7 +259,7 @@ def _sampling(spec: Spec, run: Run, folder: Path):
     tables = list(_every_task(run, folder, _trace_task, (tracer, solids, settings), inputs, processes=_TRACERS[tracer].PROCESSES))
     summary = {"by": tracer, "tasks": len(jobs), "pairs": len(static) * (len(static) - 1) // 2 + len(pairs)}
     if lost := _TRACERS[tracer].left_out(settings):
-        summary["left out"] = f"{lost}: {trace.INSTALL}"
+        summary["left out"] = f"{lost}: {trace.not_installed()}"
     summary["paths"] = int(sum(len(table.tx) for table in tables))
     return _save(folder / "all.pickle", (times_s, checks_s)), summary
 

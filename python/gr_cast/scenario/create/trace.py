@@ -16,14 +16,18 @@ from pathlib import Path
 import numpy as np
 
 from ...core.errors import CastError
+from ...core.programs import installer
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from . import legs, scene_file
 from .geometry import Solid, assigned, planes
 
 _LLVM = "*/libLLVM.so.19.1"  # under /usr/lib, in the folder of the machine's architecture
-INSTALL = "the ray tracer is not installed here: bash apps/install_raytracer.sh"
 PROCESSES = 1  # the tracer has threads of its own
 _TRANSMISSIONS = 6  # walls that a path may pass beside its reflections
+
+
+def not_installed() -> str:
+    return f"the ray tracer is not installed here: {installer()}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,7 +122,7 @@ def _tracer():
     try:
         import sionna.rt
     except ImportError:
-        raise CastError(INSTALL) from None
+        raise CastError(not_installed()) from None
     return sionna.rt
 
 
