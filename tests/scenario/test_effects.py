@@ -87,9 +87,11 @@ def test_gains_belong_to_all_links_of_their_node_and_losses_count_along_the_way(
 
 
 def test_an_exponent_is_the_power_of_distance_that_power_falls_with():
-    found = read(entry("excess_loss", "place", "place", exponent=3.5))
-    near, far = np.abs(effects.on_link(found, "a", "b", two_paths(), CARRIER_HZ).gain[0] / two_paths().gain[0])
+    along, apart = (read(entry("excess_loss", "place", "place", exponent=3.5, distance=of)) for of in ("path", "link"))
+    near, far = np.abs(effects.on_link(along, "a", "b", two_paths(), CARRIER_HZ).gain[0] / two_paths().gain[0])
     assert (near / far) ** 2 == pytest.approx(4**1.5)  # beside the square law of free space, from 10 m to 40 m
+    both = np.abs(effects.on_link(apart, "a", "b", two_paths(), CARRIER_HZ).gain[0] / two_paths().gain[0])
+    assert both**2 == pytest.approx([10**-1.5] * 2)  # the ends are 10 m apart
 
 
 def test_a_delay_turns_the_response_across_the_band_and_not_the_carrier():

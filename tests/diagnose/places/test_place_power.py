@@ -142,6 +142,26 @@ def test_attenuation_takes_its_decibels_of_every_metre():
     assert _power_db(_yard(loss_db_per_m=0.2)) == pytest.approx(_friis_db([30.0, 30.0]) - 6.0, abs=1e-6)
 
 
+def test_a_law_of_distance_is_of_the_ends_or_of_each_path():
+    """Over a mirror: of the ends it weakens all alike, whatever reflects; along paths the longer one more."""
+    sheet = Solid(
+        name="mirror", vertices_m=[[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]], faces=[[0, 1, 2], [0, 2, 3]]
+    )
+    medium, plain = Medium(material="metal"), _yard()
+    mesh = Mesh.of((sheet,), np.array([[0.0, 0, 5]]))
+    plain = replace(
+        plain, mesh=mesh, media={"mirror": medium}, surface=surface_of([medium], CARRIER_HZ), max_depth=1
+    )  # fmt: skip
+    at_m = np.array([[20.0, 0, 5], [40.0, 0, 5]])
+    ratio_db = _power_db(replace(plain, exponent=3.0), {"b": at_m}) - _power_db(plain, {"b": at_m})
+    assert ratio_db == pytest.approx(-10 * np.log10([20.0, 40.0]), abs=1e-9)
+    along = replace(plain, exponent=3.0, exponent_of="path")
+    predictor = Predictor(["a"], ["b"], np.zeros(2), np.zeros(1), {"b": at_m})
+    gains = [predictor.path_table(one, 0).gain for one in (along, plain)]
+    lengths_m = predictor.path_table(plain, 0).way.length_m
+    assert len(lengths_m) == 4 and np.abs(gains[0] / gains[1]) ** 2 == pytest.approx(1 / lengths_m)
+
+
 def test_ground_is_found_by_the_fringes_of_power_alone():
     """Against the two-ray law with Fresnel's coefficient of a half-space."""
     x_m = np.linspace(8, 60, 60)

@@ -16,23 +16,32 @@ from . import scan
 from .ears import evenly
 from .power import PowerEar
 
-BEST = 6  # heights that are traced in the place
-_MEDIUM = Medium(own_permittivity=8.0, own_conductivity_s_per_m=0.01, thickness_m=1e3)
-_WIDE_M = 3000.0
+_WELLS, _FINER = 40, 5  # heights that are tried in the place, and at how many around each they are looked at more finely
+_PERMITTIVITIES = (3.0, 8.0, 20.0)
+_WIDE_M, _DEEP_M = 3000.0, 1e3
 _LEAST_M, _NEAR_M, _FAR_M = 0.05, 12.0, 100.0  # below the lowest node, looked at finely down to the second, coarsely beyond
 _AROUND_ZERO_M = 0.5  # where meshes have their ground
-_MOST = 700  # heights on each fine grid
+_MOST = 1600  # heights on each fine grid,
+_AT_ONCE = 200  # of them in memory
 _DEEP = 24
 _READINGS, _TONES = 480, 8  # of a campaign that are looked at
 _TURN = 0.12  # of a fringe, from one height to the next
 _FAINT = 1e-30
 
 
-def heights_m(ears, world: World, lowest_m: float) -> list[float]:
-    """Best first: paths that are there stay, and each link gets one more from a level plane under all nodes."""
+def grounds(ears, world: World, lowest_m: float) -> list[tuple[float, float]]:
+    """(height, permittivity), best first: paths that are there stay, each link gets one more from a plane under all nodes."""
     own = [_thinned(ear) for ear in ears if not ear.has_responses]
     tried = _tried_m(own, world, lowest_m)
-    return scan.minima(tried, sum(_energies(ear, world, tried) for ear in own), BEST)
+    wells = scan.minima(tried, _energies(own, world, tried, _PERMITTIVITIES[1]), _WELLS)
+    step_m = np.interp(wells, tried, np.gradient(tried))
+    near = np.add.outer(wells, np.zeros(_FINER)) + np.outer(step_m, np.linspace(-1, 1, _FINER))
+    energies = np.stack([_energies(own, world, near.ravel(), one) for one in _PERMITTIVITIES]).reshape(-1, *near.shape)
+    found = []
+    for number in np.argsort(energies.min(axis=(0, 2))):
+        kind, place = np.unravel_index(np.argmin(energies[:, number]), energies[:, number].shape)
+        found.append((float(near[number, place]), _PERMITTIVITIES[kind]))
+    return found
 
 
 def _tried_m(ears, world: World, lowest_m: float) -> np.ndarray:
@@ -64,22 +73,25 @@ def _thinned(ear: PowerEar) -> PowerEar:
     return replace(ear, predictor=predictor, power_db=ear.power_db[:, t], weight=ear.weight[:, t])
 
 
-def _energies(ear: PowerEar, world: World, tried_m: np.ndarray) -> np.ndarray:
-    here, expected = ear.predictor.response(world), ear.predicted(world)
-    power = np.maximum((np.abs(here) ** 2).mean(axis=2), _FAINT)
-    more = _reflected(ear.predictor, world, tried_m)
-    out = []
-    for number in range(len(tried_m)):
-        change = (np.abs(here + more[:, number]) ** 2).mean(axis=2) / power
-        mean_db = expected.mean_db + db_from_power(np.maximum(change, _FAINT))
-        out.append(ear.profiled(replace(expected, mean_db=mean_db)).energy)
-    return np.array(out)
+def _energies(ears, world: World, tried_m: np.ndarray, permittivity: float) -> np.ndarray:
+    total = np.zeros(len(tried_m))
+    for ear in ears:
+        here, expected = ear.predictor.response(world), ear.predicted(world)
+        power = np.maximum((np.abs(here) ** 2).mean(axis=2), _FAINT)
+        for begin in range(0, len(tried_m), _AT_ONCE):
+            more = _reflected(ear.predictor, world, tried_m[begin : begin + _AT_ONCE], permittivity)
+            for number in range(more.shape[1]):
+                change = (np.abs(here + more[:, number]) ** 2).mean(axis=2) / power
+                mean_db = expected.mean_db + db_from_power(np.maximum(change, _FAINT))
+                total[begin + number] += ear.profiled(replace(expected, mean_db=mean_db)).energy
+    return total
 
 
-def _reflected(own: Predictor, world: World, heights_m: np.ndarray) -> np.ndarray:
+def _reflected(own: Predictor, world: World, heights_m: np.ndarray, permittivity: float) -> np.ndarray:
     """(L, heights, T, K) over a ground at each height and nothing else: the nodes are lifted instead, one after another."""
+    medium = Medium(own_permittivity=permittivity, own_conductivity_s_per_m=0.01, thickness_m=_DEEP_M)
     corners_m = _WIDE_M * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
-    ground = Solid(name="ground", vertices_m=corners_m, faces=[[0, 1, 2], [0, 2, 3]], medium=_MEDIUM)
+    ground = Solid(name="ground", vertices_m=corners_m, faces=[[0, 1, 2], [0, 2, 3]], medium=medium)
     many, instants = len(heights_m), len(own.time_s)
     lift_m = np.repeat(heights_m, instants)[:, None] * [0.0, 0.0, 1.0]
     lifted = {}
@@ -90,7 +102,7 @@ def _reflected(own: Predictor, world: World, heights_m: np.ndarray) -> np.ndarra
     radios = {name: replace(radio, offset_m=(0.0, 0.0, 0.0)) for name, radio in world.radios.items()}
     above_m = np.concatenate([*lifted.values()])
     alone = replace(
-        world, mesh=Mesh.of((ground,), above_m[:1]), media={"ground": _MEDIUM}, surface=surface_of([_MEDIUM], world.carrier_hz),
+        world, mesh=Mesh.of((ground,), above_m[:1]), media={"ground": medium}, surface=surface_of([medium], world.carrier_hz),
         radios=radios, diffraction=False, person=None, frozen=None,
     )  # fmt: skip
     both, direct = (predictor.response(replace(alone, max_depth=depth)) for depth in (1, 0))

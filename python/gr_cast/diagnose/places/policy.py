@@ -21,3 +21,7 @@ RIVALS_SHARE = 0.3  # of the time of a search: a cause is told only beside what 
 EDGE_SHARE = 0.5  # of the theory's strength by which an edge's may differ: slabs and corners are no half-planes
 EDGE_NATS = 0.5  # of such a difference: below, an edge's strength is as the theory has it
 REFUSED_NATS = 10.0  # by which an effect makes soundings that it was not fitted to less likely: then it is none
+SUREST = 0.95  # of a cause that nothing speaks against: one in twenty was wrong on the bench
+SURE_IF_REFUSED, SURE_IF_UNSHOWN = 0.5, 0.85  # the vault speaks against it, or has nothing that shows it
+SURE_IF_MANY = 0.8  # as many causes as are looked for: pieces of what was not found, more often than not
+SURE_IF_LEFT, SURE_IF_FLEXIBLE = 0.6, 0.4  # something is left that nobody named; then, of what explains much that it is not

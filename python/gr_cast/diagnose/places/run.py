@@ -53,7 +53,7 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
     open_ = _ambiguous(found, ears, base, place)
     clean = found.deviations < policy.CLEAN_DEVIATIONS
     told = evaluated(vault, base, model.effects) if vault else None
-    covariances = deviations(ears, model)
+    covariances = [_doubt(found, ears, clean) * own for own in deviations(ears, model)]
     effects = [
         _entry(
             view, found, cause, covariances[cause[0]], clean, told and without_effects(vault, told, cause).energy - told.energy
@@ -158,7 +158,7 @@ def _entry(
             "runner_up": rivals[0][0].family.name if rivals else None,
             "runner_up_margin_nats": margin,
         },
-        "confidence": _confidence(gain, margin, vault_nats, clean, found),
+        "confidence": _confidence(effect, gain, rivals, vault_nats, clean, found),
         "sentence": effect.family.sentence(effect, told),
     }
 
@@ -168,15 +168,28 @@ def _alternatives(effect, rivals) -> dict:
     return {"alternatives": names} if names else {}
 
 
-def _confidence(gain: float, margin: float | None, vault_nats: float | None, clean: bool, found: search.Found) -> float:
+def _confidence(effect, gain: float, rivals: list, vault_nats: float | None, clean: bool, found: search.Found) -> float:
     """Probability that family and owner are right; `vault_nats`: by which it predicts what took no part in fitting it."""
+    margin = min((nats for rival, nats in rivals if rival.key != effect.key), default=None)
     if margin is None:  # nothing else was compared: there was none, or no time
         margin = policy.RIVAL_NATS / 2 if found.spent else 1e3
-    sure = 0.98 / (1 + float(np.exp(-np.clip((margin - policy.RIVAL_NATS / 2) / 2, -30, 30))))
+    sure = policy.SUREST / (1 + float(np.exp(-np.clip(margin / 2, -30, 30))))
     sure *= 1 - float(np.exp(-np.clip(gain / policy.LEAST_EVIDENCE_NATS, 0, 50)))
     if vault_nats is not None and vault_nats < -policy.RIVAL_NATS:
-        sure *= 0.5
-    return round(sure if clean else 0.6 * sure, 3)
+        sure *= policy.SURE_IF_REFUSED
+    elif vault_nats is not None and effect.family.lasts and abs(vault_nats) < 1.0:
+        sure *= policy.SURE_IF_UNSHOWN
+    if len(found.model.effects) >= policy.MOST_EFFECTS:
+        sure *= policy.SURE_IF_MANY
+    if not clean:
+        sure *= policy.SURE_IF_LEFT * (policy.SURE_IF_FLEXIBLE if effect.family.is_flexible else 1.0)
+    return round(sure, 3)
+
+
+def _doubt(found: search.Found, ears, clean: bool) -> float:
+    """By what covariances are too small where something is left that nobody named: it may lie along one number of each link."""
+    left = max(0.0, found.model.whitened - found.model.offset - found.count)
+    return 1.0 if clean else 1.0 + 2 * left / sum(len(one.predictor.links) for one in ears)
 
 
 def _links(ears, less: Model, model: Model) -> list[str]:

@@ -75,6 +75,11 @@ def with_ground(entries: Sequence[dict], solids: list[Solid]) -> list[Solid]:
     return solids
 
 
+def _shortest(length_m: np.ndarray, gain: np.ndarray) -> np.ndarray:
+    """Of the paths at each instant that are there: as far as the ends are apart where they see each other."""
+    return np.where(gain != 0, length_m, length_m.max()).min(axis=-1, keepdims=True)
+
+
 def _of(entries: Sequence[dict], family: str, *owners: str) -> list[dict]:
     return [entry for entry in entries if entry["family"] == family and entry["owner"]["name"] in owners]
 
@@ -92,7 +97,8 @@ def on_link(entries: Sequence[dict], tx: str, rx: str, link: LinkPaths, carrier_
     for entry in filter(step_of, _of(entries, "excess_loss", "place", *nodes, *own)):
         given = entry["parameters"]
         gain_db = gain_db - given.get("loss_db", 0.0) - given.get("db_per_m", 0.0) * length_m
-        gain_db = gain_db - 10 * (given.get("exponent", 2.0) - 2.0) * np.log10(length_m)  # of power over distance from 1 m on
+        far_m = length_m if given.get("distance") == "path" else _shortest(length_m, link.gain)
+        gain_db = gain_db - 10 * (given.get("exponent", 2.0) - 2.0) * np.log10(far_m)  # of power over distance from 1 m on
     late_s = sum(entry["parameters"].get("error_s", 0.0) for entry in _of(entries, "node_delay", *nodes, *own))
     turned = link.gain * amplitude_from_db(gain_db) * np.exp(2j * np.pi * carrier_hz * late_s)
     return replace(link, delay_s=link.delay_s + late_s, gain=turned)

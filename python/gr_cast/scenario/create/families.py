@@ -80,6 +80,7 @@ FAMILIES = {
             "loss_db": _DB,
             "db_per_m": Number(unit="dB/m", low=-100, high=100),
             "exponent": Number(low=0, high=20),
+            "distance": ("link", "path"),
             "azimuth_rad": _ANGLE,
             "width_rad": _ANGLE,
         },

@@ -30,7 +30,7 @@ def _with(world: World, family: str, owner: dict, told: dict) -> World:
     if family == "track_timing":
         return world.with_radio(name, speed_factor=told.get("speed_factor", 1.0), time_offset_s=told.get("time_offset_s", 0.0))
     if family == "excess_loss" and level == "place":
-        law = replace(world, exponent=told.get("exponent", world.exponent))
+        law = replace(world, exponent=told.get("exponent", world.exponent), exponent_of=told.get("distance", world.exponent_of))
         return replace(law, loss_db_per_m=told.get("db_per_m", world.loss_db_per_m))
     if family == "excess_loss" and {"loss_db", "azimuth_rad", "width_rad"} <= {*told}:
         return world.with_radio(name, body=Body(**{key: told[key] for key in ("loss_db", "azimuth_rad", "width_rad")}))

@@ -77,7 +77,7 @@ class Predictor:
 
     def _keys(self, world: World, which: Sequence[int]) -> list:
         """Of what the gains of links' paths depend on: their ends, and the surfaces that they touch."""
-        law = world.mesh.key, world.carrier_hz, world.exponent, world.loss_db_per_m
+        law = world.mesh.key, world.carrier_hz, world.exponent, world.exponent_of, world.loss_db_per_m
         keys = []
         for index, traced in zip(which, self._traced_of(world, which), strict=True):
             ends = tuple(radio_key(world.radios[name]) for name in self.links[index])
@@ -154,10 +154,7 @@ class Predictor:
             for side, direction in ((0, way.direction[:, 0]), (1, -way.direction[:, -1]))
         )
         gain = fields.gains(faces, paths, way, world.surface, start, end, world.carrier_hz)
-        if world.exponent != 2.0:
-            gain = gain * way.length_m ** ((2.0 - world.exponent) / 2)
-        if world.loss_db_per_m:
-            gain = gain * amplitude_from_db(-world.loss_db_per_m * way.length_m)
+        gain = gain * _by_distance(world, way.length_m, (tx_m - rx_m)[paths.pair])
         bounds = np.searchsorted(link, np.arange(len(which) + 1))
         parts = zip(images.parted_paths(paths, counts), bounds, bounds[1:], counts, strict=False)
         return [
@@ -192,7 +189,7 @@ class Predictor:
         return self._bent_of(world, [index])[0]
 
     def _bent_of(self, world: World, which: Sequence[int]) -> list[Bent]:
-        law = world.mesh.key, world.carrier_hz, surface_key(world.surface)
+        law = world.mesh.key, world.carrier_hz, surface_key(world.surface), world.exponent, world.exponent_of, world.loss_db_per_m
         keys = [(index, *(radio_key(world.radios[name]) for name in self.links[index]), law) for index in which]
         return _remembered(self._bent, keys, lambda missing: self._diffracted(world, [which[one] for one in missing]))
 
@@ -202,8 +199,10 @@ class Predictor:
             lambda at, direction, s=s: self._fields(world, which, s, (tx_m, rx_m)[s], counts, at, direction) for s in (0, 1)
         )
         found = wedges.paths(world.mesh.edges, world.faces, world.surface, world.carrier_hz, tx_m, rx_m, send, take)
+        at, gain, length_m, edge = found
+        found = at, gain * _by_distance(world, length_m, (tx_m - rx_m)[at]), length_m, edge
         first = np.concatenate([[0], np.cumsum(counts)])
-        bounds = np.searchsorted(found[0], first)
+        bounds = np.searchsorted(at, first)
         return [
             Bent(instant=at - begin, gain=gain, length_m=length_m, edge=edge, many=many)
             for begin, many, (at, gain, length_m, edge) in zip(
@@ -228,6 +227,12 @@ class Predictor:
                 taken_db = carrying.loss_db(radio.body, heading[pair[own] - first[number]], direction[own])
                 out[own] *= amplitude_from_db(-taken_db)[:, None]
         return out
+
+
+def _by_distance(world: World, length_m: np.ndarray, apart_m: np.ndarray) -> np.ndarray:
+    """What the law of distance takes of paths' amplitudes (n,) beyond their spreading; `apart_m` (n, 3): from end to end."""
+    far_m = length_m if world.exponent_of == "path" else np.linalg.norm(apart_m, axis=1)
+    return far_m ** ((2.0 - world.exponent) / 2) * amplitude_from_db(-world.loss_db_per_m * length_m)
 
 
 def _touched(faces: images.Faces, paths: images.Paths) -> np.ndarray:

@@ -127,6 +127,7 @@ class World:
     max_depth: int
     diffraction: bool = False
     exponent: float = 2.0
+    exponent_of: str = "link"  # the distance that it is of: from end to end, or along each path
     loss_db_per_m: float = 0.0
     link_loss_db: Mapping[tuple[str, str], float] = field(default_factory=dict)
     person: Person | None = None

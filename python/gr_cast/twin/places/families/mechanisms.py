@@ -150,9 +150,8 @@ class Ground(Family):
 
     def starts(self, view, owner):
         return [
-            Effect(family=self, owner=owner, values=np.array([height_m, np.log(e)]))
-            for height_m in view.scan_ground()
-            for e in (4.0, 15.0)
+            Effect(family=self, owner=owner, values=np.array([height_m, np.log(permittivity)]))
+            for height_m, permittivity in view.scan_ground()
         ]
 
     def apply(self, world, effect):
@@ -211,26 +210,27 @@ class ExcessLoss(Family):
 
 
 class DistanceLaw(Family):
-    """Of the whole place: loss goes with another power of the distance."""
+    """Of the whole place: loss goes with another power of the distance, from end to end or along each path."""
 
     name = "excess_loss"
     shows_in_power = True
     is_in_spec = False
+    price_nats = float(np.log(2))
 
     def owners(self, view):
         return ["place"]
 
     def starts(self, view, owner):
-        return [Effect(family=self, owner=owner, values=np.array([2.0]))]
+        return [Effect(family=self, owner=owner, values=np.array([2.0]), choice=of) for of in ("link", "path")]
 
     def apply(self, world, effect):
-        return replace(world, exponent=float(effect.values[0]))
+        return replace(world, exponent=float(effect.values[0]), exponent_of=effect.choice)
 
     def bounded(self, values):
         return np.clip(values, 0.5, 8)
 
     def told(self, view, effect, covariance):
-        return {"exponent": value(effect.values[0], std_of(covariance, 0))}
+        return {"exponent": value(effect.values[0], std_of(covariance, 0)), "distance": effect.choice}
 
     def sentence(self, effect, told):
         return f"Power falls with the {effect.values[0]:.2f}th power of the distance, in the twin with the second."
