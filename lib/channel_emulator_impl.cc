@@ -15,7 +15,8 @@ namespace cast
 namespace
 {
 
-constexpr int samples_per_call = 32768; // where neighbours keep up
+// Where neighbours keep up. Shorter calls end before the scheduler has let all of them run.
+constexpr int samples_per_call = 65536;
 
 const pmt::pmt_t taps_key = pmt::intern("taps");
 const pmt::pmt_t status_key = pmt::intern("status");
@@ -80,10 +81,8 @@ channel_emulator_impl::channel_emulator_impl(const kernel::emulator::config& con
       d_sample_rate_hz(sample_rate_hz), d_name(name), d_emulator(config), d_clock{sample_rate_hz}
 {
     d_levels = d_reported_levels = no_levels();
-    // A tap reaches n_taps-1 samples back. A longer history makes the buffers before this block as
-    // long: a call that waits for all inputs and wakes all outputs must be worth it.
-    set_history(std::max(config.n_taps, samples_per_call));
-    set_min_output_buffer(2 * samples_per_call);
+    set_history(config.n_taps); // a tap reaches n_taps-1 samples back
+    set_output_multiple(samples_per_call);
     set_tag_propagation_policy(TPP_DONT); // all-to-all would multiply every tag: see forward()
     message_port_register_out(status_key);
     message_port_register_in(taps_key);
@@ -287,7 +286,7 @@ pmt::pmt_t channel_emulator_impl::describe() const
     return status;
 }
 
-channel_emulator_impl::levels channel_emulator_impl::no_levels() const
+kernel::emulator::levels channel_emulator_impl::no_levels() const
 {
     const auto& config = d_emulator.configuration();
     return {std::vector<kernel::level>(config.n_inputs),
@@ -305,8 +304,11 @@ void channel_emulator_impl::publish_status(clock::time_point now)
     message_port_pub(status_key, describe());
 }
 
+// A multiple makes the buffers before and behind this block two of it long: a call that waits for
+// all inputs and wakes all outputs must be worth it. While samples flow a call takes what is there.
 bool channel_emulator_impl::start()
 {
+    set_output_multiple(1);
     std::lock_guard<std::mutex> lock(d_mutex);
     d_logger->info("scenario '{}': {} transmitters, {} receivers, {} links on, {} taps; {}", d_name,
                    d_emulator.configuration().n_inputs, d_emulator.configuration().n_outputs,
@@ -320,6 +322,7 @@ bool channel_emulator_impl::start()
 
 bool channel_emulator_impl::stop()
 {
+    set_output_multiple(samples_per_call);
     std::lock_guard<std::mutex> lock(d_mutex);
     publish_status(clock::now());
     d_emulator.seek(0); // a flowgraph that starts again counts from 0
@@ -343,12 +346,8 @@ int channel_emulator_impl::work(int noutput_items, gr_vector_const_void_star& in
     std::vector<gr_complex*> out;
     for (void* items : output_items)
         out.push_back(static_cast<gr_complex*>(items));
-    d_emulator.process(in.data(), out.data(), noutput_items);
+    d_emulator.process(in.data(), out.data(), noutput_items, &d_levels);
     d_samples = d_emulator.n_processed();
-    for (size_t i = 0; i < in.size(); i++)
-        kernel::measure(d_isa, in[i], noutput_items, d_levels.inputs[i]);
-    for (size_t j = 0; j < out.size(); j++)
-        kernel::measure(d_isa, out[j], noutput_items, d_levels.outputs[j]);
     const auto now = clock::now();
     if (now - d_reported_at >= std::chrono::seconds(1))
         publish_status(now);

@@ -53,7 +53,6 @@ private:
 
     double d_sample_rate_hz;
     std::string d_name;
-    const kernel::isa d_isa = kernel::best_isa();
     mutable std::mutex d_mutex; // between work() and the setters
     kernel::emulator d_emulator;
     uint64_t d_horizon = std::numeric_limits<uint64_t>::max();
@@ -64,17 +63,14 @@ private:
     uint64_t d_reported_samples = 0;
     uint64_t d_samples = 0;        // of this run, or of the last one after it has stopped
     double d_real_time_factor = 0; // over the last report
-    struct levels {
-        std::vector<kernel::level> inputs, outputs;
-    };
-    levels d_levels, d_reported_levels; // since the last report, and of it
+    kernel::emulator::levels d_levels, d_reported_levels; // since the last report, and of it
 
     void schedule(kernel::link_update update);
     void take(const pmt::pmt_t& message, std::optional<int> tagged_input = std::nullopt,
               std::optional<uint64_t> tagged_offset = std::nullopt);
     void take_tags(uint64_t begin, uint64_t end);
     void forward(const tag_t& tag, int input);
-    levels no_levels() const;
+    kernel::emulator::levels no_levels() const;
     void publish_status(clock::time_point now);
     pmt::pmt_t describe() const;
 };

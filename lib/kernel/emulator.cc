@@ -423,14 +423,16 @@ double emulator::choose(pieces& all, uint64_t first, std::size_t n) const
     return sparse;
 }
 
-void emulator::process(const sample* const* in, sample* const* out, std::size_t n)
+void emulator::process(const sample* const* in, sample* const* out, std::size_t n,
+                       levels* measured)
 {
     std::vector<const sample*> x(in, in + d_config.n_inputs);
     std::vector<sample*> y(out, out + d_config.n_outputs);
-    const std::size_t most = max_blocks * d_dense.block();
+    // All threads wait for each other at a round's end; converted inputs had better stay in the cache.
+    const std::size_t most = (d_fixed_point ? 1 : 4) * max_blocks * d_dense.block();
     for (std::size_t done = 0; done < n;) {
         const std::size_t now = std::min(most, n - done);
-        round(x.data(), y.data(), now);
+        round(x.data(), y.data(), now, measured);
         for (auto& pointer : x)
             pointer += now;
         for (auto& pointer : y)
@@ -448,7 +450,7 @@ void emulator::share(unsigned n_jobs, const std::function<void(unsigned)>& job)
         job(k);
 }
 
-void emulator::round(const sample* const* in, sample* const* out, std::size_t n)
+void emulator::round(const sample* const* in, sample* const* out, std::size_t n, levels* measured)
 {
     const uint64_t first = d_position;
     pieces all = cut(first + n);
@@ -456,9 +458,12 @@ void emulator::round(const sample* const* in, sample* const* out, std::size_t n)
     std::vector<const sample*> x(in, in + d_config.n_inputs);
     if (d_fixed_point)
         x = quantize_inputs(in, n);
-    run_dense(all, x.data(), out, first, n);
-    run_sparse(all, x.data(), out, first, n);
-    finish_outputs(out, first, n);
+    const std::size_t most = max_blocks * d_dense.block();
+    for (std::size_t at = 0; at < n; at += most)
+        run_dense(all, x.data(), out, first, at, std::min(most, n - at));
+    run_tiles(all, x.data(), out, first, n, measured ? in : nullptr);
+    if (measured)
+        add_levels(*measured);
 }
 
 std::vector<const sample*> emulator::quantize_inputs(const sample* const* in, std::size_t n)
@@ -478,19 +483,14 @@ std::vector<const sample*> emulator::quantize_inputs(const sample* const* in, st
     return x;
 }
 
-// What a receiver does to its samples: noise, then its converter.
-void emulator::finish_outputs(sample* const* out, uint64_t first, std::size_t n)
+// What a receiver does to its samples: noise, then its converter. `out` points at sample `begin`.
+void emulator::finish(int output, sample* out, uint64_t begin, std::size_t n)
 {
-    const auto noisy = [](float power) { return power > 0; };
-    if (!d_fixed_point && std::none_of(d_noise_power.begin(), d_noise_power.end(), noisy))
-        return;
-    share(d_config.n_outputs, [&](unsigned j) {
-        if (noisy(d_noise_power[j]))
-            add_noise(d_isa, d_config.seed, j, first, std::sqrt(d_noise_power[j]), out[j], n);
-        if (d_fixed_point)
-            d_clipped += quantize(d_isa, out[j], d_fixed_point->output_full_scale,
-                                  d_fixed_point->bits, out[j], n);
-    });
+    if (d_noise_power[output] > 0)
+        add_noise(d_isa, d_config.seed, output, begin, std::sqrt(d_noise_power[output]), out, n);
+    if (d_fixed_point)
+        d_clipped += quantize(d_isa, out, d_fixed_point->output_full_scale, d_fixed_point->bits,
+                              out, n);
 }
 
 // Adds the ramps' part to samples that begin at number `begin`.
@@ -502,25 +502,54 @@ static void add_ramp(sample* out, const sample* full, std::size_t n, uint64_t be
         out[k] += float(double(begin + k - ramp_begin) / length) * full[k];
 }
 
-void emulator::run_sparse(const pieces& all, const sample* const* in, sample* const* out,
-                          uint64_t first, std::size_t n)
+// The direct form, and all that is done to a sample alone, tile by tile: what one thread has made
+// or read is in its cache for the next step. Levels are those of `measured_in` and of the outputs.
+void emulator::run_tiles(const pieces& all, const sample* const* in, sample* const* out,
+                         uint64_t first, std::size_t n, const sample* const* measured_in)
 {
-    const std::size_t tile = tile_length(n, d_threads.size());
-    share((n + tile - 1) / tile, [&](unsigned t) {
-        const uint64_t tile_begin = first + t * tile,
-                       tile_end = std::min<uint64_t>(tile_begin + tile, first + n);
-        std::vector<const sample*> x(d_config.n_inputs);
-        for (int j = 0; j < d_config.n_outputs; j++)
-            for (const piece& p : all[j]) {
-                const uint64_t begin = std::max(p.begin, tile_begin),
-                               end = std::min(p.end, tile_end);
-                if (p.dense || begin >= end)
-                    continue;
-                for (int i = 0; i < d_config.n_inputs; i++)
-                    x[i] = in[i] + (begin - first);
-                mix_sparse(*p.made_by, x.data(), out[j] + (begin - first), begin, end - begin);
-            }
+    const std::size_t tile = tile_length(n, d_threads.size()), n_tiles = (n + tile - 1) / tile;
+    const std::size_t n_ports = d_config.n_inputs + d_config.n_outputs;
+    d_tile_levels.assign(measured_in ? n_tiles * n_ports : 0, {});
+    share(n_tiles, [&](unsigned t) {
+        const std::size_t at = t * tile, length = std::min(tile, n - at);
+        level* seen = measured_in ? d_tile_levels.data() + t * n_ports : nullptr;
+        for (int i = 0; measured_in && i < d_config.n_inputs; i++)
+            measure(d_isa, measured_in[i] + at, length, *seen++);
+        for (int j = 0; j < d_config.n_outputs; j++) {
+            mix_tile(all[j], in, out[j], first, at, length);
+            finish(j, out[j] + at, first + at, length);
+            if (measured_in)
+                measure(d_isa, out[j] + at, length, *seen++);
+        }
     });
+}
+
+// Adds what the tiles of the round have measured.
+void emulator::add_levels(levels& total) const
+{
+    const auto* seen = d_tile_levels.data();
+    while (seen != d_tile_levels.data() + d_tile_levels.size()) {
+        for (level& l : total.inputs)
+            l += *seen++;
+        for (level& l : total.outputs)
+            l += *seen++;
+    }
+}
+
+// Samples `at` … of what is made in the direct form; `out` points at sample `first`.
+void emulator::mix_tile(const std::vector<piece>& of_output, const sample* const* in, sample* out,
+                        uint64_t first, std::size_t at, std::size_t n) const
+{
+    std::vector<const sample*> x(d_config.n_inputs);
+    for (const piece& p : of_output) {
+        const uint64_t begin = std::max(p.begin, first + at),
+                       end = std::min<uint64_t>(p.end, first + at + n);
+        if (p.dense || begin >= end)
+            continue;
+        for (int i = 0; i < d_config.n_inputs; i++)
+            x[i] = in[i] + (begin - first);
+        mix_sparse(*p.made_by, x.data(), out + (begin - first), begin, end - begin);
+    }
 }
 
 // in[i] and out point at sample `begin`; at most one tile.
@@ -539,20 +568,25 @@ void emulator::mix_sparse(const recipe& r, const sample* const* in, sample* out,
     }
 }
 
+// Samples `at` …, at most max_blocks blocks; in[i] and out[j] point at sample `first`.
 void emulator::run_dense(const pieces& all, const sample* const* in, sample* const* out,
-                         uint64_t first, std::size_t n)
+                         uint64_t first, std::size_t at, std::size_t n)
 {
     const std::size_t block = d_dense.block();
+    const uint64_t first_here = first + at;
     std::vector<dense_job> jobs;
     std::vector<recipe*> without_filter;
     bool needed[max_blocks] = {};
     for (int j = 0; j < d_config.n_outputs; j++)
         for (const piece& p : all[j]) {
-            if (!p.dense)
+            const uint64_t begin = std::max(p.begin, first_here),
+                           end = std::min(p.end, first_here + n);
+            if (!p.dense || begin >= end)
                 continue;
             if (p.made_by->filter.taps.empty())
                 without_filter.push_back(p.made_by.get());
-            const int from = (p.begin - first) / block, to = (p.end - 1 - first) / block + 1;
+            const int from = (begin - first_here) / block,
+                      to = (end - 1 - first_here) / block + 1;
             std::fill(needed + from, needed + to, true);
             jobs.push_back({&p, j, &p.made_by->filter, nullptr, from, to - from});
             for (const ramp& slope : p.made_by->ramps)
@@ -567,7 +601,7 @@ void emulator::run_dense(const pieces& all, const sample* const* in, sample* con
     share(max_blocks * d_config.n_inputs, [&](unsigned k) {
         const int b = k / d_config.n_inputs, i = k % d_config.n_inputs;
         if (needed[b])
-            d_dense.transform(in[i] + b * block, std::min(block, n - b * block),
+            d_dense.transform(in[i] + at + b * block, std::min(block, n - b * block),
                               d_spectra.data() + k * stride);
     });
 
@@ -601,7 +635,7 @@ void emulator::run_dense(const pieces& all, const sample* const* in, sample* con
             return;
         const piece* of = jobs[job].of;
         for (; job < jobs.size() && jobs[job].of == of; job++)
-            put_block(jobs[job], b, product(job, b), out[jobs[job].output], first);
+            put_block(jobs[job], b, product(job, b), out[jobs[job].output] + at, first_here);
     });
 }
 

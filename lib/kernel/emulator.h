@@ -93,9 +93,16 @@ public:
     // From the next sample on. Throws std::invalid_argument where a parameter is out of its range.
     void set_fixed_point(const std::optional<fixed_point>& arithmetic);
 
+    // Powers of what goes in and of what comes out.
+    struct levels {
+        std::vector<level> inputs, outputs;
+    };
+
     // The next n samples of every output. in[i] points at the first of them, and the n_taps-1
-    // samples before it must be readable (zeros before the first sample of all).
-    void process(const sample* const* in, sample* const* out, std::size_t n);
+    // samples before it must be readable (zeros before the first sample of all). What `measured`
+    // points at is added to, one level for every port.
+    void process(const sample* const* in, sample* const* out, std::size_t n,
+                 levels* measured = nullptr);
 
     // The next sample is number `position`, for a stream that begins anew or elsewhere. Ramps
     // arrive at once.
@@ -174,6 +181,7 @@ private:
     std::vector<float> d_noise_power;
     std::optional<fixed_point> d_fixed_point;
     std::vector<std::vector<sample>> d_quantized; // inputs of the round at hand, after their past
+    std::vector<level> d_tile_levels;             // of the round at hand: [tile][port]
 
     link& link_at(int input, int output) { return d_links[output * d_config.n_inputs + input]; }
     void apply(link_update&& update);
@@ -189,12 +197,15 @@ private:
     void add_paths(int input, const link& l, const std::vector<tap>& taps,
                    std::vector<path>& paths) const;
     std::vector<const sample*> quantize_inputs(const sample* const* in, std::size_t n);
-    void finish_outputs(sample* const* out, uint64_t first, std::size_t n);
-    void round(const sample* const* in, sample* const* out, std::size_t n);
-    void run_sparse(const pieces& all, const sample* const* in, sample* const* out, uint64_t first,
-                    std::size_t n);
+    void finish(int output, sample* out, uint64_t begin, std::size_t n);
+    void round(const sample* const* in, sample* const* out, std::size_t n, levels* measured);
+    void run_tiles(const pieces& all, const sample* const* in, sample* const* out, uint64_t first,
+                   std::size_t n, const sample* const* measured_in);
+    void mix_tile(const std::vector<piece>& of_output, const sample* const* in, sample* out,
+                  uint64_t first, std::size_t at, std::size_t n) const;
+    void add_levels(levels& total) const;
     void run_dense(const pieces& all, const sample* const* in, sample* const* out, uint64_t first,
-                   std::size_t n);
+                   std::size_t at, std::size_t n);
     void mix_sparse(const recipe& r, const sample* const* in, sample* out, uint64_t begin,
                     std::size_t n) const;
     void make_filters(const std::vector<recipe*>& without);

@@ -70,8 +70,12 @@ void thread_pool::run(unsigned n_jobs, const std::function<void(unsigned)>& job)
         std::lock_guard<std::mutex> lock(d_mutex);
         d_job = nullptr; // a thread that comes from now on finds nothing to take up
     }
-    for (int spins = 0; d_busy > 0; spins++)
-        spins < spins_before_sleep ? relax() : std::this_thread::yield();
+    for (int spins = 0; d_busy > 0 && spins < spins_before_sleep; spins++)
+        relax();
+    if (d_busy > 0) {
+        std::unique_lock<std::mutex> lock(d_mutex);
+        d_work_is_done.wait(lock, [&] { return d_busy == 0; });
+    }
 }
 
 void thread_pool::live()
@@ -94,7 +98,9 @@ void thread_pool::live()
         d_busy++;
         lock.unlock();
         take_jobs(*job, n_jobs);
-        d_busy--;
+        lock.lock();
+        if (--d_busy == 0)
+            d_work_is_done.notify_one();
     }
 }
 

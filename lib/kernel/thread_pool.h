@@ -34,7 +34,7 @@ public:
 private:
     std::vector<std::thread> d_threads;
     std::mutex d_mutex;
-    std::condition_variable d_work_is_there;
+    std::condition_variable d_work_is_there, d_work_is_done;
     const std::function<void(unsigned)>* d_job = nullptr; // while there is something to take up
     unsigned d_n_jobs = 0;
     unsigned d_sleeping = 0;

@@ -66,6 +66,14 @@ struct level {
     double energy = 0;
     float peak = 0; // |sample|^2
     std::size_t n = 0;
+
+    level& operator+=(const level& more)
+    {
+        energy += more.energy;
+        peak = more.peak > peak ? more.peak : peak;
+        n += more.n;
+        return *this;
+    }
 };
 
 // Adds samples to what was measured before. A NaN among them makes the energy NaN.

@@ -270,6 +270,35 @@ def test_no_sample_passes_the_horizon_until_it_moves():
     np.testing.assert_array_equal(np.real(sink.data()), np.arange(100_000) * np.repeat([1, 2], [70_001, 29_999]))
 
 
+class LockStep(gr.sync_block):
+    """Sends a few samples, and no more before `heard` tells that they have all come through."""
+
+    def __init__(self, heard, turns, per_turn=100):
+        gr.sync_block.__init__(self, "lock step", None, [np.complex64])
+        self.heard, self.turns, self.per_turn, self.sent = heard, turns, per_turn, 0
+        self.limit = time.monotonic() + 20
+
+    def work(self, input_items, output_items):
+        if self.sent == self.turns * self.per_turn or time.monotonic() > self.limit:
+            return -1
+        if self.heard() < self.sent:
+            time.sleep(1e-3)
+            return 0
+        output_items[0][: self.per_turn] = 1
+        self.sent += self.per_turn
+        return self.per_turn
+
+
+def test_what_is_there_passes_without_waiting_for_more():
+    emulator = blocks.channel_emulator(1, 1)
+    emulator.set_taps(0, 0, [1])
+    top, sink = gr.top_block(), stock.vector_sink_c()
+    source = LockStep(lambda: len(sink.data()), turns=30)
+    top.connect(source, emulator, sink)
+    top.run()
+    assert len(sink.data()) == 30 * source.per_turn
+
+
 def test_a_flowgraph_that_waits_at_the_horizon_stops_when_told():
     emulator = blocks.channel_emulator(1, 1)
     emulator.set_horizon(0)
