@@ -16,7 +16,7 @@ from gr_cast.core import interrupts
 from gr_cast.core.errors import CastError
 from gr_cast.core.files import check_writable, write_text
 from gr_cast.core.processes import Processes
-from gr_cast.pipeline import clean, document, server, site
+from gr_cast.pipeline import air, clean, document, server, site
 from gr_cast.pipeline.bisect import bisect as find
 from gr_cast.pipeline.jenkins import job as make_job
 from gr_cast.pipeline.run import Bench
@@ -122,6 +122,21 @@ def serve(args) -> int:
     return 0
 
 
+def radios(args) -> int:
+    """What an inventory's `program` calls: play tx_NODE.cf32 over X310s and record rx_NODE.cf32, from one second of UTC on."""
+    from gr_cast.blocks import site_radios
+
+    _program.check_ranges(args, {"amplitude": (1e-6, 1, "of full scale")})
+    told = air.told_of(os.environ)
+    sent = {node: args.amplitude * samples for node, samples in air.given(told, Path()).items()}
+    band = site_radios.Band(
+        sample_rate_hz=told.sample_rate_hz, center_frequency_hz=args.frequency or told.center_frequency_hz,
+        clock_source=args.clock_source, time_source=args.time_source,
+    )  # fmt: skip
+    site_radios.play_and_record(sent, told.receivers, told.devices, band, Path())
+    return 0
+
+
 def jenkins(args) -> int:
     """A job description for Jenkins, which jenkins-job-builder turns into a job."""
     pipeline = document.read(args.path)
@@ -178,6 +193,12 @@ def main(argv=None) -> int:
     command.add_argument("--worker", nargs="+", default=[], metavar="NAME=FILE", help="remote workers, a file with each password")
     _add_bench(command, repository=False)
     command.set_defaults(call=serve)
+    command = verbs.add_parser("radios", help=radios.__doc__, description=radios.__doc__)
+    command.add_argument("--frequency", type=_program.carrier, metavar="HZ", help="default: the scenario's carrier")
+    command.add_argument("--amplitude", type=float, default=0.5, metavar="A", help="of full scale, of what is sent (default 0.5)")
+    command.add_argument("--clock-source", default="external", help="external or gpsdo (default external)")
+    command.add_argument("--time-source", default="external", help="external or gpsdo: a pulse that all share (default external)")
+    command.set_defaults(call=radios)
     command = verbs.add_parser("jenkins", help=jenkins.__doc__, description=jenkins.__doc__)
     command.add_argument("path", type=Path, nargs="?", default=Path(), help="pipeline.yaml, or its folder (default: here)")
     command.add_argument("--branch", nargs="+", default=["main"], metavar="NAME")

@@ -124,5 +124,5 @@ def test_ansible_reads_the_playbook_and_its_inventory(tmp_path):
     told = subprocess.run(words, capture_output=True, text=True, timeout=120)
     assert told.returncode == 0, told.stdout + told.stderr
     arena = site.read(tmp_path / "arena.yaml")
-    assert arena.program == "python3 {site}/play_and_record.py" and arena.place("2").device == "addr=192.168.50.2"
+    assert arena.program == "cast_pipeline radios" and arena.place("2").device == "addr=192.168.50.2,rx_gain=20,rx_antenna=RX2"
     assert arena.place("1").interface == "eth2" != site.read(tmp_path / "box.yaml").place("1").interface

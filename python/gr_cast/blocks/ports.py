@@ -60,28 +60,7 @@ class Port:
     def radio(self, defaults: dict) -> RadioSettings:
         """Settings of a uhd port: those of RadioSettings that `defaults` holds for all, and what the port says itself among its
         device arguments, `uhd:addr=192.168.40.2,gain=20,antenna=RX2`. Raises CastError, all faults at once."""
-        own, arguments, faults = {}, [], []
-        for word in filter(None, self.where.split(",")):
-            key, _, value = word.partition("=")
-            if key not in _RADIO_WORDS:
-                arguments.append(word)
-                continue
-            name, read = _RADIO_WORDS[key]
-            try:
-                own[name] = read(value)
-            except ValueError:
-                faults.append(f"{key}: got {value!r}, needs a number")
-            except CastError as error:
-                faults.append(f"{key}: {error}")
-        told = {key: value for key, value in {**defaults, **own}.items() if value is not None}
-        if "center_frequency_hz" not in told:
-            faults.append("frequency: got nothing, a radio needs its carrier in Hz: frequency=HZ, or --frequency for all")
-        if not faults:
-            try:
-                return RadioSettings(**told, device_args=",".join(arguments), lead_s=LEAD_S if self.direction == "rx" else 0.0)
-            except CastError as error:
-                faults = error.faults
-        raise CastError(*(f"{self.name}: {fault}" for fault in faults))
+        return radio_settings(self.name, self.where, defaults, LEAD_S if self.direction == "rx" else 0.0)
 
     @classmethod
     def parse(cls, text: str) -> "Port":
@@ -92,6 +71,46 @@ class Port:
             raise CastError(f"port: got {text!r}, needs NODE:tx=KIND:WHERE or NODE:rx=KIND:WHERE")
         kind, _, where = right.partition(":")
         return cls(node=node, direction=direction, kind=kind, where=where)
+
+
+def radio_settings(name: str, where: str, defaults: dict, lead_s: float = 0.0) -> RadioSettings:
+    """Settings of a radio: those of RadioSettings that `defaults` holds, and what stands among its device arguments `where`.
+    Raises CastError, all faults at once, each with the radio's `name`."""
+    own, arguments, faults = {}, [], []
+    for word in filter(None, where.split(",")):
+        key, _, value = word.partition("=")
+        if key not in _RADIO_WORDS:
+            arguments.append(word)
+            continue
+        setting, read = _RADIO_WORDS[key]
+        try:
+            own[setting] = read(value)
+        except ValueError:
+            faults.append(f"{key}: got {value!r}, needs a number")
+        except CastError as error:
+            faults.append(f"{key}: {error}")
+    told = {key: value for key, value in {**defaults, **own}.items() if value is not None}
+    if "center_frequency_hz" not in told:
+        faults.append("frequency: got nothing, a radio needs its carrier in Hz: frequency=HZ, or --frequency for all")
+    if not faults:
+        try:
+            return RadioSettings(**told, device_args=",".join(arguments), lead_s=lead_s)
+        except CastError as error:
+            faults = error.faults
+    raise CastError(*(f"{name}: {fault}" for fault in faults))
+
+
+def own_words(where: str, direction: str) -> str:
+    """Device arguments for one direction of a node: `tx_gain=10` is the transmitter's gain, and nothing to its receiver."""
+    words = []
+    for word in where.split(","):
+        prefix, _, rest = word.partition("_")
+        is_one_way = prefix in ("tx", "rx") and rest.partition("=")[0] in _RADIO_WORDS
+        if not is_one_way:
+            words.append(word)
+        elif prefix == direction:
+            words.append(rest)
+    return ",".join(words)
 
 
 def _is_address(where: str) -> bool:

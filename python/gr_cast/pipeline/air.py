@@ -9,11 +9,12 @@ import json
 import os
 import shlex
 import subprocess
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
+from ..core.documents import json_text
 from ..core.errors import CastError
 from ..emulation.network import emulate_network
 from ..scenario import Scenario
@@ -23,6 +24,7 @@ from ..twin.document import Case, Link, Observation, Tap, Waveform
 from ..twin.playback import Conditions, Playback
 from .site import Site
 
+TOLD = ("CAST_TRANSMITTERS", "CAST_RECEIVERS", "CAST_SAMPLE_RATE_HZ", "CAST_CENTER_FREQUENCY_HZ", "CAST_INVENTORY")
 LONGEST_S = 3600.0  # of a program that plays and records
 
 
@@ -85,6 +87,36 @@ def _by_program(site: Site, scenario: Scenario, sent, receivers: list[str], rate
         last = (done.stderr.strip().splitlines() or ["failed without a word"])[-1]
         raise CastError(f"site {site.name}: program: status {done.returncode}: {last}")
     return {rx: samples_of(folder / f"rx_{rx}.cf32", f"site {site.name}: program: node {rx}") for rx in receivers}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Told:
+    """What a site's program is told by its environment."""
+
+    transmitters: list[str]
+    receivers: list[str]
+    sample_rate_hz: float
+    center_frequency_hz: float | None  # None where the scenario has none
+    devices: dict[str, str]  # node → device arguments
+
+
+def told_of(environment) -> Told:
+    """Read what `_by_program` tells. Raises CastError where this is no site's program."""
+    if missing := [name for name in TOLD if name not in environment]:
+        raise CastError(f"{', '.join(missing)}: not set: an inventory's program is called by cast_pipeline run, not by hand")
+    nodes = json_text(environment["CAST_INVENTORY"], "CAST_INVENTORY").document
+    return Told(
+        transmitters=environment["CAST_TRANSMITTERS"].split(),
+        receivers=environment["CAST_RECEIVERS"].split(),
+        sample_rate_hz=float(environment["CAST_SAMPLE_RATE_HZ"]),
+        center_frequency_hz=float(environment["CAST_CENTER_FREQUENCY_HZ"]) or None,
+        devices={node: place["device"] for node, place in nodes.items()},
+    )
+
+
+def given(told: Told, folder: Path) -> dict[str, np.ndarray]:
+    """Transmitter → what it sends, (n,) complex64, as a site's program finds it."""
+    return {node: samples_of(folder / f"tx_{node}.cf32", f"node {node}") for node in told.transmitters}
 
 
 def samples_of(path: Path, who: str) -> np.ndarray:
