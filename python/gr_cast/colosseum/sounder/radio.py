@@ -7,7 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...core.errors import CastError
+
 _CHUNK = 1 << 15  # samples of a message
+_EARLY_S = 2.0  # by which hosts' clocks and radios' beginnings may differ in a slot
+_SETTLE_S = 5.0
 _IDLE_S = 0.02  # between messages once all slots are over: the emulator goes on for who still needs it
 
 
@@ -99,22 +103,55 @@ def _keep(slots: Slots, heard: dict[int, np.ndarray], begin: int, samples: np.nd
 
 
 def _by_clock(device_args: str, slots: Slots, period: np.ndarray, ended: threading.Event) -> dict[int, np.ndarray]:
-    """Slots of whole seconds by the host's clock, from the next multiple of ten seconds on: all nodes are started together."""
-    import uhd
-
-    usrp = uhd.usrp.MultiUSRP(device_args)
-    for source in ("clock", "time"):
-        getattr(usrp, f"set_{source}_source")("external")
-    slot_s = float(np.ceil(slots.count / slots.rate_hz + 4.0))
-    begin = 10.0 * np.ceil((time.time() + 5.0) / 10.0)
+    """Slots of whole seconds by the host's clock. Which slot it is, the clock alone says: nodes that are started at different
+    moments still agree. Every node goes through all slots twice, so that those less than one round apart hear each other."""
+    usrp = _usrp(device_args, slots)
+    slot_s = float(np.ceil(slots.count / slots.rate_hz + 2 * _EARLY_S))
+    first = int(np.ceil((time.time() + _SETTLE_S) / slot_s))
     heard = {}
-    for slot in range(slots.total):
-        early_s = 0.0 if slot == slots.own else 2.0  # who listens begins in the middle
-        if ended.wait(max(0.0, begin + slot * slot_s + early_s - time.time())):
+    for number in range(first, first + 2 * slots.total):
+        slot = number % slots.total
+        early_s = 0.0 if slot == slots.own else _EARLY_S  # who listens begins in the middle
+        if ended.wait(max(0.0, number * slot_s + early_s - time.time())):
             break
         if slot == slots.own:
             repeats = max(1, (1 << 20) // len(period))
-            usrp.send_waveform(np.tile(period, repeats)[None], slot_s - 1.0, slots.carrier_hz, slots.rate_hz, [0], 0)
+            waveform = np.tile(period, repeats)[None]
+            _within(slot_s, usrp.send_waveform, waveform, slot_s - 1.0, slots.carrier_hz, slots.rate_hz, [0], 0)
         else:
-            heard[slot] = usrp.recv_num_samps(slots.count, slots.carrier_hz, slots.rate_hz, [0], 0)[0]
+            samples = _within(slot_s, usrp.recv_num_samps, slots.count, slots.carrier_hz, slots.rate_hz, [0], 0)[0]
+            if slot not in heard or np.vdot(samples, samples).real > np.vdot(heard[slot], heard[slot]).real:
+                heard[slot] = samples  # in the other round its node was not there
     return heard
+
+
+def _usrp(device_args: str, slots: Slots):
+    """The radio, on the clock and pulse that Colosseum shares. Raises CastError where it does otherwise than told."""
+    import uhd
+
+    try:
+        usrp = uhd.usrp.MultiUSRP(device_args)
+    except RuntimeError as error:
+        raise CastError(f"device: got arguments {device_args!r}: {' '.join(str(error).split())}") from None
+    for source in ("clock", "time"):
+        getattr(usrp, f"set_{source}_source")("external")
+    usrp.set_rx_rate(slots.rate_hz, 0)
+    faults = []
+    if abs(usrp.get_rx_rate(0) / slots.rate_hz - 1) > 1e-9:
+        faults.append(f"rate: got {slots.rate_hz:g} Hz, {device_args} can do {usrp.get_rx_rate(0):g} Hz")
+    if not usrp.get_mboard_sensor("ref_locked", 0).to_bool():
+        faults.append(f"clock source: got 'external', {device_args} does not lock to it")
+    if faults:
+        raise CastError(*faults)
+    return usrp
+
+
+def _within(limit_s: float, call, *arguments):
+    """What a call of UHD returns. Raises CastError where the radio takes or delivers nothing: UHD itself waits for ever."""
+    told = []
+    thread = threading.Thread(target=lambda: told.append(call(*arguments)), daemon=True)
+    thread.start()
+    thread.join(limit_s + _EARLY_S)
+    if not told:
+        raise CastError(f"radio: {call.__name__} has not ended in {limit_s + _EARLY_S:g} s: no samples pass")
+    return told[0]
