@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-from conftest_world import RATE_HZ
+from conftest_world import RATE_HZ, sent_once
 from gr_cast.diagnose import align, diagnose, noise, read_case, search
 from gr_cast.diagnose.next_recording import Hypothesis, record_next
 from gr_cast.diagnose.ownership import kind_of
@@ -190,3 +190,21 @@ def test_a_transmitter_that_fades_out_under_steady_noise_is_told_though_the_sign
     assert document["verdict"] == "identified" and effect["family"] == "gain_drift" and effect["owner"]["level"] == "tx"
     total = effect["parameters"]["total_db"]
     assert abs(total["value"] + 12.0) < 4 * total["std"] < 2.0
+
+
+def test_a_burst_under_a_known_carrier_promises_no_more_than_chance(tmp_path):
+    """Between its ends a course that turns all of the burst is the carrier itself, and gains nothing beside it."""
+    rng, count, silent, offset_hz = np.random.default_rng(4), 20_000, 8000, 50.0
+    spectrum = np.fft.fft(rng.normal(size=(count - silent, 2)) @ [1, 1j])
+    sent = np.fft.ifft(spectrum * (np.abs(np.fft.fftfreq(len(spectrum))) < 0.3))
+    y = np.concatenate([np.zeros(silent), 0.3 * sent]) * np.exp(2j * np.pi * offset_hz * np.arange(count) / RATE_HZ)
+    sent_once(tmp_path, y + 5e-4 * rng.normal(size=(count, 2)) @ [1, 1j], sent)
+    twin = yaml.safe_load((tmp_path / "twin.yaml").read_text())
+    told = {"offset_hz": {"value": offset_hz, "std": 1.0}, "drift_hz_per_s": {"value": 0.0, "std": 1.0}}
+    owner = {"level": "rx", "name": "rx1"}
+    twin["effects"] = [{"family": "carrier_frequency_offset", "owner": owner, "parameters": told}]
+    (tmp_path / "twin.yaml").write_text(yaml.safe_dump(twin))
+    case = read_case(tmp_path)
+    _, data, model = align.build(case, case.observations[0])
+    (fit, *_) = search.beginnings(data, model)
+    assert max(s.net for s in search.candidates(fit)) < 10

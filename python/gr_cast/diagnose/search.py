@@ -127,12 +127,12 @@ def score(fit: Fit, effect: Effect) -> Score:
         live = np.diag(schur) > SEEN * np.maximum(scale, 1e-9 * scale.max() + 1e-300)
         free = np.flatnonzero(effect.free)[live]
         if live.any():
-            schur, slope = schur[np.ix_(live, live)], slope[live]
+            schur, slope, whole = schur[np.ix_(live, live)], slope[live], h_cc[np.ix_(live, live)]
             if effect.prior is None:
                 step = invert(schur, 0.0 if family.linear else SEEN) @ slope
                 gain += 0.5 * slope @ step
             else:
-                more, occam, step, prior = _with_prior(schur, slope, effect.prior[free], family.entangled)
+                more, occam, step, prior = _with_prior(schur, slope, whole, effect.prior[free], family.entangled)
                 gain += more
             if not family.linear:  # a linear one is fitted from its start, together with what it resembles
                 p[free] += step
@@ -177,13 +177,15 @@ def _derivatives(fit: Fit, probe: Effect):
     return chain, effect_columns(scene, model, index, chain, before) if probe.free.any() else None
 
 
-def _with_prior(schur, slope, shape, entangled: bool):
-    """The scale of the prior that makes the data likeliest: (gain, Occam cost, step, prior)."""
+def _with_prior(schur, slope, whole, shape, entangled: bool):
+    """The scale of the prior that makes the data likeliest: (gain, Occam cost, step, prior). `schur` is what other parameters
+    leave of the curvature `whole`."""
     root = np.sqrt(shape)
     if len(shape) <= MANY or entangled:
         values, vectors = np.linalg.eigh(schur * np.outer(root, root))
+        alone = np.sum(vectors * (whole * np.outer(root, root) @ vectors), axis=0)
+        b = vectors.T @ (slope * root) * (values > SEEN * alone)  # what the fit can do itself has a slope of rounding
         values = np.maximum(values, 0)
-        b = vectors.T @ (slope * root)
     else:  # that many cosines are all but independent
         values, vectors, b = np.diag(schur) * shape, None, slope * root
     best = (-np.inf,)
