@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 #include <stdexcept>
+#include <utility>
 
 namespace gr
 {
@@ -237,14 +238,14 @@ void emulator::apply(link_update&& update)
         l.gain = *update.gain;
     if (!update.taps)
         return;
-    std::vector<tap> now = l.taps;
-    if (!l.slope.empty()) { // an update in mid-ramp starts from where the taps are now
-        const double left = double(l.ramp_end - d_position) / double(l.ramp_end - l.ramp_begin);
-        now = sum_by_delay(l.taps, l.slope, -float(left));
-    }
-    l.slope.clear();
-    l.taps = std::move(*update.taps);
-    if (update.ramp > 0) {
+    const auto before = std::exchange(l.taps, std::move(*update.taps));
+    const auto slope_before = std::exchange(l.slope, {});
+    if (update.ramp > 0) { // in mid-ramp it starts from where the taps are now
+        const double left =
+            slope_before.empty()
+                ? 0
+                : double(l.ramp_end - d_position) / double(l.ramp_end - l.ramp_begin);
+        const auto now = sum_by_delay(before, slope_before, -float(left));
         l.slope = sum_by_delay(l.taps, now, -1.0f);
         l.ramp_begin = d_position;
         l.ramp_end = d_position + update.ramp;
@@ -265,12 +266,23 @@ void emulator::apply_due()
         apply(std::move(d_pending.extract(d_pending.begin()).mapped()));
 }
 
-// Adds a link's taps, as they are heard, to `paths`.
-void emulator::add_paths(int input, const link& l, const std::vector<tap>& taps,
-                         std::vector<path>& paths) const
+void emulator::mixture::clear()
 {
+    paths.clear();
+    filter.clear();
+}
+
+// Adds a link's taps, as they are heard, to `made_of`.
+void emulator::hear(int input, const link& l, const std::vector<tap>& taps,
+                    mixture& made_of) const
+{
+    if (taps.empty())
+        return;
+    path_list& paths = made_of.paths;
     const std::size_t begin = paths.size();
     paths.resize(begin + taps.size());
+    made_of.filter.inputs.push_back(input);
+    made_of.filter.first.push_back(paths.size());
     path* made = paths.data() + begin;
     for (const tap& t : taps)
         *made++ = {input, t.delay, t.gain};
@@ -292,9 +304,9 @@ std::shared_ptr<emulator::recipe> emulator::new_recipe() const
     else {
         made = std::move(d_spare->back());
         d_spare->pop_back();
-        made->paths.clear();
-        made->ramps.clear();
     }
+    made->clear();
+    made->ramps.clear();
     return {made.release(), [spare = std::weak_ptr(d_spare)](recipe* done) {
                 std::unique_ptr<recipe> kept(done);
                 if (const auto shelf = spare.lock())
@@ -311,20 +323,21 @@ std::shared_ptr<emulator::recipe> emulator::make_recipe(int output) const
             continue;
         // taps(n) = (taps - slope) + slope * (n - begin) / (end - begin)
         if (l.slope.empty()) {
-            add_paths(input, l, l.taps, made->paths);
+            hear(input, l, l.taps, *made);
             continue;
         }
-        add_paths(input, l, sum_by_delay(l.taps, l.slope, -1.0f), made->paths);
+        hear(input, l, sum_by_delay(l.taps, l.slope, -1.0f), *made);
         auto same = std::find_if(made->ramps.begin(), made->ramps.end(), [&](const ramp& r) {
             return r.begin == l.ramp_begin && r.end == l.ramp_end;
         });
-        if (same == made->ramps.end())
-            same = made->ramps.insert(same, {l.ramp_begin, l.ramp_end, {}, {}});
-        add_paths(input, l, l.slope, same->paths);
+        if (same == made->ramps.end()) {
+            same = made->ramps.emplace(same);
+            same->clear();
+            same->begin = l.ramp_begin;
+            same->end = l.ramp_end;
+        }
+        hear(input, l, l.slope, *same);
     }
-    heard_by(made->paths, made->filter);
-    for (ramp& slope : made->ramps)
-        heard_by(slope.paths, slope.filter);
     const auto& p = made->paths;
     made->is_copy = p.size() == 1 && made->ramps.empty() && p[0].gain == sample(1);
     made->born = d_position;
@@ -661,23 +674,22 @@ void emulator::put_block(const dense_job& job, int b, const sample* bins, sample
 void emulator::make_filters(const std::vector<recipe*>& without)
 {
     struct job {
-        dense_filter* filter;
-        const std::vector<path>* paths;
+        mixture* of;
         int used;
     };
     std::vector<job> jobs;
-    const auto add = [&](dense_filter& filter, const std::vector<path>& paths) {
-        d_dense.reserve(filter);
-        for (std::size_t used = 0; used < filter.inputs.size(); used++)
-            jobs.push_back({&filter, &paths, int(used)});
+    const auto add = [&](mixture& of) {
+        d_dense.reserve(of.filter);
+        for (std::size_t used = 0; used < of.filter.inputs.size(); used++)
+            jobs.push_back({&of, int(used)});
     };
     for (recipe* r : without) {
-        add(r->filter, r->paths);
+        add(*r);
         for (ramp& slope : r->ramps)
-            add(slope.filter, slope.paths);
+            add(slope);
     }
     share(jobs.size(),
-          [&](unsigned k) { d_dense.fill(*jobs[k].filter, *jobs[k].paths, jobs[k].used); });
+          [&](unsigned k) { d_dense.fill(jobs[k].of->filter, jobs[k].of->paths, jobs[k].used); });
 }
 
 int emulator::n_active_links() const

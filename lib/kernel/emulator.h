@@ -129,20 +129,23 @@ private:
         bool enabled = true;
         float gain = 1.0f;
     };
-    // Paths whose gains grow from 0 to 1 times their gain between two samples.
-    struct ramp {
-        uint64_t begin, end;
-        std::vector<path> paths;
+    // What an output hears, as paths and as spectra; these are made when first used.
+    struct mixture {
+        path_list paths;
         dense_filter filter;
+
+        void clear();
+    };
+    // A mixture that grows from 0 to 1 times itself between two samples.
+    struct ramp : mixture {
+        uint64_t begin, end;
     };
     // What one output is made of while no update changes it.
-    struct recipe {
-        std::vector<path> paths;
+    struct recipe : mixture {
         std::vector<ramp> ramps;
         bool is_copy = false; // one tap of exactly 1 and nothing else: to the last bit, NaN too
         uint64_t born = 0;
         uint64_t expected_life = 0; // samples
-        dense_filter filter;        // of `paths`; made when first used
     };
     // Samples of one output made by one recipe in one way.
     struct piece {
@@ -194,8 +197,7 @@ private:
     double dense_cost(const piece& p, uint64_t first) const;
     double choose(pieces& all, uint64_t first, std::size_t n) const;
     void share(unsigned n_jobs, const std::function<void(unsigned)>& job);
-    void add_paths(int input, const link& l, const std::vector<tap>& taps,
-                   std::vector<path>& paths) const;
+    void hear(int input, const link& l, const std::vector<tap>& taps, mixture& made) const;
     std::vector<const sample*> quantize_inputs(const sample* const* in, std::size_t n);
     void finish(int output, sample* out, uint64_t begin, std::size_t n);
     void round(const sample* const* in, sample* const* out, std::size_t n, levels* measured);

@@ -58,22 +58,7 @@ overlap_save::overlap_save(int n_taps)
 
 overlap_save::~overlap_save() = default;
 
-void heard_by(const std::vector<path>& paths, dense_filter& made)
-{
-    made.inputs.clear();
-    made.first.clear();
-    made.taps.clear();
-    int before = -1;
-    for (std::size_t k = 0; k < paths.size(); k++)
-        if (paths[k].input != before) {
-            before = paths[k].input;
-            made.inputs.push_back(before);
-            made.first.push_back(k);
-        }
-    made.first.push_back(paths.size());
-}
-
-void overlap_save::fill(dense_filter& filter, const std::vector<path>& paths, int used) const
+void overlap_save::fill(dense_filter& filter, const path_list& paths, int used) const
 {
     thread_local spectrum response, bins;
     response.resize(d_n_bins, 0); // zeros from one call to the next but where taps are

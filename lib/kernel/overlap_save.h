@@ -35,16 +35,22 @@ template <class T> struct cache_aligned {
     bool operator!=(const cache_aligned&) const { return false; }
 };
 using spectrum = std::vector<sample, cache_aligned<sample>>;
+using path_list = std::vector<path, cache_aligned<path>>; // in order of input
 
 // The filters of one output as spectra, of the inputs that it hears.
 struct dense_filter {
     std::vector<int> inputs;
     std::vector<std::size_t> first; // path of each input heard, and one past the last
     spectrum taps;                  // [tile][input heard][bin]; empty until needed
-};
 
-// What `paths`, in order of input, are heard from; no spectra yet, but what room `made` has.
-void heard_by(const std::vector<path>& paths, dense_filter& made);
+    // Hears nothing, and keeps its room.
+    void clear()
+    {
+        inputs.clear();
+        first.assign(1, 0);
+        taps.clear();
+    }
+};
 
 class overlap_save
 {
@@ -63,7 +69,7 @@ public:
     {
         filter.taps.resize(filter.inputs.size() * d_n_bins);
     }
-    void fill(dense_filter& filter, const std::vector<path>& paths, int used) const;
+    void fill(dense_filter& filter, const path_list& paths, int used) const;
 
     // Samples between the spectra of two inputs: not a multiple of 4096 bytes, where caches would
     // clash.

@@ -30,12 +30,26 @@ static inline void mix_vectors(const float* const* in, const path* paths, std::s
         store(out + at + b * width, add_turned(real_part[b], imag_part[b]));
 }
 
+// The last floats of all as so many vectors, at most `blocks`; the first of them may be made again.
+template <int blocks>
+static inline void mix_last(const float* const* in, const path* paths, std::size_t n_paths,
+                            float* out, std::size_t n_floats, std::size_t n_vectors)
+{
+    if (n_vectors == blocks)
+        return mix_vectors<blocks>(in, paths, n_paths, out, n_floats - blocks * width);
+    if constexpr (blocks > 1)
+        mix_last<blocks - 1>(in, paths, n_paths, out, n_floats, n_vectors);
+}
+
 static void mix(const float* const* in, const path* paths, std::size_t n_paths, float* out,
                 std::size_t n_floats)
 {
     std::size_t at = 0;
     for (; at + register_blocks * width <= n_floats; at += register_blocks * width)
         mix_vectors<register_blocks>(in, paths, n_paths, out, at);
+    const std::size_t n_vectors = (n_floats - at + width - 1) / width;
+    if (n_vectors * width <= n_floats)
+        return mix_last<register_blocks>(in, paths, n_paths, out, n_floats, n_vectors);
     for (; at + width <= n_floats; at += width)
         mix_vectors<1>(in, paths, n_paths, out, at);
     for (; at < n_floats; at += 2) {

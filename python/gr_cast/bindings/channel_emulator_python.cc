@@ -45,13 +45,12 @@ void set_all(emulator& e, uint64_t offset, const py::array_t<int, py::array::c_s
         gains.shape(0) != n_links || gains.shape(1) != delays.shape(1))
         throw std::invalid_argument("delays, gains: expected shape (" + std::to_string(n_links) +
                                     " links, taps)");
-    const auto delay = delays.unchecked<2>();
-    const auto gain = gains.unchecked<2>();
     for (int link = 0; link < n_links; link++) {
-        std::vector<gr::cast::kernel::tap> taps;
-        taps.reserve(delays.shape(1));
-        for (py::ssize_t p = 0; p < delays.shape(1); p++)
-            taps.push_back({delay(link, p), gain(link, p)});
+        const int* delay = delays.data(link, 0);
+        const auto* gain = gains.data(link, 0);
+        std::vector<gr::cast::kernel::tap> taps(delays.shape(1));
+        for (auto& tap : taps)
+            tap = {*delay++, *gain++};
         e.schedule({link / n_outputs, link % n_outputs, offset, std::move(taps), std::nullopt,
                     std::nullopt, 0});
     }
