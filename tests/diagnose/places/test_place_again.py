@@ -84,6 +84,15 @@ def test_a_lossy_link_is_named_and_the_corrected_twin_misses_nothing(tmp_path):
     assert again.document["verdict"] == "no_mismatch" and again.document["effects"] == []
 
 
+def test_powers_where_the_twin_has_no_path_accuse_nobody_and_are_told(tmp_path):
+    case = _case(tmp_path / "yard", lossy_db=0.0)
+    corners = "v 20 -90 -90\nv 20 90 -90\nv 20 90 90\nv 20 -90 90\n"  # between c and all others
+    (case / "mesh.obj").write_text(f"o wall\n{corners}f 1 2 3\nf 1 3 4\n")
+    found = places.diagnose(document.read(case)).document
+    assert found["verdict"] == "unexplained" and found["effects"] == []
+    assert found["warnings"] == ["48 of 144 powers were read where the twin has no path: they are not explained, and left out."]
+
+
 def test_jobs_change_nothing_but_the_time(tmp_path):
     cases, texts = [_case(tmp_path / name, lossy_db) for name, lossy_db in (("lossy", 4.0), ("plain", 0.0))], []
     for jobs in ("1", "2"):

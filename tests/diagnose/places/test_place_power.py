@@ -16,7 +16,8 @@ from gr_cast.scenario.create.geometry import Solid
 from gr_cast.scenario.create.media import Medium
 from gr_cast.scenario.create.nodes import Node
 from gr_cast.twin.places.carrying import Body, headings, loss_db
-from gr_cast.twin.places.families.power import scales
+from gr_cast.twin.places.families.base import Effect
+from gr_cast.twin.places.families.power import SmallScale, scales
 from gr_cast.twin.places.meters import Fading, Meter
 from gr_cast.twin.places.predict import Predictor
 from gr_cast.twin.places.world import Mesh, Radio, World
@@ -239,6 +240,12 @@ def test_a_fading_link_is_found_and_named():
     found = _round(_faded)
     assert list(found) == [("small_scale", "c>b")]
     assert found["small_scale", "c>b"].values[0] == pytest.approx(3.0, abs=4.0)
+
+
+def test_fading_between_readings_far_apart_says_no_more_than_that_they_are():
+    effect = Effect(family=SmallScale(), owner="a>b", values=np.array([3.0, np.log(0.005)]))
+    told = SmallScale().told(SimpleNamespace(apart_m=lambda owner: 0.8), effect, np.zeros((2, 2)))["coherence_m"]
+    assert 0.005 < told["value"] <= 0.4 and told["std"] >= 0.5 * told["value"]
 
 
 def test_a_body_that_carries_a_node_and_takes_what_comes_from_behind_is_found_and_named():

@@ -11,8 +11,9 @@ from ...twin.places.world import World
 from .likelihood import Fitted, Heard, profiled, tangents, without_phases
 from .power import PowerEar
 
-_MOST_READINGS = 6000  # of powers in a campaign that are heard: a search in seconds
+_MOST_READINGS = 2400  # of powers in a campaign that are heard: a search in seconds
 _BURST = 40  # instants in a row
+_NOTHING_DB, _ABOVE = -250.0, 5.0  # what no path leaves of the power; errors of the meter over where it is blind
 _POWER_STEPS = 64  # of the band whose mean power a meter reads (the contract)
 
 
@@ -83,6 +84,18 @@ def ear(sounding: Sounding, unknown: dict[str, str], bandwidth_hz: float):
         None if sounding.limits_db is None else tuple(sounding.limits_db),
         unknown["gain"],
     )
+
+
+def told_of(one, world: World):
+    """The sounding without powers that the twin has no path for at all: no number of decibels leads there. And how many these
+    are, of all."""
+    if one.has_responses:
+        return one, 0, 0
+    nothing = one.predicted(world).mean_db < _NOTHING_DB
+    heard = one.weight[:, :, 0] > 0
+    above = np.inf if one.limits_db is None else (one.power_db[:, :, 0] - one.limits_db[0]) * one.root[:, :, 0] * np.sqrt(2)
+    lost = heard & nothing & (above > _ABOVE)
+    return replace(one, weight=np.where(lost[:, :, None], 0.0, one.weight)), int(lost.sum()), int(heard.sum())
 
 
 def bursts(instants: int, most: int) -> np.ndarray:

@@ -110,7 +110,7 @@ class PowerEar:
         weight = self.weight[link, :, 0]
         known = np.flatnonzero(weight > 0)
         blocks, nats = [], 0.0
-        for part in np.array_split(known, max(int(np.ceil(len(known) / _BLOCK)), 1)):
+        for part in np.array_split(known, int(np.ceil(len(known) / _BLOCK))) if len(known) else ():
             gap_m = np.linalg.norm(at_m[part][:, None] - at_m[part][None], axis=2)
             noise = 0.5 / weight[part]
             root = np.linalg.cholesky(fading.covariance_db2(gap_m) + np.diag(noise))

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The diagnosis of a place, from a case to its document."""
 
+import itertools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,8 +12,8 @@ from scipy.stats import norm
 from ...core.units import db_from_power
 from ...twin.places.believed import believed
 from ...twin.places.document import Place
-from . import policy, search, taps
-from .ears import ear
+from . import elsewhere, policy, search, taps
+from .ears import ear, told_of
 from .fit import Model, applied, deviations, evaluated, fitted, without_effects
 from .next_position import where_to_sound
 from .view import View
@@ -40,7 +41,15 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
     base, bandwidth_hz = believed(place), place.spec.bandwidth_hz
     ears = tuple(ear(one, place.unknown, bandwidth_hz) for one in place.soundings if not one.vault)
     vault = tuple(ear(one, place.unknown, bandwidth_hz) for one in place.soundings if one.vault)
-    warnings = []
+    warnings, pathless = [], False
+    for number, campaign in enumerate(ears):
+        kept, lost, count = told_of(campaign, base)
+        if lost:
+            ears, pathless = (*ears[:number], kept, *ears[number + 1 :]), pathless or lost > policy.PATHLESS_SHARE * count
+            warnings.append(
+                f"{lost} of {count} powers were read where the twin has no path: they are not explained, and left out."
+            )
+    vault = tuple(told_of(campaign, base)[0] for campaign in vault)
     if (through := taps.tapped(ears, bandwidth_hz)) and (as_taps := _as_taps(ears, through, base)):
         found, ears, vault = as_taps, through, taps.tapped(vault, bandwidth_hz) or vault
         warnings.append(taps.in_words(ears, base))
@@ -50,8 +59,8 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
     everything = (*ears, *vault)
     before, after = evaluated(everything, base, ()), evaluated(everything, base, model.effects)
     view = View(ears, model, place.unknown)
-    open_ = _ambiguous(found, ears, base, place)
-    clean = found.deviations < policy.CLEAN_DEVIATIONS
+    open_ = _ambiguous(found, ears, vault, base, place)
+    clean = found.deviations < policy.CLEAN_DEVIATIONS and not pathless
     told = evaluated(vault, base, model.effects) if vault else None
     covariances = [_doubt(found, ears, clean) * own for own in deviations(ears, model)]
     effects = [
@@ -102,26 +111,37 @@ def _rivals(found: search.Found, effect) -> list:
     return [(rival, nats) for rival, nats in found.rivals.get(effect.key, ()) if not _is_nested(effect, rival)]
 
 
-def _ambiguous(found: search.Found, ears, base, place: Place) -> list[dict]:
+def _ambiguous(found: search.Found, ears, vault, base, place: Place) -> list[dict]:
+    """Every two that explain alike, and what tells these two apart."""
     out = []
-    for number, effect in enumerate(found.model.effects):
-        near = [(rival, nats) for rival, nats in _rivals(found, effect) if nats < policy.RIVAL_NATS]
-        near = [(rival, nats) for rival, nats in near if rival.family.name != effect.family.name]
-        if not near:
-            continue
-        rival = near[0][0]
-        others = [one for index, one in enumerate(found.model.effects) if index != number]
-        hypotheses = [applied(base, [*others, one]) for one in (effect, rival)]
-        names = effect.family.name, rival.family.name
-        out.append(
-            {
-                "families": list(names),
-                "why": f"{names[0]} of {effect.owner} and {names[1]} of {rival.owner} explain the soundings alike, "
-                f"{near[0][1]:.1f} nats apart.",
-                "record_next": where_to_sound(ears, hypotheses, place.unknown),
-            }
-        )
+    for number in range(len(found.model.effects)):
+        for (name, words, nats, world), (other, others_words, more, rival) in itertools.combinations(
+            _alike(found, number, ears, vault, base), 2
+        ):
+            out.append(
+                {
+                    "families": [name, other],
+                    "why": f"{words} and {others_words} explain the soundings alike, {more - nats:.1f} nats apart.",
+                    "record_next": where_to_sound(ears, [world, rival], place.unknown),
+                }
+            )
     return out
+
+
+def _alike(found: search.Found, number: int, ears, vault, base) -> list[tuple]:
+    """(family, words, nats behind, world) of an effect and of the nearest of each other family that would do in its place."""
+    effect, world = found.model.effects[number], found.model.world
+    others = [one for index, one in enumerate(found.model.effects) if index != number]
+    alike = {effect.family.name: (effect.family.name, f"{effect.family.name} of {effect.owner}", 0.0, world)}
+    for rival, nats in _rivals(found, effect):
+        name = rival.family.name
+        if nats < policy.RIVAL_NATS and name not in alike and len(alike) <= policy.MOST_ALIKE:
+            alike[name] = name, f"{name} of {rival.owner}", nats, applied(base, [*others, rival])
+    if new := elsewhere.one_more(base, found.model.effects, number):
+        nats = elsewhere.apart_nats((*ears, *vault), world, new)
+        if nats < policy.RIVAL_NATS:
+            alike["missing_object"] = "missing_object", "missing_object like it of place", nats, new
+    return [*alike.values()]
 
 
 def causes(view: View, effects) -> list[list[int]]:

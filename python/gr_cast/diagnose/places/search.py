@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...twin.places.families.base import Effect
-from . import policy
+from . import elsewhere, policy
 from .fit import Ear, Model, evaluated, fitted, replaced, with_effect, without_effects
 from .view import View
 
@@ -147,8 +147,9 @@ def _grown(ears, model: Model, unknown: dict, budget: Budget, others: dict, barr
         least = max(policy.LEAST_EVIDENCE_NATS, model.slack)
         if not better or worth(better[0], model, count, tried) < least:
             break
-        others[better[0].effects[-1].key] = [one.effects[-1] for one in better[1:]]
-        model = pruned(ears, better[0], count, tried)
+        best = elsewhere.rather(ears, better[0], budget)
+        others[best.effects[-1].key] = [one.effects[-1] for one in better if one is not best]
+        model = pruned(ears, best, count, tried)
     return model, tried
 
 

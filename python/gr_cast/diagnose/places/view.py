@@ -106,6 +106,16 @@ class View:
                         found.add(link)
         return sorted(found)
 
+    def apart_m(self, name: str) -> float:
+        """The way of both ends of a link from one power that is read to the next."""
+        steps = [0.0]
+        for ear in self.ears:
+            for index, link in enumerate(ear.predictor.links):
+                if not ear.has_responses and ">".join(link) == name:
+                    ends_m = np.concatenate(ear.predictor.ends_m(self.world, index), axis=1)[ear.weight[index, :, 0] > 0]
+                    steps += [float(np.median(np.linalg.norm(np.diff(ends_m, axis=0), axis=1)))] if len(ends_m) > 1 else []
+        return max(steps)
+
     def readings_of(self, name: str) -> tuple[np.ndarray, float, tuple[float, float]]:
         """All powers that a node reads, the meter's error, and the limits that it is known to have."""
         readings, std_db, limits = [np.zeros(0)], [0.0], (-np.inf, np.inf)

@@ -78,11 +78,11 @@ class SmallScale(Family):
         return np.array([np.clip(values[0], -20, 25), np.clip(values[1], np.log(0.005), np.log(20.0))])
 
     def told(self, view, effect, covariance):
-        coherence_m = float(np.exp(effect.values[1]))
-        return {
-            "k_factor_db": value(effect.values[0], std_of(covariance, 0)),
-            "coherence_m": value(coherence_m, coherence_m * std_of(covariance, 1)),
-        }
+        coherence_m, apart_m = float(np.exp(effect.values[1])), view.apart_m(effect.owner)
+        std_m = coherence_m * std_of(covariance, 1)
+        if coherence_m < apart_m / 2:  # readings that have nothing in common say no more than that
+            coherence_m = std_m = apart_m / 4
+        return {"k_factor_db": value(effect.values[0], std_of(covariance, 0)), "coherence_m": value(coherence_m, std_m)}
 
     def sentence(self, effect, told):
         k_db, coherence_m = told["k_factor_db"]["value"], told["coherence_m"]["value"]

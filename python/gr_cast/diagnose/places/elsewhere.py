@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What seems to be new may be an object that no link sees at its place and that stands elsewhere; which of both, none tells."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...twin.places.families.additions import MissingObject
+from ...twin.places.families.base import Effect
+from ...twin.places.families.objects import ExtraObject, ObjectMoved
+from ...twin.places.world import World
+from . import policy
+from .ears import thinned
+from .fit import Model, applied, evaluated, fitted, replaced, with_effect, without_effects
+
+_MOVED, _GONE = ObjectMoved(), ExtraObject()
+_SHIFTS_M = np.arange(0.25, 4.6, 0.25)  # of a face, either way, from its place
+_WITHIN_M = 0.15  # around those that are best
+_BEST = 3
+
+
+def rather(ears: Sequence, model: Model, budget) -> Model:
+    """The model, whose last effect may be something new, or a likelier one with an object there that nobody sees at its place."""
+    number = len(model.effects) - 1
+    if not isinstance(model.effects[number].family, MissingObject):
+        return model
+    rest = without_effects(ears, model, [number])
+    trials = [fitted(ears, replaced(ears, model, number, one)) for one in moves(ears, rest, budget)]
+    return min((model, *trials), key=lambda one: one.energy)
+
+
+def moves(ears: Sequence, rest: Model, budget) -> list[Effect]:
+    """Moves of hidden objects that explain most of what `rest` leaves, the best first."""
+    thin = [thinned(ear, policy.THIN_INSTANTS, policy.THIN_FREQUENCIES) for ear in ears if ear.has_responses]
+    if not thin:
+        return []
+    here = evaluated(thin, rest.base, rest.effects)
+    world = here.world
+
+    def at(owner: str, axis: np.ndarray, shifts_m) -> list[Effect]:
+        return [Effect(family=_MOVED, owner=owner, values=np.array([m]), choice=tuple(axis)) for m in shifts_m]
+
+    coarse = []
+    for owner in hidden(here, thin):
+        for axis in world.axes(world.mesh.index(owner)):
+            for one in at(owner, axis, [*_SHIFTS_M, *-_SHIFTS_M]):
+                nats = 0.0 if budget.is_spent else _shown(thin, here, _MOVED.apply(world, one))
+                coarse += [(-nats, one)] if nats > policy.LEAST_EVIDENCE_NATS else []
+    fine = []
+    for _, one in sorted(coarse, key=lambda row: row[0])[:_BEST]:
+        for near in at(one.owner, np.array(one.choice), one.values[0] + np.arange(-_WITHIN_M, _WITHIN_M, world.wavelength_m / 8)):
+            fine += [] if budget.is_spent else [(with_effect(thin, here, near).energy, near)]
+    return [one for _, one in sorted(fine, key=lambda row: row[0])[:_BEST]]
+
+
+def _shown(ears: Sequence, here: Model, other: World) -> float:
+    """Nats by which the change to another world explains the residual where each response may turn and scale it: an echo's phase
+    goes round with every wavelength, its delay does not."""
+    total = 0.0
+    for ear, fit in zip(ears, here.fits, strict=True):
+        change = (ear.predictor.response(other) - ear.predictor.response(here.world)) * fit.factor
+        power = (np.abs(change) ** 2 * ear.heard.weight).sum(axis=2)
+        cross = np.abs((change.conj() * fit.residual * ear.heard.weight).sum(axis=2)) ** 2
+        total += float((cross / np.maximum(power, 1e-300) - 1)[power > 1].sum())
+    return total
+
+
+def hidden(here: Model, ears: Sequence) -> list[str]:
+    """Objects of the mesh without which the soundings would be as they are."""
+    moved = {effect.owner for effect in here.effects}
+    return [
+        name
+        for name in here.base.mesh.names
+        if name not in moved
+        and abs(with_effect(ears, here, Effect(family=_GONE, owner=name, values=np.zeros(0))).energy - here.energy) < 1e-6
+    ]
+
+
+def one_more(base: World, effects: Sequence, number: int) -> World | None:
+    """The world where an object that was found elsewhere is a new one, and the old one is at its place; None of other effects."""
+    effect = effects[number]
+    if not isinstance(effect.family, ObjectMoved) or effect.owner not in base.mesh.names:
+        return None
+    world, index = applied(base, effects), base.mesh.index(effect.owner)
+    name = f"new_{effect.owner}"
+    surface = {key: values[index] for key, values in vars(world.surface).items()}
+    stays = world.with_object(replace(base.mesh.solids[index], name=name), **surface)
+    return replace(stays, media={**world.media, name: world.media[effect.owner]})
+
+
+def apart_nats(ears: Sequence, world: World, other: World) -> float:
+    """By which soundings are less likely in the other world."""
+    first, second = (sum(ear.profiled(ear.predicted(one)).energy for ear in ears) for one in (world, other))
+    return second - first
