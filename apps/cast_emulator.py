@@ -121,7 +121,13 @@ def run(args) -> int:
         if bulk:
             print(f"taps between samples: every link is {bulk} samples late", file=sys.stderr)
         ended = threading.Event()
-        with _live_page(args, emulation), interrupts.heeded(ended.set), control.obeying(emulation, ended):
+
+        def stop() -> None:
+            ended.set()
+            if size := emulation.recorded_bytes():
+                _program.show(f"stopped; sealing {size / 1e6:.3g} MB of recordings", last=True)
+
+        with _live_page(args, emulation), interrupts.heeded(stop), control.obeying(emulation, ended):
             emulation.run_until(ended, _report, args.report)
     _report(emulation.status())
     print(file=sys.stderr)

@@ -3,6 +3,7 @@
 
 import os
 import random
+import re
 import signal
 import socket
 import subprocess
@@ -325,6 +326,8 @@ def test_a_peer_that_has_gone_is_named_and_what_was_recorded_stays(scenario, tmp
         emulator.send_signal(signal.SIGINT)
         _, told = emulator.communicate(timeout=30)
         assert emulator.returncode == 0 and f"waiting for a:tx={sent}" in told.decode()
+        told_mb = float(re.search(r"stopped; sealing (\S+) MB of recordings", told.decode())[1])
+        assert told_mb == pytest.approx(recording.data_path(tmp_path / "y").stat().st_size / 1e6, rel=0.01)
     finally:
         end(emulator, sender)
     y = recording.read(tmp_path / "y").samples

@@ -113,3 +113,58 @@ def test_a_program_at_work_tidies_up_and_a_second_signal_ends_it(number):
     running.send_signal(number)
     running.communicate(timeout=10)
     assert running.returncode == -number
+
+
+SWALLOWED = """
+import os, signal, threading
+from gr_cast.core import interrupts
+interrupts.second_ends()
+try:  # as libraries do around what may be missing, which an interrupt then passes for
+    os.kill(os.getpid(), signal.SIGINT)
+    import gr_cast.core.errors
+except BaseException:
+    pass
+ended = threading.Event()
+with interrupts.heeded(ended.set) as came:
+    ended.wait(20)
+    print("played on" if not ended.is_set() else "stopped", flush=True)
+"""
+BETWEEN = """
+import os, signal, sys, threading
+from gr_cast.core import interrupts
+interrupts.second_ends()
+name, moment = sys.argv[1:]
+changed = getattr(signal, name)
+calls = 0
+def slow(*given, **more):  # the signal comes while handlers are changed, before or after this one is
+    global calls
+    calls += 1
+    if calls == 1 and moment == "before":
+        os.kill(os.getpid(), signal.SIGINT)
+    before = changed(*given, **more)
+    if calls == 1 and moment == "after":
+        os.kill(os.getpid(), signal.SIGINT)
+    return before
+setattr(signal, name, slow)
+ended = threading.Event()
+with interrupts.heeded(ended.set) as came:
+    setattr(signal, name, changed)
+    ended.wait(20)
+    print("played on" if not ended.is_set() else "stopped", flush=True)
+"""
+
+
+def ends(code, *words):
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run([sys.executable, "-c", code, *words], env=environment, capture_output=True, text=True, timeout=60)
+    assert "played on" not in done.stdout
+
+
+def test_a_signal_that_a_library_swallowed_is_not_forgotten():
+    ends(SWALLOWED)
+
+
+@pytest.mark.parametrize("moment", ["before", "after"])
+@pytest.mark.parametrize("name", ["signal", "set_wakeup_fd"])
+def test_a_signal_while_handlers_are_changed_is_not_lost(name, moment):
+    ends(BETWEEN, name, moment)

@@ -290,6 +290,10 @@ class Emulation(gr.top_block):
         told = ((name, summary(events.counts, events.events)) for name, events in self._radios.items())
         return [f"{name}: {words}" for name, words in told if words]
 
+    def recorded_bytes(self) -> int:
+        """How much recordings hold so far, all of which is read again where they are sealed."""
+        return sum(8 * block.samples for _, block, _ in self._peers if isinstance(block, SigmfRecorder))
+
     def run_until(self, ended: threading.Event, report=None, report_s: float = 5.0) -> None:
         """Run until a finite source ends or `ended` is set; `report(status)` is called every `report_s`. Raises CastError where a
         radio stops delivering; what was recorded until then is sealed."""

@@ -28,6 +28,8 @@ def run_to_end(
     does not stop either.
     """
     top.start()
+    if stopped and stopped.is_set():  # it came before there was anything to stop
+        top.stop()
     ended = threading.Event()
     waiter = threading.Thread(target=lambda: (top.wait(), ended.set()), daemon=True)
     waiter.start()

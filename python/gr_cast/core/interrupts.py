@@ -10,12 +10,16 @@ import threading
 from collections.abc import Callable
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_has_come = False  # the first signal of a program that `second_ends` watches
 
 
 @contextlib.contextmanager
 def heeded(stop: Callable[[], object]):
     """While this is entered, the first SIGINT or SIGTERM has `stop()` called in a thread of its own, and a second one ends the
-    process at once with status 128 + its number. Yields an event that tells whether a signal came. For the main thread."""
+    process at once with status 128 + its number. Yields an event that tells whether a signal came. For the main thread.
+    Raises KeyboardInterrupt where one came before, and a library that was being loaded swallowed it."""
+    if _has_come:
+        raise KeyboardInterrupt
     came = threading.Event()
     receiver, sender = os.pipe()
     os.set_blocking(sender, False)
@@ -29,16 +33,18 @@ def heeded(stop: Callable[[], object]):
             came.set()
             threading.Thread(target=stop, daemon=True).start()  # it may take long, or for ever
 
-    handlers = {number: signal.signal(number, lambda *_: None) for number in SIGNALS}
-    before = signal.set_wakeup_fd(sender, warn_on_full_buffer=False)
     watcher = threading.Thread(target=watch, daemon=True)
     watcher.start()
+    # The pipe before the handlers, and after them at the end: a signal in between is heard twice, and not lost.
+    before, handlers = signal.set_wakeup_fd(sender, warn_on_full_buffer=False), {}
     try:
+        for number in SIGNALS:
+            handlers[number] = signal.signal(number, lambda *_: None)
         yield came
     finally:
-        signal.set_wakeup_fd(before)
         for number, handler in handlers.items():
             signal.signal(number, handler)
+        signal.set_wakeup_fd(before)
         os.close(sender)
         watcher.join()
         os.close(receiver)
@@ -69,13 +75,14 @@ def second_ends() -> Callable[[], bool]:
     """Have the first SIGINT or SIGTERM raise KeyboardInterrupt, so that what was begun is tidied up, and the second end the
     process, however far the first one got. Gives a function that tells whether the first has come: libraries that are interrupted
     while they are being loaded make other errors of it."""
-    came = False
+    global _has_come
+    _has_come = False
 
     def once(*_):
-        nonlocal came
-        came = True
+        global _has_come
+        _has_come = True
         _heeded_by(signal.SIG_DFL)
         raise KeyboardInterrupt
 
     _heeded_by(once)
-    return lambda: came
+    return lambda: _has_come
