@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-from conftest_world import RATE_HZ, sent_once
+from conftest_world import RATE_HZ, World, sent_once
 from gr_cast.diagnose import align, diagnose, noise, read_case, search
 from gr_cast.diagnose.next_recording import Hypothesis, record_next
 from gr_cast.diagnose.ownership import kind_of
@@ -208,3 +208,12 @@ def test_a_burst_under_a_known_carrier_promises_no_more_than_chance(tmp_path):
     _, data, model = align.build(case, case.observations[0])
     (fit, *_) = search.beginnings(data, model)
     assert max(s.net for s in search.candidates(fit)) < 10
+
+
+def test_a_lone_echo_that_stands_still_is_no_tail_for_the_dopplers_that_it_might_have_had(tmp_path):
+    """80 nats of one tap, integer delay: a tail's many taps explain as much, and only what each pays for tells them apart."""
+    world = World(0)
+    gain = np.sqrt(80 / len(world.n)) * world.noise_rms * np.exp(3.3j)
+    y = world.noisy(world.clean() + gain * world.path(5))
+    document = diagnose(read_case(world.write(tmp_path / "case", y)), budget_s=300).document
+    assert [e["family"] for e in document["effects"]] == ["extra_path"] and not document["ambiguous"]

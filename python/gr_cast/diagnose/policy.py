@@ -263,6 +263,7 @@ MOST_JUMPS = 6  # in one recording: with more the path of its delay is a slope, 
 VIEW_JUMP_NATS = 10.0  # by which two parts must be likelier than one
 POINTS, SLOW_POINTS = 8192, 1024  # of a gain's course that show a hum's harmonics
 HARMONICS = (1, 2, 3, 5, 8)
+STILL = 2.0  # places of an echo that stands still for each delay: it may as well turn
 ECHO_SEGMENTS = 32  # stretches of time in which an echo is looked for at least: Dopplers up to 16 cycles over the recording
 ECHO_CELLS = 1 << 19  # stretches times delays, up to which faster ones are looked for
 SHORT_HUM = 200.0  # cycles over the recording up to which a hum is looked for, however short it is

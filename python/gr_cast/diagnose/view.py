@@ -24,6 +24,7 @@ from .policy import (
     SKIRT,
     SLOW_HUMS,
     SLOW_POINTS,
+    STILL,
     UNSIGNED,
     VIEW_AROUND,
     VIEW_JUMP_NATS,
@@ -187,9 +188,10 @@ class View:
             c[m] = np.conj(both[: spread - low][::-1])
         return c, np.arange(low, spread)
 
-    def echoes(self, code, count: int, fastest: float = 0.0) -> list[tuple[float, float, float]]:
+    def echoes(self, code, count: int, fastest: float = 0.0) -> list[tuple[float, float, float, float]]:
         """The strongest (delay in samples on the taps' scale, Doppler in cycles, up to `fastest` where the waveform's delays
-        leave room, places tried up to that Doppler) in which the residual holds the waveform once more."""
+        leave room, places tried for one that stands still, and up to that Doppler) in which the residual holds the waveform once
+        more."""
         source = self.scene.sources[code] if isinstance(code, int) else self.scene.extra[code]
         segments = self._echo_segments(source, fastest)
         c, lags = self.correlations(code, self.residual * np.conj(self.carrier_of(code)), segments)
@@ -207,7 +209,7 @@ class View:
             if source.repeat:
                 size = len(source.samples)
                 delay = (delay + size / 8) % size - size / 8
-            found.append((delay, float(cycles[k]), float(places[k])))
+            found.append((delay, float(cycles[k]), STILL * len(lags), float(places[k])))
             nats[:, np.abs(lags - lags[d]) <= 2] = -np.inf
         return found
 

@@ -41,9 +41,9 @@ class ExtraPath(Family):
     def starts(self, view):
         for i in range(len(view.scene.sources)):
             fastest = FASTEST * (view.scene.carrier_hz or 0.0) * view.scene.duration_s
-            for delay, doppler, trials in view.echoes(i, count=2, fastest=fastest):
+            for delay, doppler, places, trials in view.echoes(i, count=2, fastest=fastest):
                 still = abs(doppler) < 0.3 or self._too_fast(view.scene, doppler)
-                yield start(self, [0, 0, delay, 0.0], free=[1, 1, 1, 0], aux={"source": i}, trials=trials)
+                yield start(self, [0, 0, delay, 0.0], free=[1, 1, 1, 0], aux={"source": i}, trials=places)
                 yield start(self, [0, 0, delay, 0.0 if still else doppler], aux={"source": i}, trials=trials * 4)
 
     @staticmethod

@@ -65,8 +65,8 @@ class SecondTransmitter(Family):
 
     def starts(self, view):
         for code in view.scene.extra:
-            for delay, doppler, trials in view.echoes(code, count=1):
-                yield start(self, [0, 0, delay, 0.0], free=[1, 1, 1, 0], aux={"code": code}, trials=trials)
+            for delay, doppler, places, trials in view.echoes(code, count=1):
+                yield start(self, [0, 0, delay, 0.0], free=[1, 1, 1, 0], aux={"code": code}, trials=places)
                 if abs(doppler) > 0.3:
                     yield start(self, [0, 0, delay, doppler], aux={"code": code}, trials=trials)
                 if not view.scene.extra[code].repeat:  # of a repeated code, echoes could be those of any other
@@ -78,7 +78,7 @@ class SecondTransmitter(Family):
                             free=[1, 1, 0, 1, *[1] * many],
                             aux={"code": code, "lags": ECHOES},
                             prior=[1.0, 1.0, 1.0, 100.0, *np.repeat(1.0 / (1.0 + np.abs(ECHOES)) ** 1.5, 2)],
-                            trials=trials,
+                            trials=trials if turn else places,
                         )
 
     def settled(self, scene, effect):
