@@ -100,6 +100,28 @@ def test_without_buildbot_the_line_that_installs_it_is_told(tmp_path, monkeypatc
         server.python()
 
 
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        ("sqlite:///state.sqlite", None),
+        (
+            "postgresql+pg8000://ci@host/ci",
+            "--database: its driver pg8000 is not beside Buildbot: .*python.* -m pip install pg8000$",
+        ),
+        ("ci@host", "--database: got 'ci@host': Could not parse"),
+    ],
+)
+def test_a_database_that_buildbot_cannot_open_is_one_line_that_says_what_to_install(address, words):
+    try:
+        server.python()
+    except CastError as error:
+        pytest.skip(f"NO BUILDBOT: {error}")
+    if words is None:
+        return server.check_database(address)
+    with pytest.raises(CastError, match=words):
+        server.check_database(address)
+
+
 def test_jenkins_job_builder_makes_a_job_that_calls_the_program_for_the_commit(tmp_path):
     tool = shutil.which("jenkins-jobs")
     if tool is None:

@@ -21,7 +21,7 @@ def judge(repository: dict) -> util.BuildFactory:
 
 
 BuildmasterConfig = c = {
-    "title": "Commits on twin and testbed",
+    "title": "Twin and testbed",
     "titleURL": TOLD["page"],
     "buildbotURL": TOLD["address"],
     "buildbotNetUsageData": None,

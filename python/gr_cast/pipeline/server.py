@@ -13,6 +13,17 @@ from .source import Source
 
 CONFIGURATION = Path(__file__).with_name("master_cfg.py")
 PROTOCOL = "tcp:9989"
+_DRIVERS = {"psycopg": "'psycopg[binary]'", "psycopg2": "psycopg2-binary"}  # how PyPI calls what is imported
+# Asked of Buildbot's own Python, which alone has SQLAlchemy: the module that an address needs, where it is missing.
+_DRIVER = """
+import sys, sqlalchemy
+try:
+    sqlalchemy.create_engine(sys.argv[1])
+except ModuleNotFoundError as error:
+    print(error.name)
+except Exception as error:
+    sys.exit(str(error).splitlines()[0])
+"""
 
 
 def python() -> Path:
@@ -46,8 +57,20 @@ def settings(
     }
 
 
+def check_database(address: str) -> None:
+    """Raises CastError where it is no address of a database, or its driver is not beside Buildbot."""
+    found = python()
+    done = subprocess.run([str(found), "-c", _DRIVER, address], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise CastError(f"--database: got {address!r}: {done.stderr.strip()}")
+    if driver := done.stdout.strip():
+        package = _DRIVERS.get(driver, driver)
+        raise CastError(f"--database: its driver {driver} is not beside Buildbot: {found} -m pip install {package}")
+
+
 def prepared(folder: Path, told: dict) -> list[str]:
     """The words that start a master in `folder`, which is made, or brought up to date, with its configuration checked."""
+    check_database(told["database"])
     buildbot = str(python().with_name("buildbot"))
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / "server.json", told)
