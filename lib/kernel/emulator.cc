@@ -174,7 +174,7 @@ void emulator::schedule(link_update update, uint64_t earliest)
         d_late++;
     const uint64_t at = std::max(update.at.value_or(earliest), earliest);
     update.at = at;
-    d_pending.emplace(at, std::move(update));
+    d_pending[at].push_back(std::move(update));
     if (at == d_position)
         apply_due();
 }
@@ -249,21 +249,27 @@ void emulator::apply(link_update&& update)
         l.slope = sum_by_delay(l.taps, now, -1.0f);
         l.ramp_begin = d_position;
         l.ramp_end = d_position + update.ramp;
+        d_ramps |= !l.slope.empty();
     }
 }
 
 // Brings every change due at d_position into force, in the order in which they came.
 void emulator::apply_due()
 {
-    for (std::size_t i = 0; i < d_links.size(); i++) {
+    const bool ramps_before = std::exchange(d_ramps, false);
+    for (std::size_t i = 0; ramps_before && i < d_links.size(); i++) {
         link& l = d_links[i];
         if (!l.slope.empty() && l.ramp_end <= d_position) {
             l.slope.clear();
             d_changed[i / d_config.n_inputs] = true;
         }
+        d_ramps |= !l.slope.empty();
     }
-    while (!d_pending.empty() && d_pending.begin()->first <= d_position)
-        apply(std::move(d_pending.extract(d_pending.begin()).mapped()));
+    while (!d_pending.empty() && d_pending.begin()->first <= d_position) {
+        const auto due = d_pending.extract(d_pending.begin());
+        for (link_update& update : due.mapped())
+            apply(std::move(update));
+    }
 }
 
 void emulator::mixture::clear()
@@ -352,9 +358,10 @@ uint64_t emulator::next_change(uint64_t limit) const
 {
     if (!d_pending.empty())
         limit = std::min(limit, d_pending.begin()->first);
-    for (const link& l : d_links)
-        if (!l.slope.empty())
-            limit = std::min(limit, l.ramp_end);
+    if (d_ramps)
+        for (const link& l : d_links)
+            if (!l.slope.empty())
+                limit = std::min(limit, l.ramp_end);
     return limit;
 }
 

@@ -115,7 +115,6 @@ public:
     uint64_t n_processed() const { return d_position; }
     uint64_t n_late() const { return d_late; }
     uint64_t n_clipped() const { return d_clipped; }
-    std::size_t n_pending() const { return d_pending.size(); }
     int n_active_links() const;
     int n_active_taps() const;
     std::string plan() const;
@@ -177,7 +176,9 @@ private:
     const std::shared_ptr<shelf> d_spare = std::make_shared<shelf>();
     std::vector<std::shared_ptr<recipe>> d_recipes;
     std::vector<bool> d_changed;
-    std::multimap<uint64_t, link_update> d_pending; // equal samples keep their order: the last wins
+    // By their sample; equal samples keep their order: the last wins.
+    std::map<uint64_t, std::vector<link_update>> d_pending;
+    bool d_ramps = false; // some link has a slope
     uint64_t d_position = 0;
     uint64_t d_late = 0;
     std::atomic<uint64_t> d_clipped{0};
