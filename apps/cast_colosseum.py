@@ -186,7 +186,12 @@ def run(args) -> int:
 def image_list(args) -> int:
     """The images that a job may name."""
     here = storage.storage_of(Path("x"), args.team or Path.cwd())
-    for name, path in sorted(here.images().items()):
+    images = here.images()
+    if not images:
+        print(
+            f"none yet: {called('cast_colosseum')} image build {here.image_folders[0] / 'cast.tar.gz'} makes the CaST container"
+        )
+    for name, path in sorted(images.items()):
         print(f"{name:31s} {path.stat().st_size / 1e6:9.1f} MB  {path}")
     return 0
 

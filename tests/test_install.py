@@ -39,6 +39,20 @@ def test_an_installed_program_runs_with_no_environment(prefix, tmp_path):
     assert Path(found.strip()).is_relative_to(prefix)
 
 
+def test_every_file_of_the_package_is_installed_with_its_run_bits(prefix):
+    """Git is the judge of what the package is: a container that an install builds had no radio API."""
+    told = subprocess.run(["git", "-C", ROOT, "ls-files", "-s", "python/gr_cast"], capture_output=True, text=True)
+    if told.returncode or not told.stdout:
+        pytest.skip("NO GIT REPOSITORY: what belongs to the package is not known")
+    installed = next(prefix.rglob("gr_cast/__init__.py")).parent
+    for line in told.stdout.splitlines():
+        about, name = line.split("\t")
+        path = installed / Path(name).relative_to("python/gr_cast")
+        if "bindings" not in path.parts and path.name != "CMakeLists.txt":
+            assert path.is_file(), f"{name} is not installed"
+            assert not about.startswith("100755") or os.access(path, os.X_OK), f"{name} has no run bit"
+
+
 def test_another_module_can_link_the_library(prefix, tmp_path):
     (tmp_path / "CMakeLists.txt").write_text(
         "cmake_minimum_required(VERSION 3.18)\nproject(user CXX)\nfind_package(gnuradio-cast REQUIRED)\n"
