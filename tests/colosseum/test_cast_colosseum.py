@@ -100,3 +100,9 @@ def test_the_page_shows_what_scripts_print_as_text():
          "events": [{"at_s": 0.0, "event": "begin"}], "nodes": [node], "emulator": None, "traffic": []}
     )  # fmt: skip
     assert "<script>" not in text and "&lt;script&gt;" in text and "<b>" not in text and "a &lt; b" in text and "<j>" not in text
+
+
+def test_a_team_without_images_is_told_what_makes_one(tmp_path):
+    (tmp_path / "team").mkdir()
+    told = colosseum("image", "list", "--team", tmp_path / "team").stdout
+    assert told.startswith("none yet: ") and f"image build {tmp_path / 'team' / 'images' / 'cast.tar.gz'} makes" in told
