@@ -85,10 +85,11 @@ def test_a_fit_turns_where_the_energy_falls(gain):
         assert -2 * column @ rows == pytest.approx(slope, rel=1e-3, abs=1e-3)
 
 
-@pytest.mark.parametrize("meter", [Meter(top_db=-69.0), Meter(floor_db=-72.0), Meter(step_db=4.0)])
+@pytest.mark.parametrize("meter", [Meter(top_db=-69.0), Meter(floor_db=-72.0), Meter(step_db=4.0), Meter(noise_db=-70.0)])
 def test_a_scale_that_ends_is_censored_and_hides_no_gain(meter):
     mean_db, power_db = _readings()
-    read = np.clip(power_db + 2.0, meter.floor_db, meter.top_db)
+    read = 10 * np.log10(10 ** ((power_db + 2.0) / 10) + 10 ** (meter.noise_db / 10))
+    read = np.clip(read, meter.floor_db, meter.top_db)
     read = np.round(read / meter.step_db) * meter.step_db if meter.step_db else read
     ear = _ear(read, "common")
     with_meter, without = ear.profiled(_expected(mean_db, meter=meter)), ear.profiled(_expected(mean_db))
@@ -98,7 +99,8 @@ def test_a_scale_that_ends_is_censored_and_hides_no_gain(meter):
     for shift in (1.5, 2.5):
         fits = [wide.profiled(_expected(mean_db + shift + d, meter=meter)) for d in (0.0, step, -step)]
         slope = (fits[1].energy - fits[2].energy) / (2 * step)
-        column = wide.columns(fits[0], _expected(mean_db), _expected(mean_db + 1.0), 1.0)
+        here, moved = (_expected(mean_db + shift + d, meter=meter) for d in (0.0, 1e-4))
+        column = wide.columns(fits[0], here, moved, 1e-4)
         assert -2 * column @ wide.rows(fits[0]) == pytest.approx(slope, rel=1e-3, abs=1e-3)
 
 
@@ -234,6 +236,14 @@ def _faded(power_db, random, at_m):
     ray = np.linalg.cholesky(np.exp(-((gap_m / 0.6) ** 2)) + 1e-9 * np.eye(40)) @ (random.normal(size=(40, 2)) @ [1, 1j])
     power_db[1] += 20 * np.log10(np.abs(np.sqrt(2) + ray / np.sqrt(2)) / np.sqrt(3))
     return power_db
+
+
+def test_a_meter_that_hears_its_own_noise_is_found_and_named():
+    found = _round(
+        lambda power_db, random, at_m: 10 * np.log10(10 ** (power_db / 10) + 10**-6.2) + random.normal(0, 0.3, (3, 40))
+    )
+    assert list(found) == [("meter_limits", "b")]
+    assert found["meter_limits", "b"].values == pytest.approx([-62.0], abs=0.5)
 
 
 def test_a_fading_link_is_found_and_named():

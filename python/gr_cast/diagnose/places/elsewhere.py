@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...twin.places.families.additions import MissingObject
 from ...twin.places.families.base import Effect
 from ...twin.places.families.objects import ExtraObject, ObjectMoved
 from ...twin.places.world import World
 from . import policy
 from .ears import thinned
-from .fit import Model, applied, evaluated, fitted, replaced, with_effect, without_effects
+from .fit import Model, applied, evaluated, fitted, with_effect
 
 _MOVED, _GONE = ObjectMoved(), ExtraObject()
 _SHIFTS_M = np.arange(0.25, 4.6, 0.25)  # of a face, either way, from its place
@@ -20,14 +19,9 @@ _WITHIN_M = 0.15  # around those that are best
 _BEST = 3
 
 
-def rather(ears: Sequence, model: Model, budget) -> Model:
-    """The model, whose last effect may be something new, or a likelier one with an object there that nobody sees at its place."""
-    number = len(model.effects) - 1
-    if not isinstance(model.effects[number].family, MissingObject):
-        return model
-    rest = without_effects(ears, model, [number])
-    trials = [fitted(ears, replaced(ears, model, number, one)) for one in moves(ears, rest, budget)]
-    return min((model, *trials), key=lambda one: one.energy)
+def instead(ears: Sequence, model: Model, budget) -> list[Model]:
+    """The model with one effect more, fitted: an object that nobody sees at its place stands where it explains most."""
+    return [fitted(ears, with_effect(ears, model, one)) for one in moves(ears, model, budget)[:1]]
 
 
 def moves(ears: Sequence, rest: Model, budget) -> list[Effect]:

@@ -14,6 +14,7 @@ from .ears import PowerEar
 from .likelihood import Heard, profiled
 
 NEW = "new"
+_SECOND = 1.5  # of the carrier, that a second one may be
 
 
 def where_to_sound(ears, hypotheses, unknown: dict):
@@ -28,6 +29,8 @@ def where_to_sound(ears, hypotheses, unknown: dict):
         if nats > best:
             best, place = nats, position_m
     if place is None or best < policy.SEPARATED_NATS:
+        if separation_nats(heard, [replace(one, carrier_hz=_SECOND * one.carrier_hz) for one in hypotheses], unknown) > best:
+            return "second_carrier"
         return "calibrate_gain" if unknown["gain"] != "none" else "wider_band"
     why = f"sounding from here with all nodes tells both apart by {best:.0f} nats"
     return {"node": NEW, "position_m": [round(float(x), 3) for x in place], "why": why}
@@ -42,13 +45,13 @@ def positions(world: World) -> list[np.ndarray]:
     return [*tries[standing(world, tries)]][: policy.POSITIONS]
 
 
-def separation_nats(heard: Heard, hypotheses, unknown: dict, position_m: np.ndarray) -> float:
-    """Nats between both worlds in one response per link, of a new node with all others and of the links that were sounded."""
-    node = Radio(node=Node(name=NEW, waypoints_m=position_m))
-    worlds = [replace(world, radios={**world.radios, NEW: node}) for world in hypotheses]
-    old = list(dict.fromkeys(heard.links))
-    names = sorted({name for link in old for name in link})
-    links = [(NEW, name) for name in names] + old
+def separation_nats(heard: Heard, hypotheses, unknown: dict, position_m: np.ndarray | None = None) -> float:
+    """Nats between both worlds in one response per link, of the links that were sounded, and of a new node with all others."""
+    worlds, links = hypotheses, list(dict.fromkeys(heard.links))
+    if position_m is not None:
+        node = Radio(node=Node(name=NEW, waypoints_m=position_m))
+        worlds = [replace(world, radios={**world.radios, NEW: node}) for world in hypotheses]
+        links = [(NEW, name) for name in sorted({name for link in links for name in link})] + links
     predictor = Predictor(*zip(*links, strict=True), np.zeros(1), heard.frequency_hz)
     first, second = (predictor.response(world) for world in worlds)
     noise = float(np.exp(-np.mean(np.log(heard.weight[heard.weight > 0]))))

@@ -11,7 +11,7 @@ from scipy.linalg import solve_triangular
 from scipy.special import log_ndtr
 
 from ...core.units import db_from_power
-from ...twin.places.meters import Fading, Meter
+from ...twin.places.meters import DB_PER_NEPER, Fading, Meter
 from ...twin.places.predict import Predictor
 from ...twin.places.world import World
 from .likelihood import Fitted, incidence
@@ -43,11 +43,14 @@ class Spread:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PowerFit(Fitted):
-    """`rows` (L, T) and their `slope` after the mean; fading links have their `spread` instead."""
+    """`rows` (L, T) and their `slope` after what the meter reads in the mean; fading links have their `spread` instead.
+    `shift` (L,): the unknown gains. `share` (L, T): by how much that mean follows the power that comes."""
 
     rows: np.ndarray
     slope: np.ndarray
     spread: tuple[Spread | None, ...]
+    shift: np.ndarray
+    share: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,18 +88,19 @@ class PowerEar:
         design = self._design
         spread = tuple(self._spread(link, *one) if one else None for link, one in enumerate(expected.fading))
         shift = np.zeros(design.shape[1])
-        model, rows, slope, extra = self._rows(expected, spread, design @ shift)
+        model, rows, slope, extra, share = self._rows(expected, spread, design @ shift)
         is_curved = self.limits_db is not None or any(expected.meters)
         for _ in range((_ROUNDS if is_curved else 1) if design.shape[1] else 0):
-            j = np.stack([self._turned(slope, spread, np.broadcast_to(d[:, None], rows.shape)).ravel() for d in design.T], 1)
+            j = np.stack([self._turned(slope, spread, d[:, None] * share).ravel() for d in design.T], 1)
             step = np.linalg.lstsq(j, -rows.ravel(), rcond=1e-9)[0]
             shift = shift + step
-            model, rows, slope, extra = self._rows(expected, spread, design @ shift)
+            model, rows, slope, extra, share = self._rows(expected, spread, design @ shift)
         residual = np.where(self.weight[:, :, 0] > 0, self.power_db[:, :, 0] - model, 0.0)
         offset = extra + sum(one.nats for one in spread if one)  # what is no residual's
         return PowerFit(
             model=model[:, :, None], residual=residual[:, :, None], energy=float((rows**2).sum()) + offset, offset=offset,
             factor=np.ones_like(self.power_db), rows=rows, slope=slope, spread=spread,
+            shift=design @ shift, share=share,
         )  # fmt: skip
 
     @property
@@ -119,8 +123,10 @@ class PowerEar:
         return Spread(fading=fading, blocks=tuple(blocks), nats=nats)
 
     def _rows(self, expected: Expected, spread, shift: np.ndarray):
-        """Model as it is read, rows, slopes after the mean, and nats that exact readings of the scale are worth (less than 0)."""
-        mean, y, root = expected.mean_db + shift[:, None], self.power_db[:, :, 0], self.root[:, :, 0]
+        """Model as it is read, rows, slopes after the mean, nats that exact readings of the scale are worth (less than 0), and by
+        how much the mean follows what comes."""
+        y, root = self.power_db[:, :, 0], self.root[:, :, 0]
+        mean, share = _with_noise(expected, shift)
         top, floor, step = self._scales(expected)
         model = np.clip(mean, floor, top)
         model = np.where(step > 0, np.round(model / np.where(step > 0, step, 1)) * step, model)
@@ -135,13 +141,13 @@ class PowerEar:
             if where.any():
                 low, high = ((np.broadcast_to(edge, y.shape)[where] - mean[where]) * z[where] for edge in (below, above))
                 rows[where], slope[where] = _massed(low, high, z[where], (y - mean)[where])
-        own = np.array([meter is not None for meter in expected.meters])[:, None]
+        own = np.array([meter is not None and not np.isfinite(meter.noise_db) for meter in expected.meters])[:, None]
         exact = known & own & ((y >= top - _SAME_DB) | (y <= floor + _SAME_DB) | (step > 0))
         for link, one in enumerate(spread):
             if one:
                 rows[link] = self._turned_link(one, np.where(known[link], model[link] - y[link], 0.0))
                 exact[link] = False
-        return model, rows, slope, -_REPEAT_NATS * float(exact.sum())
+        return model, rows, slope, -_REPEAT_NATS * float(exact.sum()), share
 
     def _scales(self, expected: Expected):
         low, high = self.limits_db or (-np.inf, np.inf)
@@ -184,7 +190,8 @@ class PowerEar:
 
     def columns(self, fit: PowerFit, here: Expected, moved: Expected, step: float) -> np.ndarray:
         """Derivative of what is explained; a change of fading changes the covariance beside the mean."""
-        mean = -self._turned(fit.slope, fit.spread, (moved.mean_db - here.mean_db) / step)
+        change = (_with_noise(moved, fit.shift)[0] - _with_noise(here, fit.shift)[0]) / step
+        mean = -self._turned(fit.slope, fit.spread, change)
         more = []
         for link, one in enumerate(fit.spread):
             if one is None:
@@ -200,11 +207,17 @@ class PowerEar:
 
     def nuisance(self, fit: PowerFit) -> list[np.ndarray]:
         zeros = np.zeros(sum(len(part) ** 2 for one in fit.spread if one for part, _ in one.blocks))
-        shape = fit.rows.shape
         return [
-            np.concatenate([-self._turned(fit.slope, fit.spread, np.broadcast_to(d[:, None], shape)).ravel(), zeros])
-            for d in self._design.T
+            np.concatenate([-self._turned(fit.slope, fit.spread, d[:, None] * fit.share).ravel(), zeros]) for d in self._design.T
         ]
+
+
+def _with_noise(expected: Expected, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(L, T) mean of what is read in dB, the meter's own noise with it, and its slope after what comes."""
+    coming = (expected.mean_db + shift[:, None]) / DB_PER_NEPER
+    noise = np.array([-np.inf if meter is None else meter.noise_db for meter in expected.meters])[:, None] / DB_PER_NEPER
+    both = np.logaddexp(coming, noise)
+    return both * DB_PER_NEPER, np.exp(coming - both)
 
 
 def _massed(low: np.ndarray, high: np.ndarray, scale: np.ndarray, side: np.ndarray):

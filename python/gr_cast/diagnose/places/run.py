@@ -12,6 +12,7 @@ from scipy.stats import norm
 from ...core.units import db_from_power
 from ...twin.places.believed import believed
 from ...twin.places.document import Place
+from ...twin.places.families.objects import ObjectMoved
 from . import elsewhere, policy, search, taps
 from .ears import ear, told_of
 from .fit import Model, applied, deviations, evaluated, fitted, without_effects
@@ -19,6 +20,7 @@ from .next_position import where_to_sound
 from .view import View
 
 BUDGET_S = 240.0
+_MOVED = ObjectMoved.name
 _SEARCH_SHARE = 0.6  # of the budget: telling what was found takes its time too
 
 
@@ -137,10 +139,13 @@ def _alike(found: search.Found, number: int, ears, vault, base) -> list[tuple]:
         name = rival.family.name
         if nats < policy.RIVAL_NATS and name not in alike and len(alike) <= policy.MOST_ALIKE:
             alike[name] = name, f"{name} of {rival.owner}", nats, applied(base, [*others, rival])
-    if new := elsewhere.one_more(base, found.model.effects, number):
-        nats = elsewhere.apart_nats((*ears, *vault), world, new)
-        if nats < policy.RIVAL_NATS:
-            alike["missing_object"] = "missing_object", "missing_object like it of place", nats, new
+    if _MOVED in alike:
+        _, words, nats, world = alike[_MOVED]
+        moved = next(one for one in (effect, *(rival for rival, _ in _rivals(found, effect))) if one.family.name == _MOVED)
+        if new := elsewhere.one_more(base, [*others, moved], len(others)):
+            nats += elsewhere.apart_nats((*ears, *vault), world, new)
+            if nats < policy.RIVAL_NATS:
+                alike["missing_object"] = "missing_object", f"something new like what is {words}", nats, new
     return [*alike.values()]
 
 

@@ -147,8 +147,9 @@ def _grown(ears, model: Model, unknown: dict, budget: Budget, others: dict, barr
         least = max(policy.LEAST_EVIDENCE_NATS, model.slack)
         if not better or worth(better[0], model, count, tried) < least:
             break
-        best = elsewhere.rather(ears, better[0], budget)
-        others[best.effects[-1].key] = [one.effects[-1] for one in better if one is not best]
+        better = sorted([*better, *elsewhere.instead(ears, model, budget)], key=lambda one: -worth(one, model, count, tried))
+        best = better[0]
+        others[best.effects[-1].key] = [one.effects[-1] for one in better[1:]]
         model = pruned(ears, best, count, tried)
     return model, tried
 

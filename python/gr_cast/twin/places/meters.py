@@ -13,8 +13,10 @@ DB_PER_NEPER = 10 / np.log(10)  # of power
 
 @dataclass(frozen=True, kw_only=True)
 class Meter:
-    """A receiver's scale: it reads no more than `top_db`, no less than `floor_db`, and in multiples of `step_db`."""
+    """A receiver's scale: it reads no more than `top_db`, no less than `floor_db`, in multiples of `step_db`, and its own noise,
+    `noise_db`, along with what comes."""
 
+    noise_db: float = -np.inf
     top_db: float = np.inf
     floor_db: float = -np.inf
     step_db: float = 0.0

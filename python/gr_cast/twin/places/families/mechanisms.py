@@ -253,7 +253,7 @@ class Attenuation(Family):
         return replace(world, loss_db_per_m=float(effect.values[0]))
 
     def bounded(self, values):
-        return np.clip(values, -1, 20)
+        return np.clip(values, 0, 20)  # nothing on the way gives power
 
     def told(self, view, effect, covariance):
         return {"db_per_m": value(effect.values[0], std_of(covariance, 0))}

@@ -16,6 +16,10 @@ _CROWD = 3.0  # times the readings on the number beside it
 _SAME_DB = 1e-6
 _ROUND_RAD = np.linspace(-np.pi, np.pi, 8, endpoint=False)  # where a body may stand,
 _WIDE_RAD, _TAKES_DB = (0.5, 1.2), 6.0  # how wide it is and what it takes: first guesses
+_LOW, _KNOWN_DB = (
+    0.05,
+    3.0,
+)  # quantile of the readings at which a meter may hear itself; how near that is to a limit that is known
 _LEAST_STEP = 2.0  # of the meter's error: finer steps are inside it
 
 
@@ -90,7 +94,7 @@ class SmallScale(Family):
 
 
 class MeterLimits(Family):
-    """Readings that repeat one number, or all lie on a grid, are the meter's and not the place's."""
+    """Readings that repeat one number, or all lie on a grid, or level off where the meter hears itself, are not the place's."""
 
     name = "meter_limits"
     shows_in_power = True
@@ -104,23 +108,36 @@ class MeterLimits(Family):
 
     def starts(self, view, owner):
         readings, std_db, known = view.readings_of(owner)
-        return [
+        ends = [
             Effect(family=self, owner=owner, values=np.zeros(0), choice=(kind, number, std_db / max(len(readings), 1)))
             for kind, number in scales(readings, std_db, known)
         ]
+        if len(readings) < 2 * _LEAST_REPEATS or (level_db := float(np.quantile(readings, _LOW))) < known[0] + _KNOWN_DB:
+            return ends
+        return [*ends, Effect(family=self, owner=owner, values=np.array([level_db]), choice=("noise_db", level_db, std_db))]
 
     def apply(self, world, effect):
         kind, number, _ = effect.choice
+        number = float(effect.values[0]) if len(effect.values) else number
         meter = replace(world.meters.get(effect.owner, Meter()), **{kind: number})
         return replace(world, meters={**world.meters, effect.owner: meter})
 
     def told(self, view, effect, covariance):
         kind, number, std = effect.choice
+        if len(effect.values):
+            number, std = float(effect.values[0]), std_of(covariance, 0)
         return {"step_db" if kind == "step_db" else "level_db": value(number, std)}
+
+    def steps(self, world, effect):
+        return np.full(len(effect.values), 1e-4)
 
     def sentence(self, effect, told):
         kind, number, _ = effect.choice
-        word = {"top_db": "saturates at", "floor_db": "reads nothing below", "step_db": "reads in steps of"}[kind]
+        number = float(effect.values[0]) if len(effect.values) else number
+        word = {
+            "top_db": "saturates at", "floor_db": "reads nothing below", "step_db": "reads in steps of",
+            "noise_db": "reads its own noise with what comes, as much as",
+        }[kind]  # fmt: skip
         return f"The meter of {effect.owner} {word} {number:.4g} dB."
 
 
