@@ -3,7 +3,8 @@
 """How fast the channel emulator is: against networks of stock filters and this machine, and how it grows.
 
 All figures of a row are measured in turns, the best turn of each counts, so that their ratios hold anywhere: the
-other turns met somebody else's work. The cost of updates is processor time, with and without them in turns.
+other turns met somebody else's work. The cost of updates is processor time, with and without them in turns. Where
+others work beside it, processor time of a flowgraph (all threads, kernel too) says more than its rate.
 """
 
 import argparse
@@ -45,15 +46,19 @@ def dense(delays, gains):
     return taps
 
 
-def best_rates(runs, clock=time.perf_counter):
-    """Samples per second of the best turn of every run, {name: (samples, run)}, the runs taking turns."""
+def best_turns(runs):
+    """Samples per second, and nanoseconds of processor time per sample, of every run's best turns, the runs taking turns.
+
+    runs: {name: (samples, run)}.
+    """
     took = {name: [] for name in runs}
     for _ in range(TURNS):
         for name, (_, run) in runs.items():
-            begin = clock()
+            begin = time.perf_counter(), time.process_time()
             run()
-            took[name].append(clock() - begin)
-    return {name: samples / min(took[name]) for name, (samples, _) in runs.items()}
+            took[name].append((time.perf_counter() - begin[0], time.process_time() - begin[1]))
+    rates = {name: samples / min(wall for wall, _ in took[name]) for name, (samples, _) in runs.items()}
+    return rates, {name: min(cpu for _, cpu in took[name]) * 1e9 / samples for name, (samples, _) in runs.items()}
 
 
 def loaded_kernel(links, nodes, threads, chunk):
@@ -147,7 +152,8 @@ def bare(top, heads, sinks):
 def memory_rate():
     """Bytes per second of a copy that no cache holds, read and written."""
     source, target = np.ones(1 << 25), np.empty(1 << 25)
-    return best_rates({"copy": (2 * source.nbytes, lambda: np.copyto(target, source))})["copy"]
+    rates, _ = best_turns({"copy": (2 * source.nbytes, lambda: np.copyto(target, source))})
+    return rates["copy"]
 
 
 def measure_row(nodes, n_taps, fma_peak, progress):
@@ -166,7 +172,8 @@ def measure_row(nodes, n_taps, fma_peak, progress):
         "stock_fir": flow_run(nodes, int(seconds * 8e6 / nodes**1.8), fir),
         "bare_streams": flow_run(nodes, int(seconds * 2e8 / nodes), bare),
     }
-    row = {"nodes": nodes, "taps": n_taps, "plan": plan, **best_rates(runs)}
+    rates, cpu_ns = best_turns(runs)
+    row = {"nodes": nodes, "taps": n_taps, "plan": plan, **rates, "cpu_ns": cpu_ns}
     # Four real multiply-adds per complex tap, where the kernel is the direct form.
     direct = 4 * nodes * n_taps * nodes * row["kernel_one_core"]
     row["fma_share"] = direct / fma_peak if "sparse" in plan else None
@@ -187,9 +194,10 @@ def main(argv=None):
     gr.logging().set_default_level(gr.log_levels.warn)  # a line per flowgraph would bury the table
     fma_peak, memory = blocks.fma_rate(), memory_rate()
     print(f"{THREADS} cores; one core: {fma_peak / 1e9:.1f} G multiply-adds/s; memory {memory / 1e9:.1f} GB/s")
-    print("MS/s per node; ratios to the stock FFT and FIR networks")
+    print("MS/s per node; ratios to the stock FFT and FIR networks; cpu: ns of processor time per sample of all nodes")
     header = f"{'nodes':>5} {'taps':>4} {'kernel':>8} {'/fft':>6} {'1 core':>8} {'cores':>6} {'of FMA':>6} "
-    print(header + f"{'flow':>8} {'/fft':>6} {'/fir':>7} {'stock fft':>9} {'stock fir':>9} {'bare':>6}")
+    header += f"{'flow':>8} {'/fft':>6} {'/fir':>7} {'stock fft':>9} {'stock fir':>9} {'bare':>6} "
+    print(header + f"{'flow cpu':>8} {'fft cpu':>8} {'ratio':>6}")
     rows = []
     for n_taps in (4, N_TAPS):
         for nodes in arguments.nodes:
@@ -202,7 +210,8 @@ def main(argv=None):
                 f"{row['kernel_one_core'] / 1e6:8.2f} {row['kernel'] / row['kernel_one_core']:6.2f} {share} "
                 f"{row['flowgraph'] / 1e6:8.2f} {row['flowgraph'] / row['stock_fft']:6.1f} "
                 f"{row['flowgraph'] / row['stock_fir']:7.1f} {row['stock_fft'] / 1e6:9.2f} "
-                f"{row['stock_fir'] / 1e6:9.3f} {row['bare_streams'] / 1e6:6.1f}",
+                f"{row['stock_fir'] / 1e6:9.3f} {row['bare_streams'] / 1e6:6.1f} {row['cpu_ns']['flowgraph']:8.1f} "
+                f"{row['cpu_ns']['stock_fft']:8.1f} {row['cpu_ns']['stock_fft'] / row['cpu_ns']['flowgraph']:6.1f}",
                 flush=True,
             )
     result = {"cores": THREADS, "fma_per_second": fma_peak, "memory_bytes_per_second": memory, "rows": rows}
