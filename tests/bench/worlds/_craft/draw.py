@@ -379,7 +379,7 @@ def null(world, rng, folder, kind, plan, families=None):
             c = make(world, rng, f, scene, form=None if f != "carrier_frequency_offset" else "still")
             c.low = 1e-9
             c, x = sized(c, [scene], [predicted], 10 ** rng.uniform(-1.5, -0.3))
-            if 0 < x < 1:
+            if 0.01 < x < 1:  # what cannot be brought to its strength shows in the noise, may be
                 causes.append(c)
                 shown.append(x)
     elif how in ("listed", "refined"):
