@@ -61,13 +61,20 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
     everything = (*ears, *vault)
     before, after = evaluated(everything, base, ()), evaluated(everything, base, model.effects)
     view = View(ears, model, place.unknown)
-    open_ = _ambiguous(found, ears, vault, base, place)
+    alike = [_alike(found, number, ears, vault, base) for number in range(len(model.effects))]
+    open_ = _ambiguous(alike, ears, place)
     clean = found.deviations < policy.CLEAN_DEVIATIONS and not pathless
     told = evaluated(vault, base, model.effects) if vault else None
     covariances = [_doubt(found, ears, clean) * own for own in deviations(ears, model)]
     effects = [
         _entry(
-            view, found, cause, covariances[cause[0]], clean, told and without_effects(vault, told, cause).energy - told.energy
+            view,
+            found,
+            cause,
+            covariances[cause[0]],
+            clean,
+            told and without_effects(vault, told, cause).energy - told.energy,
+            [nats for _, _, nats, _ in alike[cause[0]][1:]],
         )
         for cause in causes(view, model.effects)
     ]
@@ -113,21 +120,17 @@ def _rivals(found: search.Found, effect) -> list:
     return [(rival, nats) for rival, nats in found.rivals.get(effect.key, ()) if not _is_nested(effect, rival)]
 
 
-def _ambiguous(found: search.Found, ears, vault, base, place: Place) -> list[dict]:
+def _ambiguous(alike: list, ears, place: Place) -> list[dict]:
     """Every two that explain alike, and what tells these two apart."""
-    out = []
-    for number in range(len(found.model.effects)):
-        for (name, words, nats, world), (other, others_words, more, rival) in itertools.combinations(
-            _alike(found, number, ears, vault, base), 2
-        ):
-            out.append(
-                {
-                    "families": [name, other],
-                    "why": f"{words} and {others_words} explain the soundings alike, {more - nats:.1f} nats apart.",
-                    "record_next": where_to_sound(ears, [world, rival], place.unknown),
-                }
-            )
-    return out
+    return [
+        {
+            "families": [name, other],
+            "why": f"{words} and {others_words} explain the soundings alike, {more - nats:.1f} nats apart.",
+            "record_next": where_to_sound(ears, [world, rival], place.unknown),
+        }
+        for ones in alike
+        for (name, words, nats, world), (other, others_words, more, rival) in itertools.combinations(ones, 2)
+    ]
 
 
 def _alike(found: search.Found, number: int, ears, vault, base) -> list[tuple]:
@@ -159,7 +162,7 @@ def causes(view: View, effects) -> list[list[int]]:
 
 
 def _entry(
-    view: View, found: search.Found, cause: list[int], covariance: np.ndarray, clean: bool, vault_nats: float | None
+    view: View, found: search.Found, cause: list[int], covariance: np.ndarray, clean: bool, vault_nats: float | None, alike: list
 ) -> dict:
     effect = found.model.effects[cause[0]]
     told = effect.family.told(view, effect, covariance)
@@ -183,7 +186,9 @@ def _entry(
             "runner_up": rivals[0][0].family.name if rivals else None,
             "runner_up_margin_nats": margin,
         },
-        "confidence": _confidence(effect, gain, rivals, vault_nats, clean, found),
+        "confidence": _confidence(
+            effect, gain, [nats for rival, nats in rivals if rival.key != effect.key] + alike, vault_nats, clean, found
+        ),
         "sentence": effect.family.sentence(effect, told),
     }
 
@@ -193,9 +198,10 @@ def _alternatives(effect, rivals) -> dict:
     return {"alternatives": names} if names else {}
 
 
-def _confidence(effect, gain: float, rivals: list, vault_nats: float | None, clean: bool, found: search.Found) -> float:
-    """Probability that family and owner are right; `vault_nats`: by which it predicts what took no part in fitting it."""
-    margin = min((nats for rival, nats in rivals if rival.key != effect.key), default=None)
+def _confidence(effect, gain: float, behind: list, vault_nats: float | None, clean: bool, found: search.Found) -> float:
+    """Probability that family and owner are right; `behind`: nats of what else it may be; `vault_nats`: by which it predicts what
+    took no part in fitting it."""
+    margin = min(behind, default=None)
     if margin is None:  # nothing else was compared: there was none, or no time
         margin = policy.RIVAL_NATS / 2 if found.spent else 1e3
     sure = policy.SUREST / (1 + float(np.exp(-np.clip(margin / 2, -30, 30))))
