@@ -241,10 +241,9 @@ void emulator::apply(link_update&& update)
     const auto before = std::exchange(l.taps, std::move(*update.taps));
     const auto slope_before = std::exchange(l.slope, {});
     if (update.ramp > 0) { // in mid-ramp it starts from where the taps are now
-        const double left =
-            slope_before.empty()
-                ? 0
-                : double(l.ramp_end - d_position) / double(l.ramp_end - l.ramp_begin);
+        const double left = slope_before.empty() ? 0
+                                                 : double(l.ramp_end - d_position) /
+                                                       double(l.ramp_end - l.ramp_begin);
         const auto now = sum_by_delay(before, slope_before, -float(left));
         l.slope = sum_by_delay(l.taps, now, -1.0f);
         l.ramp_begin = d_position;
@@ -279,8 +278,7 @@ void emulator::mixture::clear()
 }
 
 // Adds a link's taps, as they are heard, to `made_of`.
-void emulator::hear(int input, const link& l, const std::vector<tap>& taps,
-                    mixture& made_of) const
+void emulator::hear(int input, const link& l, const std::vector<tap>& taps, mixture& made_of) const
 {
     if (taps.empty())
         return;
@@ -443,12 +441,12 @@ double emulator::choose(pieces& all, uint64_t first, std::size_t n) const
     return sparse;
 }
 
-void emulator::process(const sample* const* in, sample* const* out, std::size_t n,
-                       levels* measured)
+void emulator::process(const sample* const* in, sample* const* out, std::size_t n, levels* measured)
 {
     std::vector<const sample*> x(in, in + d_config.n_inputs);
     std::vector<sample*> y(out, out + d_config.n_outputs);
-    // All threads wait for each other at a round's end; converted inputs had better stay in the cache.
+    // All threads wait for each other at a round's end; converted inputs had better stay in the
+    // cache.
     const std::size_t most = (d_fixed_point ? 1 : 4) * max_blocks * d_dense.block();
     for (std::size_t done = 0; done < n;) {
         const std::size_t now = std::min(most, n - done);
@@ -509,8 +507,8 @@ void emulator::finish(int output, sample* out, uint64_t begin, std::size_t n)
     if (d_noise_power[output] > 0)
         add_noise(d_isa, d_config.seed, output, begin, std::sqrt(d_noise_power[output]), out, n);
     if (d_fixed_point)
-        d_clipped += quantize(d_isa, out, d_fixed_point->output_full_scale, d_fixed_point->bits,
-                              out, n);
+        d_clipped +=
+            quantize(d_isa, out, d_fixed_point->output_full_scale, d_fixed_point->bits, out, n);
 }
 
 // Adds the ramps' part to samples that begin at number `begin`.
@@ -605,8 +603,7 @@ void emulator::run_dense(const pieces& all, const sample* const* in, sample* con
                 continue;
             if (p.made_by->filter.taps.empty())
                 without_filter.push_back(p.made_by.get());
-            const int from = (begin - first_here) / block,
-                      to = (end - 1 - first_here) / block + 1;
+            const int from = (begin - first_here) / block, to = (end - 1 - first_here) / block + 1;
             std::fill(needed + from, needed + to, true);
             jobs.push_back({&p, j, &p.made_by->filter, nullptr, from, to - from});
             for (const ramp& slope : p.made_by->ramps)
