@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Joint fit of effects to all soundings: Levenberg-Marquardt over their numbers, what is unknown profiled out."""
 
+from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,6 +16,8 @@ from .likelihood import Fitted
 _DAMPING = 1e-3  # of the first step, times the diagonal
 _WORTH = 0.05  # nats: less than this is no step forward
 _LEAST_POWER = 1e-300
+_WORLDS_KEPT = 200
+_worlds: OrderedDict = OrderedDict()  # by what was applied to which base; with what the key has by its number in memory
 
 
 Ear = ResponseEar | PowerEar
@@ -44,9 +47,20 @@ class Model:
 
 def applied(base: World, effects: Sequence[Effect]) -> World:
     """The world with effects, in their families' order: what changes the mesh or its nodes goes before what reads them."""
-    for effect in sorted(effects, key=lambda e: e.family.order):
-        base = effect.family.apply(base, effect)
-    return base
+    return _applied(base, sorted(effects, key=lambda e: e.family.order))
+
+
+def _applied(base: World, effects: Sequence[Effect]) -> World:
+    """The same world again where nothing changed: what was traced in it is remembered by its mesh."""
+    if not effects:
+        return base
+    key = id(base), *((one.key, one.values.tobytes(), id(one.choice)) for one in effects)
+    if key not in _worlds:
+        _worlds[key] = base, effects, effects[-1].family.apply(_applied(base, effects[:-1]), effects[-1])
+    _worlds.move_to_end(key)
+    while len(_worlds) > _WORLDS_KEPT:
+        _worlds.popitem(last=False)
+    return _worlds[key][-1]
 
 
 def evaluated(ears: Sequence[Ear], base: World, effects: Sequence[Effect]) -> Model:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From residual echoes to rectangles: an image of all planes, coherent refinement of the best, extent by who sees them."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
@@ -14,6 +16,7 @@ _KEPT = 5  # planes that are refined
 _SHIFTS, _TURNS = 240, 41  # of the coherent grid, at most
 _TONES = 10  # of a row that it looks at
 _SEEN_NATS = 4.0  # of a row that a plane is fitted to
+_SIDE_RAD = np.radians(15)  # by which a box's side may be turned from where its shadow has it
 _MARGIN_M = 1.5  # beyond the outermost point that is lit, where nothing says that it ends
 
 
@@ -49,7 +52,38 @@ def sheets(view) -> list[Sheet]:
     return [sheet for _, sheet in sorted(refined, key=lambda pair: -pair[0])[:4]]
 
 
-def _refined(view, normal: np.ndarray, level_m: float):
+def mirrors(view, box: Sheet) -> list[Sheet]:
+    """The box with one of its upright sides where echoes in the residual have it, the best side first."""
+    found = []
+    for number in range(4):
+        side = box.side(number)
+        normal = np.array(side.normal)
+        refined = _refined(view, normal, float(np.array(side.origin_m) @ normal), _SIDE_RAD)
+        if refined is None:
+            continue
+        nats, plane = refined
+        toward = 1.0 if np.array(plane.normal) @ normal > 0 else -1.0
+        normal, u = toward * np.array(plane.normal), toward * np.array(plane.u)
+        middle = np.mean(side.corners_m(), axis=0)
+        middle = middle + ((np.array(plane.origin_m) - middle) @ normal) * normal
+        half, low_m = (side.high_m[0] - side.low_m[0]) / 2, middle[2] - side.high_m[1] / 2
+        found.append(
+            (
+                nats,
+                replace(
+                    side,
+                    origin_m=(middle[0], middle[1], low_m),
+                    normal=tuple(normal),
+                    u=tuple(u),
+                    low_m=(-half, 0.0),
+                    high_m=(half, side.high_m[1]),
+                ),
+            )
+        )
+    return [one for _, one in sorted(found, key=lambda pair: -pair[0])]
+
+
+def _refined(view, normal: np.ndarray, level_m: float, most_rad: float = np.radians(4)):
     """(nats, sheet) of the best rectangle near a plane; None where nothing coherent is there."""
     rows = _rows(view, normal, level_m)
     if len(rows["y"]) < 2:
@@ -69,7 +103,7 @@ def _refined(view, normal: np.ndarray, level_m: float):
     shifts = np.arange(-half, half + 1e-9, wavelength_m / 10)
     step_rad = wavelength_m / 6 / span_m
     turns = step_rad * np.arange(-(_TURNS // 2), _TURNS // 2 + 1)
-    turns = turns[np.abs(turns) <= np.radians(4)]
+    turns = turns[np.abs(turns) <= most_rad]
     shift, turn, amplitude = _coherent(view, rows, origin, normal, u, shifts, turns, strong)
     gain_nats = _evidence(view, rows, origin, normal, u, shift, turn, amplitude)
     tilted = np.cos(turn) * normal - np.sin(turn) * u
@@ -223,29 +257,3 @@ def lit(view, effect):
         return None, 0.0
     ratio = np.concatenate(ratio)
     return points, float(np.mean(db_from_amplitude(np.maximum(ratio, 1e-6))))
-
-
-def passers(view, height_m: float):
-    """(place (2,), velocity (2,)) of things that would explain echoes that move, the best first."""
-    seen = view.echoes
-    if not seen:
-        return []
-    low, high = view.bounds_m
-    resolution_m = SPEED_OF_LIGHT_M_PER_S / seen[0].bins_per_s
-    step_m = float(np.clip(resolution_m * 2, 0.25, 1.0))
-    step_m = max(step_m, float((high - low)[:2].max()) / 60)
-    x, y = (np.arange(low[axis] - 2, high[axis] + 2, step_m) for axis in (0, 1))
-    foot = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-    speeds = np.arange(-2.0, 2.01, 0.4)
-    velocity = np.array([(a, b) for a in speeds for b in speeds if np.hypot(a, b) <= 2.4])
-    scores = imaging.passer_scores(seen, foot, velocity, height_m)
-    found = []
-    for _ in range(3):
-        p, v = np.unravel_index(np.argmax(scores), scores.shape)
-        fine_p = foot[p] + step_m * 0.5 * np.array([(a, b) for a in (-1, -0.5, 0, 0.5, 1) for b in (-1, -0.5, 0, 0.5, 1)])
-        fine_v = velocity[v] + 0.2 * np.array([(a, b) for a in (-1, -0.5, 0, 0.5, 1) for b in (-1, -0.5, 0, 0.5, 1)])
-        fine = imaging.passer_scores(seen, fine_p, fine_v, height_m)
-        i, j = np.unravel_index(np.argmax(fine), fine.shape)
-        found.append((fine_p[i], fine_v[j]))
-        scores[np.linalg.norm(foot - foot[p], axis=1) < 1.5] = -np.inf
-    return found

@@ -79,8 +79,10 @@ def _mean(heard, fit: Fitted, index: int, step: int, columns):
     return (turned * weight).sum(axis=0) / np.where(total > 0, total, 1), total, size.mean(axis=0)
 
 
-def energy(rows_: Sequence[Row], first: np.ndarray, second: np.ndarray = NO_SECOND) -> np.ndarray:
-    """Energy of all rows (len(first), len(second)) over the grid."""
+def energy(
+    rows_: Sequence[Row], first: np.ndarray, second: np.ndarray = NO_SECOND, scale: np.ndarray | float = 1.0
+) -> np.ndarray:
+    """Energy of all rows (len(first), len(second)) over the grid; `scale`: by which all paths grow along it."""
     total = np.zeros((len(first), len(second)), np.float32)
     for row in rows_:
         cross, power = np.zeros(total.shape, np.complex64), np.zeros(total.shape, np.float32)
@@ -93,7 +95,7 @@ def energy(rows_: Sequence[Row], first: np.ndarray, second: np.ndarray = NO_SECO
             model = left.astype(np.complex64) @ right.T.astype(np.complex64) + np.complex64(root * row.rest[k])
             cross += np.complex64(root * row.y[k].conj()) * model
             power += model.real**2 + model.imag**2
-        total += power - 2 * (np.abs(cross) if row.is_free else cross.real)
+        total += scale**2 * power - 2 * scale * (np.abs(cross) if row.is_free else cross.real)
     return total
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...twin.places.families.base import Effect
 from . import elsewhere, policy
+from .ears import thinned
 from .fit import Ear, Model, evaluated, fitted, replaced, with_effect, without_effects
 from .view import View
 
@@ -50,6 +51,7 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
     all had been looked at: the best of a few is no answer."""
     view = View(ears, model, unknown)
     have = {effect.key for effect in model.effects}
+    heard, here, more = _overheard(view)
     screened, tried = [], 0
     for family in view.families:
         for owner in family.owners(view):
@@ -62,31 +64,67 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
             starts = family.starts(view, owner)
             if len(starts) > policy.FULL_STARTS and family.ranks_unfitted:
                 starts = list({id(one): one for one in (*view.ranked(starts)[: policy.FULL_STARTS], starts[0])}.values())
-            screened += [_quick(ears, with_effect(ears, model, start)) for start in starts]
+            screened += [_quick(heard, with_effect(heard, here, start)) for start in starts]
     count = sum(ear.count for ear in ears)
-    stiff = [one.energy for one in screened if not one.effects[-1].family.is_flexible]
-    if stiff and model.energy - min(stiff) > policy.STIFF_SHARE * (model.energy - count):
-        screened = [one for one in screened if not one.effects[-1].family.is_flexible]
-    screened.sort(key=lambda one: -worth(one, model, count, tried))
+
+    def promise(one: Model) -> float:
+        effect = one.effects[-1]
+        gain = here.energy - one.energy - max(0.0, one.loose - here.loose)
+        return more * gain - numbers_price_nats(effect, count)
+
+    screened.sort(key=promise, reverse=True)
     chosen, crowd = [], {}
     for one in screened:
         name = one.effects[-1].family.name
         if crowd.get(name, 0) < policy.FITTED_PER_FAMILY and len(chosen) < policy.FITTED_AFTER_SCREEN:
             crowd[name] = crowd.get(name, 0) + 1
-            chosen.append(one)
-    final = [_settled(ears, one) if not budget.is_spent else one for one in chosen]
+            chosen.append(one if heard is ears else evaluated(ears, model.base, one.effects))
+    final = [_settled(ears, one, budget) for one in chosen]
     return sorted(final, key=lambda one: -worth(one, model, count, tried)), tried
 
 
-def _settled(ears, model: Model) -> Model:
-    """Fitted, and once more from the best of its family's other beginnings."""
-    model = fitted(ears, model)
+def _overheard(view: View) -> tuple[Sequence[Ear], Model, float]:
+    """What candidates are screened on: the soundings, thinned where what is left shows in a part of them just as well; the
+    model there, and how much more the whole says."""
+    count, part = (sum(ear.count for ear in ears) for ears in (view.ears, view.thin))
+    model, more = view.model, count / max(part, 1)
+    if (model.whitened - model.offset - count) / more < policy.SCREENED_NATS:
+        return view.ears, model, 1.0
+    return view.thin, evaluated(view.thin, model.base, model.effects), more
+
+
+def _settled(ears, model: Model, budget: Budget) -> Model:
+    """Fitted, once more from the best of its family's other beginnings, and in its best shape, as far as there is time."""
+    if budget.is_spent:
+        return model
+    model = _begun_anew(ears, fitted(ears, model))
+    shaped = _shaped(ears, model, len(model.effects) - 1, budget)
+    return model if shaped is model else _begun_anew(ears, shaped)
+
+
+def _begun_anew(ears, model: Model) -> Model:
     number = len(model.effects) - 1
-    others = [
-        replaced(ears, model, number, one) for one in model.effects[number].family.restarts(model.base, model.effects[number])
-    ]
-    others = sorted(others, key=lambda one: one.energy)[: policy.FULL_STARTS]
-    return min((model, *(fitted(ears, one) for one in others)), key=lambda one: one.energy)
+    others = model.effects[number].family.restarts(model.base, model.effects[number])
+    if len(others) > policy.MANY_RESTARTS:
+        thin = [thinned(ear, policy.THIN_INSTANTS, policy.THIN_FREQUENCIES) for ear in ears]
+        known = evaluated(thin, model.base, model.effects)
+        others = sorted(others, key=lambda one: replaced(thin, known, number, one).energy)[: policy.FULL_STARTS * 2]
+    trials = sorted((replaced(ears, model, number, one) for one in others), key=lambda one: one.energy)
+    return min((model, *(fitted(ears, one) for one in trials[: policy.FULL_STARTS])), key=lambda one: one.energy)
+
+
+def _shaped(ears, model: Model, number: int, budget: Budget) -> Model:
+    """One effect in the shape that explains best: along one axis after the other, until none gives more."""
+    family = model.effects[number].family
+    for _ in range(policy.RESHAPED):
+        before = model
+        for axis in range(family.shape_axes if not budget.is_spent else 0):
+            trials = [replaced(ears, model, number, one) for one in family.reshaped(model.base, model.effects[number], axis)]
+            model = min((model, *trials), key=lambda one: one.energy)
+        if before.energy - model.energy < policy.SHAPE_NATS:
+            return model
+        model = fitted(ears, model, rounds=policy.SCREEN_ROUNDS, free=[number])
+    return model
 
 
 def _quick(ears, model: Model) -> Model:
@@ -108,9 +146,12 @@ class Found:
 
     @property
     def deviations(self) -> float:
-        """Energy above what noise has, in its standard deviations."""
-        spread = np.sqrt(max(self.count, 1.0)) + self.model.slack
-        return (self.model.whitened - self.model.offset - self.count) / float(spread)
+        return _excess(self.model, self.count)
+
+
+def _excess(model: Model, count: float) -> float:
+    """Energy above what noise has, in its standard deviations."""
+    return float((model.whitened - model.offset - count) / (np.sqrt(max(count, 1.0)) + model.slack))
 
 
 def run(
@@ -124,8 +165,8 @@ def run(
     others: dict = {}
     barred: set = set()
     while True:
-        model, tried = _grown(ears, model, unknown, budget, others, barred, progress)
-        refused = [number for number, nats in enumerate(told_nats(vault, model)) if nats < -policy.REFUSED_NATS]
+        model, tried = _explored(ears, model, unknown, budget, others, barred, progress)
+        refused = _refused(vault, model)
         if not refused:
             break
         barred |= {model.effects[number].key for number in refused}
@@ -134,24 +175,73 @@ def run(
             break
     spent = budget.is_spent
     others = {key: [one for one in found if one.key not in barred] for key, found in others.items()}
-    model, rivals = exchanged(ears, model, others, count, tried, Budget.of(policy.RIVALS_SHARE * budget_s))
+    model, rivals = exchanged(ears, model, others, count, tried, Budget.of(policy.RIVALS_SHARE * budget_s), vault)
     return Found(model=model, start=start, rivals=rivals, tried=tried, count=count, spent=spent)
 
 
-def _grown(ears, model: Model, unknown: dict, budget: Budget, others: dict, barred: set, progress) -> tuple[Model, int]:
-    """The model with effect after effect as long as they pay, none of them `barred`; what came next to each goes to `others`."""
+def _explored(ears, model: Model, unknown: dict, budget: Budget, others: dict, barred: set, progress) -> tuple[Model, int]:
+    """The best model with effects, and how many were tried for the last: where going on with the best each time does not end at
+    noise, what came close to one of the best is gone on with instead, the closest first."""
+    count = sum(ear.count for ear in ears)
+    open_: list[tuple[float, Model]] = []
+    expanded: set = set()
+    best, tried = _grown(ears, model, unknown, budget, others, barred, open_, expanded, progress)
+    while open_ and not budget.is_spent and _excess(best, count) > policy.CLEAN_DEVIATIONS:
+        open_.sort(key=lambda pair: pair[0])
+        other, tried = _grown(ears, open_.pop(0)[1], unknown, budget, others, barred, open_, expanded, progress)
+        best = max(best, other, key=lambda one: evidence(one, count, tried))
+    return best, tried
+
+
+def _grown(
+    ears, model: Model, unknown: dict, budget: Budget, others: dict, barred: set, open_: list, expanded: set, progress
+) -> tuple[Model, int]:
+    """The model with effect after effect as long as they pay, none of them `barred`, and how many were tried; what came next to
+    each goes to `others`, what came close to it, with its regret, to `open_`."""
     count, tried = sum(ear.count for ear in ears), 1
     while len(model.effects) < policy.MOST_EFFECTS and not budget.is_spent:
-        progress(f"looking for effect {len(model.effects) + 1}")
-        better, tried = candidates(ears, model, unknown, budget, barred)
-        least = max(policy.LEAST_EVIDENCE_NATS, model.slack)
-        if not better or worth(better[0], model, count, tried) < least:
+        if (keys := frozenset(effect.key for effect in model.effects)) in expanded:
             break
-        better = sorted([*better, *elsewhere.instead(ears, model, budget)], key=lambda one: -worth(one, model, count, tried))
-        best = better[0]
-        others[best.effects[-1].key] = [one.effects[-1] for one in better[1:]]
+        expanded.add(keys)
+        progress(f"looking for effect {len(model.effects) + 1}")
+        found, tried = candidates(ears, model, unknown, budget, barred)
+        worths = {id(one): worth(one, model, count, tried) for one in found}
+        paying = [one for one in found if worths[id(one)] >= max(policy.LEAST_EVIDENCE_NATS, model.slack)]
+        if not paying:
+            break
+        hidden = elsewhere.instead(ears, model, budget)
+        worths |= {id(one): worth(one, model, count, tried) for one in hidden}
+        found, paying = (sorted([*some, *hidden], key=lambda one: -worths[id(one)]) for some in (found, paying))
+        best = _stiff_first(paying, model, count)
+        known = {best.effects[-1].key}
+        for one in paying:
+            regret = 1 - worths[id(one)] / worths[id(best)]
+            if regret < policy.CLOSE_REGRET and one.effects[-1].key not in known:
+                known.add(one.effects[-1].key)
+                open_.append((regret, one))
+        others[best.effects[-1].key] = [one.effects[-1] for one in found if one is not best]
         model = pruned(ears, best, count, tried)
+        for number in range(len(model.effects) - 1):  # what was found before fits what is known now
+            model = _shaped(ears, model, number, budget)
     return model, tried
+
+
+def _stiff_first(paying: list[Model], model: Model, count: float) -> Model:
+    """The candidate to go on with: the best, but something stiff that explains a good part before random fields, which explain
+    much that they are not."""
+    stiff = [one for one in paying if not one.effects[-1].family.is_flexible]
+    is_good = stiff and model.energy - stiff[0].energy > policy.STIFF_SHARE * (model.energy - count)
+    return stiff[0] if is_good else paying[0]
+
+
+def _refused(vault: Sequence[Ear], model: Model) -> list[int]:
+    """Numbers of effects that make the vault less likely, by more than what the model leaves there can account for."""
+    nats = told_nats(vault, model)
+    if min(nats, default=0.0) > -policy.REFUSED_NATS:
+        return []
+    told = evaluated(vault, model.base, model.effects)
+    left = max(0.0, told.whitened - told.offset - sum(ear.count for ear in vault))
+    return [number for number, one in enumerate(nats) if one < -policy.REFUSED_NATS - policy.REFUSED_SHARE * left]
 
 
 def told_nats(vault: Sequence[Ear], model: Model) -> list[float]:
@@ -165,14 +255,16 @@ def told_nats(vault: Sequence[Ear], model: Model) -> list[float]:
     ]
 
 
-def exchanged(ears, model: Model, others: dict, count: float, tried: float, budget: Budget):
-    """What came close when an effect was found, in its place now: the better one stays, the other is a rival."""
+def exchanged(ears, model: Model, others: dict, count: float, tried: float, budget: Budget, vault: Sequence[Ear] = ()):
+    """What came close when an effect was found, in its place now: the better one stays, the other is a rival. What tells of the
+    vault is nothing that was there for once."""
     rivals: dict = {}
     for number, effect in enumerate(model.effects):
-        trials = []
+        trials, stays = [], told_nats(vault, model)[number] > policy.REFUSED_NATS
         for other in others.get(effect.key, ()):
-            if other.key not in {e.key for e in model.effects} and not budget.is_spent:
-                trials.append(fitted(ears, replaced(ears, model, number, other), rounds=4))
+            if other.key in {e.key for e in model.effects} or budget.is_spent or stays and not other.family.lasts:
+                continue
+            trials.append(fitted(ears, replaced(ears, model, number, other), rounds=4))
         trials.sort(key=lambda one: -worth(one, model, count, tried))
         if trials and worth(trials[0], model, count, tried) > 1.0:
             trials[0], model = model, trials[0]

@@ -1,37 +1,128 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From paths that the soundings lack to rectangles that would stand in their way."""
+"""From paths that the soundings lack to boxes that would stand in their way."""
+
+import itertools
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...twin.places.families.additions import Sheet
 from ...twin.places.predict import phasors
-from .planes import rectangle
 
 _WAYS = np.arange(1, 8) / 8  # along a leg: where something may stand
 _LEAST_NATS = 20.0  # that a path's absence must be worth, all instants together
 _STRONGEST = 3  # paths whose legs are looked along
-_KEPT = 3
+_KEPT, _BEGUN, _APART_M = (
+    3,
+    6,
+    0.5,
+)  # boxes that are returned, that are looked for near a first guess, and how far apart these are
+_COUNTS_NATS = 1.0  # of a path: less is no reason for a box, nor against one
+_FIRST = (np.arange(6) * np.pi / 6, (0.5, 2.0, 5.0), (0.1, 1.0, 3.0), (0.2, 1.5))  # yaw, widths, height above the leg
+_BOX_STEPS = (1.0, 1.0, 0.4, 1.0, 1.0, 0.5)  # of its numbers
+_SCALES = (1.0, 0.5, 0.25, 0.12, 0.5, 0.25, 0.12, 0.05)
+_THIN_M, _AT_ONCE = 0.02, 64
 
 
 def shades(view) -> list[Sheet]:
-    """Rectangles across legs of paths that are not there, and across as few others as may be; the best first."""
+    """Boxes on the floor in the way of paths that are not there, and of as few others as may be; the best first."""
     lost, begin_m, end_m, path = _legs(view)
     if not len(lost):
         return []
+    ways = _Ways.of(lost, begin_m, end_m, path, float(view.bounds_m[0][2]))
     groups, member = np.unique(path[:, :-1], axis=0, return_inverse=True)
     total = np.bincount(member.ravel(), lost)
-    found = []
+    seeds = []
     for group in np.argsort(-total)[:_STRONGEST]:
         if total[group] < _LEAST_NATS:
             break
         own = np.flatnonzero(member.ravel() == group)
         leg = own[np.argmax(lost[own])]
-        for share in _WAYS:
-            point = begin_m[leg] + share * (end_m[leg] - begin_m[leg])
-            sheet = _across(point, end_m[leg] - begin_m[leg], lost, begin_m, end_m)
-            if sheet:
-                found.append(sheet)
-    return [sheet for _, sheet in sorted(found, key=lambda pair: -pair[0])[:_KEPT]]
+        seeds += [begin_m[leg] + share * (end_m[leg] - begin_m[leg]) for share in _WAYS]
+    if not seeds:
+        return []
+    boxes = np.array([[*p[:2], yaw, w, d, p[2] + up] for p in seeds for yaw, w, d, up in itertools.product(*_FIRST)])
+    nats = ways.nats(boxes)
+    found: list = []
+    for number in np.argsort(-nats):
+        near = [np.hypot(*(box - boxes[number])[:2]) < _APART_M for box, _ in found]
+        if len(found) == _BEGUN or nats[number] < _LEAST_NATS:
+            break
+        if not any(near):
+            found.append((boxes[number], nats[number]))
+    settled = sorted((ways.settled(*one) for one in found), key=lambda pair: -pair[1])
+    return [_sheet(box, ways.floor_m) for box, _ in settled[:_KEPT]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Ways:
+    """Legs of paths, path after path: `nats` (P,) by which the soundings would rather not have a path, whose legs begin at
+    `first` (P,)."""
+
+    path_nats: np.ndarray
+    first: np.ndarray
+    begin_m: np.ndarray
+    end_m: np.ndarray
+    floor_m: float
+
+    @classmethod
+    def of(cls, lost, begin_m, end_m, path, floor_m: float) -> "_Ways":
+        keep = np.abs(lost) > min(_COUNTS_NATS, np.abs(lost).max() / 10)
+        _, first, member = np.unique(
+            path[keep][:, [0, 1, *range(3, path.shape[1])]], axis=0, return_index=True, return_inverse=True
+        )
+        order = np.argsort(member.ravel(), kind="stable")
+        begins = np.searchsorted(member.ravel()[order], np.arange(len(first)))
+        return cls(
+            path_nats=lost[keep][first], first=begins, begin_m=begin_m[keep][order], end_m=end_m[keep][order], floor_m=floor_m
+        )  # fmt: skip
+
+    def nats(self, boxes: np.ndarray) -> np.ndarray:
+        """(B,) what boxes (B, 6) of x, y, yaw, two widths, and top would explain by the paths that they block."""
+        return np.concatenate([self._nats(part) for part in np.array_split(boxes, -(-len(boxes) // _AT_ONCE))])
+
+    def _nats(self, boxes: np.ndarray) -> np.ndarray:
+        cos, sin = np.cos(boxes[:, 2, None]), np.sin(boxes[:, 2, None])
+
+        def inside(points_m):  # (B, n) each: as fractions of half the widths, and of the height
+            x, y = points_m[:, 0] - boxes[:, 0, None], points_m[:, 1] - boxes[:, 1, None]
+            half = np.maximum(boxes[:, 3:5, None], 1e-3) / 2
+            height_m = np.maximum(boxes[:, 5, None] - self.floor_m, 1e-3) / 2
+            return (
+                (cos * x + sin * y) / half[:, 0],
+                (cos * y - sin * x) / half[:, 1],
+                (points_m[:, 2] - self.floor_m) / height_m - 1,
+            )
+
+        enter, leave = np.float64(0.0), np.float64(1.0)
+        for a, b in zip(inside(self.begin_m), inside(self.end_m), strict=True):
+            way = np.where(np.abs(b - a) > 1e-12, b - a, 1e-12)
+            low, high = (-1 - a) / way, (1 - a) / way
+            enter, leave = np.maximum(enter, np.minimum(low, high)), np.minimum(leave, np.maximum(low, high))
+        hit = np.logical_or.reduceat(enter < leave, self.first, axis=1)
+        return hit @ self.path_nats
+
+    def settled(self, box: np.ndarray, nats: float) -> tuple[np.ndarray, float]:
+        """The best box near by: one number after the other."""
+        for scale in _SCALES:
+            for number, step in enumerate(_BOX_STEPS):
+                trials = np.repeat(box[None], 4, axis=0)
+                trials[:, number] += scale * step * np.array([-2, -1, 1, 2])
+                trials = trials[(trials[:, 3:5] >= _THIN_M).all(axis=1) & (trials[:, 5] > self.floor_m + _THIN_M)]
+                found = self.nats(trials) if len(trials) else np.zeros(0)
+                if len(found) and found.max() > nats:
+                    box, nats = trials[np.argmax(found)], float(found.max())
+        return box, nats
+
+
+def _sheet(box: np.ndarray, floor_m: float) -> Sheet:
+    x, y, yaw, wide_m, deep_m, top_m = (float(number) for number in box)
+    u, normal = (np.cos(yaw), np.sin(yaw), 0.0), (-np.sin(yaw), np.cos(yaw), 0.0)
+    origin = np.array([x, y, floor_m]) - deep_m / 2 * np.array(normal)
+    return Sheet(
+        origin_m=tuple(origin), normal=normal, u=u, v=(0.0, 0.0, 1.0),
+        low_m=(-wide_m / 2, 0.0), high_m=(wide_m / 2, top_m - floor_m), depth_m=deep_m,
+    )  # fmt: skip
 
 
 def _legs(view):
@@ -85,25 +176,6 @@ def _lost(ear, fit, world, index: int, table, here: np.ndarray) -> np.ndarray:
         gone[worst] = True
         own = family == worst
         np.add.at(residual, at[own], part[own])
-
-
-def _across(point: np.ndarray, way: np.ndarray, lost, begin_m, end_m):
-    """(nats, sheet) of the best rectangle through a point, upright across `way` where it is not steep."""
-    level = np.array([way[0], way[1], 0.0])
-    steep = np.linalg.norm(level) < 0.3 * np.linalg.norm(way)
-    normal = np.array([0.0, 0.0, 1.0]) if steep else level / np.linalg.norm(level)
-    v = np.array([0.0, 1.0, 0.0]) if steep else np.array([0.0, 0.0, 1.0])
-    u = np.cross(v, normal)
-    before, after = (begin_m - point) @ normal, (end_m - point) @ normal
-    through = before * after < 0
-    share = (before / np.where(through, before - after, 1.0))[:, None]
-    places = begin_m + share * (end_m - begin_m) - point
-    box = rectangle(np.column_stack([places @ u, places @ v])[through], lost[through])
-    if box is None:
-        return None
-    nats, low, high = box
-    sheet = Sheet(origin_m=tuple(point), normal=tuple(normal), u=tuple(u), v=tuple(v), low_m=tuple(low), high_m=tuple(high))
-    return nats, sheet
 
 
 def shaded(view, effect) -> np.ndarray:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What families ask of the state of a search: who is there, what is seen, where coarse searches point."""
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -9,11 +10,11 @@ from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
 from ...scenario.create import fields
 from ...twin.places.carrying import headings
 from ...twin.places.families import FAMILIES
-from . import fringes, imaging, planes, policy, scan, shades
+from . import fringes, imaging, planes, policy, scan, shades, tracks
 from .ears import thinned, without_phase
-from .fit import applied, evaluated
+from .fit import applied, evaluated, with_effect
 
-_SCANNED_CARRIERS = 3000
+_SCANNED_CARRIERS, _BEATS = 30_000, 8  # of the grid; its minima that are looked at within
 _AROUND = 0.3  # change of a link's direction, as a share of its length, from which antennas show from several sides
 
 
@@ -22,6 +23,7 @@ class View:
 
     def __init__(self, ears, model, unknown: dict):
         self.ears, self.model, self.world = ears, model, model.world
+        self.unknown = unknown
         self.gain, self.delay, self.phase = unknown["gain"], unknown["delay"], unknown["phase"]
 
     @cached_property
@@ -260,22 +262,34 @@ class View:
         return scan.minima(grid_m, scan.energy(rows, grid_m), best) if rows else []
 
     def scan_carrier(self, octaves: float, best: int) -> list[float]:
-        """Carriers that would turn the phases of all paths as they are."""
-        spread = [np.ptp(table.way.length_m) for table, _ in self._tables if len(table.gain)]
-        step_hz = SPEED_OF_LIGHT_M_PER_S / max(max(spread, default=1.0), 1.0) / 8
-        reach_hz = min(self.world.carrier_hz * (2**octaves - 1), step_hz * _SCANNED_CARRIERS / 2)
-        below = min(reach_hz, self.world.carrier_hz * (1 - 2**-octaves))
-        grid_hz = np.arange(-below, reach_hz, step_hz)
+        """Carriers that would turn the phases of all paths as they are, and weaken them as wavelengths get shorter: first where
+        phases of paths beat against each other, then, where the phase itself is known, within the beat."""
+        lengths_m = [table.way.length_m for table, _ in self._tables if len(table.gain)]
+        here_hz = self.world.carrier_hz
+        step_hz, fine_hz = (
+            SPEED_OF_LIGHT_M_PER_S / max(max(map(far_m, lengths_m), default=1.0), 1.0) / 8 for far_m in (np.ptp, np.max)
+        )
+        above, below = here_hz * (2**octaves - 1), here_hz * (1 - 2**-octaves)
+        step_hz = max(step_hz, (above + below) / _SCANNED_CARRIERS)
+        grid_hz = np.arange(-below, above, step_hz)
 
         def rates(ear, index):
             table = ear.predictor.path_table(self.world, index)
-            turned = table.way.length_m[None] / self.world.carrier_hz
+            turned = table.way.length_m[None] / here_hz
             return np.stack([turned, np.zeros_like(turned)], axis=2)
+
+        def looked(rows, grid_hz, many):
+            shrunk = here_hz / (here_hz + grid_hz) if self.gain == "none" else np.ones(len(grid_hz))
+            return scan.minima(grid_hz, scan.energy(rows, grid_hz, scale=shrunk[:, None]), many)
 
         rows = self._scanned(rates)
         if not rows:
             return []
-        return [self.world.carrier_hz + hz for hz in scan.minima(grid_hz, scan.energy(rows, grid_hz), best)]
+        found = looked([replace(row, is_free=True) for row in rows], grid_hz, _BEATS)
+        if self.phase == "none":
+            near_hz = np.arange(-step_hz, step_hz, fine_hz)
+            found = looked(rows, np.unique(np.concatenate([hz + near_hz for hz in found])), best)
+        return [here_hz + hz for hz in found[:best]]
 
     @cached_property
     def wideband(self) -> list:
@@ -375,12 +389,16 @@ class View:
     def shades(self):
         return shades.shades(self)
 
+    def mirrors(self, effect):
+        """The box of an effect with one of its sides where echoes have it that show once the box blocks what it does."""
+        return planes.mirrors(View(self.ears, with_effect(self.ears, self.model, effect), self.unknown), effect.choice)
+
     def shaded(self, effect) -> np.ndarray:
         """Points (n, 3) on the legs that an added object stands in the way of."""
         return shades.shaded(self, effect)
 
     def passers(self, height_m: float):
-        return planes.passers(self, height_m)
+        return tracks.passers(self, height_m)
 
     def lit(self, effect):
         return planes.lit(self, effect)

@@ -37,12 +37,9 @@ class Faces:
     @cached_property
     def follows(self) -> np.ndarray:
         """(F, F) whether a path may go from one face to another: each has some part in front of the other."""
-        front = np.zeros((len(self.level_m),) * 2, bool)  # some of face b is in front of face a
-        for a in range(len(front)):
-            height_m = self.triangles_m @ self.normal[a] - self.level_m[a]
-            if not self.sided[a]:
-                height_m = np.abs(height_m)
-            front[a] = np.maximum.reduceat(height_m.max(axis=1), self.start[:-1]) > _ON_PLANE_M
+        height_m = self.triangles_m @ self.normal.T - self.level_m  # (M, 3, F) of corners above faces
+        height_m = np.where(self.sided, height_m, np.abs(height_m)).max(axis=1)
+        front = np.maximum.reduceat(height_m, self.start[:-1]).T > _ON_PLANE_M  # (a, b): some of face b is in front of face a
         return front & front.T
 
 
@@ -234,6 +231,22 @@ def search(faces: Faces, tx_m: np.ndarray, rx_m: np.ndarray, max_depth: int, amo
     none = np.zeros(0, np.int64)
     bare = Paths(pair=pair[order], faces=met[order], crossing_path=none, crossing_leg=none, crossing_face=none)
     return crossed(faces, bare, tx_m, rx_m)
+
+
+def search_again(faces: Faces, known: Paths, tx_m: np.ndarray, rx_m: np.ndarray, max_depth: int, changed: np.ndarray) -> Paths:
+    """What `search` finds, where all but the faces `changed` (F,) bool are as they were when `known` was found."""
+    kept = chosen(known, ~((known.faces >= 0) & changed[known.faces]).any(axis=1))
+    kept = crossed(faces, kept, tx_m, rx_m, changed)
+    new = search(faces, tx_m, rx_m, max_depth, changed)
+    pair, met = np.concatenate([kept.pair, new.pair]), np.concatenate([kept.faces, new.faces])
+    order = np.lexsort((*met.T[::-1], pair))
+    rank = np.argsort(order)
+    path = rank[np.concatenate([kept.crossing_path, new.crossing_path + len(kept.pair)])]
+    crossing = np.argsort(path, kind="stable")
+    leg, face = (
+        np.concatenate(two)[crossing] for two in ((kept.crossing_leg, new.crossing_leg), (kept.crossing_face, new.crossing_face))
+    )
+    return Paths(pair=pair[order], faces=met[order], crossing_path=path[crossing], crossing_leg=leg, crossing_face=face)
 
 
 def _valid(faces: Faces, chains: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

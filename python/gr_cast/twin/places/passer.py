@@ -5,7 +5,7 @@ import numpy as np
 
 from ...scenario.create import fields, images
 
-_CENTRE = 0.6  # of the height: where the echo of a body comes from
+CENTRE = 0.6  # of the height: where the echo of a body comes from
 
 
 def with_person(world, predictor, index: int, instant, gain, way, many: int):
@@ -49,7 +49,7 @@ def echoes(world, predictor, index: int, axis_m: np.ndarray):
     """Gain and length (T,) of the echo from the middle of the body: the bistatic radar equation, legs blocked by objects."""
     person = world.person
     tx, rx = (world.radios[name] for name in predictor.links[index])
-    centre_m = axis_m + np.array([0.0, 0.0, _CENTRE * person.height_m])
+    centre_m = axis_m + np.array([0.0, 0.0, CENTRE * person.height_m])
     tx_m, rx_m = (np.broadcast_to(end, centre_m.shape) for end in predictor.ends_m(world, index))
     legs = [centre_m - tx_m, rx_m - centre_m]
     far_m = [np.linalg.norm(leg, axis=1) for leg in legs]

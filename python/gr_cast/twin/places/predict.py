@@ -3,7 +3,7 @@
 
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -119,7 +119,13 @@ class Predictor:
 
     def _trace(self, world: World, which: Sequence[int]) -> list[Traced]:
         faces, (tx_m, rx_m, counts) = world.faces, self._pairs(world, which)
-        paths = images.search(faces, tx_m, rx_m, world.max_depth)
+        if world.mesh.origin:  # one object changed: paths that have nothing to do with it are as they were
+            mesh, number = world.mesh.origin
+            known = [one.paths for one in self._traced_of(replace(world, mesh=mesh), which)]
+            known, changed = images.joined_paths(known, counts), faces.owner == number
+            paths = images.search_again(faces, known, tx_m, rx_m, world.max_depth, changed)
+        else:
+            paths = images.search(faces, tx_m, rx_m, world.max_depth)
         return [Traced(paths=part, touched=_touched(faces, part)) for part in images.parted_paths(paths, counts)]
 
     def _pairs(self, world: World, which: Sequence[int]) -> tuple[np.ndarray, np.ndarray, list[int]]:

@@ -57,10 +57,18 @@ class Mesh:
     """Objects of a place, with their faces: `thin`, hollow objects from outside alone, and `thick`, for legs that go through.
 
     `coarse` is a mesh that is the same to a quarter of a metre, without added sheets: many fine changes have it in common.
+    `origin`: the mesh that this one was made from, and the number of the one object that is new or elsewhere in this one.
     """
 
-    def __init__(self, solids: tuple[Solid, ...], thin: Faces, thick: Faces, coarse: "Mesh | None" = None):
-        self.solids, self.thin, self.thick = solids, thin, thick
+    def __init__(
+        self,
+        solids: tuple[Solid, ...],
+        thin: Faces,
+        thick: Faces,
+        coarse: "Mesh | None" = None,
+        origin: "tuple[Mesh, int] | None" = None,
+    ):
+        self.solids, self.thin, self.thick, self.origin = solids, thin, thick, origin
         self.coarse, self._moves = coarse or self, {}
         self.names = tuple(solid.name for solid in solids)
         self.key = next(_numbers)
@@ -96,12 +104,14 @@ class Mesh:
     def _shifted(self, name: str, offset_m: np.ndarray, coarse: "Mesh | None") -> "Mesh":
         number = self.index(name)
         solids = tuple(replace(s, vertices_m=s.vertices_m + offset_m) if s.name == name else s for s in self.solids)
-        return Mesh(solids, shifted(self.thin, number, offset_m), shifted(self.thick, number, offset_m), coarse)
+        thin, thick = (shifted(faces, number, offset_m) for faces in (self.thin, self.thick))
+        return Mesh(solids, thin, thick, coarse, (self, number))
 
     def joined(self, solid: Solid) -> "Mesh":
         """One more object: a sheet."""
         faces, count = faces_of((solid,)), len(self.solids)
-        return Mesh((*self.solids, solid), joined(self.thin, faces, count), joined(self.thick, faces, count), self.coarse)
+        thin, thick = (joined(own, faces, count) for own in (self.thin, self.thick))
+        return Mesh((*self.solids, solid), thin, thick, self.coarse, (self, count))
 
 
 @dataclass(frozen=True, kw_only=True)

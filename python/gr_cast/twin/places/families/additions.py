@@ -7,6 +7,7 @@ import numpy as np
 
 from ....scenario.create.geometry import Solid
 from ....scenario.create.media import Medium
+from ..passer import CENTRE
 from ..world import Person
 from .base import Effect, Family, std_of, value
 
@@ -15,12 +16,25 @@ _DARK = (1.0, 1e-5)  # what shades and sends nothing back
 _PERMITTIVITIES = (1.5, 2.0, 2.7, 3.4, 4.2, 5.2, 6.3, 7.5, 10.0, 15.0)  # to begin anew with, once the plane is where it is
 _BODY_M = 1.0  # between faces of one thing, or between a face and a way that it blocks
 _FAR_M = 3.0  # that a plane may move from where it was imaged
+_QUAD = [[0, 1, 2], [0, 2, 3]]
+_BOX = [
+    *_QUAD,
+    [4, 6, 5],
+    [4, 7, 6],
+    *(part for i in range(4) for part in ([i, i + 4, (i + 1) % 4], [(i + 1) % 4, i + 4, (i + 1) % 4 + 4])),
+]
+_DEPTHS_M = np.array([0.3, 0.6, 1.2, 2.4, 4.8])
+_SIDE_M, _MOST_FINE = 0.6, 30  # within which a side that reflects is looked for, and in how many steps either way
+_STEPS_M, _LEAST_M = (0.1, 0.3, 1.0, 3.0), 0.05
+_TURNS_RAD = np.radians([-45, -25, -12, -5, 5, 12, 25, 45, 90])
+_WELLS = 4  # of the phase of an echo, either way
 _RADII_M, _HEIGHT_M = (0.4, 0.2, 0.9), 1.8  # of a person or a vehicle: how wide a shadow is; height to begin with
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sheet:
-    """A rectangle: `origin_m` on the plane, `normal`, and along unit `u` and `v` from low to high (m)."""
+    """A rectangle: `origin_m` on the plane, `normal`, and along unit `u` and `v` from low to high (m). With `depth_m`, along the
+    normal, the face of a box."""
 
     origin_m: tuple[float, float, float]
     normal: tuple[float, float, float]
@@ -28,6 +42,7 @@ class Sheet:
     v: tuple[float, float, float]
     low_m: tuple[float, float]
     high_m: tuple[float, float]
+    depth_m: float = 0.0
 
     def corners_m(self, shift_m: float = 0.0, turn_rad: float = 0.0) -> np.ndarray:
         """(4, 3), shifted along the normal and turned about v."""
@@ -40,10 +55,59 @@ class Sheet:
     def normal_at(self, turn_rad: float) -> np.ndarray:
         return np.cos(turn_rad) * np.array(self.normal) - np.sin(turn_rad) * np.array(self.u)
 
+    def solid(self, name: str, shift_m: float, turn_rad: float) -> Solid:
+        near_m = self.corners_m(shift_m, turn_rad)
+        if not self.depth_m:
+            return Solid(name=name, vertices_m=near_m, faces=_QUAD)
+        return Solid(name=name, vertices_m=np.concatenate([near_m, near_m + self.depth_m * self.normal_at(turn_rad)]), faces=_BOX)
+
+    def reshaped(self, axis: int, fine_m: np.ndarray) -> list["Sheet"]:
+        """The same with another end: low and high along u, along v; with another depth; elsewhere along normal and u; turned.
+        Sides that reflect are looked for in steps `fine_m` as well."""
+        low, high, steps_m = np.array(self.low_m), np.array(self.high_m), np.array([*_STEPS_M, *(-m for m in _STEPS_M)])
+        sides_m = np.concatenate([steps_m, fine_m]) if self.depth_m else steps_m
+        if axis < 4:
+            way = np.eye(2)[axis // 2]
+            moves_m = sides_m if axis < 2 else steps_m
+            ends = [(low + m * way, high) if axis % 2 == 0 else (low, high + m * way) for m in moves_m]
+            return [replace(self, low_m=tuple(a), high_m=tuple(b)) for a, b in ends if (b - a).min() > _LEAST_M]
+        if axis == 4:
+            depths_m = self.depth_m + sides_m if self.depth_m else np.concatenate([_DEPTHS_M, -_DEPTHS_M])
+            return [replace(self, depth_m=float(m)) for m in (0.0, *depths_m[depths_m * (self.depth_m or depths_m) > 0])]
+        if axis < 7:
+            way = np.array((self.normal, self.u)[axis - 5])
+            return [replace(self, origin_m=tuple(np.array(self.origin_m) + m * way)) for m in steps_m]
+        return [self.turned(angle_rad) for angle_rad in _TURNS_RAD]
+
+    def side(self, number: int) -> "Sheet":
+        """A box upon the level, as it is from another of its four sides."""
+        if number == 0:
+            return self
+        normal, u, wide_m = np.array(self.normal), np.array(self.u), self.high_m[0] - self.low_m[0]
+        origin_m = np.array(self.origin_m) + self.high_m[0] * u + self.depth_m / 2 * normal
+        next_ = replace(
+            self, origin_m=tuple(origin_m), normal=tuple(-u), u=tuple(normal), depth_m=wide_m,
+            low_m=(-self.depth_m / 2, self.low_m[1]), high_m=(self.depth_m / 2, self.high_m[1]),
+        )  # fmt: skip
+        return next_.side(number - 1)
+
+    def turned(self, angle_rad: float) -> "Sheet":
+        """About v, at its middle."""
+        normal, u = np.array(self.normal), np.array(self.u)
+        middle = (self.low_m[0] + self.high_m[0]) / 2 * u + self.depth_m / 2 * normal
+        turned_u, turned_normal = (np.cos(angle_rad) * a + np.sin(angle_rad) * b for a, b in ((u, normal), (normal, -u)))
+        half = (self.high_m[0] - self.low_m[0]) / 2
+        origin_m = np.array(self.origin_m) + middle - self.depth_m / 2 * turned_normal
+        return replace(
+            self, origin_m=tuple(origin_m), normal=tuple(turned_normal), u=tuple(turned_u),
+            low_m=(-half, self.low_m[1]), high_m=(half, self.high_m[1]),
+        )  # fmt: skip
+
 
 class MissingObject(Family):
     name = "missing_object"
     order = 1
+    shape_axes = 8
     price_nats = 12.0  # of where it ends, and of all planes that were looked at
     ranks_unfitted = False  # how strong an echo is, and its last centimetre, are found by the fit
 
@@ -51,20 +115,30 @@ class MissingObject(Family):
         return ["place"] if view.has_responses else []
 
     def starts(self, view, owner):
-        seen = [(sheet, made) for sheet in view.sheets() for made in _MATERIALS] + [(sheet, _DARK) for sheet in view.shades()]
-        return [
-            Effect(family=self, owner=owner, values=np.array([0.0, 0.0, *np.log(made)]), choice=sheet) for sheet, made in seen
-        ]
+        def begun(sheet, made):
+            return Effect(family=self, owner=owner, values=np.array([0.0, 0.0, *np.log(made)]), choice=sheet)
+
+        seen = [begun(sheet, made) for sheet in view.sheets() for made in _MATERIALS]
+        dark = [begun(box, _DARK) for box in view.shades()]
+        sides = [begun(box, made) for effect in dark[:1] for box in view.mirrors(effect)[:2] for made in _MATERIALS]
+        return [*seen, *dark, *sides]
 
     def restarts(self, world, effect):
         made = [(1.0, 1e7), _DARK, *((permittivity, 0.03) for permittivity in _PERMITTIVITIES)]
         return [effect.moved(np.array([*effect.values[:2], *np.log(one)])) for one in made]
 
+    def reshaped(self, world, effect, axis):
+        many = (
+            min(int(_SIDE_M / world.wavelength_m * 8), _MOST_FINE) if effect.values[2] > 0.1 else 0
+        )  # what sends nothing back has no phase
+        fine_m = np.arange(-many, many + 1) * world.wavelength_m / 8
+        return [replace(effect, choice=one) for one in effect.choice.reshaped(axis, fine_m)]
+
     def apply(self, world, effect):
         shift_m, turn_rad, permittivity, conductivity = *effect.values[:2], *np.exp(effect.values[2:])
         number = sum(name.startswith("missing_") for name in world.mesh.names) + 1
         name = f"missing_{number}"
-        solid = Solid(name=name, vertices_m=effect.choice.corners_m(shift_m, turn_rad), faces=[[0, 1, 2], [0, 2, 3]])
+        solid = effect.choice.solid(name, shift_m, turn_rad)
         medium = Medium(own_permittivity=float(permittivity), own_conductivity_s_per_m=float(conductivity))
         made = world.with_object(solid, permittivity=permittivity, conductivity=conductivity)
         return replace(made, media={**world.media, name: medium})
@@ -135,12 +209,15 @@ class MovingScatterer(Family):
     def starts(self, view, owner):
         return [
             Effect(family=self, owner=owner, values=np.array([*place, *speed, np.log(area), _HEIGHT_M]), choice=_RADII_M[0])
-            for place, speed in view.passers(_HEIGHT_M / 2)
+            for place, speed in view.passers(CENTRE * _HEIGHT_M)
             for area in (1.0, 8.0)
         ]
 
     def restarts(self, world, effect):
-        return [replace(effect, choice=radius_m) for radius_m in _RADII_M[1:]]
+        step_m = world.wavelength_m / 3  # the next wells of its phase
+        wells = [(a, b) for a in range(-_WELLS, _WELLS + 1) for b in range(-_WELLS, _WELLS + 1) if a or b]
+        near = [effect.moved(effect.values + step_m * np.array([a, b, 0, 0, 0, 0])) for a, b in wells]
+        return [replace(effect, choice=radius_m) for radius_m in _RADII_M[1:]] + near
 
     def apply(self, world, effect):
         x, y, vx, vy, area, height_m = effect.values

@@ -36,6 +36,7 @@ class Family:
     is_flexible = False  # explains much that it is not: asked only where nothing else explains a good part
     ranks_unfitted = True  # its first guesses are near enough to be told apart before they are fitted
     shows_in_power = False  # also where received power is all there is
+    shape_axes = 0  # along which it is looked for what its numbers do not say
     lasts = True  # what it changes is there on another day, at another position
     is_in_spec = True  # a SPEC has keys for it; what has none stands in its `effects`
 
@@ -49,6 +50,10 @@ class Family:
 
     def restarts(self, world: World, effect: Effect) -> list[Effect]:
         """Other beginnings once an effect is fitted, where one number decides which minimum another falls into."""
+        return []
+
+    def reshaped(self, world: World, effect: Effect, axis: int) -> list[Effect]:
+        """The same with another shape along one of its `shape_axes`."""
         return []
 
     def apply(self, world: World, effect: Effect) -> World:

@@ -14,6 +14,9 @@ _WIDE_M = 3000.0  # of a ground
 _GROUND_CONDUCTIVITY = 0.01  # S/m, where it cannot be told
 _OCTAVES = 1.3  # that a carrier may be off, up or down
 _BEST = 3
+_MOST_SCATTERED = (
+    0.75  # walls were measured at 0.2 to 0.6 (Degli-Esposti et al. 2007): more would be a way to take reflections away
+)
 
 
 class MissingReflections(Family):
@@ -84,7 +87,7 @@ class MissingScattering(OfThings):
     name = "missing_scattering"
     is_flexible = True
     order = 6
-    price_nats = 5.0  # of its coefficient, which is named
+    price_nats = 25.0  # of its coefficient, which is named, and of a law that is near to what patches do, not what they do
 
     def owners(self, view):
         if not view.has_responses or (view.world.surface.scattering > 0).any():
@@ -92,7 +95,7 @@ class MissingScattering(OfThings):
         return ["place", *view.shared_materials, *view.seen_objects]
 
     def starts(self, view, owner):
-        grid = np.arange(0.15, 0.96, 0.1)
+        grid = np.arange(0.15, _MOST_SCATTERED + 0.01, 0.1)
         return [Effect(family=self, owner=owner, values=np.zeros(0), choice=float(share)) for share in grid]
 
     def apply(self, world, effect):

@@ -10,6 +10,7 @@ from ....scenario.create.media import ITU, Medium
 from .base import Effect, OfThings, std_of, value
 
 _FAR_M = 3.0  # farthest move that is looked for
+_NEAR_M = 0.6  # within which every well is tried
 _BEST = 3  # maxima of a scan that are fitted
 _WELLS = 8  # of the phase, either way, that are tried beside one that was found
 _PERMITTIVITIES, _CONDUCTIVITIES = np.geomspace(1.15, 30, 14), (0.003, 0.05, 0.5)  # relative; S/m
@@ -61,7 +62,9 @@ class ObjectMoved(_OfObject):
 
     def restarts(self, world, effect):
         # The next wells of its phase, a quarter of a wave apart or more: far moves bend lengths, and the scan is led astray.
-        return [effect.moved(effect.values + world.wavelength_m / 4 * step) for step in range(-_WELLS, _WELLS + 1) if step]
+        quarter_m, many = world.wavelength_m / 4, int(_NEAR_M / world.wavelength_m * 4)
+        near = [effect.moved(effect.values + quarter_m * step) for step in range(-_WELLS, _WELLS + 1) if step]
+        return near + [effect.moved(np.array([quarter_m * step])) for step in range(-many, many + 1)]
 
     def apply(self, world, effect):
         return replace(world, mesh=world.mesh.moved(effect.owner, effect.values[0] * np.array(effect.choice)))
