@@ -21,6 +21,7 @@ DIFFUSE_SHARE, DIFFUSE_NUMBERS = 0.01, 0.02  # of the energy of scattered fields
 # their law is no nearer to what patches do
 STIFF_SHARE = 0.25  # of the excess energy that one deterministic effect explains: then random fields wait
 CLOSE_REGRET = 0.3  # of the best candidate's evidence, by which another is behind and still tried where the best led nowhere
+FLEXIBLE_REGRET = 0.15  # of random fields, whatever they explain
 QUIET_DEVIATIONS = 1.5  # of the energy of noise: below, wide searches for what moves by wavelengths are spared
 RIVALS_SHARE = 0.3  # of the time of a search: a cause is told only beside what else it might have been
 EDGE_SHARE = 0.5  # of the theory's strength by which an edge's may differ: slabs and corners are no half-planes

@@ -80,9 +80,10 @@ def _mean(heard, fit: Fitted, index: int, step: int, columns):
 
 
 def energy(
-    rows_: Sequence[Row], first: np.ndarray, second: np.ndarray = NO_SECOND, scale: np.ndarray | float = 1.0
+    rows_: Sequence[Row], first: np.ndarray, second: np.ndarray = NO_SECOND, scale: np.ndarray | float | None = 1.0
 ) -> np.ndarray:
-    """Energy of all rows (len(first), len(second)) over the grid; `scale`: by which all paths grow along it."""
+    """Energy of all rows (len(first), len(second)) over the grid; `scale`: by which all paths grow along it, None: by whatever
+    suits each row."""
     total = np.zeros((len(first), len(second)), np.float32)
     for row in rows_:
         cross, power = np.zeros(total.shape, np.complex64), np.zeros(total.shape, np.float32)
@@ -95,7 +96,11 @@ def energy(
             model = left.astype(np.complex64) @ right.T.astype(np.complex64) + np.complex64(root * row.rest[k])
             cross += np.complex64(root * row.y[k].conj()) * model
             power += model.real**2 + model.imag**2
-        total += scale**2 * power - 2 * scale * (np.abs(cross) if row.is_free else cross.real)
+        along = np.abs(cross) if row.is_free else cross.real
+        if scale is None:
+            total -= np.maximum(along, 0) ** 2 / np.maximum(power, np.float32(1e-30))
+        else:
+            total += scale**2 * power - 2 * scale * along
     return total
 
 

@@ -108,7 +108,9 @@ def _begun_anew(ears, model: Model) -> Model:
     if len(others) > policy.MANY_RESTARTS:
         thin = [thinned(ear, policy.THIN_INSTANTS, policy.THIN_FREQUENCIES) for ear in ears]
         known = evaluated(thin, model.base, model.effects)
-        others = sorted(others, key=lambda one: replaced(thin, known, number, one).energy)[: policy.FULL_STARTS * 2]
+        ranked = sorted((replaced(thin, known, number, one) for one in others), key=lambda one: one.energy)
+        near = [fitted(thin, one, rounds=policy.SCREEN_ROUNDS, free=[number]) for one in ranked[: 4 * policy.FULL_STARTS]]
+        others = [one.effects[number] for one in sorted(near, key=lambda one: one.energy)[: policy.FULL_STARTS]]
     trials = sorted((replaced(ears, model, number, one) for one in others), key=lambda one: one.energy)
     return min((model, *(fitted(ears, one) for one in trials[: policy.FULL_STARTS])), key=lambda one: one.energy)
 
@@ -181,16 +183,21 @@ def run(
 
 def _explored(ears, model: Model, unknown: dict, budget: Budget, others: dict, barred: set, progress) -> tuple[Model, int]:
     """The best model with effects, and how many were tried for the last: where going on with the best each time does not end at
-    noise, what came close to one of the best is gone on with instead, the closest first."""
+    noise, or with a random field, what came close to one of the best is gone on with instead, the closest first."""
     count = sum(ear.count for ear in ears)
     open_: list[tuple[float, Model]] = []
     expanded: set = set()
     best, tried = _grown(ears, model, unknown, budget, others, barred, open_, expanded, progress)
-    while open_ and not budget.is_spent and _excess(best, count) > policy.CLEAN_DEVIATIONS:
+    while open_ and not budget.is_spent and not _is_told(best, count):
         open_.sort(key=lambda pair: pair[0])
         other, tried = _grown(ears, open_.pop(0)[1], unknown, budget, others, barred, open_, expanded, progress)
         best = max(best, other, key=lambda one: evidence(one, count, tried))
     return best, tried
+
+
+def _is_told(model: Model, count: float) -> bool:
+    """Whether a model leaves nothing, and no random field takes part in that: those explain much that they are not."""
+    return _excess(model, count) < policy.CLEAN_DEVIATIONS and not any(one.family.is_flexible for one in model.effects)
 
 
 def _grown(
@@ -215,9 +222,10 @@ def _grown(
         best = _stiff_first(paying, model, count)
         known = {best.effects[-1].key}
         for one in paying:
-            regret = 1 - worths[id(one)] / worths[id(best)]
-            if regret < policy.CLOSE_REGRET and one.effects[-1].key not in known:
-                known.add(one.effects[-1].key)
+            effect = one.effects[-1]
+            regret = policy.FLEXIBLE_REGRET if effect.family.is_flexible else 1 - worths[id(one)] / worths[id(best)]
+            if regret < policy.CLOSE_REGRET and effect.key not in known:
+                known.add(effect.key)
                 open_.append((regret, one))
         others[best.effects[-1].key] = [one.effects[-1] for one in found if one is not best]
         model = pruned(ears, best, count, tried)

@@ -279,8 +279,8 @@ class View:
             return np.stack([turned, np.zeros_like(turned)], axis=2)
 
         def looked(rows, grid_hz, many):
-            shrunk = here_hz / (here_hz + grid_hz) if self.gain == "none" else np.ones(len(grid_hz))
-            return scan.minima(grid_hz, scan.energy(rows, grid_hz, scale=shrunk[:, None]), many)
+            shrunk = (here_hz / (here_hz + grid_hz))[:, None] if self.gain == "none" else None
+            return scan.minima(grid_hz, scan.energy(rows, grid_hz, scale=shrunk), many)
 
         rows = self._scanned(rates)
         if not rows:

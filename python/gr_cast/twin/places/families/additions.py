@@ -27,7 +27,7 @@ _DEPTHS_M = np.array([0.3, 0.6, 1.2, 2.4, 4.8])
 _SIDE_M, _MOST_FINE = 0.6, 30  # within which a side that reflects is looked for, and in how many steps either way
 _STEPS_M, _LEAST_M = (0.1, 0.3, 1.0, 3.0), 0.05
 _TURNS_RAD = np.radians([-45, -25, -12, -5, 5, 12, 25, 45, 90])
-_WELLS = 4  # of the phase of an echo, either way
+_WELLS = 10  # of the phase of an echo, either way
 _RADII_M, _HEIGHT_M = (0.4, 0.2, 0.9), 1.8  # of a person or a vehicle: how wide a shadow is; height to begin with
 
 

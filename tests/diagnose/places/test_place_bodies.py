@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bodies in a yard that another tracer (tests/bench/places) knows of: a shed nobody drew, someone who walks, another carrier."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gr_cast.diagnose.places import search
+from gr_cast.diagnose.places.ears import ResponseEar
+from gr_cast.diagnose.places.fit import Model, evaluated, fitted, with_effect
+from gr_cast.diagnose.places.likelihood import Heard
+from gr_cast.diagnose.places.view import View
+from gr_cast.scenario.create import images
+from gr_cast.scenario.create.fields import surface_of
+from gr_cast.scenario.create.geometry import Solid
+from gr_cast.scenario.create.media import Medium
+from gr_cast.scenario.create.nodes import Node
+from gr_cast.twin.places.families import FAMILIES
+from gr_cast.twin.places.families.base import Effect
+from gr_cast.twin.places.predict import Predictor
+from gr_cast.twin.places.world import Mesh, Radio, World
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "bench" / "places"))
+from world import new_world, response
+
+BY_NAME = {family.name: family for family in FAMILIES}
+CARRIER_HZ, FREQUENCY_HZ, TIME_S = 2.4e9, np.linspace(-4e7, 4e7, 32), np.linspace(0.0, 4.0, 7)
+POSTS = [[-6.1, -5.2, 1.4], [-6.6, 4.8, 1.9], [7.3, 5.6, 1.2], [7.9, -4.7, 1.7], [0.4, 7.7, 1.5], [0.9, -7.3, 1.3]]
+NODES = {f"n{number}": ([at_m], 0.0) for number, at_m in enumerate(POSTS)}
+NODES |= {"n1": ([POSTS[1], [-4.2, -3.0, 1.9]], 1.7), "n3": ([POSTS[3], [6.0, 3.5, 1.7]], 1.8)}
+LINKS = [(a, b) for a in ("n0", "n1", "n4") for b in ("n2", "n3", "n5")]
+KNOWN = {"phase": "none", "delay": "none", "gain": "none"}
+QUAD = [[0, 1, 2], [0, 2, 3]]
+SIDES = [[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7]]
+SIDES += [[a, b, c] for a in range(4) for b, c in (((a + 1) % 4, (a + 1) % 4 + 4), ((a + 1) % 4 + 4, a + 4))]
+FLAT = {
+    "ground": ([(-20, -20, 0), (20, -20, 0), (20, 20, 0), (-20, 20, 0)], "concrete"),
+    "wall": ([(-9, 9, 0), (9, 10, 0), (9, 10, 4), (-9, 9, 4)], "brick"),
+}
+CENTRE, TURN_RAD, SIZE_M = np.array([1.3, -0.4]), 0.5, (3.4, 1.7, 3.1)
+
+
+def shed() -> np.ndarray:
+    """Corners (8, 3) of a box on the ground."""
+    ring = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * np.array(SIZE_M[:2]) / 2
+    turn = np.array([[np.cos(TURN_RAD), -np.sin(TURN_RAD)], [np.sin(TURN_RAD), np.cos(TURN_RAD)]])
+    ring = ring @ turn.T + CENTRE
+    return np.array([[x, y, z] for z in (-0.05, SIZE_M[2]) for x, y in ring])
+
+
+def theirs(**changes) -> dict:
+    node = {"antenna": "dipole", "orientation_rad": [0.0, 0.0, 0.0]}
+    flat = {name: np.array(points, float)[QUAD] for name, (points, _) in FLAT.items()}
+    return new_world() | {
+        "objects": {name: {"tris": tris, "surface": None} for name, tris in flat.items()},
+        "materials": {name: material for name, (_, material) in FLAT.items()},
+        "nodes": {name: node | {"waypoints_m": track, "speed_m_per_s": speed} for name, (track, speed) in NODES.items()},
+        "carrier_hz": CARRIER_HZ,
+        "bandwidth_hz": 8e7,
+        "max_depth": 1,
+    } | changes  # fmt: skip
+
+
+def ours() -> World:
+    solids = tuple(Solid(name=n, vertices_m=np.array(p, float), faces=QUAD) for n, (p, _) in FLAT.items())
+    media = {name: Medium(material=material) for name, (_, material) in FLAT.items()}
+    mesh = Mesh.of(solids, np.array(POSTS))
+    told = {"antenna": "dipole", "orientation_rad": (0.0, 0.0, 0.0)}
+    nodes = [Node(name=name, waypoints_m=track, speed_m_per_s=speed, **told) for name, (track, speed) in NODES.items()]
+    radios = {node.name: Radio(node=node) for node in nodes}
+    surface = surface_of([media[name] for name in mesh.names], CARRIER_HZ)
+    return World(mesh=mesh, media=media, surface=surface, radios=radios, carrier_hz=CARRIER_HZ, max_depth=1)
+
+
+def heard(world: dict, snr_db: float, **unknown) -> list[ResponseEar]:
+    random = np.random.default_rng(8)
+    clean = response(world, LINKS, TIME_S, FREQUENCY_HZ)
+    noise = (np.abs(clean) ** 2).mean() * 10 ** (-snr_db / 10)
+    y = clean + np.sqrt(noise / 2) * (random.normal(size=clean.shape) + 1j * random.normal(size=clean.shape))
+    told = Heard(
+        links=tuple(LINKS), y=y, weight=np.full(y.shape, 1 / noise), frequency_hz=FREQUENCY_HZ, **(KNOWN | unknown)
+    )  # fmt: skip
+    return [ResponseEar(Predictor(*zip(*LINKS, strict=True), TIME_S, FREQUENCY_HZ), told)]
+
+
+def best_of(name: str, ears):
+    """The best fit of one family, from its best beginnings."""
+    model = evaluated(ears, ours(), ())
+    view, family = View(ears, model, KNOWN), BY_NAME[name]
+    fits = [fitted(ears, with_effect(ears, model, one), rounds=2) for one in family.starts(view, "place")]
+    best = sorted(fits, key=lambda one: one.energy)[:3]
+    return min((search._settled(ears, one, search.Budget.of(60.0)) for one in best), key=lambda one: one.energy)
+
+
+def test_a_shed_that_nobody_drew_stands_where_it_blocks_and_reflects():
+    world = theirs()
+    world["objects"]["shed"] = {"tris": shed()[SIDES], "surface": None}
+    world["materials"]["shed"] = "concrete"
+    ears = heard(world, 30.0)
+    found = best_of("missing_object", ears)
+    before, count = evaluated(ears, ours(), ()).energy, ears[0].count
+    assert found.energy - count < 0.1 * (before - count)
+    corners_m = found.world.mesh.solids[-1].vertices_m
+    assert np.linalg.norm((corners_m.max(axis=0) + corners_m.min(axis=0))[:2] / 2 - CENTRE) < 0.6
+    front = found.effects[-1].choice.normal_at(found.effects[-1].values[1])
+    turned = np.degrees(np.arctan2(front[1], front[0]) - TURN_RAD) % 90
+    assert min(turned, 90 - turned) < 5  # one of its sides looks as one of the shed's
+
+
+def test_someone_who_walks_is_followed_by_the_phases_of_the_echo():
+    walk = {
+        "position_m": [-2.21, 1.37, 0.0],
+        "velocity_m_per_s": [0.71, -0.46, 0.0],
+        "radius_m": 0.3,
+        "height_m": 1.8,
+        "rcs_m2": 1.0,
+    }
+    ears = heard(theirs(person=walk), 30.0)
+    found = best_of("moving_scatterer", ears)
+    assert found.effects[-1].values[:4] == pytest.approx([-2.21, 1.37, 0.71, -0.46], abs=0.02)
+    assert found.energy < 0.1 * evaluated(ears, ours(), ()).energy
+
+
+@pytest.mark.parametrize("ratio", [0.42, 0.9, 2.3])
+@pytest.mark.parametrize("unknown", [{}, {"phase": "snapshot", "gain": "node"}])
+def test_another_carrier_is_found_within_two_and_a_half_octaves(ratio, unknown):
+    ears = heard(theirs(carrier_hz=ratio * CARRIER_HZ), 30.0, **unknown)
+    model = evaluated(ears, ours(), ())
+    view = View(ears, model, KNOWN | unknown)
+    best = min(
+        (fitted(ears, with_effect(ears, model, one)) for one in BY_NAME["carrier"].starts(view, "place")),
+        key=lambda one: one.energy,
+    )
+    assert np.exp(best.effects[-1].values[0]) == pytest.approx(ratio * CARRIER_HZ, rel=1e-4)
+
+
+def test_paths_after_a_change_are_those_of_a_search_from_the_beginning():
+    random, mesh = np.random.default_rng(4), ours().mesh
+    tx_m, rx_m = (np.array(POSTS)[random.integers(len(POSTS), size=8)] + off for off in (0.0, 0.01))
+    board = Solid(name="board", vertices_m=[(0, 0, 0), (2, 1, 0), (2, 1, 2), (0, 0, 2)], faces=QUAD)
+    box = Solid(name="box", vertices_m=shed(), faces=SIDES)
+    for changed in (
+        mesh.moved("wall", [0.3, -1.0, 0.0]),
+        mesh.joined(board),
+        mesh.joined(box),
+    ):
+        before, number = changed.origin
+        known = images.search(before.thick, tx_m, rx_m, 2)
+        again = images.search_again(changed.thick, known, tx_m, rx_m, 2, changed.thick.owner == number)
+        anew = images.search(changed.thick, tx_m, rx_m, 2)
+        for one, other in zip(vars(again).values(), vars(anew).values(), strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_where_the_best_first_step_leads_nowhere_the_next_best_is_gone_on_with(monkeypatch):
+    left = {(): 10_000.0, ("a",): 3000.0, ("b",): 3100.0, ("a", "c"): 2500.0, ("b", "d"): 0.0}  # nats, by objects taken away
+    ears = heard(theirs(), 30.0)
+
+    def model(owners) -> Model:
+        effects = tuple(Effect(family=BY_NAME["extra_object"], owner=owner, values=np.zeros(0)) for owner in owners)
+        nats = left[owners] + ears[0].count
+        return Model(base=None, effects=effects, energy=nats, whitened=nats, slack=0.0, loose=0.0, fits=())
+
+    def candidates(ears, before, *rest):
+        have = tuple(effect.owner for effect in before.effects)
+        found = [model(owners) for owners in left if owners[:-1] == have and len(owners) == len(have) + 1]
+        return sorted(found, key=lambda one: one.energy), 4
+
+    monkeypatch.setattr(search, "candidates", candidates)
+    monkeypatch.setattr(search, "pruned", lambda ears, one, count, tried: one)
+    best, _ = search._explored(ears, model(()), KNOWN, search.Budget.of(60.0), {}, set(), lambda text: None)
+    assert [effect.owner for effect in best.effects] == ["b", "d"]
