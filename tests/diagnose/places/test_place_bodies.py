@@ -169,5 +169,6 @@ def test_where_the_best_first_step_leads_nowhere_the_next_best_is_gone_on_with(m
 
     monkeypatch.setattr(search, "candidates", candidates)
     monkeypatch.setattr(search, "pruned", lambda ears, one, count, tried: one)
+    monkeypatch.setattr(search.elsewhere, "instead", lambda ears, one, budget: [])
     best, _ = search._explored(ears, model(()), KNOWN, search.Budget.of(60.0), {}, set(), lambda text: None)
     assert [effect.owner for effect in best.effects] == ["b", "d"]
