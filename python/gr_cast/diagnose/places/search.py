@@ -195,6 +195,12 @@ def _explored(ears, model: Model, unknown: dict, budget: Budget, others: dict, b
     return best, tried
 
 
+def _by_shape(ears, model: Model) -> float:
+    """Nats that effects explain whose shape is known in part alone."""
+    numbers = [number for number, effect in enumerate(model.effects) if effect.family.shape_axes]
+    return without_effects(ears, model, numbers).energy - model.energy if numbers else 0.0
+
+
 def _is_told(model: Model, count: float) -> bool:
     """Whether a model leaves nothing, and no random field takes part in that: those explain much that they are not."""
     return _excess(model, count) < policy.CLEAN_DEVIATIONS and not any(one.family.is_flexible for one in model.effects)
@@ -212,11 +218,12 @@ def _grown(
         expanded.add(keys)
         progress(f"looking for effect {len(model.effects) + 1}")
         found, tried = candidates(ears, model, unknown, budget, barred)
+        unshaped = policy.SHAPE_SHARE * _by_shape(ears, model)
         worths = {id(one): worth(one, model, count, tried) for one in found}
-        paying = [one for one in found if worths[id(one)] >= max(policy.LEAST_EVIDENCE_NATS, model.slack)]
+        paying = [one for one in found if worths[id(one)] >= max(policy.LEAST_EVIDENCE_NATS, model.slack, unshaped)]
         if not paying:
             break
-        hidden = elsewhere.instead(ears, model, budget)
+        hidden = [one for one in elsewhere.instead(ears, model, budget) if one.effects[-1].key not in barred]
         worths |= {id(one): worth(one, model, count, tried) for one in hidden}
         found, paying = (sorted([*some, *hidden], key=lambda one: -worths[id(one)]) for some in (found, paying))
         best = _stiff_first(paying, model, count)

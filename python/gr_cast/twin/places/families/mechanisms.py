@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ....core.units import SPEED_OF_LIGHT_M_PER_S
 from ....scenario.create import fields
 from ....scenario.create.geometry import Solid
 from ....scenario.create.media import Medium
@@ -14,6 +15,7 @@ _WIDE_M = 3000.0  # of a ground
 _GROUND_CONDUCTIVITY = 0.01  # S/m, where it cannot be told
 _OCTAVES = 1.3  # that a carrier may be off, up or down
 _BEST = 3
+_BEAT_M, _WELLS = 40.0, 30  # between paths: whose beats are tried about a carrier that was found, so many either way
 _MOST_SCATTERED = (
     0.75  # walls were measured at 0.2 to 0.6 (Degli-Esposti et al. 2007): more would be a way to take reflections away
 )
@@ -119,6 +121,12 @@ class Carrier(Family):
     def starts(self, view, owner):
         found = view.scan_carrier(_OCTAVES, best=_BEST)
         return [Effect(family=self, owner=owner, values=np.array([np.log(hz)])) for hz in (view.world.carrier_hz, *found)]
+
+    def restarts(self, world, effect):
+        # Paths beat against each other every few megahertz: the next wells.
+        here_hz, step_hz = float(np.exp(effect.values[0])), SPEED_OF_LIGHT_M_PER_S / _BEAT_M
+        near = [here_hz + step * step_hz for step in range(-_WELLS, _WELLS + 1) if step]
+        return [effect.moved(np.log([hz])) for hz in near if hz > 0]
 
     def apply(self, world, effect):
         carrier_hz = float(np.exp(effect.values[0]))
