@@ -220,17 +220,23 @@ def _grown(
         found, tried = candidates(ears, model, unknown, budget, barred)
         unshaped = policy.SHAPE_SHARE * _by_shape(ears, model)
         worths = {id(one): worth(one, model, count, tried) for one in found}
-        paying = [one for one in found if worths[id(one)] >= max(policy.LEAST_EVIDENCE_NATS, model.slack, unshaped)]
+        paying = [
+            one
+            for one in found
+            if worths[id(one)] >= max(policy.LEAST_EVIDENCE_NATS, model.slack, unshaped, _beside_fields(model))
+        ]
         if not paying:
             break
         hidden = [one for one in elsewhere.instead(ears, model, budget) if one.effects[-1].key not in barred]
         worths |= {id(one): worth(one, model, count, tried) for one in hidden}
         found, paying = (sorted([*some, *hidden], key=lambda one: -worths[id(one)]) for some in (found, paying))
-        best = _stiff_first(paying, model, count)
+        best, good = _stiff_first(paying, model, count), _good_stiff(paying, model, count)
         known = {best.effects[-1].key}
         for one in paying:
             effect = one.effects[-1]
-            regret = policy.FLEXIBLE_REGRET if effect.family.is_flexible else 1 - worths[id(one)] / worths[id(best)]
+            regret = 1 - worths[id(one)] / worths[id(best)]
+            if effect.family.is_flexible or one is good:
+                regret = policy.FLEXIBLE_REGRET
             if regret < policy.CLOSE_REGRET and effect.key not in known:
                 known.add(effect.key)
                 open_.append((regret, one))
@@ -243,10 +249,17 @@ def _grown(
 
 def _stiff_first(paying: list[Model], model: Model, count: float) -> Model:
     """The candidate to go on with: the best, but something stiff that explains a good part before random fields, which explain
-    much that they are not."""
+    much that they are not, unless they leave nothing: then little is left to look for."""
+    best, good = paying[0], _good_stiff(paying, model, count)
+    leaves_nothing = best.effects[-1].family.is_flexible and _excess(best, count) < policy.CLEAN_DEVIATIONS
+    return good if good and not leaves_nothing else best
+
+
+def _good_stiff(paying: list[Model], model: Model, count: float) -> Model | None:
+    """The best that is no random field, if it explains a good part of what is left."""
     stiff = [one for one in paying if not one.effects[-1].family.is_flexible]
     is_good = stiff and model.energy - stiff[0].energy > policy.STIFF_SHARE * (model.energy - count)
-    return stiff[0] if is_good else paying[0]
+    return stiff[0] if is_good else None
 
 
 def _refused(vault: Sequence[Ear], model: Model) -> list[int]:
@@ -298,12 +311,18 @@ def behind_nats(rival: Model, model: Model, number: int) -> float:
     return rival.energy - model.energy + more
 
 
+def _beside_fields(model: Model) -> float:
+    """Nats that any effect may gain from what few patches of a random field send alike."""
+    return policy.BESIDE_FIELDS_NATS if any(effect.family.is_flexible for effect in model.effects) else 0.0
+
+
 def pruned(ears, model: Model, count: float, tried: float) -> Model:
     """Without effects that no longer pay."""
     number = 0
     while number < len(model.effects) - 1:
         less = fitted(ears, without_effects(ears, model, [number]), rounds=4)
-        if evidence(less, count, tried) > evidence(model, count, tried) - policy.LEAST_EVIDENCE_NATS / 2:
+        least = max(policy.LEAST_EVIDENCE_NATS / 2, model.slack, _beside_fields(less))
+        if evidence(less, count, tried) > evidence(model, count, tried) - least:
             model = less
         else:
             number += 1
