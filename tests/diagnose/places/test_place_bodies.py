@@ -153,12 +153,13 @@ def test_paths_after_a_change_are_those_of_a_search_from_the_beginning():
             np.testing.assert_array_equal(one, other)
 
 
-def test_where_the_best_first_step_leads_nowhere_the_next_best_is_gone_on_with(monkeypatch):
-    left = {(): 10_000.0, ("a",): 3000.0, ("b",): 3100.0, ("a", "c"): 2500.0, ("b", "d"): 0.0}  # nats, by objects taken away
+def begun(monkeypatch, left: dict, first: str = "extra_object"):
+    """What is chosen where lists of owners leave `left` nats; `field` is of the family `first`."""
     ears = heard(theirs(), 30.0)
 
     def model(owners) -> Model:
-        effects = tuple(Effect(family=BY_NAME["extra_object"], owner=owner, values=np.zeros(0)) for owner in owners)
+        families = [BY_NAME[first if owner == "field" else "extra_object"] for owner in owners]
+        effects = tuple(Effect(family=one, owner=owner, values=np.zeros(0)) for one, owner in zip(families, owners, strict=True))
         nats = left[owners] + ears[0].count
         return Model(base=None, effects=effects, energy=nats, whitened=nats, slack=0.0, loose=0.0, fits=())
 
@@ -171,4 +172,23 @@ def test_where_the_best_first_step_leads_nowhere_the_next_best_is_gone_on_with(m
     monkeypatch.setattr(search, "pruned", lambda ears, one, count, tried: one)
     monkeypatch.setattr(search.elsewhere, "instead", lambda ears, one, budget: [])
     best, _ = search._explored(ears, model(()), KNOWN, search.Budget.of(60.0), {}, set(), lambda text: None)
-    assert [effect.owner for effect in best.effects] == ["b", "d"]
+    return [effect.owner for effect in best.effects]
+
+
+def test_where_the_best_first_step_leads_nowhere_the_next_best_is_gone_on_with(monkeypatch):
+    left = {(): 10_000.0, ("a",): 3000.0, ("b",): 3100.0, ("a", "c"): 2500.0, ("b", "d"): 0.0}
+    assert begun(monkeypatch, left) == ["b", "d"]
+
+
+def test_a_random_field_that_leaves_nothing_stands_only_where_nothing_stiff_says_more(monkeypatch):
+    left = {(): 10_000.0, ("field",): 100.0, ("a",): 5000.0, ("a", "b"): 0.0}
+    assert begun(monkeypatch, left, "missing_scattering") == ["a", "b"]
+    left |= {("a", "b"): 4000.0}
+    assert begun(monkeypatch, left, "missing_scattering") == ["field"]
+
+
+def test_what_a_few_patches_of_a_field_send_alike_accuses_nothing_beside_it(monkeypatch):
+    left = {(): 10_000.0, ("field",): 100.0, ("field", "a"): 75.0}
+    assert begun(monkeypatch, left, "missing_scattering") == ["field"]
+    left |= {("field", "a"): 0.0}
+    assert begun(monkeypatch, left, "missing_scattering") == ["field", "a"]

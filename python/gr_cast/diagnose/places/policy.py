@@ -20,9 +20,7 @@ MANY_RESTARTS = 30  # are ranked on thinned soundings
 FULL_STARTS = 3  # first guesses of one family and owner that are fitted
 DIFFUSE_SHARE, DIFFUSE_NUMBERS = 0.01, 0.02  # of the energy of scattered fields, of the numbers that they make: the less of both;
 # their law is no nearer to what patches do
-BESIDE_FIELDS_NATS = (
-    30.0  # of an effect beside scattering, whose patches are no Gaussian noise: up to 26 were gained from nothing
-)
+BESIDE_FIELDS_NATS = 30.0  # of an effect beside scattering: its patches are no Gaussian noise, up to 26 came from nothing
 STIFF_SHARE = 0.25  # of the excess energy that one deterministic effect explains: then random fields wait
 CLOSE_REGRET = 0.3  # of the best candidate's evidence, by which another is behind and still tried where the best led nowhere
 FLEXIBLE_REGRET = 0.15  # of random fields, whatever they explain, and of something stiff that explains a good part beside them
