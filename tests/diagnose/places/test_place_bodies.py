@@ -123,7 +123,7 @@ def test_someone_who_walks_is_followed_by_the_phases_of_the_echo():
 
 
 @pytest.mark.parametrize("ratio", [0.42, 0.9, 2.3])
-@pytest.mark.parametrize("unknown", [{}, {"phase": "snapshot", "gain": "node"}])
+@pytest.mark.parametrize("unknown", [{}, {"delay": "link"}, {"phase": "snapshot", "gain": "node"}])
 def test_another_carrier_is_found_within_two_and_a_half_octaves(ratio, unknown):
     ears = heard(theirs(carrier_hz=ratio * CARRIER_HZ), 30.0, **unknown)
     model = evaluated(ears, ours(), ())

@@ -14,7 +14,7 @@ from . import fringes, imaging, planes, policy, scan, shades, tracks
 from .ears import thinned, without_phase
 from .fit import applied, evaluated, with_effect
 
-_SCANNED_CARRIERS, _BEATS = 30_000, 8  # of the grid; its minima that are looked at within
+_SCANNED_CARRIERS = 100_000
 _AROUND = 0.3  # change of a link's direction, as a share of its length, from which antennas show from several sides
 
 
@@ -207,9 +207,25 @@ class View:
                 return False
         return True
 
-    def _scanned(self, rates_of) -> list:
-        out = []
+    @cached_property
+    def _unturned(self) -> list:
+        """Fits whose unknown delays are those of the strengths alone: delays would make up for phases that are wrong."""
+        fits = []
         for ear, fit in zip(self.ears, self.model.fits, strict=True):
+            if ear.has_responses and self.delay != "none" and self.phase == "none":
+                free = without_phase(ear).profiled(ear.predicted(self.world)).factor
+                step = free[..., 1:2] / free[..., :1] if free.shape[-1] > 1 else np.ones_like(free)
+                steps = (
+                    ear.heard.frequency_hz[0] / (ear.heard.frequency_hz[-1] - ear.heard.frequency_hz[0]) * (free.shape[-1] - 1)
+                )
+                middle = free[..., :1] * np.exp(-1j * np.angle(step) * steps)  # at the carrier
+                fit = replace(fit, factor=free / (middle / np.maximum(np.abs(middle), 1e-300)))
+            fits.append(fit)
+        return fits
+
+    def _scanned(self, rates_of, fits=None) -> list:
+        out = []
+        for ear, fit in zip(self.ears, fits or self.model.fits, strict=True):
             if ear.has_responses:
                 out += scan.rows(ear, fit, self.world, lambda index, ear=ear: rates_of(ear, index))
         return out
@@ -262,34 +278,24 @@ class View:
         return scan.minima(grid_m, scan.energy(rows, grid_m), best) if rows else []
 
     def scan_carrier(self, octaves: float, best: int) -> list[float]:
-        """Carriers that would turn the phases of all paths as they are, and weaken them as wavelengths get shorter: first where
-        phases of paths beat against each other, then, where the phase itself is known, within the beat."""
+        """Carriers that would turn the phases of all paths as they are, and weaken them as wavelengths get shorter. A phase that
+        is known turns with every wavelength of a path, one that is not with every wavelength between two."""
+        here_hz, far_m = self.world.carrier_hz, np.max if self.phase == "none" else np.ptp
         lengths_m = [table.way.length_m for table, _ in self._tables if len(table.gain)]
-        here_hz = self.world.carrier_hz
-        step_hz, fine_hz = (
-            SPEED_OF_LIGHT_M_PER_S / max(max(map(far_m, lengths_m), default=1.0), 1.0) / 8 for far_m in (np.ptp, np.max)
-        )
         above, below = here_hz * (2**octaves - 1), here_hz * (1 - 2**-octaves)
-        step_hz = max(step_hz, (above + below) / _SCANNED_CARRIERS)
-        grid_hz = np.arange(-below, above, step_hz)
+        step_hz = SPEED_OF_LIGHT_M_PER_S / max(max(map(far_m, lengths_m), default=1.0), 1.0) / 8
+        grid_hz = np.arange(-below, above, max(step_hz, (above + below) / _SCANNED_CARRIERS))
 
         def rates(ear, index):
             table = ear.predictor.path_table(self.world, index)
             turned = table.way.length_m[None] / here_hz
             return np.stack([turned, np.zeros_like(turned)], axis=2)
 
-        def looked(rows, grid_hz, many):
-            shrunk = (here_hz / (here_hz + grid_hz))[:, None] if self.gain == "none" else None
-            return scan.minima(grid_hz, scan.energy(rows, grid_hz, scale=shrunk), many)
-
-        rows = self._scanned(rates)
+        rows = self._scanned(rates, self._unturned)
         if not rows:
             return []
-        found = looked([replace(row, is_free=True) for row in rows], grid_hz, _BEATS)
-        if self.phase == "none":
-            near_hz = np.arange(-step_hz, step_hz, fine_hz)
-            found = looked(rows, np.unique(np.concatenate([hz + near_hz for hz in found])), best)
-        return [here_hz + hz for hz in found[:best]]
+        scale = (here_hz / (here_hz + grid_hz))[:, None] if self.gain == "none" else None
+        return [here_hz + hz for hz in scan.minima(grid_hz, scan.energy(rows, grid_hz, scale=scale), best)]
 
     @cached_property
     def wideband(self) -> list:
