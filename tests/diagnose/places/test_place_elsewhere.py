@@ -69,3 +69,8 @@ def test_an_object_from_where_no_link_looks_may_as_well_be_new(is_fenced, shift_
     assert {name for name, *_ in run._alike(found, 0, ears, (), world)} == families
     both = elsewhere.one_more(world, model.effects, 0)
     assert set(both.mesh.names) == {*MADE, "board", "new_board"}
+
+
+def test_an_object_a_hand_from_its_place_is_no_second_one():
+    world = _yard(True)
+    assert elsewhere.one_more(world, (_moved(0.1),), 0) is None

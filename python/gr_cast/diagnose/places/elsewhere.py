@@ -77,6 +77,9 @@ def one_more(base: World, effects: Sequence, number: int) -> World | None:
     if not isinstance(effect.family, ObjectMoved) or effect.owner not in base.mesh.names:
         return None
     world, index = applied(base, effects), base.mesh.index(effect.owner)
+    offset_m, size_m = np.abs(effect.values[0] * np.array(effect.choice)), np.ptp(base.mesh.solids[index].vertices_m, axis=0)
+    if (offset_m < np.maximum(size_m, _SHIFTS_M[0])).all():  # two would stand in one another
+        return None
     name = f"new_{effect.owner}"
     surface = {key: values[index] for key, values in vars(world.surface).items()}
     stays = world.with_object(replace(base.mesh.solids[index], name=name), **surface)

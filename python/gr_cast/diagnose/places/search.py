@@ -110,7 +110,7 @@ def _begun_anew(ears, model: Model) -> Model:
         known = evaluated(thin, model.base, model.effects)
         ranked = sorted((replaced(thin, known, number, one) for one in others), key=lambda one: one.energy)
         near = [fitted(thin, one, rounds=policy.SCREEN_ROUNDS, free=[number]) for one in ranked[: 4 * policy.FULL_STARTS]]
-        others = [one.effects[number] for one in sorted(near, key=lambda one: one.energy)[: policy.FULL_STARTS]]
+        others = [one.effects[number] for one in sorted(near, key=lambda one: one.energy)[: 3 * policy.FULL_STARTS]]
     trials = sorted((replaced(ears, model, number, one) for one in others), key=lambda one: one.energy)
     return min((model, *(fitted(ears, one) for one in trials[: policy.FULL_STARTS])), key=lambda one: one.energy)
 
