@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gr_cast.diagnose.places import search
 from gr_cast.diagnose.places.ears import ResponseEar
-from gr_cast.diagnose.places.fit import Model, evaluated, fitted, with_effect
+from gr_cast.diagnose.places.fit import Model, applied, evaluated, fitted, with_effect
 from gr_cast.diagnose.places.likelihood import Heard
 from gr_cast.diagnose.places.view import View
 from gr_cast.scenario.create import images
@@ -192,3 +192,14 @@ def test_what_a_few_patches_of_a_field_send_alike_accuses_nothing_beside_it(monk
     assert begun(monkeypatch, left, "missing_scattering") == ["field"]
     left |= {("field", "a"): 0.0}
     assert begun(monkeypatch, left, "missing_scattering") == ["field", "a"]
+
+
+def test_two_laws_of_one_name_and_number_are_two_worlds():
+    path, metre = (family for family in FAMILIES if type(family).__name__ in ("DistanceLaw", "Attenuation"))
+    worlds = [
+        applied(base, [Effect(family=family, owner="place", values=np.array([2.5]))])
+        for base in [ours()]
+        for family in (path, metre, path)
+    ]
+    assert [world.exponent for world in worlds] == [2.5, 2.0, 2.5]
+    assert [world.loss_db_per_m for world in worlds] == [0.0, 2.5, 0.0]

@@ -54,7 +54,7 @@ def _applied(base: World, effects: Sequence[Effect]) -> World:
     """The same world again where nothing changed: what was traced in it is remembered by its mesh."""
     if not effects:
         return base
-    key = id(base), *((one.key, one.values.tobytes(), id(one.choice)) for one in effects)
+    key = id(base), *((one.family, one.owner, one.values.tobytes(), id(one.choice)) for one in effects)
     if key not in _worlds:
         _worlds[key] = base, effects, effects[-1].family.apply(_applied(base, effects[:-1]), effects[-1])
     _worlds.move_to_end(key)
