@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Soundings as the engine hears them: what a world would give, and how well that explains what was measured."""
 
+import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -106,8 +107,10 @@ def bursts(instants: int, most: int) -> np.ndarray:
     return np.unique(begin[:, None] + np.arange(_BURST))
 
 
+@functools.lru_cache(maxsize=8)
 def thinned(one, instants: int, frequencies: int):
-    """The same sounding with fewer instants and frequencies, for what is only to be ranked."""
+    """The same sounding with fewer instants and frequencies, for what is only to be ranked. The same again for the same ear: what
+    was traced for it is remembered by its predictor."""
     if not one.has_responses:  # few numbers, and their order in time says something
         return one
     t = evenly(len(one.predictor.time_s), instants)
