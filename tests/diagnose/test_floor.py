@@ -3,8 +3,10 @@
 
 import numpy as np
 import pytest
-from conftest_world import noise
-from gr_cast.diagnose import diagnose, flatness, read_case
+from conftest_world import RATE_HZ, noise
+from gr_cast.diagnose import align, diagnose, flatness, read_case
+from gr_cast.diagnose import noise as laws
+from gr_cast.diagnose.search import refit
 from scipy import stats
 
 
@@ -63,3 +65,15 @@ def test_the_change_of_a_floor_is_that_of_all_noise_by_sample_the_rounding_of_th
     change = effect["parameters"]["change_db"]
     assert effect["family"] == "noise_floor"
     assert abs(change["value"] - 10 * np.log10((1.7 * own + rounding) / (own + rounding))) < 2.5 * change["std"] < 0.2
+
+
+def test_the_steps_of_a_file_stay_as_they_are_where_the_gain_falls(world, tmp_path):
+    """A twin that knows of 12 dB less for the last 1500 samples: behind it the steps of 8 bits are louder than the noise."""
+    at, twin = 18_500, world.twin()
+    told = {"time_s": {"value": at / RATE_HZ, "std": 0.0}, "step_db": {"value": -12.0, "std": 0.0}}
+    twin["effects"] = [{"family": "gain_step", "owner": {"level": "rx", "name": "rx1"}, "parameters": told}]
+    world.twin = lambda: twin
+    y = world.noisy(world.clean()) * np.where(world.n < at, 1.0, 10 ** (-12 / 20))
+    case = read_case(world.write(tmp_path / "case", y, datatype="ci8"))
+    _, data, model = align.build(case, case.observations[0])
+    assert max(nats for nats, _ in laws.starts(refit(data, model))) < 0

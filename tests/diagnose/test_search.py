@@ -55,6 +55,15 @@ def test_a_filter_moves_in_front_of_the_amplifier_that_bends_its_peaks(bent):
     assert next(e for e in best.model.effects if e.family == "front_end_filter").aux["side"] == "tx"
 
 
+def test_an_amplifier_remembers_only_what_pays_for_its_memory(bent):
+    data, model = bent
+    lasting = {"source": 0, "peak": 1.0, "orders": (1,), "lags": (1,)}
+    first = refit(data, model.adding(_filter("tx")).adding(start(FAMILIES["pa_nonlinearity"], np.zeros(6), aux=lasting)))
+    best = search.eliminate(data, first, [])
+    amplifier = next(e for e in best.model.effects if e.family == "pa_nonlinearity")
+    assert best.evidence > first.evidence and not amplifier.aux.get("lags")
+
+
 def test_what_is_read_off_the_samples_takes_no_place_of_what_is_searched_for(bent):
     _, model = bent
     rails = start(FAMILIES["adc_clipping"], [1.0, 0.0], free=[False] * 2, aux={"read": True})

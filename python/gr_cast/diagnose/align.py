@@ -12,7 +12,7 @@ from ..twin.effects.base import start
 from ..twin.entries import effect_of, in_either_seconds, known_losses, lost_before, plain, source_of, told_noise_db, twin_effects
 from ..twin.model import Model, predict
 from ..twin.scene import PAD, Path, Scene, Source, bridged, reach
-from . import delays, offsets, pieces, presence
+from . import delays, gate, offsets, pieces, presence
 from .fit import Data
 from .policy import (
     ALIGN_MARGIN,
@@ -394,4 +394,5 @@ def _data(case, observation, scene, y, delay: float) -> Data:
         use=(valid & ~vault).astype(float),
         vault=vault & valid,
         noise_power=None if noise is None else 10 ** (noise / 10),
+        rounding=gate.native_step(observation.datatype) ** 2 / 6,
     )

@@ -32,6 +32,7 @@ class Data:
     use: np.ndarray
     vault: np.ndarray
     noise_power: float | None = None  # the twin's
+    rounding: float = 0.0  # power that the steps of the file add, behind all else
     variance: np.ndarray | None = None
     spectrum: np.ndarray | None = None
     impulses: tuple | None = None  # (effect, weight of every sample (n,)) where some hold an impulse
@@ -263,8 +264,11 @@ def filters_noise(model: Model) -> bool:
 
 def shape_of_receiver(fit: Fit, model: Model):
     """(n,) power over time that gain and quantiser of the receiver give to even noise, None where they do
-    nothing."""
+    nothing; no gain changes what the file's own steps add."""
     shape = gain_of_receiver(fit, model)
+    if shape is not None:
+        steps = min(fit.data.rounding / fit.sigma2, 1.0)
+        shape = steps + (1 - steps) * shape
     for effect in model.effects:
         if is_coarse(effect):
             predict(fit.data.scene, fit.model)  # leaves the prediction in front of the quantiser

@@ -11,6 +11,7 @@ from gr_cast.twin.columns import Courses, Dense, Lags, gram
 from gr_cast.twin.effects import FAMILIES
 from gr_cast.twin.effects.adc_clipping import mean_of_limiter
 from gr_cast.twin.effects.base import start
+from gr_cast.twin.effects.noise_family import NoiseView
 from gr_cast.twin.effects.quantization import mean_of_quantizer, variance_of_quantizer
 from gr_cast.twin.entries import effect_of
 from gr_cast.twin.model import Model, jacobian, predict
@@ -163,6 +164,39 @@ def test_an_amplifier_compresses_by_what_it_reports():
     x, y = at(N), predicted(taps, effect)
     top = np.argmax(np.abs(x))
     assert 20 * np.log10(abs(y[top] / x[top])) == pytest.approx(-1.0, abs=0.15)
+
+
+def test_an_amplifier_that_remembers_compresses_by_what_a_thousandth_of_the_amplitude_shows():
+    """Of a wave that is nowhere faint (amplitudes of 0.9 to 1) too."""
+    n = np.arange(PERIOD)
+    x = (0.95 + 0.05 * np.cos(2 * np.pi * 3 * n / PERIOD)) * np.exp(2j * np.pi * 5 * n / PERIOD)
+
+    def sent(wave):
+        cubic = wave * np.abs(wave) ** 2
+        return wave + (0.05 + 0.02j) * np.roll(wave, 1) - (0.2 + 0.1j) * cubic - 0.08 * np.roll(cubic, 1)
+
+    here = scene(ONE)
+    here.sources[0] = replace(here.sources[0], samples=x)
+    effect = start(
+        FAMILIES["pa_nonlinearity"],
+        [-0.2, -0.1, 0.05, 0.02, -0.08, 0.0],
+        aux={"source": 0, "peak": 1.0, "orders": (1,), "lags": (1,)},
+    )
+    strongest = np.argsort(np.abs(x))[-8:]
+    gain = lambda wave, part: np.vdot(wave[part], sent(wave)[part]) / np.vdot(wave[part], wave[part])  # noqa: E731
+    lost = 20 * np.log10(abs(gain(1e-3 * x, n) / gain(x, strongest)))
+    assert FAMILIES["pa_nonlinearity"].values(here, effect, effect.p)["compression_db"] == pytest.approx(lost, abs=1e-3)
+
+
+def test_noise_that_follows_the_signal_lies_in_its_interval_where_next_to_no_floor_is_heard():
+    """A hundred times the floor, under a wave that never falls below a fifth of its power."""
+    rng, family, z = np.random.default_rng(8), FAMILIES["signal_dependent_noise"], []
+    power = rng.uniform(0.2, 1.8, 10_000)
+    for _ in range(60):
+        energy = rng.exponential(size=10_000) * (1 + 100 * power / power.mean())
+        _, found = family.find(NoiseView(use=np.ones(10_000, bool), energy=energy, wanted_power=power, weighted=None))
+        z.append((found.p[0] - np.log(100)) / found.aux["_std"][0])
+    assert np.mean(np.abs(z) < 1.96) > 0.9
 
 
 @pytest.mark.parametrize("inverted", [False, True])

@@ -79,10 +79,8 @@ class PaNonlinearity(Family):
             free=np.ones(size, bool),
             aux={**effect.aux, "orders": orders, "lags": lags},
         )
-        every = [(0, o) for o in orders] + [(lag, o) for lag in lags for o in (0, *orders)]
-        mine = [(0, o) for o in effect.aux["orders"]] + [
-            (lag, o) for lag in effect.aux.get("lags", ()) for o in (0, *effect.aux["orders"])
-        ]
+        every = self._units(orders, lags)
+        mine = self._units(effect.aux["orders"], effect.aux.get("lags", ()))
         at = np.array([every.index(m) for m in mine])
         return effect.aux["source"], whole, np.stack([2 * at, 2 * at + 1], 1).ravel()
 
@@ -92,13 +90,16 @@ class PaNonlinearity(Family):
         terms = kept(scene, i, x, effect.aux["peak"], orders)
         bends = (0, *orders) if lags else orders
         units = [(rest(before.copy(), effect, extra=(i, PROBE * terms[o])).y - chain.y) / PROBE for o in bends]
-        entries = [(bends.index(o), 0) for o in orders]
-        entries += [(bends.index(o), lag) for lag in lags for o in (0, *orders)]
-        return Lags(signals=np.array(units), entries=tuple(entries), paired=chain.facing)
+        entries = tuple((bends.index(order), lag) for order, lag in self._units(orders, lags))
+        return Lags(signals=np.array(units), entries=entries, paired=chain.facing)
 
     @staticmethod
-    def _shape(orders, lags):
-        return 2 * (len(orders) + len(lags) * (1 + len(orders)))
+    def _units(orders, lags):
+        """(order, lag) of every coefficient."""
+        return [(order, 0) for order in orders] + [(order, lag) for lag in lags for order in (0, *orders)]
+
+    def _shape(self, orders, lags):
+        return 2 * len(self._units(orders, lags))
 
     def starts(self, view):
         for i, source in enumerate(view.scene.sources):
@@ -123,13 +124,16 @@ class PaNonlinearity(Family):
                 yield start(self, np.zeros(self._shape(orders, ())), aux={**aux, "orders": orders})
 
     def less(self, scene, effect, others):
-        """The same memory of a linear front end, where no filter of its own is there for it."""
+        """The amplifier without memory, and, where no filter is there for it, the same memory of a linear front end."""
         i, lags, alone = effect.aux["source"], effect.aux.get("lags", ()), len(scene.sources) == 1
+        if not lags:
+            return
+        yield from self.forms(scene, effect)
         filters = [e.aux for e in others if e.family == "front_end_filter"]
-        if not lags or any(alone or aux["side"] == "tx" and aux["source"] == i for aux in filters):
-            return ()
-        low, high = min(0, *lags), max(0, *lags)
-        return (start(FrontEndFilter(), np.zeros(2 * (high - low)), aux={"low": low, "high": high, "side": "tx", "source": i}),)
+        if not any(alone or aux["side"] == "tx" and aux["source"] == i for aux in filters):
+            low, high = min(0, *lags), max(0, *lags)
+            aux = {"low": low, "high": high, "side": "tx", "source": i}
+            yield start(FrontEndFilter(), np.zeros(2 * (high - low)), aux=aux)
 
     @staticmethod
     def _driven(scene, effect):
@@ -143,8 +147,8 @@ class PaNonlinearity(Family):
         return 1.0 + (p[::2] + 1j * p[1::2]).sum()
 
     def _met(self, scene, effect, p):
-        """Gain of the strongest thousandth of the samples sent over that of the weaker half, with memory, or at small
-        signal, without (complex): what an amplifier remembers at a peak is the signal around that peak."""
+        """Gain of the strongest thousandth of the samples sent over that of the same wave where it is faint (complex): what an
+        amplifier remembers at a peak is the signal around that peak."""
         i, orders, lags = effect.aux["source"], effect.aux["orders"], effect.aux.get("lags", ())
         x = self._driven(scene, effect)
         key = ("met", i, orders, lags)
@@ -152,15 +156,17 @@ class PaNonlinearity(Family):
             terms = kept(scene, i, x, effect.aux["peak"], orders)
             level = np.abs(x)
             sent = np.flatnonzero(level > 0)
-            sent = sent[np.argsort(level[sent])]
-            shares = []
-            for part in (sent[: len(sent) // 2], sent[-max(8, len(sent) // 1000) :]):
-                rows = [terms[order][part] for order in orders]
-                rows += [terms[order][(part - lag) % len(x)] for lag in lags for order in (0, *orders)]
-                shares.append(np.array(rows) @ np.conj(x[part]) / np.vdot(x[part], x[part]).real)
-            scene.notes[key] = x, shares
+            strongest = sent[np.argsort(level[sent])][-max(8, len(sent) // 1000) :]
+            units = self._units(orders, lags)
+
+            def shares(part):
+                rows = np.array([terms[order][(part - lag) % len(x)] for order, lag in units])
+                return rows @ np.conj(x[part]) / np.vdot(x[part], x[part]).real
+
+            linear = np.array([order == 0 for order, _ in units])
+            scene.notes[key] = x, (shares(sent) * linear, shares(strongest))
         small, large = (1.0 + share @ (p[::2] + 1j * p[1::2]) for share in scene.notes[key][1])
-        return large / small if lags else large
+        return large / small
 
     def values(self, scene, effect, p):
         plain = not effect.aux.get("lags") and self._driven(scene, effect) is scene.sources[effect.aux["source"]].samples

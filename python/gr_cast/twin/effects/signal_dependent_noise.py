@@ -2,11 +2,14 @@
 """Noise that follows the wanted power. Internal: ln of its power at mean wanted power over the floor."""
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import brentq, minimize_scalar
 
 from .base import Role, start
 from .noise_family import REMEMBERED, NoiseFamily, profile
 from .values import NEEDED
+
+STRONGEST = 7.0  # ln of the noise that follows over the floor, either way: beyond, one of the two is not heard
+COVERS = 1.96  # standard deviations of an interval of 95 %
 
 
 class SignalDependentNoise(NoiseFamily):
@@ -23,6 +26,16 @@ class SignalDependentNoise(NoiseFamily):
     def values(self, scene, effect, p):
         return {"slope_db": 10 / np.log(10) * p[0]}
 
+    @staticmethod
+    def _error(behind, at: float) -> float:
+        """The wider side of the interval of likelihood, as a standard deviation: where little is heard of one of the two powers
+        the likelihood falls off steeply on one side alone. `behind(k)` is ln L behind that at its best."""
+        lack, sides = 0.5 * COVERS**2, []
+        for end in (-STRONGEST, STRONGEST):
+            inside = behind(end) < lack
+            sides.append(abs(end - at) if inside else abs(brentq(lambda k: behind(k) - lack, at, end, xtol=1e-3) - at))
+        return max(sides) / COVERS
+
     def _levels(self, scene, parameters, model, floor, rms):
         return [np.log(10) / 10 * parameters["slope_db"]]
 
@@ -37,7 +50,6 @@ class SignalDependentNoise(NoiseFamily):
         def cost(k):
             return -profile(energy, 1 + np.exp(k) * w)
 
-        best = minimize_scalar(cost, bounds=(-7, 7), method="bounded", options={"xatol": 1e-3})
-        curvature = (cost(best.x + 0.2) - 2 * best.fun + cost(best.x - 0.2)) / 0.2**2
-        aux = {"_std": [1 / np.sqrt(max(curvature, 1e-6))]}
+        best = minimize_scalar(cost, bounds=(-STRONGEST, STRONGEST), method="bounded", options={"xatol": 1e-3})
+        aux = {"_std": [self._error(lambda k: cost(k) - best.fun, best.x)]}
         return -best.fun - flat, start(self, [best.x], free=[False], aux=aux)
