@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import yaml
 from conftest_world import RATE_HZ, noise, sent_once
-from gr_cast.diagnose import align, diagnose, policy, read_case
+from gr_cast.diagnose import align, delays, diagnose, policy, read_case
 from gr_cast.diagnose.search import refit
-from gr_cast.signals import recording
+from gr_cast.signals import codes, recording
 from gr_cast.twin import document
 
 
@@ -129,6 +129,23 @@ def test_a_repeated_code_20_db_below_the_noise_is_found_under_any_carrier_and_ei
     (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
     case = read_case(folder)
     assert align.locate(case, case.observations[0]) == (37, inverted)
+
+
+def test_lines_of_a_waveform_say_nothing_of_its_delay_and_nothing_else_is_taken_for_one():
+    """Two thirds of the power in one line; a code, noise, a comb of pilots and a tone stay as they are."""
+    rng, n = np.random.default_rng(11), np.arange(1921)
+    x = noise(rng, len(n))
+
+    def elsewhere(sent):
+        held = np.abs(np.fft.ifft(np.abs(np.fft.fft(sent)) ** 2)) ** 2
+        return held[1:].mean() / held[0]
+
+    lined = x + 1.5 * np.exp(2j * np.pi * 1579 * n / len(n))
+    assert elsewhere(lined) > 0.4 and elsewhere(delays.without_lines(lined)) < 0.01
+    comb = np.fft.ifft(np.where(np.arange(2040) % 12 == 0, np.exp(2j * np.pi * rng.random(2040)), 0))
+    code = codes.from_spec({"code": "glfsr", "degree": 8, "mask": 0, "seed": 1, "samples_per_chip": 4})
+    for other in (x, comb, code.astype(complex), np.exp(2j * np.pi * 5 * n / len(n))):
+        assert np.array_equal(delays.without_lines(other), other)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -186,6 +186,7 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
             low = max(0, observation.first - LONGEST_SCAN // 4)
             high = min(high, observation.first + n + LONGEST_SCAN // 4)
         sources = [_stretch(w, amplitude, low, high - low) for w, amplitude in sent]
+    sources = [replace(s, samples=delays.without_lines(s.samples)) if s.repeat and s.known.all() else s for s in sources]
     turn = np.exp(-2j * np.pi * _twin_offset_hz(case, observation, links) * np.arange(n) / rate)
     taps, told = [link.taps for link in links], _told_inverted(case, observation)
     signals = [np.conj(y) * turn] if told else [y * turn, np.conj(y) * turn]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import fft as sp_fft
+from scipy import ndimage
 
 from ..twin.scene import Source
 from .policy import (
@@ -20,6 +21,9 @@ from .policy import (
     DELAY_SHORTEST,
     DELAY_SILENT,
     DELAY_SURE_NATS,
+    LEAST_WITHOUT_LINES,
+    LINE_BINS,
+    LINE_DECILE,
     PIECES,
     SHORT_FACTOR,
     TABLE,
@@ -31,6 +35,20 @@ def response(taps, length: int, rate: float) -> np.ndarray:
     """(length,) complex response of a link's taps at the frequencies of an FFT."""
     f = sp_fft.fftfreq(length) * rate
     return sum(t.amplitude * np.exp(-2j * np.pi * f * t.delay_s) for t in taps)
+
+
+def without_lines(samples: np.ndarray) -> np.ndarray:
+    """What is sent with no line of its own above what random bins reach around it: a line is the same at every delay. As it is
+    where all but nothing would be left of it."""
+    spectrum = sp_fft.fft(samples)
+    power, n = np.abs(spectrum) ** 2, len(samples)
+    blocks = np.array_split(power, max(1, n // LINE_BINS))
+    around = ndimage.maximum_filter1d([np.quantile(b, LINE_DECILE) for b in blocks], 3, mode="wrap")
+    most = np.log(n + 1) * np.repeat(around, [len(b) for b in blocks])  # the largest of n random bins has half of it
+    kept = np.minimum(1.0, np.sqrt(most / np.maximum(power, 1e-300)))
+    if np.all(kept == 1.0) or np.sum(power * kept**2) < LEAST_WITHOUT_LINES * power.sum():
+        return samples
+    return sp_fft.ifft(spectrum * kept)
 
 
 def of_repeated(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: float) -> int:

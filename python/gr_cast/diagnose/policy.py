@@ -65,6 +65,8 @@ PIECES, DELAY_LEAST_PIECE = 1024, 8  # of a waveform that is sent once, and samp
 WORK = 1 << 28  # lags of all pieces together
 DELAY_SILENT = 1e-4  # of the mean energy of a piece: one with less is the tail of a link's response, or nothing
 DELAY_GROWTH = 4  # how much longer the pieces of the next length are
+# bins of a spectrum and the part of them below a level that stands for all; a line may hold all but so much of the energy
+LINE_BINS, LINE_DECILE, LEAST_WITHOUT_LINES = 64, 0.9, 0.01
 BEHIND = 64  # samples behind the last path that a link's response is followed
 
 # finding
