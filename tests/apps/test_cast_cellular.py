@@ -37,6 +37,31 @@ def test_one_command_writes_table_picture_series_and_json(tmp_path):
         assert series.read(name).value.size == 10
 
 
+def test_by_default_standing_terminals_hold_what_the_papers_hold_and_the_walking_one_gains_as_it_passes(tmp_path):
+    """The paper's figure: who stands holds 5 Mbit/s; the SINR of who walks rises and falls. Its ρ stand beside ours."""
+    done = run("--output", tmp_path, "--step", 1.5)
+    assert done.returncode == 0, done.stderr
+    document = json.loads((tmp_path / "cellular.json").read_text())
+    mean = {(row["run"], row["terminal"]): row["udp_bps_mean"] for row in document["terminals"]}
+    assert min(mean[name, node] for name in ("place", "twin") for node in ("s2", "s5")) > 4.8e6
+    walking_db = series.read(tmp_path / "place/sinr_db_m1.csv").value
+    assert max(walking_db[0], walking_db[-1]) < walking_db.max() - 6 and 2 < walking_db.argmax() < 8
+    assert document["similarity_in_the_paper"]["s5"] == {"sinr_db": 0.994, "udp_bps": 0.998, "tcp_bps": 0.998}
+    (line,) = [line for line in done.stdout.splitlines() if line.split()[:2] == ["m1", "udp_bps"]]
+    assert " 0.999 " in line
+
+
+def test_by_default_two_stations_have_six_terminals_that_stand(tmp_path):
+    done = run("--output", tmp_path, "--stations", 2, "--duration", 0.4, "--blocks", 6)
+    assert done.returncode == 0, done.stderr
+    cells = json.loads((tmp_path / "cellular.json").read_text())["cells"]
+    assert [(cell["station"], len([name for name in cell["terminals"] if name[0] == "s"])) for cell in cells] == [
+        ("c10", 3),
+        ("c25", 3),
+    ]
+    assert "hold 5 ± 0.02 Mbit/s" in done.stdout
+
+
 def test_a_scenario_of_the_catalogue_is_played_instead(tmp_path):
     done = run("--output", tmp_path, "--duration", 0.3, "--scenario", 1009, "--cells", "1:2,3", "--blocks", 6)
     assert done.returncode == 0, done.stderr
@@ -135,7 +160,7 @@ def stand_ins(tmp_path):
         "  - {tx: b, rx: near, taps: [{delay_s: 0, gain_db: 0}]}\n  - {tx: b, rx: far, taps: [{delay_s: 0, gain_db: -12}]}\n"
     )
     arguments = ["--stack", "srsran-4g", "--stack-config", str(templates), "--blocks", "6", "--noise-figure-db", "0"]
-    arguments += ["--scenario", str(scenario), "--cells", "b:near,far"]
+    arguments += ["--scenario", str(scenario), "--cells", "b:near,far", "--tx-power-dbm", "20"]
     return os.environ | {"PATH": f"{STAND_INS}:{os.environ['PATH']}"}, arguments
 
 

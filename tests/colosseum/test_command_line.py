@@ -3,7 +3,6 @@
 and a Python that has cliff."""
 
 import json
-import os
 import subprocess
 import sys
 import time
@@ -12,40 +11,18 @@ from pathlib import Path
 import pytest
 
 sys.path.append(str(Path(__file__).parent))
+import client
 import team as teams
 from gr_cast.colosseum import clisocket, desk, world
 from gr_cast.colosseum.storage import Storage
-
-ROOT = Path(__file__).resolve().parents[2]
-
-
-def sources() -> tuple[Path, str]:
-    """The folder of colosseum_cli and the Python that runs it."""
-    for folder in (
-        Path(os.environ.get("CAST_COLOSSEUMCLI", ROOT.parent / "stacks/colosseumcli")),
-        ROOT.parents[1] / "stacks/colosseumcli",
-    ):
-        python = folder.parent / "colosseumcli-venv/bin/python"
-        python = str(python) if python.exists() else sys.executable
-        if (folder / "colosseum_cli").is_dir() and not subprocess.run(
-            [python, "-c", "import cliff"], capture_output=True
-        ).returncode:
-            return folder, python
-    pytest.skip("NO COLOSSEUMCLI: its sources, and a Python with cliff, at CAST_COLOSSEUMCLI or ../stacks/colosseumcli")
 
 
 @pytest.fixture(scope="module")
 def command(tmp_path_factory):
     """Runs a command of the unmodified client against a box's desk of three SRNs; gives what it prints."""
-    folder, python = sources()
     base = tmp_path_factory.mktemp("cli")
     team = teams.make(base)
-    info = base / "site" / "colosseumcli-19.0.0.dist-info"  # its entry points, as an installation would leave them
-    info.mkdir(parents=True)
-    text = (folder / "setup.py").read_text()
-    lines = [line.strip(" ',\n") for line in text.split("'cliff.colosseum': [")[1].split("]")[0].splitlines() if "=" in line]
-    (info / "entry_points.txt").write_text("[cliff.colosseum]\n" + "\n".join(lines) + "\n")
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: colosseumcli\nVersion: 19.0.0\n")
+    words_before, environment = client.prepared(base)
     here = world.world_of(Storage(folder=team), 3)
     state = {"desk": desk.Desk()}
 
@@ -56,32 +33,13 @@ def command(tmp_path_factory):
         return reply
 
     def run(*words, cwd=base) -> str:
-        environment = os.environ | {"COLOSSEMCLI_TEST_MODE": "TRUE", "PYTHONPATH": f"{folder}:{base / 'site'}", "HOME": str(base)}
-        # /tmp/socket of its own: what somebody else has there is left alone
-        inside = [
-            "unshare",
-            "--mount",
-            "sh",
-            "-c",
-            f'mkdir -p /tmp/socket; mount --bind {base}/socket /tmp/socket; exec "$@"',
-            "-",
-        ]
-        done = subprocess.run(
-            [*inside, python, "-m", "colosseum_cli.cli_app", *words],
-            capture_output=True,
-            text=True,
-            cwd=cwd,
-            env=environment,
-            timeout=60,
-        )
+        command = [*words_before, "-m", "colosseum_cli.cli_app", *words]
+        done = subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=environment, timeout=60)
         return done.stdout + done.stderr
 
-    if os.geteuid() != 0:
-        pytest.skip("NO ROOT: the client's socket stands at a fixed place, bound there for the client alone")
     with clisocket.Server({1: base / "socket" / "clisocket"}, answer):
         yield run
-    if Path("/tmp/socket").is_dir() and not any(Path("/tmp/socket").iterdir()):
-        Path("/tmp/socket").rmdir()
+    client.tidied()
 
 
 def test_it_lists_scenarios_and_nodes(command):

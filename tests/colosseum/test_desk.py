@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule, run_state_machine_as_test
 
 sys.path.append(str(Path(__file__).parent))
+import client
 from gr_cast.colosseum import clisocket, desk, maps
 from gr_cast.colosseum.desk import Desk, RfScenario, World
 
@@ -178,6 +179,69 @@ def test_random_sequences_of_commands_follow_the_documented_states():
             suppress_health_check=list(HealthCheck),
         ),
     )
+
+
+def words_of(request: dict, folder: Path) -> list[str] | None:
+    """The command of Colosseum's own client that sends this request; None where none does."""
+    plain = {
+        "rf_scenario_stop": "rf stop", "rf_scenario_info": "rf info", "rf_scenario_list": "rf scenario list",
+        "tgen_stop": "tg stop", "tgen_info": "tg info", "tgen_list": "tg scenario list", "usrp_info": "usrp info",
+        "gps_stop": "gps stop", "gps_info": "gps info",
+    }  # fmt: skip
+    command = request.get("command") if isinstance(request, dict) else None
+    command = command if isinstance(command, str) else None
+    if command in plain:
+        return plain[command].split()
+    number, cycle = (request.get(key, False) for key in ("scenario_id", "scenario_cycle")) if command else (None, None)
+    if command not in ("rf_scenario_start", "tgen_start") or type(number) is not int or type(cycle) is not bool:
+        return None
+    words = [command[:2], "start", str(number)] + ["-c"] * cycle
+    if "srn_radio_mapping" in request:
+        (folder / "map.json").write_text(json.dumps(request["srn_radio_mapping"]))
+        words += ["-m", str(folder / "map.json")]
+    return words
+
+
+def test_the_unmodified_client_tells_of_random_sequences_what_the_documented_states_are(tmp_path_factory):
+    base = tmp_path_factory.mktemp("client")
+    here = {}
+
+    class ThroughTheClient(Documented):
+        """What the client can say goes through it and its socket; it must tell what was answered."""
+
+        def ask(self, request, srn=1):
+            words = words_of(request, base)
+            if words is None:
+                return super().ask(request, srn)
+            here["answer"], here["replies"] = super().ask, []
+            status, told = commands.run(*words)
+            reply = here["replies"][0]
+            assert status == 0 and "Traceback" not in told and "ERROR" not in told, (words, told)
+            if reply["status"] == 400 and words[1] == "start":
+                assert "failed to" in told and reply["message"] in told
+            elif words[:2] == ["rf", "start"]:
+                assert "Scenario Start Time is" in told
+            elif words == ["rf", "info"] and self.rf:
+                assert self.rf[1] in told and str(self.rf[0]) in told
+            elif words == ["tg", "info"] and self.traffic:
+                assert self.traffic[1] in told
+            return reply
+
+    def answer(srn, request):
+        here["replies"].append(here["answer"](request, srn))
+        return here["replies"][-1]
+
+    commands = client.Client(base)
+    try:
+        with clisocket.Server({1: base / "socket/clisocket"}, answer):
+            several = settings(
+                max_examples=SEQUENCES // 10, stateful_step_count=12, deadline=None, derandomize=True,
+                suppress_health_check=list(HealthCheck),
+            )  # fmt: skip
+            run_state_machine_as_test(ThroughTheClient, settings=several)
+    finally:
+        commands.close()
+        client.tidied()
 
 
 @pytest.fixture

@@ -18,8 +18,12 @@ def jamming(case: str) -> dict | None:
     return figures()["jamming"]["cases"].get(case)
 
 
-def cellular_rho(cells) -> dict[str, dict[str, float]]:
-    """{terminal: {quantity: ρ}} of the paper's one cell; empty for any other cells: of two stations the paper gives no ρ."""
+def cellular_rho(cells, nodes: tuple[str, ...]) -> dict[str, dict[str, float]]:
+    """{terminal: {quantity: ρ}} of the paper's one cell, whose nodes are numbers among all `nodes` of the place; empty for any
+    other cells: of two stations the paper gives no ρ."""
     own = figures()["cellular"]
-    same = [(cell.station, list(cell.terminals)) for cell in cells] == [(own["station"], own["terminals"])]
-    return own["rho"] if same else {}
+    number = {name: str(index + 1) for index, name in enumerate(nodes)}
+    numbered = [(number[cell.station], [number[name] for name in cell.terminals]) for cell in cells]
+    if numbered != [(own["station"], own["terminals"])]:
+        return {}
+    return {name: own["rho"][number[name]] for name in cells[0].terminals}

@@ -17,6 +17,7 @@ from ...scenario import LinkTaps, Scenario, base_loss_db, taps_at
 from ...signals.codes import zadoff_chu
 from ...signals.recording import Recording
 from ...signals.waveform import Waveform
+from ...sounding.receive import whole_periods
 from ...sounding.sound import Sounding, SoundingOptions, sound
 
 SUBCARRIER_HZ = 15e3
@@ -129,13 +130,19 @@ class Downlink:
     def _sound(self, recording: Recording) -> Sounding:
         return sound(recording, self._code, SoundingOptions(correct_offset=False, max_taps=1))
 
-    def _gain(self, sounding: Sounding) -> np.ndarray:
-        """|H(f)|² at all bins, (fft,), without the noise that is in it; 0 where the sounder sees no signal."""
-        bins = len(self._code.samples)
+    def _gain(self, recording: Recording, sounding: Sounding) -> np.ndarray:
+        """|H(f)|² at all bins, (fft,), without the noise that is in it; 0 where the sounder sees no signal.
+
+        By the mean of all periods, in which no channel moves, and not by the sounding's response, which has no phase where the
+        sounder took it for one that does.
+        """
+        code = self._code.samples
         if not len(sounding.taps.delay_samples):
-            return np.zeros(bins)
-        power = np.abs(np.fft.fft(sounding.response)) ** 2
-        return np.maximum(power - bins * sounding.response_noise_power, 0.0)
+            return np.zeros(len(code))
+        heard = whole_periods(recording, len(code)).samples
+        sent = np.abs(np.fft.fft(code)) ** 2
+        power = np.abs(np.fft.fft(heard.mean(axis=0, dtype=complex))) ** 2
+        return np.maximum(power - len(code) * sounding.noise_power / len(heard), 0.0) / sent
 
     def _seeds(self, at_s: float, count: int) -> list[int]:
         # An instant's noise depends on nothing but the seed and the instant.
@@ -148,7 +155,7 @@ class Downlink:
         for station, seed in zip(self.stations, self._seeds(at_s, len(self.stations)), strict=True):
             for terminal, recording in self._burst(at_s, {station: self._code.samples}, seed).items():
                 sounding = self._sound(recording)
-                gain[station, terminal] = self._gain(sounding)
+                gain[station, terminal] = self._gain(recording, sounding)
                 noise[terminal].append(sounding.noise_power)
         return gain, {terminal: float(np.mean(values)) for terminal, values in noise.items()}
 
