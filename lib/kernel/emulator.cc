@@ -122,9 +122,9 @@ void emulator::check(const config& c)
 
 emulator::emulator(const config& c)
     : d_config((check(c), c)), d_isa(isa_from_name(c.isa)), d_threads(c.n_threads),
-      d_may_be_sparse(c.method != "dense"), d_may_be_dense(c.method != "sparse"), d_dense(c.n_taps),
-      d_links(static_cast<std::size_t>(c.n_inputs) * c.n_outputs), d_recipes(c.n_outputs),
-      d_changed(c.n_outputs, true), d_noise_power(c.n_outputs)
+      d_may_be_sparse(c.method != "dense"), d_may_be_dense(c.method != "sparse"),
+      d_dense(c.n_taps, d_isa), d_links(static_cast<std::size_t>(c.n_inputs) * c.n_outputs),
+      d_recipes(c.n_outputs), d_changed(c.n_outputs, true), d_noise_power(c.n_outputs)
 {
 }
 
@@ -169,12 +169,45 @@ void emulator::schedule(link_update update, uint64_t earliest)
     check(update);
     if (update.taps)
         tidy(*update.taps);
-    earliest = std::max(earliest, d_position);
-    if (update.at && *update.at < earliest)
-        d_late++;
-    const uint64_t at = std::max(update.at.value_or(earliest), earliest);
+    const uint64_t at = in_time(update.at, earliest, 1);
     update.at = at;
-    d_pending[at].push_back(std::move(update));
+    d_pending[at].emplace_back(std::move(update));
+    if (at == d_position)
+        apply_due();
+}
+
+// The first sample that a change asked for can still have; counts what is late.
+uint64_t emulator::in_time(std::optional<uint64_t> at, uint64_t earliest, std::size_t n_links)
+{
+    earliest = std::max(earliest, d_position);
+    if (at && *at < earliest)
+        d_late += n_links;
+    return std::max(at.value_or(earliest), earliest);
+}
+
+void emulator::schedule_all(uint64_t at, const int* delays, const sample* gains, std::size_t n)
+{
+    tap_table table{n, std::move(d_spare_taps)};
+    table.taps.resize(d_links.size() * n);
+    bool holds = at <= most_samples;
+    for (std::size_t row = 0; row < d_links.size(); row++)
+        for (std::size_t k = row * n; k < (row + 1) * n; k++) {
+            const tap t{delays[k], gains[k]};
+            const int before = k == row * n ? -1 : delays[k - 1];
+            holds &= t.delay > before && t.delay < d_config.n_taps && t.gain != sample(0) &&
+                     std::isfinite(t.gain.real() - t.gain.real() + t.gain.imag() - t.gain.imag());
+            table.taps[k] = t;
+        }
+    if (!holds) { // link by link, which sorts them, or says what is wrong
+        for (std::size_t row = 0; row < d_links.size(); row++) {
+            const tap* first = table.taps.data() + row * n;
+            schedule({int(row) / d_config.n_outputs, int(row) % d_config.n_outputs, at,
+                      std::vector<tap>(first, first + n), std::nullopt, std::nullopt, 0});
+        }
+        return;
+    }
+    at = in_time(at, 0, d_links.size());
+    d_pending[at].emplace_back(std::move(table));
     if (at == d_position)
         apply_due();
 }
@@ -252,6 +285,19 @@ void emulator::apply(link_update&& update)
     }
 }
 
+void emulator::apply(tap_table&& table)
+{
+    const tap* taps = table.taps.data();
+    for (int input = 0; input < d_config.n_inputs; input++)
+        for (int output = 0; output < d_config.n_outputs; output++, taps += table.n) {
+            link& l = link_at(input, output);
+            l.taps.assign(taps, taps + table.n);
+            l.slope.clear();
+        }
+    d_changed.assign(d_changed.size(), true);
+    d_spare_taps = std::move(table.taps);
+}
+
 // Brings every change due at d_position into force, in the order in which they came.
 void emulator::apply_due()
 {
@@ -265,9 +311,9 @@ void emulator::apply_due()
         d_ramps |= !l.slope.empty();
     }
     while (!d_pending.empty() && d_pending.begin()->first <= d_position) {
-        const auto due = d_pending.extract(d_pending.begin());
-        for (link_update& update : due.mapped())
-            apply(std::move(update));
+        auto due = d_pending.extract(d_pending.begin());
+        for (auto& change : due.mapped())
+            std::visit([&](auto& made) { apply(std::move(made)); }, change);
     }
 }
 
@@ -477,11 +523,10 @@ void emulator::round(const sample* const* in, sample* const* out, std::size_t n,
     if (d_fixed_point)
         x = quantize_inputs(in, n);
     const std::size_t most = max_blocks * d_dense.block();
+    d_transformed.assign((n + d_dense.block() - 1) / d_dense.block(), false);
     for (std::size_t at = 0; at < n; at += most)
-        run_dense(all, x.data(), out, first, at, std::min(most, n - at));
-    run_tiles(all, x.data(), out, first, n, measured ? in : nullptr);
-    if (measured)
-        add_levels(*measured);
+        run_dense(all, x.data(), out, first, at, std::min(most, n - at), in, measured);
+    run_tiles(all, x.data(), out, first, n, in, measured);
 }
 
 std::vector<const sample*> emulator::quantize_inputs(const sample* const* in, std::size_t n)
@@ -501,14 +546,17 @@ std::vector<const sample*> emulator::quantize_inputs(const sample* const* in, st
     return x;
 }
 
-// What a receiver does to its samples: noise, then its converter. `out` points at sample `begin`.
-void emulator::finish(int output, sample* out, uint64_t begin, std::size_t n)
+// What a receiver does to its samples: noise, then its converter; then they are measured. `out`
+// points at sample `begin`.
+void emulator::finish(int output, sample* out, uint64_t begin, std::size_t n, level* measured)
 {
     if (d_noise_power[output] > 0)
         add_noise(d_isa, d_config.seed, output, begin, std::sqrt(d_noise_power[output]), out, n);
     if (d_fixed_point)
         d_clipped +=
             quantize(d_isa, out, d_fixed_point->output_full_scale, d_fixed_point->bits, out, n);
+    if (measured)
+        measure(d_isa, out, n, *measured);
 }
 
 // Adds the ramps' part to samples that begin at number `begin`.
@@ -521,42 +569,49 @@ static void add_ramp(sample* out, const sample* full, std::size_t n, uint64_t be
 }
 
 // The direct form, and all that is done to a sample alone, tile by tile: what one thread has made
-// or read is in its cache for the next step. Levels are those of `measured_in` and of the outputs.
+// or read is in its cache for the next step.
 void emulator::run_tiles(const pieces& all, const sample* const* in, sample* const* out,
-                         uint64_t first, std::size_t n, const sample* const* measured_in)
+                         uint64_t first, std::size_t n, const sample* const* came, levels* measured)
 {
     const std::size_t tile = tile_length(n, d_threads.size()), n_tiles = (n + tile - 1) / tile;
     const std::size_t n_ports = d_config.n_inputs + d_config.n_outputs;
-    d_tile_levels.assign(measured_in ? n_tiles * n_ports : 0, {});
+    d_seen.assign(measured ? n_tiles * n_ports : 0, {});
     share(n_tiles, [&](unsigned t) {
         const std::size_t at = t * tile, length = std::min(tile, n - at);
-        level* seen = measured_in ? d_tile_levels.data() + t * n_ports : nullptr;
-        for (int i = 0; measured_in && i < d_config.n_inputs; i++)
-            measure(d_isa, measured_in[i] + at, length, *seen++);
-        for (int j = 0; j < d_config.n_outputs; j++) {
-            mix_tile(all[j], in, out[j], first, at, length);
-            finish(j, out[j] + at, first + at, length);
-            if (measured_in)
-                measure(d_isa, out[j] + at, length, *seen++);
-        }
+        level* seen = measured ? d_seen.data() + t * n_ports : nullptr;
+        for (int i = 0; measured && i < d_config.n_inputs; i++)
+            measure_tile(came[i], at, length, *seen++);
+        // Other cores have written what comes in: it travels while this tile is computed.
+        const std::size_t next = at + d_threads.size() * tile;
+        for (int j = 0; j < d_config.n_outputs; j++)
+            mix_tile(all[j], j, in, out[j], first, at, length, measured ? seen++ : nullptr,
+                     j < d_config.n_inputs && next + tile <= n ? came[j] + next : nullptr);
     });
-}
-
-// Adds what the tiles of the round have measured.
-void emulator::add_levels(levels& total) const
-{
-    const auto* seen = d_tile_levels.data();
-    while (seen != d_tile_levels.data() + d_tile_levels.size()) {
-        for (level& l : total.inputs)
+    const level* seen = d_seen.data();
+    for (std::size_t t = 0; measured && t < n_tiles; t++) {
+        for (level& l : measured->inputs)
             l += *seen++;
-        for (level& l : total.outputs)
+        for (level& l : measured->outputs)
             l += *seen++;
     }
 }
 
+// Where no transform has met the samples before.
+void emulator::measure_tile(const sample* came, std::size_t at, std::size_t n, level& seen) const
+{
+    const std::size_t block = d_dense.block();
+    for (const std::size_t end = at + n; at < end;) {
+        const std::size_t until = std::min(end, (at / block + 1) * block);
+        if (!d_transformed[at / block])
+            measure(d_isa, came + at, until - at, seen);
+        at = until;
+    }
+}
+
 // Samples `at` … of what is made in the direct form; `out` points at sample `first`.
-void emulator::mix_tile(const std::vector<piece>& of_output, const sample* const* in, sample* out,
-                        uint64_t first, std::size_t at, std::size_t n) const
+void emulator::mix_tile(const std::vector<piece>& of_output, int output, const sample* const* in,
+                        sample* out, uint64_t first, std::size_t at, std::size_t n, level* measured,
+                        const sample* soon)
 {
     std::vector<const sample*> x(d_config.n_inputs);
     for (const piece& p : of_output) {
@@ -566,19 +621,22 @@ void emulator::mix_tile(const std::vector<piece>& of_output, const sample* const
             continue;
         for (int i = 0; i < d_config.n_inputs; i++)
             x[i] = in[i] + (begin - first);
-        mix_sparse(*p.made_by, x.data(), out + (begin - first), begin, end - begin);
+        mix_sparse(*p.made_by, x.data(), out + (begin - first), begin, end - begin,
+                   soon ? soon + (begin - first - at) : nullptr);
+        finish(output, out + (begin - first), begin, end - begin, measured);
     }
 }
 
-// in[i] and out point at sample `begin`; at most one tile.
+// in[i] and out point at sample `begin`; at most one tile. As many samples from `soon` on are
+// wanted next.
 void emulator::mix_sparse(const recipe& r, const sample* const* in, sample* out, uint64_t begin,
-                          std::size_t n) const
+                          std::size_t n, const sample* soon) const
 {
     if (r.is_copy) {
         std::memcpy(out, in[r.paths[0].input] - r.paths[0].delay, n * sizeof(sample));
         return;
     }
-    mix_paths(d_isa, in, r.paths.data(), r.paths.size(), out, n);
+    mix_paths(d_isa, in, r.paths.data(), r.paths.size(), out, n, soon);
     for (const ramp& slope : r.ramps) {
         sample full[largest_tile];
         mix_paths(d_isa, in, slope.paths.data(), slope.paths.size(), full, n);
@@ -588,7 +646,8 @@ void emulator::mix_sparse(const recipe& r, const sample* const* in, sample* out,
 
 // Samples `at` …, at most max_blocks blocks; in[i] and out[j] point at sample `first`.
 void emulator::run_dense(const pieces& all, const sample* const* in, sample* const* out,
-                         uint64_t first, std::size_t at, std::size_t n)
+                         uint64_t first, std::size_t at, std::size_t n, const sample* const* came,
+                         levels* measured)
 {
     const std::size_t block = d_dense.block();
     const uint64_t first_here = first + at;
@@ -612,35 +671,29 @@ void emulator::run_dense(const pieces& all, const sample* const* in, sample* con
     if (jobs.empty())
         return;
     make_filters(without_filter);
+    std::copy(needed, needed + (n + block - 1) / block, d_transformed.begin() + at / block);
 
-    const std::size_t stride = d_dense.stride();
-    d_spectra.resize(max_blocks * d_config.n_inputs * stride);
-    share(max_blocks * d_config.n_inputs, [&](unsigned k) {
+    const std::size_t n_transforms = max_blocks * d_config.n_inputs;
+    d_seen.assign(measured ? n_transforms + jobs.size() * max_blocks : 0, {});
+    d_dense.reserve(d_spectra, n_transforms);
+    share(n_transforms, [&](unsigned k) {
         const int b = k / d_config.n_inputs, i = k % d_config.n_inputs;
-        if (needed[b])
-            d_dense.transform(in[i] + at + b * block, std::min(block, n - b * block),
-                              d_spectra.data() + k * stride);
+        if (!needed[b])
+            return;
+        const std::size_t from = at + b * block, length = std::min(block, n - b * block);
+        d_dense.transform(in[i] + from, length, d_spectra, k);
+        if (measured)
+            measure(d_isa, came[i] + from, length, d_seen[k]);
     });
 
-    d_products.resize(jobs.size() * max_blocks * stride);
-    const auto product = [&](std::size_t job, int b) {
-        return d_products.data() + (job * max_blocks + b) * stride;
-    };
-    std::vector<spectral_product> products;
-    for (std::size_t k = 0; k < jobs.size(); k++) {
-        products.push_back({jobs[k].filter->taps.data(),
-                            jobs[k].filter->inputs.data(),
-                            int(jobs[k].filter->inputs.size()),
-                            jobs[k].block,
-                            jobs[k].n_blocks,
-                            {}});
-        for (int b = 0; b < jobs[k].n_blocks; b++)
-            products[k].results[b] = product(k, b);
-    }
+    d_dense.reserve(d_products, jobs.size() * max_blocks);
+    std::vector<overlap_save::product> products;
+    for (const dense_job& job : jobs)
+        products.push_back({job.filter, job.block, job.n_blocks, products.size() * max_blocks});
     const std::size_t bins = d_dense.n_bins() / n_slices;
     share(n_slices, [&](unsigned slice) {
-        multiply_spectra(d_isa, d_spectra.data(), stride, d_config.n_inputs, products.data(),
-                         products.size(), slice * bins, (slice + 1) * bins);
+        d_dense.multiply(d_spectra, d_config.n_inputs, products, d_products, slice * bins,
+                         (slice + 1) * bins);
     });
 
     // Ramps add to what their piece's own filter left: one thread does a piece's jobs of a block in
@@ -651,28 +704,34 @@ void emulator::run_dense(const pieces& all, const sample* const* in, sample* con
         if (jobs[job].of_ramp || b >= jobs[job].n_blocks)
             return;
         const piece* of = jobs[job].of;
+        const int output = jobs[job].output;
+        const uint64_t block_begin = first_here + (jobs[job].block + b) * block;
+        const uint64_t begin = std::max(of->begin, block_begin),
+                       end = std::min(of->end, std::min(block_begin + block, first_here + n));
+        sample* to = out[output] + (begin - first);
         for (; job < jobs.size() && jobs[job].of == of; job++)
-            put_block(jobs[job], b, product(job, b), out[jobs[job].output] + at, first_here);
+            put_block(jobs[job].of_ramp, job * max_blocks + b, begin, begin - block_begin,
+                      end - block_begin, to);
+        finish(output, to, begin, end - begin, measured ? &d_seen[n_transforms + k] : nullptr);
     });
+    for (std::size_t k = 0; measured && k < d_seen.size(); k++)
+        if (k < n_transforms)
+            measured->inputs[k % d_config.n_inputs] += d_seen[k];
+        else
+            measured->outputs[jobs[(k - n_transforms) / max_blocks].output] += d_seen[k];
 }
 
-// Block b of a job, from its spectrum into the output; `out` points at sample `first`, where block
-// 0 begins.
-void emulator::put_block(const dense_job& job, int b, const sample* bins, sample* out,
-                         uint64_t first) const
+// Samples [from, to) of a block from its product, which is lost, or what a ramp adds to them; `out`
+// points at the first of them, which is number `begin`.
+void emulator::put_block(const ramp* of_ramp, std::size_t product, uint64_t begin, std::size_t from,
+                         std::size_t to, sample* out)
 {
-    thread_local spectrum samples;
-    samples.resize(d_dense.n_bins());
-    d_dense.transform_back(bins, samples.data());
-    const uint64_t block_begin = first + (job.block + b) * d_dense.block();
-    const uint64_t begin = std::max(job.of->begin, block_begin);
-    const uint64_t end = std::min(job.of->end, block_begin + d_dense.block());
-    const sample* made = samples.data() + d_config.n_taps - 1 + (begin - block_begin);
-    if (job.of_ramp)
-        add_ramp(out + (begin - first), made, end - begin, begin, job.of_ramp->begin,
-                 job.of_ramp->end);
-    else
-        std::copy_n(made, end - begin, out + (begin - first));
+    if (!of_ramp)
+        return d_dense.transform_back(d_products, product, from, to, out);
+    thread_local spectrum full;
+    full.resize(to - from);
+    d_dense.transform_back(d_products, product, from, to, full.data());
+    add_ramp(out, full.data(), to - from, begin, of_ramp->begin, of_ramp->end);
 }
 
 void emulator::make_filters(const std::vector<recipe*>& without)

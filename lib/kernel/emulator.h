@@ -11,6 +11,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <variant>
 #include <vector>
 
 namespace gr
@@ -81,6 +82,10 @@ public:
     // Queues a change, after check(). One for a sample before `earliest` or already out counts as
     // late, and takes force at the first sample that it still can.
     void schedule(link_update update, uint64_t earliest = 0);
+
+    // Queues taps for all links at once, n of each; those of a link are in row
+    // input * n_outputs + output. As one update per link, but without an allocation for each.
+    void schedule_all(uint64_t at, const int* delays, const sample* gains, std::size_t n);
 
     // From the next sample on no link has taps, and no update is pending.
     void clear();
@@ -169,26 +174,35 @@ private:
     bool d_worth_sharing = false; // the round at hand, among threads
     const bool d_may_be_sparse, d_may_be_dense;
     overlap_save d_dense;
-    spectrum d_spectra;        // of the round at hand: [block][input][bin]
-    spectrum d_products;       // [product][block][bin]
+    spectra d_spectra;         // of the round at hand: [block][input]
+    spectra d_products;        // [job][block]
     std::vector<link> d_links; // [output * n_inputs + input]
     // Recipes whose memory is free; before all that holds recipes.
     const std::shared_ptr<shelf> d_spare = std::make_shared<shelf>();
     std::vector<std::shared_ptr<recipe>> d_recipes;
     std::vector<bool> d_changed;
+    // Of all links, n each, [input][output][n]: in order of delay, without zeros.
+    struct tap_table {
+        std::size_t n;
+        std::vector<tap> taps;
+    };
     // By their sample; equal samples keep their order: the last wins.
-    std::map<uint64_t, std::vector<link_update>> d_pending;
-    bool d_ramps = false; // some link has a slope
+    std::map<uint64_t, std::vector<std::variant<link_update, tap_table>>> d_pending;
+    std::vector<tap> d_spare_taps; // memory for the next table
+    bool d_ramps = false;          // some link has a slope
     uint64_t d_position = 0;
     uint64_t d_late = 0;
     std::atomic<uint64_t> d_clipped{0};
     std::vector<float> d_noise_power;
     std::optional<fixed_point> d_fixed_point;
     std::vector<std::vector<sample>> d_quantized; // inputs of the round at hand, after their past
-    std::vector<level> d_tile_levels;             // of the round at hand: [tile][port]
+    std::vector<bool> d_transformed; // blocks of the round at hand, with their inputs measured
+    std::vector<level> d_seen;       // by every job at hand
 
     link& link_at(int input, int output) { return d_links[output * d_config.n_inputs + input]; }
+    uint64_t in_time(std::optional<uint64_t> at, uint64_t earliest, std::size_t n_links);
     void apply(link_update&& update);
+    void apply(tap_table&& table);
     void apply_due();
     std::shared_ptr<recipe> new_recipe() const;
     std::shared_ptr<recipe> make_recipe(int output) const;
@@ -200,20 +214,22 @@ private:
     void share(unsigned n_jobs, const std::function<void(unsigned)>& job);
     void hear(int input, const link& l, const std::vector<tap>& taps, mixture& made) const;
     std::vector<const sample*> quantize_inputs(const sample* const* in, std::size_t n);
-    void finish(int output, sample* out, uint64_t begin, std::size_t n);
+    void finish(int output, sample* out, uint64_t begin, std::size_t n, level* measured);
     void round(const sample* const* in, sample* const* out, std::size_t n, levels* measured);
-    void run_tiles(const pieces& all, const sample* const* in, sample* const* out, uint64_t first,
-                   std::size_t n, const sample* const* measured_in);
-    void mix_tile(const std::vector<piece>& of_output, const sample* const* in, sample* out,
-                  uint64_t first, std::size_t at, std::size_t n) const;
-    void add_levels(levels& total) const;
+    // `came` are the inputs as they came, measured into `measured` unless that is nullptr.
     void run_dense(const pieces& all, const sample* const* in, sample* const* out, uint64_t first,
-                   std::size_t at, std::size_t n);
+                   std::size_t at, std::size_t n, const sample* const* came, levels* measured);
+    void run_tiles(const pieces& all, const sample* const* in, sample* const* out, uint64_t first,
+                   std::size_t n, const sample* const* came, levels* measured);
+    void measure_tile(const sample* came, std::size_t at, std::size_t n, level& seen) const;
+    void mix_tile(const std::vector<piece>& of_output, int output, const sample* const* in,
+                  sample* out, uint64_t first, std::size_t at, std::size_t n, level* measured,
+                  const sample* soon);
     void mix_sparse(const recipe& r, const sample* const* in, sample* out, uint64_t begin,
-                    std::size_t n) const;
+                    std::size_t n, const sample* soon) const;
     void make_filters(const std::vector<recipe*>& without);
-    void put_block(const dense_job& job, int b, const sample* bins, sample* out,
-                   uint64_t first) const;
+    void put_block(const ramp* of_ramp, std::size_t product, uint64_t begin, std::size_t from,
+                   std::size_t to, sample* out);
 };
 
 } // namespace kernel

@@ -3,6 +3,7 @@
 // summed bin by bin, one transform back per output (overlap-save).
 #pragma once
 
+#include "lane_fft.h"
 #include "vector_kernels.h"
 #include <memory>
 #include <new>
@@ -52,17 +53,23 @@ struct dense_filter {
     }
 };
 
+// Of many signals; only overlap_save knows how they lie.
+struct spectra {
+    spectrum bins;
+    std::size_t next_group = 0; // of bins, see lane_fft
+};
+
 class overlap_save
 {
 public:
-    explicit overlap_save(int n_taps);
+    overlap_save(int n_taps, isa set);
     ~overlap_save();
     overlap_save(const overlap_save&) = delete;
     overlap_save& operator=(const overlap_save&) = delete;
 
     std::size_t n_bins() const { return d_n_bins; }
-    // Samples that one block brings forth.
-    std::size_t block() const { return d_n_bins - (d_n_taps - 1); }
+    // Samples that one block brings forth: whole vectors.
+    std::size_t block() const { return d_n_bins - d_past; }
 
     // Room for the spectra of what is heard; fill() then makes each input's part.
     void reserve(dense_filter& filter) const
@@ -71,20 +78,35 @@ public:
     }
     void fill(dense_filter& filter, const path_list& paths, int used) const;
 
-    // Samples between the spectra of two inputs: not a multiple of 4096 bytes, where caches would
-    // clash.
-    std::size_t stride() const { return d_n_bins + bins_per_tile; }
+    // Room for n spectra.
+    void reserve(spectra& of, std::size_t n) const;
 
-    // Samples x[0 … n-1], n <= block(), and the n_taps-1 before them, into bins[0 … n_bins()-1].
-    void transform(const sample* x, std::size_t n, sample* bins) const;
+    // Samples x[0 … n-1], n <= block(), and the n_taps-1 before them, into spectrum k.
+    void transform(const sample* x, std::size_t n, spectra& to, std::size_t k) const;
 
-    // Back to samples, of which the block's first has index n_taps-1.
-    void transform_back(const sample* bins, sample* samples) const;
+    // What outputs hear: results of products are spectra `first_result` … of `to`, the spectrum of
+    // input i in block b is number b * n_inputs + i. Bins [begin, end).
+    struct product {
+        const dense_filter* filter;
+        int block, n_blocks;
+        std::size_t first_result;
+    };
+    void multiply(const spectra& of, int n_inputs, const std::vector<product>& products,
+                  spectra& to, std::size_t begin, std::size_t end) const;
+
+    // Spectrum k back to samples, of which [begin, end) of the block are wanted; it is lost.
+    void transform_back(spectra& of, std::size_t k, std::size_t begin, std::size_t end,
+                        sample* out) const;
 
 private:
+    const isa d_isa;
     const std::size_t d_n_taps, d_n_bins;
+    const std::size_t d_past;  // samples before those of the block: n_taps-1, in whole vectors
+    const std::size_t d_shift; // which that makes more; by so much all filters are late
+    const std::unique_ptr<lane_fft> d_lanes;
+    const std::size_t d_stride; // from one spectrum to the next: not a multiple of 4096 bytes
     struct plans;
-    std::unique_ptr<plans> d_plans;
+    std::unique_ptr<plans> d_plans; // where there are no lanes
 };
 
 } // namespace kernel

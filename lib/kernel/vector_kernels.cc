@@ -125,18 +125,19 @@ END_TARGET
 #endif
 
 void mix_paths(isa set, const sample* const* in, const path* paths, std::size_t n_paths,
-               sample* out, std::size_t n)
+               sample* out, std::size_t n, const sample* soon)
 {
     const auto* x = reinterpret_cast<const float* const*>(in);
+    const auto* s = reinterpret_cast<const float*>(soon);
     auto* y = reinterpret_cast<float*>(out);
 #if defined(__x86_64__)
     if (set == isa::avx512)
-        return avx512::mix(x, paths, n_paths, y, 2 * n);
+        return avx512::mix(x, paths, n_paths, y, 2 * n, s);
     if (set == isa::avx2)
-        return avx2::mix(x, paths, n_paths, y, 2 * n);
+        return avx2::mix(x, paths, n_paths, y, 2 * n, s);
 #endif
     (void)set;
-    generic::mix(x, paths, n_paths, y, 2 * n);
+    generic::mix(x, paths, n_paths, y, 2 * n, s);
 }
 
 void multiply_spectra(isa set, const sample* spectra, std::size_t stride, int n_inputs,

@@ -26,9 +26,10 @@ struct path {
 
 // out[k] = sum over paths of gain * in[input][k - delay], k = 0 … n-1.
 // in[i] points at sample 0; the samples before it, down to the longest delay, must be readable.
-// Every sample sees the same operations in the same order, wherever a call begins or ends.
+// Every sample sees the same operations in the same order, wherever a call begins or ends. On the
+// way n samples from `soon` on are brought near, unless it is nullptr.
 void mix_paths(isa set, const sample* const* in, const path* paths, std::size_t n_paths,
-               sample* out, std::size_t n);
+               sample* out, std::size_t n, const sample* soon = nullptr);
 
 // The spectra of taps are stored in tiles of this many bins, so that what is used together lies
 // together.
@@ -36,17 +37,18 @@ constexpr std::size_t bins_per_tile = 16;
 // Blocks of samples that share one pass over the spectra of the taps.
 constexpr int max_blocks = 8;
 
-// results[b] = sum over u of spectrum(block + b, inputs[u]) * taps(u), bin by bin.
+// result b = sum over u of spectrum(block + b, inputs[u]) * taps(u), bin by bin.
 struct spectral_product {
     const sample* taps; // [tile][used input][bin]
     const int* inputs;
     int n_used;
     int block, n_blocks; // of the inputs' spectra, at most max_blocks
-    sample* results[max_blocks];
+    sample* results;     // of the first block
 };
 
 // All products over bins [begin, end), multiples of bins_per_tile: the inputs' bins are read once
-// for all. The spectrum of input i in block b begins at spectra + (b * n_inputs + i) * stride.
+// for all. The spectrum of input i in block b begins at spectra + (b * n_inputs + i) * stride,
+// result b at results + b * stride.
 void multiply_spectra(isa set, const sample* spectra, std::size_t stride, int n_inputs,
                       const spectral_product* products, std::size_t n_products, std::size_t begin,
                       std::size_t end);

@@ -42,11 +42,15 @@ static inline void mix_last(const float* const* in, const path* paths, std::size
 }
 
 static void mix(const float* const* in, const path* paths, std::size_t n_paths, float* out,
-                std::size_t n_floats)
+                std::size_t n_floats, const float* soon)
 {
+    constexpr std::size_t line = 16, step = register_blocks * width;
     std::size_t at = 0;
-    for (; at + register_blocks * width <= n_floats; at += register_blocks * width)
+    for (; at + step <= n_floats; at += step) {
+        for (std::size_t k = 0; soon && k < step; k += line)
+            __builtin_prefetch(soon + at + k, 0, 2);
         mix_vectors<register_blocks>(in, paths, n_paths, out, at);
+    }
     const std::size_t n_vectors = (n_floats - at + width - 1) / width;
     if (n_vectors * width <= n_floats)
         return mix_last<register_blocks>(in, paths, n_paths, out, n_floats, n_vectors);
@@ -97,7 +101,8 @@ static inline void multiply_tile(const float* spectra, std::size_t stride, int n
         }
         UNROLL(8)
         for (int b = 0; b < n_blocks; b++)
-            store(reinterpret_cast<float*>(product.results[from + b]) + tile * tile_floats + at,
+            store(reinterpret_cast<float*>(product.results) + (from + b) * stride +
+                      tile * tile_floats + at,
                   add_turned(real_part[b], imag_part[b]));
     }
 }

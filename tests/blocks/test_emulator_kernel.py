@@ -28,7 +28,7 @@ def complex_noise(rng, *shape):
 def cases(draw):
     """A random network, its updates, and how it is run."""
     n_inputs, n_outputs = draw(st.integers(1, 4)), draw(st.integers(1, 4))
-    n_taps = draw(st.sampled_from([1, 2, 33, 300, 512]))
+    n_taps = draw(st.sampled_from([1, 2, 33, 300, 512, 900]))
     n_samples = draw(st.integers(1, 9000))
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     updates = []
@@ -114,3 +114,42 @@ def test_a_wire_that_comes_or_goes_in_a_ramp_is_no_plain_wire_meanwhile(begin, e
         updates.append(LinkUpdate(tx=0, rx=0, at_sample=at, taps=np.array([gain + 0j]), ramp_samples=ramp))
     y = kernel.process(np.concatenate([np.zeros((1, 3), np.complex64), x], axis=1))
     assert y == pytest.approx(emulate(x, updates, 1), abs=1e-5)
+
+
+def set_all_network(rng, order, zeros):
+    """Delays and gains of 2 x 3 links with 5 taps each, and 300 samples for them."""
+    delays = np.array([order(rng.choice(64, 5, replace=False)) for _ in range(6)], np.int32)
+    gains = (rng.standard_normal((6, 5)) + 1j * rng.standard_normal((6, 5))).astype(np.complex64)
+    gains[:, :zeros] = 0
+    x = rng.standard_normal((2, 63 + 300)) + 1j * rng.standard_normal((2, 63 + 300))
+    return delays, gains, x.astype(np.complex64)
+
+
+@pytest.mark.parametrize("order", [np.sort, lambda delays: delays], ids=["sorted", "as drawn"])
+@pytest.mark.parametrize("zeros", [0, 2])
+def test_table_of_all_links_is_one_update_per_link(order, zeros):
+    delays, gains, x = set_all_network(np.random.default_rng(4), order, zeros)
+    table, one_by_one = (blocks.emulator_kernel(2, 3, 64) for _ in range(2))
+    for offset, part in ((0, slice(0, 6)), (150, slice(None, None, -1))):
+        table.set_all(offset, delays[part], gains[part])
+        for row, (d, g) in enumerate(zip(delays[part], gains[part], strict=True)):
+            one_by_one.set_sparse_taps(row // 3, row % 3, d, g, offset)
+    np.testing.assert_array_equal(table.process(x), one_by_one.process(x))
+
+
+def test_table_with_a_delay_or_a_gain_that_cannot_be_is_refused():
+    delays, gains, _ = set_all_network(np.random.default_rng(4), np.sort, 0)
+    kernel = blocks.emulator_kernel(2, 3, 64)
+    with pytest.raises(ValueError, match="delay: got 64, expected 0 to 63"):
+        kernel.set_all(0, np.full_like(delays, 64), gains)
+    with pytest.raises(ValueError, match="not a finite number"):
+        kernel.set_all(0, delays, gains * np.nan)
+
+
+def test_samples_that_somebody_holds_stay_as_they_were():
+    delays, gains, x = set_all_network(np.random.default_rng(4), np.sort, 0)
+    kernel = blocks.emulator_kernel(2, 3, 64)
+    kernel.set_all(0, delays, gains)
+    held = [kernel.process(factor * x) for factor in (1, 2, 3, 4)]
+    for factor, samples in enumerate(held, start=1):
+        np.testing.assert_allclose(samples, factor * held[0], rtol=1e-6)

@@ -15,6 +15,30 @@ namespace
 using gr::cast::kernel::emulator;
 using samples = py::array_t<gr::cast::kernel::sample, py::array::c_style | py::array::forcecast>;
 
+// An array in memory that an earlier one no longer holds, where there is some of that size: the
+// system takes longer to hand out fresh pages than many a network to fill them. Called, and freed,
+// with the interpreter's lock held.
+samples array_of(py::ssize_t rows, py::ssize_t columns)
+{
+    using memory = std::vector<gr::cast::kernel::sample,
+                               gr::cast::kernel::cache_aligned<gr::cast::kernel::sample>>;
+    constexpr std::size_t most_kept = 2, largest_kept = 1 << 22;
+    static auto& kept = *new std::vector<std::unique_ptr<memory>>; // outlives all arrays
+    auto made = std::make_unique<memory>();
+    if (!kept.empty()) {
+        made = std::move(kept.back());
+        kept.pop_back();
+    }
+    made->resize(rows * columns);
+    auto* data = made->data();
+    const py::capsule owner(made.release(), [](void* done) {
+        std::unique_ptr<memory> of(static_cast<memory*>(done));
+        if (kept.size() < most_kept && of->capacity() <= largest_kept)
+            kept.push_back(std::move(of));
+    });
+    return samples({rows, columns}, data, owner);
+}
+
 // (n_inputs, n_taps - 1 + n) in, the past first; (n_outputs, n) out.
 samples process(emulator& e, const samples& inputs)
 {
@@ -24,7 +48,7 @@ samples process(emulator& e, const samples& inputs)
         throw std::invalid_argument("inputs: expected shape (" + std::to_string(config.n_inputs) +
                                     ", " + std::to_string(past) + " of the past and the new)");
     const py::ssize_t n = inputs.shape(1) - past;
-    samples outputs({py::ssize_t(config.n_outputs), n});
+    samples outputs = array_of(config.n_outputs, n);
     std::vector<const gr::cast::kernel::sample*> in;
     std::vector<gr::cast::kernel::sample*> out;
     for (int i = 0; i < config.n_inputs; i++)
@@ -45,15 +69,7 @@ void set_all(emulator& e, uint64_t offset, const py::array_t<int, py::array::c_s
         gains.shape(0) != n_links || gains.shape(1) != delays.shape(1))
         throw std::invalid_argument("delays, gains: expected shape (" + std::to_string(n_links) +
                                     " links, taps)");
-    for (int link = 0; link < n_links; link++) {
-        const int* delay = delays.data(link, 0);
-        const auto* gain = gains.data(link, 0);
-        std::vector<gr::cast::kernel::tap> taps(delays.shape(1));
-        for (auto& tap : taps)
-            tap = {*delay++, *gain++};
-        e.schedule({link / n_outputs, link % n_outputs, offset, std::move(taps), std::nullopt,
-                    std::nullopt, 0});
-    }
+    e.schedule_all(offset, delays.data(), gains.data(), delays.shape(1));
 }
 
 void bind_kernel(py::module& m)
