@@ -80,7 +80,7 @@ def diagnosis() -> dict:
     where = {key: INTERVAL for key in ("delay_s", "time_s", "frequency_hz", "amplitude")}
     evidence = {key: NUMBER_OR_NULL for key in ("heldout_gain_nats", "runner_up_margin_nats", "explains_db")}
     record_next = {"enum": [*EXPERIMENTS, None]}
-    left = {"test": TEXT, "recording": TEXT, "sentence": TEXT, "signal_absent": {"const": True}}
+    left = {"test": TEXT, "recording": TEXT, "sentence": TEXT, "signal_absent": {"const": True}, "confidence": NUMBER}
     residual = {
         "unexplained_db": NUMBER_OR_NULL,
         "p_value": NUMBER_OR_NULL,

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gr_cast.diagnose import align, diagnose, heldout, read_case
+from gr_cast.diagnose.residual import Leftover
 from gr_cast.diagnose.search import proven, refit
 from gr_cast.diagnose.verdict import conclude
 from gr_cast.twin.effects import FAMILIES
@@ -73,6 +74,21 @@ def test_a_cause_is_not_claimed_against_unseen_samples(world, tmp_path):
     finding.worths[finding.fit.model.effects[index].key] = replace(finding.worth_of(index), held_out=-300.0)
     document = conclude(case, [finding], lambda entries: [])
     assert document["verdict"] == "unexplained" and not document["effects"]
+
+
+def test_a_cause_that_is_likelier_wrong_than_right_is_left_and_not_claimed(world, tmp_path):
+    """One that explains less than what is left unexplained may as well be a part of it."""
+    case = read_case(world.write(tmp_path / "case", world.noisy(world.clean() + 0.02)))
+    (finding,) = diagnose(case).findings
+    index = next(i for i, e in enumerate(finding.fit.model.effects) if e.family == "dc_offset")
+    finding.worths[finding.fit.model.effects[index].key] = replace(finding.worth_of(index), rivals=[])
+    for louder, claimed in ((0.5, True), (2.0, False)):
+        rest = Leftover(test="time", p_value=0.0, nats=louder * finding.gain_of(index), where={})
+        finding.left, finding.ambiguous = [rest], []
+        document = conclude(case, [finding], lambda entries: [])
+        unsure = [w for w in document["residual"]["where"] if "confidence" in w]
+        assert document["verdict"] == "unexplained" and bool(document["effects"]) == claimed == (not unsure)
+        assert all(0.1 < w["confidence"] < 0.5 and "DC" in w["sentence"] for w in unsure)
 
 
 def test_a_wild_sample_that_was_held_out_says_no_more_than_the_others_can(part):

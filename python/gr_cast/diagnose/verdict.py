@@ -13,7 +13,7 @@ from .confidence import Figures, confidence, is_whole
 from .finding import Finding, nmse, numbers
 from .maps import power_of, steps
 from .ownership import kind_of, owner
-from .policy import REFUSED_NATS, SAME_DELAY_SAMPLES, SURELY_APART, VERDICT_LEAST_NATS
+from .policy import CLAIMED, REFUSED_NATS, SAME_DELAY_SAMPLES, SURELY_APART, VERDICT_LEAST_NATS
 from .residual import Leftover
 from .search import imitates
 
@@ -61,7 +61,10 @@ def conclude(case, findings: list[Finding], vault: Callable[[list[dict]], list[t
         verdict = "identified" if is_whole(sure) else "unexplained"
     else:
         verdict = "no_mismatch"
-    effects = [_entry(t, how_sure) for t, how_sure in zip(claimed, sure, strict=True)]
+    open_ones = {family for a in ambiguous for family in a["families"]}
+    likely = [s >= CLAIMED or FAMILIES[t.effect.family].told in open_ones for t, s in zip(claimed, sure, strict=True)]
+    effects = [_entry(t, how_sure) for t, how_sure, kept in zip(claimed, sure, likely, strict=True) if kept]
+    doubtful = [(t.finding, _doubtful(t, s)) for t, s, kept in zip(claimed, sure, likely, strict=True) if not kept]
     fit = _fit_numbers(findings, vault(effects))
     return {
         "cast_diagnosis": 1,
@@ -73,8 +76,8 @@ def conclude(case, findings: list[Finding], vault: Callable[[list[dict]], list[t
             "unexplained_db": round(float(_excess_db(findings)), 3),
             "p_value": _smallest([rest.p_value for f in findings for rest in f.tested], [rest.p_value for _, rest in left]),
             "tested": sorted({rest.test for f in findings for rest in f.tested}),
-            "where": [{**rest.where, "test": rest.test, "recording": f.observation.name} for f, rest in left],
-            "record_next": _record_next(verdict, left, complete),
+            "where": [{**rest.where, "test": rest.test, "recording": f.observation.name} for f, rest in left + doubtful],
+            "record_next": _record_next(verdict, left or doubtful, complete),
         },
     }
 
@@ -185,6 +188,13 @@ def _against_unseen(told: Told) -> Leftover:
     """What an effect fits that unseen samples refuse, as what is left."""
     test = f"{FAMILIES[told.effect.family].told} explains what was fitted, and nothing of unseen samples"
     return Leftover(test=test, p_value=float(np.exp(-told.nats)), nats=told.nats, where={}, record_next=LONGER)
+
+
+def _doubtful(told: Told, sure: float) -> Leftover:
+    """An effect that is likelier wrong than right, as what is left."""
+    family = FAMILIES[told.effect.family]
+    where = {"sentence": family.describe(Words(*numbers(told.finding, told.index))), "confidence": sure}
+    return Leftover(test=f"{family.told}, or something else", p_value=1.0, nats=told.nats, where=where, record_next=LONGER)
 
 
 def _confidences(told: list[Told], ambiguous: list[dict], complete: bool) -> list[float]:

@@ -129,6 +129,8 @@ def in_one_sentence(d: dict) -> str:
     absent = [w for w in d["residual"]["where"] if w.get("signal_absent")]
     if absent:
         return f"Unexplained: {_listed(sorted({w['recording'] for w in absent}))}: {absent[0]['sentence']}"
+    if all("confidence" in w for w in d["residual"]["where"]):
+        return f"Unexplained: {_listed([in_words(w['test']) for w in d['residual']['where']])}."
     found = f" Found so far: {names}; {change}." if names else ""
     left_db = max(d["residual"]["unexplained_db"], fit["corrected_nmse_db"] - fit["noise_floor_db"])
     return f"Unexplained: {left_db:.2f} dB over the noise are left that no known physics explains.{found}"
@@ -236,6 +238,8 @@ def _rest(diagnosis) -> str:
     p = d["residual"]["p_value"]
     if all(w.get("signal_absent") for w in left):
         return f"<h2>What is left</h2><p>All of it:</p><ul>{rows}</ul>"
+    if all("confidence" in w for w in left):
+        return f"<h2>What is left</h2><p>Nothing that is sure:</p><ul>{rows}</ul>"
     chance = f"noise alone does so once in {1 / p:.0e}" if p > 1e-30 else "noise alone never does so"
     return f"<h2>What is left</h2><p>More than noise ({chance}), seen in the residual over</p><ul>{rows}</ul>"
 
