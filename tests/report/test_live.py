@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from gr_cast.core.errors import CastError
 from gr_cast.report import live
-from gr_cast.report.live import Look, served, spectrum
+from gr_cast.report.live import Look, scale_db, served, spectrum
 
 RATE_HZ = 1e6
 PROGRAMS = Path(__file__).resolve().parents[2] / "apps"
@@ -93,6 +93,13 @@ def test_a_spectrum_holds_the_power_where_it_is():
     frequency_hz, power_db = spectrum(samples, RATE_HZ)
     assert frequency_hz[np.argmax(power_db)] == 250e3
     assert np.sum(10 ** (power_db / 10)) == pytest.approx(np.mean(np.abs(samples) ** 2), rel=0.02)
+
+
+def test_colours_of_a_waterfall_span_what_is_seen_and_never_less_than_noise_scatters():
+    low, high = scale_db(np.full((5, 64), -120.0))
+    assert low <= -120 <= high and high - low > 2 * 5.57  # of an exponential variable in dB
+    seen = np.linspace(-80.0, -10.0, 1000).reshape(10, 100)
+    assert scale_db(seen) == pytest.approx((-80, -10), abs=1)
 
 
 def test_a_browser_shows_figures_taps_and_a_waterfall_that_go_on(bokeh, browser, tmp_path):

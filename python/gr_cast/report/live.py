@@ -20,6 +20,7 @@ PORT = 5006
 _STEP_MS = 500
 _LINES = 80  # of a waterfall
 _LOWEST_DB, _HIGHEST_DB = -120.0, 20.0  # of a waterfall's colours at first; they follow what is seen
+_LEAST_SPAN_DB = 11.2  # of them later: two standard deviations of noise in one bin, without averaging
 _FOLDER = Path(os.environ.get("XDG_DATA_HOME", "~/.local/share")).expanduser() / "gr_cast/web"
 
 
@@ -31,6 +32,12 @@ class Look:
     figures: dict[str, str]
     taps: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     spectra: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+
+
+def scale_db(image: np.ndarray) -> tuple[float, float]:
+    """Lowest and highest colour of a waterfall in dB: what is seen, never finer than noise scatters."""
+    high = float(np.max(image)) + 0.1
+    return min(float(np.percentile(image, 1)), high - _LEAST_SPAN_DB), high
 
 
 def spectrum(samples: np.ndarray, sample_rate_hz: float, bins: int = 256) -> tuple[np.ndarray, np.ndarray]:
@@ -102,7 +109,7 @@ def _page(document, look: Callable[[], Look], title: str) -> None:
         if port.value in history:
             frequency_hz, _ = seen.spectra[port.value]
             image = np.array(history[port.value])
-            colours.low, colours.high = float(np.percentile(image, 1)), float(np.max(image)) + 0.1
+            colours.low, colours.high = scale_db(image)
             span_mhz = 1e-6 * (frequency_hz[1] - frequency_hz[0]) * len(frequency_hz)
             lines.data = {"image": [image], "x": [1e-6 * frequency_hz[0]], "y": [0], "dw": [span_mhz], "dh": [len(image)]}
 
