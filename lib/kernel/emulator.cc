@@ -187,17 +187,27 @@ uint64_t emulator::in_time(std::optional<uint64_t> at, uint64_t earliest, std::s
 
 void emulator::schedule_all(uint64_t at, const int* delays, const sample* gains, std::size_t n)
 {
-    tap_table table{n, std::move(d_spare_taps)};
+    tap_table table{n, {}};
+    if (!d_spare_taps->empty()) {
+        table.taps = std::move(d_spare_taps->back());
+        d_spare_taps->pop_back();
+    }
     table.taps.resize(d_links.size() * n);
     bool holds = at <= most_samples;
-    for (std::size_t row = 0; row < d_links.size(); row++)
-        for (std::size_t k = row * n; k < (row + 1) * n; k++) {
-            const tap t{delays[k], gains[k]};
-            const int before = k == row * n ? -1 : delays[k - 1];
-            holds &= t.delay > before && t.delay < d_config.n_taps && t.gain != sample(0) &&
-                     std::isfinite(t.gain.real() - t.gain.real() + t.gain.imag() - t.gain.imag());
-            table.taps[k] = t;
+    for (std::size_t row = 0; row < d_links.size(); row++) {
+        const int* delay = delays + row * n;
+        const sample* gain = gains + row * n;
+        tap* made = table.taps.data() + row * n;
+        bool wrong = n > 0 && (delay[0] < 0 || delay[n - 1] >= d_config.n_taps);
+        for (std::size_t k = 1; k < n; k++)
+            wrong |= delay[k] <= delay[k - 1];
+        for (std::size_t k = 0; k < n; k++) {
+            const float sum = std::abs(gain[k].real()) + std::abs(gain[k].imag());
+            wrong |= !(sum > 0 && sum - sum == 0);
+            made[k] = {delay[k], gain[k]};
         }
+        holds &= !wrong;
+    }
     if (!holds) { // link by link, which sorts them, or says what is wrong
         for (std::size_t row = 0; row < d_links.size(); row++) {
             const tap* first = table.taps.data() + row * n;
@@ -271,31 +281,44 @@ void emulator::apply(link_update&& update)
         l.gain = *update.gain;
     if (!update.taps)
         return;
-    const auto before = std::exchange(l.taps, std::move(*update.taps));
+    const auto before = std::exchange(l.taps, keep(std::move(*update.taps)));
     const auto slope_before = std::exchange(l.slope, {});
     if (update.ramp > 0) { // in mid-ramp it starts from where the taps are now
         const double left = slope_before.empty() ? 0
                                                  : double(l.ramp_end - d_position) /
                                                        double(l.ramp_end - l.ramp_begin);
-        const auto now = sum_by_delay(before, slope_before, -float(left));
-        l.slope = sum_by_delay(l.taps, now, -1.0f);
+        const auto now = sum_by_delay(before.copy(), slope_before, -float(left));
+        l.slope = sum_by_delay(l.taps.copy(), now, -1.0f);
         l.ramp_begin = d_position;
         l.ramp_end = d_position + update.ramp;
         d_ramps |= !l.slope.empty();
     }
 }
 
+emulator::tap_span emulator::keep(std::vector<tap>&& taps) const
+{
+    const auto whole = std::make_shared<const std::vector<tap>>(std::move(taps));
+    return {whole, whole->data(), whole->data() + whole->size()};
+}
+
+// Tables come again and again, and fresh memory costs more than what is written to it.
 void emulator::apply(tap_table&& table)
 {
-    const tap* taps = table.taps.data();
+    const std::shared_ptr<const std::vector<tap>> whole(
+        new std::vector<tap>(std::move(table.taps)),
+        [spare = std::weak_ptr(d_spare_taps)](std::vector<tap>* done) {
+            if (const auto shelf = spare.lock(); shelf && shelf->size() < 4)
+                shelf->push_back(std::move(*done));
+            delete done;
+        });
+    const tap* taps = whole->data();
     for (int input = 0; input < d_config.n_inputs; input++)
         for (int output = 0; output < d_config.n_outputs; output++, taps += table.n) {
             link& l = link_at(input, output);
-            l.taps.assign(taps, taps + table.n);
+            l.taps = {whole, taps, taps + table.n};
             l.slope.clear();
         }
     d_changed.assign(d_changed.size(), true);
-    d_spare_taps = std::move(table.taps);
 }
 
 // Brings every change due at d_position into force, in the order in which they came.
@@ -324,18 +347,19 @@ void emulator::mixture::clear()
 }
 
 // Adds a link's taps, as they are heard, to `made_of`.
-void emulator::hear(int input, const link& l, const std::vector<tap>& taps, mixture& made_of) const
+void emulator::hear(int input, const link& l, const tap* first, const tap* last,
+                    mixture& made_of) const
 {
-    if (taps.empty())
+    if (first == last)
         return;
     path_list& paths = made_of.paths;
     const std::size_t begin = paths.size();
-    paths.resize(begin + taps.size());
+    paths.resize(begin + (last - first));
     made_of.filter.inputs.push_back(input);
     made_of.filter.first.push_back(paths.size());
     path* made = paths.data() + begin;
-    for (const tap& t : taps)
-        *made++ = {input, t.delay, t.gain};
+    for (const tap* t = first; t < last; t++)
+        *made++ = {input, t->delay, t->gain};
     if (d_fixed_point)
         for (std::size_t k = begin; k < paths.size(); k++)
             quantize(d_isa, &paths[k].gain, 2.0f, d_fixed_point->tap_bits, &paths[k].gain, 1);
@@ -373,10 +397,11 @@ std::shared_ptr<emulator::recipe> emulator::make_recipe(int output) const
             continue;
         // taps(n) = (taps - slope) + slope * (n - begin) / (end - begin)
         if (l.slope.empty()) {
-            hear(input, l, l.taps, *made);
+            hear(input, l, l.taps.first, l.taps.last, *made);
             continue;
         }
-        hear(input, l, sum_by_delay(l.taps, l.slope, -1.0f), *made);
+        const auto begin = sum_by_delay(l.taps.copy(), l.slope, -1.0f);
+        hear(input, l, begin.data(), begin.data() + begin.size(), *made);
         auto same = std::find_if(made->ramps.begin(), made->ramps.end(), [&](const ramp& r) {
             return r.begin == l.ramp_begin && r.end == l.ramp_end;
         });
@@ -386,7 +411,7 @@ std::shared_ptr<emulator::recipe> emulator::make_recipe(int output) const
             same->begin = l.ramp_begin;
             same->end = l.ramp_end;
         }
-        hear(input, l, l.slope, *same);
+        hear(input, l, l.slope.data(), l.slope.data() + l.slope.size(), *same);
     }
     const auto& p = made->paths;
     made->is_copy = p.size() == 1 && made->ramps.empty() && p[0].gain == sample(1);

@@ -126,8 +126,17 @@ public:
     const config& configuration() const { return d_config; }
 
 private:
+    // A part of taps that came in one piece, which is there as long as somebody needs it.
+    struct tap_span {
+        std::shared_ptr<const std::vector<tap>> whole;
+        const tap *first = nullptr, *last = nullptr;
+
+        bool empty() const { return first == last; }
+        std::size_t size() const { return last - first; }
+        std::vector<tap> copy() const { return {first, last}; }
+    };
     struct link {
-        std::vector<tap> taps;  // where a ramp arrives, or has arrived
+        tap_span taps;          // where a ramp arrives, or has arrived
         std::vector<tap> slope; // while a ramp runs: change of each tap over the whole of it
         uint64_t ramp_begin = 0, ramp_end = 0;
         bool enabled = true;
@@ -188,8 +197,10 @@ private:
     };
     // By their sample; equal samples keep their order: the last wins.
     std::map<uint64_t, std::vector<std::variant<link_update, tap_table>>> d_pending;
-    std::vector<tap> d_spare_taps; // memory for the next table
-    bool d_ramps = false;          // some link has a slope
+    // Memory for the next tables.
+    const std::shared_ptr<std::vector<std::vector<tap>>> d_spare_taps =
+        std::make_shared<std::vector<std::vector<tap>>>();
+    bool d_ramps = false; // some link has a slope
     uint64_t d_position = 0;
     uint64_t d_late = 0;
     std::atomic<uint64_t> d_clipped{0};
@@ -203,6 +214,7 @@ private:
     uint64_t in_time(std::optional<uint64_t> at, uint64_t earliest, std::size_t n_links);
     void apply(link_update&& update);
     void apply(tap_table&& table);
+    tap_span keep(std::vector<tap>&& taps) const;
     void apply_due();
     std::shared_ptr<recipe> new_recipe() const;
     std::shared_ptr<recipe> make_recipe(int output) const;
@@ -212,7 +224,7 @@ private:
     double dense_cost(const piece& p, uint64_t first) const;
     double choose(pieces& all, uint64_t first, std::size_t n) const;
     void share(unsigned n_jobs, const std::function<void(unsigned)>& job);
-    void hear(int input, const link& l, const std::vector<tap>& taps, mixture& made) const;
+    void hear(int input, const link& l, const tap* first, const tap* last, mixture& made) const;
     std::vector<const sample*> quantize_inputs(const sample* const* in, std::size_t n);
     void finish(int output, sample* out, uint64_t begin, std::size_t n, level* measured);
     void round(const sample* const* in, sample* const* out, std::size_t n, levels* measured);
