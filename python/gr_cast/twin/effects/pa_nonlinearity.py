@@ -128,7 +128,8 @@ class PaNonlinearity(Family):
         i, lags, alone = effect.aux["source"], effect.aux.get("lags", ()), len(scene.sources) == 1
         if not lags:
             return
-        yield from self.forms(scene, effect)
+        plain = {k: v for k, v in effect.aux.items() if k != "lags"}
+        yield start(self, np.zeros(self._shape(plain["orders"], ())), aux=plain)
         filters = [e.aux for e in others if e.family == "front_end_filter"]
         if not any(alone or aux["side"] == "tx" and aux["source"] == i for aux in filters):
             low, high = min(0, *lags), max(0, *lags)
