@@ -77,13 +77,13 @@ def test_a_cause_is_not_claimed_against_unseen_samples(world, tmp_path):
 
 
 def test_a_cause_that_is_likelier_wrong_than_right_is_left_and_not_claimed(world, tmp_path):
-    """One that explains less than what is left unexplained may as well be a part of it."""
+    """One that explains less than what is left unexplained may as well be a part of it, unless that is in samples of its own."""
     case = read_case(world.write(tmp_path / "case", world.noisy(world.clean() + 0.02)))
     (finding,) = diagnose(case).findings
     index = next(i for i, e in enumerate(finding.fit.model.effects) if e.family == "dc_offset")
     finding.worths[finding.fit.model.effects[index].key] = replace(finding.worth_of(index), rivals=[])
-    for louder, claimed in ((0.5, True), (2.0, False)):
-        rest = Leftover(test="time", p_value=0.0, nats=louder * finding.gain_of(index), where={})
+    for louder, apart, claimed in ((0.5, False, True), (2.0, False, False), (2.0, True, True)):
+        rest = Leftover(test="time", p_value=0.0, nats=louder * finding.gain_of(index), where={}, apart=apart)
         finding.left, finding.ambiguous = [rest], []
         document = conclude(case, [finding], lambda entries: [])
         unsure = [w for w in document["residual"]["where"] if "confidence" in w]

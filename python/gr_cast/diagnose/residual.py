@@ -30,14 +30,16 @@ from .view import View
 
 @dataclass(frozen=True, kw_only=True)
 class Leftover:
-    """`p_value` of the worst cell after the number of cells, `nats` it holds, `where` it is (axis → interval), and what to
-    record next to learn more of it: most of all whether it is there without the signal."""
+    """`p_value` of the worst cell after the number of cells, `nats` it holds, `where` it is (axis → interval), what to record
+    next to learn more of it: most of all whether it is there without the signal; whether it is `apart`, in samples that took no
+    part in any fit."""
 
     test: str
     p_value: float
     nats: float
     where: dict
     record_next: str = "mute_transmitter"
+    apart: bool = False
 
 
 def _gamma_cells(energy: np.ndarray, count: np.ndarray):
@@ -243,7 +245,7 @@ def foreign(fit) -> tuple[np.ndarray, Leftover] | None:
     count, over = edges[last + 1] - edges[first], energy[first : last + 1].sum() / max(typical * sent.sum() / len(used), 1e-300)
     time_s = [float(scene.index[used[edges[k]]] / scene.sample_rate_hz) for k in (first, min(last + 1, len(sent) - 1))]
     p_value = _bonferroni(float(stats.gamma.logsf(over, count)), len(sent) ** 2)
-    return stretch, Leftover(test="time", p_value=p_value, nats=float(over - count), where={"time_s": time_s})
+    return stretch, Leftover(test="time", p_value=p_value, nats=float(over - count), where={"time_s": time_s}, apart=True)
 
 
 def crowded_impulses(fit) -> float:

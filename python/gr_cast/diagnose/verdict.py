@@ -205,7 +205,7 @@ def _confidences(told: list[Told], ambiguous: list[dict], complete: bool) -> lis
             evidence=t.evidence,
             held_out=None if t.surely_read else t.held_out,
             lead=t.rivals[0].evidence if t.rivals else None,
-            left=max([rest.nats for rest in t.finding.left], default=0.0),
+            left=max([rest.nats for rest in t.finding.left if not rest.apart], default=0.0),
             flexible=imitates(t.effect),
             complete=complete,
             open=FAMILIES[t.effect.family].told in open_ones,
