@@ -111,13 +111,9 @@ def _verdict(effects: list, open_: list, clean: bool) -> str:
     return "identified" if effects else "no_mismatch"
 
 
-def _is_nested(effect, rival) -> bool:
-    """Whether a rival says by numbers what needs none: an object that is gone, moved out of sight."""
-    return effect.owner == rival.owner and not len(effect.values) and len(rival.values) > 0
-
-
 def _rivals(found: search.Found, effect) -> list:
-    return [(rival, nats) for rival, nats in found.rivals.get(effect.key, ()) if not _is_nested(effect, rival)]
+    world, rivals = found.model.base, found.rivals.get(effect.key, ())
+    return [(rival, nats) for rival, nats in rivals if not effect.family.covers(world, effect, rival)]
 
 
 def _ambiguous(alike: list, ears, place: Place) -> list[dict]:

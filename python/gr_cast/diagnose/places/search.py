@@ -79,7 +79,10 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
         if crowd.get(name, 0) < policy.FITTED_PER_FAMILY and len(chosen) < policy.FITTED_AFTER_SCREEN:
             crowd[name] = crowd.get(name, 0) + 1
             chosen.append(one if heard is ears else evaluated(ears, model.base, one.effects))
-    final = [_settled(ears, one, budget) for one in chosen]
+    final: list[Model] = []
+    for one in chosen:
+        is_far_behind = final and promise(one) < policy.BEHIND_SHARE * max(worth(done, model, count, tried) for done in final)
+        final.append(fitted(ears, one, rounds=policy.SCREEN_ROUNDS) if is_far_behind else _settled(ears, one, budget))
     return sorted(final, key=lambda one: -worth(one, model, count, tried)), tried
 
 
@@ -97,22 +100,44 @@ def _settled(ears, model: Model, budget: Budget) -> Model:
     """Fitted, once more from the best of its family's other beginnings, and in its best shape, as far as there is time."""
     if budget.is_spent:
         return model
-    model = _begun_anew(ears, fitted(ears, model))
-    shaped = _shaped(ears, model, len(model.effects) - 1, budget)
-    return model if shaped is model else _begun_anew(ears, shaped)
+    last = len(model.effects) - 1
+    model = _begun_anew(ears, fitted(ears, model), last)
+    shaped = _shaped(ears, model, last, budget)
+    return model if shaped is model else _begun_anew(ears, shaped, last)
 
 
-def _begun_anew(ears, model: Model) -> Model:
-    number = len(model.effects) - 1
+def _begun_anew(ears, model: Model, number: int) -> Model:
+    """From the best of its family's other beginnings, and of those that the family has from there, until none gives more."""
+    for _ in range(policy.RESHAPED):
+        before = model
+        model = min((model, *(fitted(ears, one) for one in _restarted(ears, model, number))), key=lambda one: one.energy)
+        if before.energy - model.energy < policy.SHAPE_NATS:
+            break
+    return model
+
+
+def _restarted(ears, model: Model, number: int) -> list[Model]:
+    """The most promising of other beginnings; of many, those that lead to the least energy in thinned soundings."""
     others = model.effects[number].family.restarts(model.base, model.effects[number])
-    if len(others) > policy.MANY_RESTARTS:
-        thin = [thinned(ear, policy.THIN_INSTANTS, policy.THIN_FREQUENCIES) for ear in ears]
-        known = evaluated(thin, model.base, model.effects)
-        ranked = sorted((replaced(thin, known, number, one) for one in others), key=lambda one: one.energy)
-        near = [fitted(thin, one, rounds=policy.SCREEN_ROUNDS, free=[number]) for one in ranked[: 4 * policy.FULL_STARTS]]
-        others = [one.effects[number] for one in sorted(near, key=lambda one: one.energy)[: 3 * policy.FULL_STARTS]]
-    trials = sorted((replaced(ears, model, number, one) for one in others), key=lambda one: one.energy)
-    return min((model, *(fitted(ears, one) for one in trials[: policy.FULL_STARTS])), key=lambda one: one.energy)
+    if len(others) <= policy.MANY_RESTARTS:
+        return sorted((replaced(ears, model, number, one) for one in others), key=lambda one: one.energy)[: policy.FULL_STARTS]
+    thin = [thinned(ear, policy.THIN_INSTANTS, policy.THIN_FREQUENCIES) for ear in ears]
+    known = evaluated(thin, model.base, model.effects)
+    ranked = sorted((replaced(thin, known, number, one) for one in others), key=lambda one: one.energy)
+    near = [fitted(thin, one, rounds=policy.SCREEN_ROUNDS, free=[number]) for one in ranked[: 4 * policy.FULL_STARTS]]
+    near.sort(key=lambda one: one.energy)
+    best = _distinct(model.base, [one.effects[number] for one in near])[: policy.FULL_STARTS]
+    return [replaced(ears, model, number, one) for one in best]
+
+
+def _distinct(base, effects: list[Effect]) -> list[Effect]:
+    """One of those that fell into the same minimum, the first."""
+    out: list[Effect] = []
+    for one in effects:
+        near = policy.SAME_STEPS * one.family.steps(base, one)
+        if not any(one.choice is other.choice and np.all(np.abs(one.values - other.values) < near) for other in out):
+            out.append(one)
+    return out
 
 
 def _shaped(ears, model: Model, number: int, budget: Budget) -> Model:
@@ -186,7 +211,7 @@ def _explored(ears, model: Model, unknown: dict, budget: Budget, others: dict, b
     noise, or with a random field, what came close to one of the best is gone on with instead, the closest first."""
     count = sum(ear.count for ear in ears)
     open_: list[tuple[float, Model]] = []
-    expanded: set = set()
+    expanded: dict = {}
     best, tried = _grown(ears, model, unknown, budget, others, barred, open_, expanded, progress)
     while open_ and not budget.is_spent and not _is_told(best, count):
         open_.sort(key=lambda pair: pair[0])
@@ -207,15 +232,16 @@ def _is_told(model: Model, count: float) -> bool:
 
 
 def _grown(
-    ears, model: Model, unknown: dict, budget: Budget, others: dict, barred: set, open_: list, expanded: set, progress
+    ears, model: Model, unknown: dict, budget: Budget, others: dict, barred: set, open_: list, expanded: dict, progress
 ) -> tuple[Model, int]:
     """The model with effect after effect as long as they pay, none of them `barred`, and how many were tried; what came next to
     each goes to `others`, what came close to it, with its regret, to `open_`."""
     count, tried = sum(ear.count for ear in ears), 1
     while len(model.effects) < policy.MOST_EFFECTS and not budget.is_spent:
-        if (keys := frozenset(effect.key for effect in model.effects)) in expanded:
+        keys = frozenset(effect.key for effect in model.effects)
+        if model.energy > expanded.get(keys, np.inf) - policy.LEAST_EVIDENCE_NATS:
             break
-        expanded.add(keys)
+        expanded[keys] = model.energy
         progress(f"looking for effect {len(model.effects) + 1}")
         found, tried = candidates(ears, model, unknown, budget, barred)
         unshaped = policy.SHAPE_SHARE * _by_shape(ears, model)
@@ -242,17 +268,24 @@ def _grown(
                 open_.append((regret, one))
         others[best.effects[-1].key] = [one.effects[-1] for one in found if one is not best]
         model = pruned(ears, best, count, tried)
+        before = model
         for number in range(len(model.effects) - 1):  # what was found before fits what is known now
             model = _shaped(ears, model, number, budget)
+            if _excess(model, count) > policy.QUIET_DEVIATIONS and not budget.is_spent:
+                model = _begun_anew(ears, model, number)
+        if model is not before:
+            model = pruned(ears, model, count, tried)
     return model, tried
 
 
 def _stiff_first(paying: list[Model], model: Model, count: float) -> Model:
     """The candidate to go on with: the best, but something stiff that explains a good part before random fields, which explain
-    much that they are not, unless they leave nothing: then little is left to look for."""
+    much that they are not, unless they leave nothing where it leaves the most: then little is left to look for."""
     best, good = paying[0], _good_stiff(paying, model, count)
-    leaves_nothing = best.effects[-1].family.is_flexible and _excess(best, count) < policy.CLEAN_DEVIATIONS
-    return good if good and not leaves_nothing else best
+    if not good or not best.effects[-1].family.is_flexible:
+        return good or best
+    leaves_the_most = model.energy - good.energy < policy.MOST_SHARE * (model.energy - count)
+    return best if leaves_the_most and _excess(best, count) < policy.CLEAN_DEVIATIONS else good
 
 
 def _good_stiff(paying: list[Model], model: Model, count: float) -> Model | None:
@@ -319,7 +352,7 @@ def _beside_fields(model: Model) -> float:
 def pruned(ears, model: Model, count: float, tried: float) -> Model:
     """Without effects that no longer pay."""
     number = 0
-    while number < len(model.effects) - 1:
+    while number < len(model.effects) > 1:
         less = fitted(ears, without_effects(ears, model, [number]), rounds=4)
         least = max(policy.LEAST_EVIDENCE_NATS / 2, model.slack, _beside_fields(less))
         if evidence(less, count, tried) > evidence(model, count, tried) - least:

@@ -307,18 +307,21 @@ class View:
     def echoes(self) -> list[imaging.Echoes]:
         return [imaging.echoes(ear, fit, self.world) for ear, fit in self.wideband]
 
+    def beside(self, effect) -> "View":
+        """A look at the thinned soundings with this effect among the model's."""
+        return View(self.thin, evaluated(self.thin, self.model.base, (*self.model.effects, effect)), self.unknown)
+
     def scan_ground(self) -> list[tuple[float, float]]:
-        """Heights under all nodes, and permittivities, of level planes that would explain what is left."""
+        """Heights under all nodes, and permittivities, of level planes that would explain powers."""
+        return fringes.grounds(self.ears, self.world, self.lowest_m)
+
+    def heights_m(self) -> list[float]:
+        """Under all nodes, where level planes would send what is left."""
         lowest = self.lowest_m
-        if not self.has_responses:
-            return fringes.grounds(self.ears, self.world, lowest)
         resolution_m = max((SPEED_OF_LIGHT_M_PER_S / one.bins_per_s for one in self.echoes), default=1.0)
         coarse = np.arange(lowest - 6.0, lowest - 0.05, min(resolution_m, 0.25))
         normal = np.broadcast_to([0.0, 0.0, 1.0], (len(coarse), 3))
-        found = scan.minima(coarse, -imaging.plane_scores(self.echoes, normal, coarse), 3)
-        step_m = self.world.wavelength_m / 8
-        near = np.concatenate([np.arange(h - 0.4, h + 0.4, step_m) for h in found])
-        return [(float(h), e) for h in near[near < lowest - 0.02] for e in (4.0, 15.0)]
+        return scan.minima(coarse, -imaging.plane_scores(self.echoes, normal, coarse), 3)
 
     def delay_of_node(self, name: str) -> float:
         """Common delay of what is heard over a node's links against the model, from the phase slopes."""

@@ -56,6 +56,12 @@ class Family:
         """The same with another shape along one of its `shape_axes`."""
         return []
 
+    def covers(self, world: World, effect: Effect, rival: Effect) -> bool:
+        """Whether a rival says by more numbers what this effect says, and would be no more than chance: an object that is gone,
+        moved out of sight or as rough or as thin as air."""
+        same = rival.owner == effect.owner or effect.owner in [world.mesh.names[one] for one in world.made_of(rival.owner)]
+        return same and not len(effect.values) and len(rival.values) > 0
+
     def apply(self, world: World, effect: Effect) -> World:
         raise NotImplementedError
 

@@ -13,6 +13,8 @@ from .base import Effect, Family, OfThings, std_of, value
 
 _WIDE_M = 3000.0  # of a ground
 _GROUND_CONDUCTIVITY = 0.01  # S/m, where it cannot be told
+_USUAL_GROUND, _UP = 8.0, np.array([0.0, 0.0, 1.0])  # permittivity with which heights are looked for
+_ABOUT_M, _STRIP_M, _PER_STRIP = 1.0, 0.1, 2  # of an echo's height by its delay; that are looked at at a time
 _OCTAVES = 1.3  # that a carrier may be off, up or down
 _BEST = 3
 _BEAT_M, _WELLS = 40.0, 30  # between paths: whose beats are tried about a carrier that was found, so many either way
@@ -160,10 +162,23 @@ class Ground(Family):
         return ["place"] if view.lacks_ground else []
 
     def starts(self, view, owner):
-        return [
-            Effect(family=self, owner=owner, values=np.array([height_m, np.log(permittivity)]))
-            for height_m, permittivity in view.scan_ground()
+        def ground(height_m, permittivity):
+            return Effect(family=self, owner=owner, values=np.array([height_m, np.log(permittivity)]))
+
+        if not view.has_responses:
+            return [ground(*guess) for guess in view.scan_ground()]
+        wide_m = max(_STRIP_M, 2 * view.world.wavelength_m)  # within it a change of height turns phases alone
+        strip_m = np.arange(-wide_m / 2, wide_m / 2, view.world.wavelength_m / 8)
+        centres = np.unique(
+            [near_m + shift_m for near_m in view.heights_m() for shift_m in np.arange(-_ABOUT_M, _ABOUT_M + wide_m, wide_m)]
+        )
+        found = [
+            centre_m + shift_m
+            for centre_m in centres
+            if centre_m < view.lowest_m
+            for shift_m in view.beside(ground(centre_m, _USUAL_GROUND)).scan_object("ground", _UP, strip_m, best=_PER_STRIP)
         ]
+        return [ground(height_m, e) for height_m in found if height_m < view.lowest_m - 0.02 for e in (4.0, 15.0)]
 
     def apply(self, world, effect):
         height_m, permittivity = effect.values[0], float(np.exp(effect.values[1]))

@@ -18,6 +18,8 @@ _YAWS_RAD = np.linspace(-np.pi, np.pi, 24, endpoint=False)
 _PITCHES_RAD = (-0.6, -0.25, 0.0, 0.25, 0.6)
 _SPEED_FACTORS = np.arange(0.8, 1.2001, 0.02)
 _TIME_OFFSETS_S = np.arange(-0.8, 0.8001, 0.1)
+_LATE, _BETWEEN_S = 2, 0.05  # of those that are looked at by phase, so far either way
+_ASIDE_SHARE = 0.05  # of a displacement that is no move along the track
 _FINE = 9  # steps of the fine grid of speeds, either way
 _COARSE_FACTORS, _COARSE_OFFSETS_S = (0.87, 1.0, 1.13), (-0.4, 0.0, 0.4)  # where power alone is known
 
@@ -187,6 +189,8 @@ def _holds_most(view, owner: str) -> bool:
 
 
 class TrackTiming(_OfNode):
+    """Late or early on the track, `values` [seconds], or also faster or slower, [seconds, factor]."""
+
     name = "track_timing"
     is_in_spec = False
     order = 2
@@ -195,41 +199,65 @@ class TrackTiming(_OfNode):
         return [name for name in view.nodes if view.world.radios[name].node.is_moving and name not in view.tracked]
 
     def starts(self, view, owner):
-        wrong = lambda factor, offset_s: Effect(family=self, owner=owner, values=np.array([factor, offset_s]))  # noqa: E731
+        wrong = lambda offset_s, *factor: Effect(family=self, owner=owner, values=np.array([offset_s, *factor]))  # noqa: E731
         if not view.has_responses:
-            return [wrong(factor, offset_s) for factor in _COARSE_FACTORS for offset_s in _COARSE_OFFSETS_S]
-        near = [wrong(1.0 + step, offset_s) for step in (-0.003, 0.003) for offset_s in (-0.01, 0.01)]
+            return [wrong(offset_s, factor) for factor in _COARSE_FACTORS for offset_s in _COARSE_OFFSETS_S]
+        near = [wrong(offset_s, 1.0 + step) for step in (-0.003, 0.003) for offset_s in (-0.01, 0.01)]
         if view.is_quiet or not _holds_most(view, owner):
             return near
-        coarse = [wrong(factor, offset_s) for factor in _SPEED_FACTORS for offset_s in _TIME_OFFSETS_S]
+        coarse = [wrong(offset_s, factor) for factor in _SPEED_FACTORS for offset_s in _TIME_OFFSETS_S]
         radio, last_s = view.world.radios[owner], view.last_s
         step_s = view.world.wavelength_m / 5 / radio.node.speed_m_per_s
-        out = []
+        fine_s = step_s * np.arange(-int(_BETWEEN_S / step_s) - 1, int(_BETWEEN_S / step_s) + 2)
+        late = view.promising([wrong(offset_s) for offset_s in _TIME_OFFSETS_S])[:_LATE]
+        out = view.ranked([wrong(one.values[0] + shift_s) for one in late for shift_s in fine_s])[:_LATE]
         for one in view.promising(coarse)[:_BEST]:
-            factor, offset_s = one.values
+            offset_s, factor = one.values
             factors = factor + step_s / last_s * np.arange(-_FINE, _FINE + 1)
             shared = _centred(last_s, factors - factor)  # the middle of the track stays where it is
             fine = [
-                wrong(f, offset_s + shift + k * step_s) for f, shift in zip(factors, shared, strict=True) for k in range(-4, 5)
+                wrong(offset_s + shift + k * step_s, f) for f, shift in zip(factors, shared, strict=True) for k in range(-4, 5)
             ]
             out += view.ranked(fine)[:1]
-        return out or near
+        return [*out, *near]
+
+    def restarts(self, world, effect):
+        # The next wells of its phase.
+        well_s = world.wavelength_m / 2 / max(world.radios[effect.owner].node.speed_m_per_s, 1e-3)
+        wells = [step * well_s for step in range(-_WELLS, _WELLS + 1) if step]
+        return [effect.moved(np.array([effect.values[0] + shift_s, *effect.values[1:]])) for shift_s in wells]
+
+    def covers(self, world, effect, rival):
+        # Moved along its own track by chance: not as long as that it is late says the same with one number.
+        if not isinstance(rival.family, NodePosition) or rival.owner != effect.owner:
+            return super().covers(world, effect, rival)
+        waypoints_m = world.radios[effect.owner].node.waypoints_m
+        ahead = (waypoints_m[1] - waypoints_m[0]) / np.linalg.norm(waypoints_m[1] - waypoints_m[0])
+        aside_m = rival.values - rival.values @ ahead * ahead
+        return len(effect.values) == 1 and np.linalg.norm(aside_m) < _ASIDE_SHARE * np.linalg.norm(rival.values)
 
     def apply(self, world, effect):
-        return world.with_radio(effect.owner, speed_factor=float(effect.values[0]), time_offset_s=float(effect.values[1]))
+        offset_s, factor = _timing(effect)
+        return world.with_radio(effect.owner, speed_factor=factor, time_offset_s=offset_s)
 
     def steps(self, world, effect):
-        return np.array([1e-5, 1e-5])
+        return np.full(len(effect.values), 1e-5)
 
     def bounded(self, values):
-        return np.array([np.clip(values[0], 0.2, 5), np.clip(values[1], -5, 5)])
+        return np.clip(values, [-5, 0.2][: len(values)], [5, 5][: len(values)])
 
     def told(self, view, effect, covariance):
+        offset_s, factor = _timing(effect)
         return {
-            "speed_factor": value(effect.values[0], std_of(covariance, 0)),
-            "time_offset_s": value(effect.values[1], std_of(covariance, 1)),
+            "speed_factor": value(factor, std_of(covariance, 1)) if len(effect.values) > 1 else value(factor),
+            "time_offset_s": value(offset_s, std_of(covariance, 0)),
         }
 
     def sentence(self, effect, told):
-        factor, offset_s = effect.values
+        offset_s, factor = _timing(effect)
         return f"{effect.owner} goes {factor:.3f} times as fast as in the twin and is {offset_s:+.3f} s ahead on its track."
+
+
+def _timing(effect: Effect) -> tuple[float, float]:
+    """Seconds ahead, and speed over the twin's."""
+    return float(effect.values[0]), float(effect.values[1]) if len(effect.values) > 1 else 1.0

@@ -14,6 +14,7 @@ _NEAR_M = 0.6  # within which every well is tried
 _BEST = 3  # maxima of a scan that are fitted
 _WELLS = 8  # of the phase, either way, that are tried beside one that was found
 _PERMITTIVITIES, _CONDUCTIVITIES = np.geomspace(1.15, 30, 14), (0.003, 0.05, 0.5)  # relative; S/m
+_FRINGES, _DENSEST = 10, 6.0  # either way, of a slab that holds many waves; refractive index
 _ROUGH = (1 / 60, 1 / 25, 1 / 12, 1 / 6)  # of a wavelength: first guesses of the roughness
 
 
@@ -104,6 +105,12 @@ class Material(_OfObject):
             for conductivity in _CONDUCTIVITIES:
                 out.append(Effect(family=self, owner=owner, values=np.log([permittivity, conductivity])))
         return [*out, Effect(family=self, owner=owner, values=np.log([1.0, 1e7]))]
+
+    def restarts(self, world, effect):
+        # A slab reflects alike with half a wave more or less in it: the next wells of its refractive index.
+        half_wave = world.wavelength_m / (2 * world.surface.thickness_m[world.made_of(effect.owner)].min())
+        index = np.exp(effect.values[0] / 2) + half_wave * np.arange(-_FRINGES, _FRINGES + 1)
+        return [effect.moved(np.array([2 * np.log(one), effect.values[1]])) for one in index if 1 < one < _DENSEST]
 
     def apply(self, world, effect):
         permittivity, conductivity = np.exp(effect.values)
