@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Scattering leaves a residual that is noise with a delay profile: its likelihood, by bins of delay."""
+"""Scattering leaves a residual that is noise with a delay profile: circular Gaussian, frequencies correlated as the profile's
+transform says. What is resolved to few bins of delay is few numbers, however many bins it leaks to."""
 
 import functools
 from functools import partial
@@ -10,10 +11,13 @@ from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from ...scenario.create import fields, patches
 from ...twin.places.predict import surface_key
 
-_FINER = 4  # steps of a bin of delay
+_FINER = 8  # delays per bin of the band
 _COSINES = np.linspace(0, 1, 25)  # of incidence, between which reflections are interpolated
 _COARSE_M = 0.1  # of positions: patches are half a metre wide
 _INSTANTS = 6  # of a moving link at which its profile is computed
+_FAINT = 1e-10  # of the strongest mode: less is none
+_MODES_KEPT = 4096
+_LARGEST = 2.0**15  # of a half-precision number, to its smallest: 90 dB
 
 
 def gain(ear, fit, world) -> tuple[float, float, float]:
@@ -28,35 +32,35 @@ def gain(ear, fit, world) -> tuple[float, float, float]:
         known = ear.heard.weight[index] > 0
         if not known.any():
             continue
-        noise, wide, is_still = _widths(ear, fit, world, index)
+        noise, fields_, is_still = _fields(ear, fit, world, index)
         rows = np.where(known, fit.residual[index] * unit[index].conj(), 0)
         if is_still:  # all instants say the same
             rows = rows.sum(axis=0, keepdims=True) / np.sqrt(max(len(rows), 1))
-        power = np.abs(np.fft.ifft(rows, axis=1, norm="ortho")) ** 2
-        whitened = power / wide
-        nats += float((power / noise - whitened - np.log(wide / noise)).sum() * known.mean())
-        saved += float((power / noise - whitened).sum())
-        scattered += float((1 - noise / wide).sum())
+        for which, strength, modes in fields_:
+            power = np.abs(rows[which] @ modes.conj()) ** 2
+            share = strength / (noise + strength)
+            explained = (power * share).sum() / noise
+            nats += float(explained - len(power) * np.log1p(strength / noise).sum())
+            saved += float(explained)
+            scattered += float(len(power) * share.sum())
     return nats, saved, scattered
 
 
 def whitened(ear, fit, world, rows: np.ndarray) -> np.ndarray:
     """Rows (n, numbers of the residual) of a linear problem, over what noise and scattered field together may be: where the world
-    scatters, a bin of delay says less."""
+    scatters, what lies along a mode of the field says less."""
     if not ear.has_responses or not (world.surface.scattering > 0).any():
         return rows
     half = rows.shape[1] // 2
-    bins = (rows[:, :half] + 1j * rows[:, half:]).reshape(len(rows), *fit.residual.shape) * _unit(fit).conj()
-    bins = np.fft.ifft(bins, axis=3, norm="ortho")
+    unit = _unit(fit)
+    turned = (rows[:, :half] + 1j * rows[:, half:]).reshape(len(rows), *fit.residual.shape) * unit.conj()
     for index in np.flatnonzero((ear.heard.weight > 0).any(axis=(1, 2))):
-        noise, wide, is_still = _widths(ear, fit, world, index)
-        narrow = np.sqrt(noise / wide)
-        if is_still:
-            mean = bins[:, index].mean(axis=1, keepdims=True)
-            bins[:, index] += mean * (narrow - 1)
-        else:
-            bins[:, index] *= narrow
-    flat = bins.reshape(len(rows), -1)
+        noise, fields_, is_still = _fields(ear, fit, world, index)
+        for which, strength, modes in fields_:
+            part = turned[:, index].mean(axis=1, keepdims=True) if is_still else turned[:, index, which]
+            less = ((part @ modes.conj()) * (1 - np.sqrt(noise / (noise + strength)))) @ modes.T
+            turned[:, index, slice(None) if is_still else which] -= less
+    flat = turned.reshape(len(rows), -1)
     return np.concatenate([flat.real, flat.imag], axis=1)
 
 
@@ -64,44 +68,67 @@ def _unit(fit) -> np.ndarray:
     return fit.factor / np.maximum(np.abs(fit.factor), 1e-300)
 
 
-def _widths(ear, fit, world, index: int) -> tuple[float, np.ndarray, bool]:
-    """Noise of a link, with what is scattered to it (instants or 1, bins of delay), and whether patches keep their phases: then
-    it is of the sum of all instants over the root of their number."""
+def _fields(ear, fit, world, index: int) -> tuple[float, list[tuple], bool]:
+    """Noise of a link, modes of what is scattered to it as (instants, power of each mode, modes (K, modes)), and whether patches
+    keep their phases: then it is of the sum of all instants over the root of their number."""
     heard = ear.heard
     known, count = heard.weight[index] > 0, len(heard.frequency_hz)
-    profile = profiles(world, ear.predictor, index, count, heard.frequency_hz[1] - heard.frequency_hz[0])
+    power, step = profiles(world, ear.predictor, index, count, _spacing_hz(heard.frequency_hz))
     noise = 1 / heard.weight[index][known].mean()
-    is_still = len(profile) == 1
-    scale = float((np.abs(fit.factor[index]) ** 2).mean()) * (len(heard.y[index]) if is_still else 1)
-    return noise, noise + scale * profile * known.mean(), is_still
+    is_still = len(step) == 1
+    scale = float((np.abs(fit.factor[index]) ** 2).mean()) * (len(heard.y[index]) if is_still else 1) * known.mean()
+    out = []
+    for number, row in enumerate(power):
+        if total := row.max():
+            strength, modes = _modes(_rounded(row / total), count)
+            out.append((np.flatnonzero(step == number), scale * total * strength, modes))
+    return noise, out, is_still
 
 
-def profiles(world, predictor, index: int, count: int, spacing_hz: float) -> np.ndarray:
-    """Scattered power (instants or 1, bins) per delay bin of a link, of unit transmitted power."""
+def _spacing_hz(frequency_hz: np.ndarray) -> float:
+    return frequency_hz[1] - frequency_hz[0] if len(frequency_hz) > 1 else 1.0
+
+
+def _rounded(row: np.ndarray) -> bytes:
+    """A profile to three digits: what changes it by less shares its modes."""
+    return (row * _LARGEST).astype(np.float16).tobytes()
+
+
+@functools.lru_cache(maxsize=_MODES_KEPT)
+def _modes(rounded: bytes, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Powers, and modes (count, modes) along frequency, of a random field with a delay profile of `_FINER` cells per bin: the
+    eigenvectors of its covariance."""
+    power = np.frombuffer(rounded, np.float16).astype(float) / _LARGEST
+    cells = np.flatnonzero(power)
+    steer = np.exp(-2j * np.pi * np.outer(np.arange(count), cells) / (count * _FINER)) * np.sqrt(power[cells])
+    if len(cells) < count:
+        strength, inner = np.linalg.eigh(steer.conj().T @ steer)
+        keep = strength > _FAINT * strength[-1]
+        return strength[keep], steer @ (inner[:, keep] / np.sqrt(strength[keep]))
+    strength, modes = np.linalg.eigh(steer @ steer.conj().T)
+    keep = strength > _FAINT * strength[-1]
+    return strength[keep], modes[:, keep]
+
+
+def profiles(world, predictor, index: int, count: int, spacing_hz: float) -> tuple[np.ndarray, np.ndarray]:
+    """Scattered power (steps, cells) of a link by delay, of unit transmitted power, `_FINER` cells per bin; and the step of each
+    instant, one where nothing moves."""
     tx_m, rx_m = predictor.ends_m(world, index)
     tx, rx = (world.radios[name] for name in predictor.links[index])
     static = not (tx.node.is_moving or rx.node.is_moving)
     every = max(1, -(-len(tx_m) // _INSTANTS))
-    steps = np.zeros(1, int) if static else np.arange(len(tx_m)) // every * every
+    number = np.zeros(1, int) if static else np.arange(len(tx_m)) // every
     kept = predictor.remembered(("reflected", world.carrier_hz, surface_key(world.surface)), lambda: _kept(world))
     made = world.mesh.coarse.key, world.surface.present.tobytes(), world.surface.clear.tobytes()
     tx_m, rx_m = (np.round(end_m / _COARSE_M) * _COARSE_M for end_m in (tx_m, rx_m))
     power = []
-    for step in steps:
+    for step in np.unique(number) * every:
         key = made, tx_m[step].tobytes(), rx_m[step].tobytes()
         lit = predictor.remembered(("lit", key), partial(_lit, world, tx_m[step], rx_m[step]))
         key = "mirrors", key, tx.antenna, rx.antenna
         cell, place, mirrored = predictor.remembered(key, partial(_mirrors, lit, tx.antenna, rx.antenna, count, spacing_hz))
         power.append(np.bincount(place, kept[cell] * mirrored, minlength=count * _FINER))
-    spread = np.fft.rfft(_leakage(count))
-    return np.fft.irfft(np.fft.rfft(np.array(power), axis=1) * spread, count * _FINER, axis=1)[:, ::_FINER] * count
-
-
-@functools.cache
-def _leakage(count: int) -> np.ndarray:
-    """Share of a path's power in the bin of delay 0, by the path's delay in parts of a bin: |Dirichlet's kernel|²."""
-    delay = np.arange(count * _FINER) / _FINER
-    return np.abs(np.exp(-2j * np.pi * np.outer(np.arange(count), delay) / count).mean(axis=0)) ** 2
+    return np.array(power), number
 
 
 def _kept(world) -> np.ndarray:
