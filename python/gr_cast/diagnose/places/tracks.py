@@ -2,7 +2,7 @@
 """Where something passes by: coarsely by how late its echoes are, then by their phases, instant after instant, along a line."""
 
 import itertools
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,23 +14,28 @@ from .fit import evaluated
 
 _KEPT, _LINES = 3, 8  # coarse tracks, and lines near one of them, that are returned
 _FOLLOWED = 2  # coarse tracks about which is looked finely
-_REACH_M, _MOST = 2.0, 160  # about a coarse track; steps across at most
+_REACH_M, _MOST = 1.4, 240  # about a coarse track; steps across at most
 _FINE = 6  # steps of a wavelength
 _FINER = 16  # of the grid of delays over the resolution of the band
 _INSTANTS = 9  # that are looked at, at most
 _PAIRS, _PEAKS = 4, 12  # of instants, and places at each, through which lines are drawn
+_WITHIN = 2  # cells about a line that is looked at more finely still
+_APART = 0.25  # of the time of a campaign, between the instants of a pair
+_SLID, _TURNS = 60, 4  # lines that are moved cell by cell to where they explain most, so many times
+_LEAST, _LEAST_AREA_M2 = 1e-300, 0.02
 _LOUD = 3.0  # times the median: rows with more energy are shadows' and count as this
 
 
 def passers(view, height_m: float):
-    """(place (2,) at time 0, velocity (2,)) of things that would explain echoes that move, the best first."""
+    """(place (2,) at time 0, velocity (2,), cross-section in m² or None) of things that would explain echoes that move, the best
+    first."""
     if not view.wideband:
         return []
     coarse = _coarse(
         view, [imaging.echoes(ear, _moving(ear, fit, view.world), view.world) for ear, fit in view.wideband], height_m
     )
     fine = [track for one in coarse[:_FOLLOWED] for track in _fine(view, height_m, *one)]
-    return [track for _, track in sorted(fine, key=lambda pair: -pair[0])] + coarse
+    return [track for _, track in sorted(fine, key=lambda pair: -pair[0])] + [(*one, None) for one in coarse]
 
 
 def _moving(ear, fit, world):
@@ -68,37 +73,98 @@ def _coarse(view, seen: list, height_m: float) -> list:
 
 
 def _fine(view, height_m: float, place_m: np.ndarray, velocity: np.ndarray) -> list:
-    """(nats, track) of lines near a coarse track along which echoes have the phase that they should."""
+    """(nats, (place, velocity, cross-section)) of lines near a coarse track along which echoes are in phase as they should."""
     ear = thinned(view.wideband[0][0], _INSTANTS, len(view.wideband[0][0].heard.frequency_hz))
     fit = _moving(ear, evaluated([ear], view.model.base, view.model.effects).fits[0], view.world)
-    time_s = ear.predictor.time_s
+    middle_s = ear.predictor.time_s.mean()
     step_m = max(view.world.wavelength_m / _FINE, 2 * _REACH_M / _MOST)
-    axis_m = np.arange(-_REACH_M, _REACH_M + step_m / 2, step_m)
+    start_m = place_m + velocity * middle_s
+    wide = _strip(view, ear, fit, height_m, start_m, velocity, _REACH_M, step_m)
+    at_m, turn = _through(wide)
+    best = np.argsort(-wide.along(at_m, turn)[0])[:_SLID]
+    at_m, turn = wide.slid(at_m[best], turn[best])
+    kept: list = []
+    for one in np.argsort(-wide.along(at_m, turn)[0]):
+        if all(np.abs(np.concatenate([at_m[one] - at_m[k], turn[one] - turn[k]])).max() > step_m for k in kept):
+            kept.append(one)
+    out = []
+    for one in kept[:_LINES]:
+        centre_m, speed = start_m + at_m[one], velocity + turn[one]
+        near = _strip(view, ear, fit, height_m, centre_m, speed, _WITHIN * step_m, step_m / _FINE)
+        finer_m, slower = near.slid(np.zeros((1, 2)), np.zeros((1, 2)))
+        nats, amplitude = (float(part[0]) for part in near.along(finer_m, slower))
+        area_m2 = (max(amplitude, 0) * (4 * np.pi) ** 1.5 / view.world.wavelength_m) ** 2
+        centre_m, speed = centre_m + finer_m[0], speed + slower[0]
+        out.append((nats, (centre_m - speed * middle_s, speed, max(area_m2, _LEAST_AREA_M2))))
+    return out
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Strip:
+    """Maps (instants, X, Y) about a place that moves, see `_map`, over `axis_m` either way; instants by their time after the
+    middle."""
+
+    cross: np.ndarray
+    power: np.ndarray
+    axis_m: np.ndarray
+    after_s: np.ndarray
+
+    @property
+    def step_m(self) -> float:
+        return self.axis_m[1] - self.axis_m[0]
+
+    def along(self, at_m: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(nats, amplitude) of lines (..., 2) by their place in the middle and velocity, all echoes of one strength."""
+        cell = np.round((at_m[..., None, :] + self.after_s[:, None] * turn[..., None, :] - self.axis_m[0]) / self.step_m)
+        inside = ((cell >= 0) & (cell < len(self.axis_m))).all(axis=-1)
+        x, y = np.moveaxis(np.where(inside[..., None], cell, 0).astype(int), -1, 0)
+        instants = np.arange(len(self.after_s))
+        top, bottom = ((part[instants, x, y] * inside).sum(axis=-1) for part in (self.cross, self.power))
+        return np.maximum(top, 0) ** 2 / (bottom + _LEAST), top / (bottom + _LEAST)
+
+    def slid(self, at_m: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Lines moved cell by cell to where they explain most."""
+        slide = np.array(list(itertools.product((-2, -1, 0, 1, 2), repeat=4))) * self.step_m
+        slide[:, 2:] /= np.ptp(self.after_s) / 2
+        for _ in range(_TURNS):
+            top = np.argmax(self.along(at_m[:, None] + slide[:, :2], turn[:, None] + slide[:, 2:])[0], axis=1)
+            at_m, turn = at_m + slide[top, :2], turn + slide[top, 2:]
+        return at_m, turn
+
+
+def _strip(view, ear, fit, height_m: float, centre_m: np.ndarray, velocity: np.ndarray, reach_m: float, step_m: float) -> _Strip:
+    axis_m = np.arange(-reach_m, reach_m + step_m / 2, step_m)
     offset_m = np.stack(np.meshgrid(axis_m, axis_m, indexing="ij"), axis=-1)
-    maps = [_map(view, ear, fit, step, place_m + velocity * t + offset_m, height_m) for step, t in enumerate(time_s)]
-    tops = np.array([one.max() for one in maps])
-    pairs = sorted(itertools.combinations(range(len(maps)), 2), key=lambda pair: -tops[list(pair)].min())[:_PAIRS]
-    tracks = []
-    for first, last in pairs:
-        ends = [np.array(scan.minima_2d(axis_m, axis_m, -maps[step], _PEAKS)) for step in (first, last)]
-        for a, b in itertools.product(*ends):
-            turn = (b - a) / (time_s[last] - time_s[first])
-            cell = np.round((a + np.multiply.outer(time_s - time_s[first], turn) + _REACH_M) / step_m).astype(int)
-            inside = ((cell >= 0) & (cell < len(axis_m))).all(axis=1)
-            nats = sum(one[tuple(where)] for one, where, good in zip(maps, cell, inside, strict=True) if good)
-            tracks.append((float(nats), (place_m + a - turn * time_s[first], velocity + turn)))
-    return sorted(tracks, key=lambda pair: -pair[0])[:_LINES]
+    after_s = ear.predictor.time_s - ear.predictor.time_s.mean()
+    maps = [_map(view, ear, fit, step, centre_m + velocity * t + offset_m, height_m) for step, t in enumerate(after_s)]
+    cross, power = (np.array(part) for part in zip(*maps, strict=True))
+    return _Strip(cross=cross, power=power, axis_m=axis_m, after_s=after_s)
 
 
-def _map(view, ear, fit, step: int, foot_m: np.ndarray, height_m: float) -> np.ndarray:
-    """Nats of an echo from each place (X, Y, 2) at one instant: of all links together, its strength free, its phase known."""
+def _through(strip: _Strip) -> tuple[np.ndarray, np.ndarray]:
+    """Lines through two peaks each of two maps, some time apart."""
+    nats, after_s = np.maximum(strip.cross, 0) ** 2 / strip.power, strip.after_s
+    tops, apart_s = nats.max(axis=(1, 2)), np.ptp(after_s) * _APART
+    pairs = [pair for pair in itertools.combinations(range(len(nats)), 2) if after_s[pair[1]] - after_s[pair[0]] >= apart_s]
+    out = []
+    for first, last in sorted(pairs, key=lambda pair: -tops[list(pair)].min())[:_PAIRS]:
+        ends = [scan.minima_2d(strip.axis_m, strip.axis_m, -nats[step], _PEAKS) for step in (first, last)]
+        a, b = np.moveaxis(np.array(list(itertools.product(*ends))), 1, 0)
+        turn = (b - a) / (after_s[last] - after_s[first])
+        out.append((a - after_s[first] * turn, turn))
+    return tuple(np.concatenate(part) for part in zip(*out, strict=True))
+
+
+def _map(view, ear, fit, step: int, foot_m: np.ndarray, height_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """What an echo from each place (X, Y, 2) at one instant says of all links together, its phase known: its amplitude is the
+    first over the second, its nats the first's square over the second."""
     heard, world = ear.heard, view.world
     f_hz = heard.frequency_hz
     spacing_hz, size = f_hz[1] - f_hz[0], 1 << int(np.ceil(np.log2(_FINER * len(f_hz))))
     energy = (np.abs(fit.residual[:, step]) ** 2 * heard.weight[:, step]).sum(axis=1)
     loud = _LOUD * max(float(np.median(energy)), 1.0)
     centre_m = np.concatenate([foot_m, np.full((*foot_m.shape[:2], 1), height_m)], axis=2)
-    cross, power = np.zeros(foot_m.shape[:2]), np.full(foot_m.shape[:2], 1e-300)
+    cross, power = np.zeros(foot_m.shape[:2]), np.full(foot_m.shape[:2], _LEAST)
     for index, link in enumerate(heard.links):
         ends_m = [end[step] for end in ear.predictor.ends_m(world, index)]
         legs = [centre_m - ends_m[0], ends_m[1] - centre_m]
@@ -117,4 +183,4 @@ def _map(view, ear, fit, step: int, foot_m: np.ndarray, height_m: float) -> np.n
         total = total * np.exp(2j * np.pi * np.mod((world.carrier_hz + f_hz[0]) * delay_s, 1.0))
         cross += strength * total.real
         power += strength**2 * (np.abs(factor) ** 2 * weight).sum()
-    return np.maximum(cross, 0) ** 2 / power
+    return cross, power

@@ -27,7 +27,8 @@ _DEPTHS_M = np.array([0.3, 0.6, 1.2, 2.4, 4.8])
 _SIDE_M, _MOST_FINE = 0.6, 30  # within which a side that reflects is looked for, and in how many steps either way
 _STEPS_M, _LEAST_M = (0.1, 0.3, 1.0, 3.0), 0.05
 _TURNS_RAD = np.radians([-45, -25, -12, -5, 5, 12, 25, 45, 90])
-_WELLS = 10  # of the phase of an echo, either way
+_WELLS = 3  # of the phase of an echo, either way
+_WIDER = (0.75, 0.87, 1.15, 1.33)  # than the radius that was found
 _RADII_M, _HEIGHT_M = (0.4, 0.2, 0.9), 1.8  # of a person or a vehicle: how wide a shadow is; height to begin with
 
 
@@ -208,16 +209,18 @@ class MovingScatterer(Family):
 
     def starts(self, view, owner):
         return [
-            Effect(family=self, owner=owner, values=np.array([*place, *speed, np.log(area), _HEIGHT_M]), choice=_RADII_M[0])
-            for place, speed in view.passers(CENTRE * _HEIGHT_M)
-            for area in (1.0, 8.0)
+            Effect(family=self, owner=owner, values=np.array([*place, *speed, np.log(area), _HEIGHT_M]), choice=radius_m)
+            for place, speed, told in view.passers(CENTRE * _HEIGHT_M)
+            for area in ((told,) if told else (1.0, 8.0))
+            for radius_m in (_RADII_M if told else _RADII_M[:1])
         ]
 
     def restarts(self, world, effect):
         step_m = world.wavelength_m / 3  # the next wells of its phase
         wells = [(a, b) for a in range(-_WELLS, _WELLS + 1) for b in range(-_WELLS, _WELLS + 1) if a or b]
         near = [effect.moved(effect.values + step_m * np.array([a, b, 0, 0, 0, 0])) for a, b in wells]
-        return [replace(effect, choice=radius_m) for radius_m in _RADII_M[1:]] + near
+        radii_m = [*_RADII_M, *(effect.choice * np.array(_WIDER))]
+        return [replace(effect, choice=float(radius_m)) for radius_m in radii_m if radius_m != effect.choice] + near
 
     def apply(self, world, effect):
         x, y, vx, vy, area, height_m = effect.values
