@@ -53,18 +53,12 @@ def echoes(world, predictor, index: int, axis_m: np.ndarray):
     tx_m, rx_m = (np.broadcast_to(end, centre_m.shape) for end in predictor.ends_m(world, index))
     legs = [centre_m - tx_m, rx_m - centre_m]
     far_m = [np.linalg.norm(leg, axis=1) for leg in legs]
-    fields_ = [
-        np.linalg.norm(fields.far_field(tx.antenna, legs[0] / far_m[0][:, None]), axis=1),
-        np.linalg.norm(fields.far_field(rx.antenna, -legs[1] / far_m[1][:, None]), axis=1),
-    ]
-    gain = (
-        world.wavelength_m
-        * np.sqrt(person.cross_section_m2)
-        / (4 * np.pi) ** 1.5
-        * fields_[0]
-        * fields_[1]
-        / (far_m[0] * far_m[1])
+    sent = fields.far_field(tx.antenna, legs[0] / far_m[0][:, None])
+    taken = fields.far_field(rx.antenna, -legs[1] / far_m[1][:, None])
+    kept = (
+        (sent * taken).sum(axis=1) if person.keeps_polarisation else np.linalg.norm(sent, axis=1) * np.linalg.norm(taken, axis=1)
     )
+    gain = world.wavelength_m * np.sqrt(person.cross_section_m2) / (4 * np.pi) ** 1.5 * kept / (far_m[0] * far_m[1])
     points_m = np.stack([tx_m, centre_m, rx_m], axis=1)
     met = np.zeros((len(points_m), 1), np.int64)  # a bounce, so that both legs are looked at
     path, _, face, _ = images.crossings(world.faces, points_m, met)

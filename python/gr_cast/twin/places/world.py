@@ -116,13 +116,15 @@ class Mesh:
 
 @dataclass(frozen=True, kw_only=True)
 class Person:
-    """Something upright that moves: its axis at time 0, its velocity, and how strongly it scatters (radar cross-section)."""
+    """Something upright that moves: its axis at time 0, its velocity, how strongly it scatters (radar cross-section), and whether
+    the echo has the polarisation of what came, or whichever is received."""
 
     position_m: tuple[float, float, float]
     velocity_m_per_s: tuple[float, float, float]
     cross_section_m2: float
     radius_m: float
     height_m: float
+    keeps_polarisation: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -209,7 +209,7 @@ class MovingScatterer(Family):
 
     def starts(self, view, owner):
         return [
-            Effect(family=self, owner=owner, values=np.array([*place, *speed, np.log(area), _HEIGHT_M]), choice=radius_m)
+            Effect(family=self, owner=owner, values=np.array([*place, *speed, np.log(area), _HEIGHT_M]), choice=(radius_m, False))
             for place, speed, told in view.passers(CENTRE * _HEIGHT_M)
             for area in ((told,) if told else (1.0, 8.0))
             for radius_m in (_RADII_M if told else _RADII_M[:1])
@@ -219,14 +219,16 @@ class MovingScatterer(Family):
         step_m = world.wavelength_m / 3  # the next wells of its phase
         wells = [(a, b) for a in range(-_WELLS, _WELLS + 1) for b in range(-_WELLS, _WELLS + 1) if a or b]
         near = [effect.moved(effect.values + step_m * np.array([a, b, 0, 0, 0, 0])) for a, b in wells]
-        radii_m = [*_RADII_M, *(effect.choice * np.array(_WIDER))]
-        return [replace(effect, choice=float(radius_m)) for radius_m in radii_m if radius_m != effect.choice] + near
+        radius_m, keeps = effect.choice
+        radii_m = [float(one) for one in (*_RADII_M, *(radius_m * np.array(_WIDER))) if one != radius_m]
+        bodies = [(radius_m, not keeps), *((one, keeps) for one in radii_m)]
+        return [replace(effect, choice=body) for body in bodies] + near
 
     def apply(self, world, effect):
         x, y, vx, vy, area, height_m = effect.values
         person = Person(
             position_m=(x, y, 0.0), velocity_m_per_s=(vx, vy, 0.0), cross_section_m2=float(np.exp(area)),
-            radius_m=effect.choice, height_m=float(height_m),
+            radius_m=effect.choice[0], height_m=float(height_m), keeps_polarisation=effect.choice[1],
         )  # fmt: skip
         return replace(world, person=person)
 
