@@ -2,7 +2,7 @@
 """Coarse searches over numbers whose energy has a minimum every wavelength: paths keep strengths, phases turn."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +10,6 @@ from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from .ears import ResponseEar, evenly
 from .likelihood import Fitted
 
-NO_SECOND = np.zeros(1)  # axis
 _ROWS, _TONES = 40, 12  # of a sounding that a scan looks at: a guess needs no more
 
 
@@ -79,9 +78,7 @@ def _mean(heard, fit: Fitted, index: int, step: int, columns):
     return (turned * weight).sum(axis=0) / np.where(total > 0, total, 1), total, size.mean(axis=0)
 
 
-def energy(
-    rows_: Sequence[Row], first: np.ndarray, second: np.ndarray = NO_SECOND, scale: np.ndarray | float | None = 1.0
-) -> np.ndarray:
+def energy(rows_: Sequence[Row], first: np.ndarray, second: np.ndarray, scale: np.ndarray | float | None = 1.0) -> np.ndarray:
     """Energy of all rows (len(first), len(second)) over the grid; `scale`: by which all paths grow along it, None: by whatever
     suits each row."""
     total = np.zeros((len(first), len(second)), np.float32)
@@ -90,9 +87,7 @@ def energy(
         for k in range(len(row.y)):
             root = np.sqrt(row.weight[k])  # first: powers of amplitudes alone are less than single precision holds
             left = root * row.base[:, k] * np.exp(-1j * np.multiply.outer(first, row.rates[0][:, k]))
-            right = (
-                np.exp(-1j * np.multiply.outer(second, row.rates[1][:, k])) if len(row.rates) > 1 else np.ones((1, left.shape[1]))
-            )
+            right = np.exp(-1j * np.multiply.outer(second, row.rates[1][:, k]))
             model = left.astype(np.complex64) @ right.T.astype(np.complex64) + np.complex64(root * row.rest[k])
             cross += np.complex64(root * row.y[k].conj()) * model
             power += model.real**2 + model.imag**2
@@ -102,6 +97,18 @@ def energy(
         else:
             total += scale**2 * power - 2 * scale * along
     return total
+
+
+def energy_along(rows_: Sequence[Row], grid: np.ndarray, scale: np.ndarray | float | None = 1.0) -> np.ndarray:
+    """`energy` over one grid of equal steps (len(grid),), `scale` of its length too: many steps at once are turned, then
+    by those in between."""
+    between = int(np.ceil(np.sqrt(len(grid))))
+    step = grid[1] - grid[0] if len(grid) > 1 else 1.0
+    twice = [replace(row, rates=row.rates[[0, 0]]) for row in rows_]
+    coarse, fine = grid[::between], step * np.arange(between)
+    if np.ndim(scale):
+        scale = np.resize(scale, len(coarse) * between).reshape(len(coarse), between)
+    return energy(twice, coarse, fine, scale).ravel()[: len(grid)]
 
 
 def minima(grid: np.ndarray, energies: np.ndarray, best: int) -> list:

@@ -275,7 +275,7 @@ class View:
             return self._in_band(change[None], gain) if np.any(change[gain != 0]) else None
 
         rows = self._scanned(rates)
-        return scan.minima(grid_m, scan.energy(rows, grid_m), best) if rows else []
+        return scan.minima(grid_m, scan.energy_along(rows, grid_m), best) if rows else []
 
     def scan_carrier(self, octaves: float, best: int) -> list[float]:
         """Carriers that would turn the phases of all paths as they are, and weaken them as wavelengths get shorter. A phase that
@@ -294,8 +294,8 @@ class View:
         rows = self._scanned(rates, self._unturned)
         if not rows:
             return []
-        scale = (here_hz / (here_hz + grid_hz))[:, None] if self.gain == "none" else None
-        return [here_hz + hz for hz in scan.minima(grid_hz, scan.energy(rows, grid_hz, scale=scale), best)]
+        scale = here_hz / (here_hz + grid_hz) if self.gain == "none" else None
+        return [here_hz + hz for hz in scan.minima(grid_hz, scan.energy_along(rows, grid_hz, scale), best)]
 
     @cached_property
     def wideband(self) -> list:

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Laws of the parts of a place's diagnosis, against sums written out."""
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gr_cast.diagnose.places import diffuse, scan, search
+from gr_cast.twin.places.families.base import Effect
+from gr_cast.twin.places.families.nodes import NodePosition, TrackTiming
+from gr_cast.twin.places.families.objects import ExtraObject, Material, Roughness
+
+from tests.diagnose.places.test_place_search import UNKNOWN, heard, ours, theirs
+
+
+@pytest.mark.parametrize("scale", [1.0, None, "grows"])
+def test_energies_along_a_grid_are_those_of_the_paths_summed_one_by_one(scale):
+    rng = np.random.default_rng(1)
+    normal = lambda *shape: rng.normal(size=shape) + 1j * rng.normal(size=shape)  # noqa: E731
+    rows = [
+        scan.Row(
+            base=normal(9, 5),
+            rates=rng.normal(size=(1, 9, 5)) * 300,
+            rest=normal(5),
+            y=normal(5),
+            weight=rng.uniform(1, 4, 5),
+            is_free=is_free,
+        )  # fmt: skip
+        for is_free in (True, False)
+    ]
+    grid = np.arange(-1, 1, 0.0013)
+    scale = np.linspace(0.5, 2, len(grid)) if scale == "grows" else scale
+    wanted = np.zeros(len(grid))
+    for row in rows:
+        model = (np.exp(-1j * grid[:, None, None] * row.rates[0]) * row.base).sum(axis=1) + row.rest
+        cross, power = (row.y.conj() * model * row.weight).sum(axis=1), (np.abs(model) ** 2 * row.weight).sum(axis=1)
+        along = np.abs(cross) if row.is_free else cross.real
+        wanted += -(np.maximum(along, 0) ** 2) / power if scale is None else scale**2 * power - 2 * scale * along
+    assert scan.energy_along(rows, grid, scale) == pytest.approx(wanted, abs=1e-5 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("cells", [[3], [3, 4, 9, 40], range(0, 400, 3)])
+def test_modes_of_a_random_field_are_those_of_its_covariance(cells):
+    count, cells = 32, np.array(cells)
+    cells = cells[cells < count * diffuse._FINER]
+    power = np.zeros(count * diffuse._FINER)
+    power[cells] = np.random.default_rng(2).uniform(0.1, 1, len(cells))
+    strength, modes = diffuse._modes(diffuse._rounded(power / power.max()), count)
+    frequency = np.arange(count)
+    wanted = sum(
+        power[cell] * np.exp(-2j * np.pi * np.subtract.outer(frequency, frequency) * cell / power.size) for cell in cells
+    )
+    assert power.max() * (modes * strength) @ modes.conj().T == pytest.approx(wanted, abs=2e-3 * power.sum())
+    assert modes.conj().T @ modes == pytest.approx(np.eye(len(strength)), abs=1e-4)
+
+
+def test_who_is_late_on_a_straight_track_is_not_told_to_be_displaced_along_it():
+    world = copy.deepcopy(theirs())
+    world["nodes"]["walker"]["time_offset_s"] = 0.3
+    found = search.run(heard(world, 30.0), ours(), UNKNOWN, 60.0)
+    (effect,) = found.model.effects
+    assert effect.key == ("track_timing", "walker")
+    assert effect.values[0] == pytest.approx(0.3, abs=1e-3)
+    track = np.array(world["nodes"]["walker"]["waypoints_m"], float)
+    ahead = (track[1] - track[0]) / np.linalg.norm(track[1] - track[0])
+    along, aside = (
+        Effect(family=NodePosition(), owner="walker", values=0.2 * way) for way in (ahead, np.array([-ahead[1], ahead[0], 0]))
+    )
+    assert TrackTiming().covers(ours(), effect, along)
+    assert not TrackTiming().covers(ours(), effect, aside)
+
+
+def test_an_object_that_is_gone_covers_one_that_is_as_rough_but_no_other():
+    gone = Effect(family=ExtraObject(), owner="board", values=np.zeros(0))
+    rough = Effect(family=Roughness(), owner="board", values=np.zeros(1))
+    assert gone.family.covers(ours(), gone, rough)
+    assert gone.family.covers(ours(), gone, replace(rough, owner="metal"))
+    assert not gone.family.covers(ours(), gone, replace(rough, owner="west"))
+    assert not rough.family.covers(ours(), rough, gone)
+
+
+def test_other_beginnings_of_a_slab_hold_whole_numbers_of_half_waves_more():
+    world = ours()
+    effect = Effect(family=Material(), owner="west", values=np.log([6.0, 0.01]))
+    thickness_m = world.surface.thickness_m[world.mesh.index("west")]
+    index = np.array([np.exp(one.values[0] / 2) for one in effect.family.restarts(world, effect)])
+    more = (index - np.sqrt(6.0)) * thickness_m / (world.wavelength_m / 2)
+    assert len(more) > 5
+    assert more == pytest.approx(np.round(more), abs=1e-9)
