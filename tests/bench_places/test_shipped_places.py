@@ -24,8 +24,8 @@ def test_a_shipped_place_leaves_the_noise_alone_where_nothing_is_wrong(tmp_path,
     place = document.read(tmp_path / "places" / f"{what}_1")
     for one in place.soundings:
         heard = ear(one, place.unknown, place.spec.bandwidth_hz)
-        left = heard.profiled(heard.predicted(of_place(place))).energy
-        assert left < heard.count + 4 * np.sqrt(heard.count)
+        fit = heard.profiled(heard.predicted(of_place(place)))
+        assert fit.energy - fit.offset < heard.count + 4 * np.sqrt(heard.count)
 
 
 def test_every_cause_is_strong_and_the_seal_is_that_of_the_truths(tmp_path):

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.places import diffuse, scan, search
+from gr_cast.diagnose.places import diffuse, likelihood, scan, search
 from gr_cast.twin.places.families.base import Effect
 from gr_cast.twin.places.families.nodes import NodePosition, TrackTiming
 from gr_cast.twin.places.families.objects import ExtraObject, Material, Roughness
@@ -38,6 +38,23 @@ def test_energies_along_a_grid_are_those_of_the_paths_summed_one_by_one(scale):
         along = np.abs(cross) if row.is_free else cross.real
         wanted += -(np.maximum(along, 0) ** 2) / power if scale is None else scale**2 * power - 2 * scale * along
     assert scan.energy_along(rows, grid, scale) == pytest.approx(wanted, abs=1e-5 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("level", [0.05, 1.0, 30.0])
+@pytest.mark.parametrize("phase", ["snapshot", "link"])
+def test_energy_is_of_the_mean_likelihood_over_unknown_phases(phase, level):
+    rng = np.random.default_rng(3)
+    normal = lambda *shape: rng.normal(size=shape) + 1j * rng.normal(size=shape)  # noqa: E731
+    h = level * normal(2, 3, 8) / 8
+    y = h * np.exp(1j) + normal(2, 3, 8)
+    told = likelihood.Heard(
+        links=(("a", "b"), ("a", "c")), y=y, weight=np.full(y.shape, 0.5), frequency_hz=np.arange(8.0),
+        phase=phase, delay="none", gain="none",
+    )  # fmt: skip
+    turns = np.exp(1j * np.linspace(0, 2 * np.pi, 4096, endpoint=False))
+    each = (0.5 * np.abs(y - turns[:, None, None, None] * h) ** 2).sum(axis=3 if phase == "snapshot" else (2, 3))
+    wanted = -np.log(np.mean(np.exp(each.min(axis=0) - each), axis=0)) + each.min(axis=0)
+    assert likelihood.profiled(told, h).energy == pytest.approx(wanted.sum(), rel=1e-4)
 
 
 @pytest.mark.parametrize("cells", [[3], [3, 4, 9, 40], range(0, 400, 3)])

@@ -29,7 +29,7 @@ def loosened(ear, fit, world):
         model[index] += more
         residual[index] -= np.where(weight > 0, more, 0)
         price += float((np.abs(change) ** 2).sum() + np.linalg.slogdet(inner)[1])
-    energy = float((np.abs(residual) ** 2 * ear.heard.weight).sum()) + price
+    energy = float((np.abs(residual) ** 2 * ear.heard.weight).sum()) + fit.offset + price
     return replace(fit, model=model, residual=residual, energy=energy, offset=fit.offset + price)
 
 

@@ -7,8 +7,10 @@ The residual is circular noise of known power, so that −ln p is the energy E =
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ive
 
 _ROUNDS = 4  # of gains and delays, which are Gauss-Newton steps near the optimum
+_FAR = 1e6
 _FINER = 8  # of the grid of delays over the resolution of the band
 
 
@@ -32,7 +34,7 @@ class Heard:
 @dataclass(frozen=True, kw_only=True)
 class Fitted:
     """What was fitted of the unknown: `model` = g·H, `residual` (both L, T, K), energy in nats, of which `offset` is no
-    residual's: determinants of random effects."""
+    residual's: determinants of random effects, and what unknown phases took."""
 
     model: np.ndarray
     residual: np.ndarray
@@ -74,8 +76,19 @@ def profiled(heard: Heard, h: np.ndarray) -> Fitted:
         factor = factor * np.exp(-1j * delay_s[:, None, None] * omega)
     model = h * factor
     residual = np.where(heard.weight > 0, heard.y - model, 0)
-    energy = float((np.abs(residual) ** 2 * heard.weight).sum())
-    return Fitted(model=model, residual=residual, energy=energy, factor=np.broadcast_to(factor, h.shape))
+    turns = _turns_nats(heard, model)
+    energy = float((np.abs(residual) ** 2 * heard.weight).sum()) + turns
+    return Fitted(model=model, residual=residual, energy=energy, factor=np.broadcast_to(factor, h.shape), offset=turns)
+
+
+def _turns_nats(heard: Heard, model: np.ndarray) -> float:
+    """What the unknown phases took: −ln p is the mean over all that a phase may be, not of the best of them. Without it, a faint
+    echo where the twin has nothing would gain from noise in every snapshot."""
+    if heard.phase == "none":
+        return 0.0
+    cross = np.abs((model.conj() * heard.y * heard.weight).sum(axis=2 if heard.phase == "snapshot" else (1, 2)))
+    near, far = np.minimum(2 * cross, _FAR), np.maximum(2 * cross, _FAR)  # of a Bessel function, whose library gives up beyond
+    return float(np.where(2 * cross < _FAR, -np.log(ive(0, near)), 0.5 * np.log(2 * np.pi * far)).sum())
 
 
 def _phases(cross: np.ndarray, kind: str) -> np.ndarray:

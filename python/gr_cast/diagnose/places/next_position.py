@@ -58,4 +58,5 @@ def separation_nats(heard: Heard, hypotheses, unknown: dict, position_m: np.ndar
     told = Heard(
         links=tuple(links), y=first, weight=np.full(first.shape, 1 / noise), frequency_hz=heard.frequency_hz, **unknown
     )  # fmt: skip
-    return profiled(told, second).energy
+    fit = profiled(told, second)
+    return fit.energy - fit.offset

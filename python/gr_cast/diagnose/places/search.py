@@ -284,14 +284,14 @@ def _stiff_first(paying: list[Model], model: Model, count: float) -> Model:
     best, good = paying[0], _good_stiff(paying, model, count)
     if not good or not best.effects[-1].family.is_flexible:
         return good or best
-    leaves_the_most = model.energy - good.energy < policy.MOST_SHARE * (model.energy - count)
+    leaves_the_most = model.energy - good.energy < policy.MOST_SHARE * (model.energy - model.offset - count)
     return best if leaves_the_most and _excess(best, count) < policy.CLEAN_DEVIATIONS else good
 
 
 def _good_stiff(paying: list[Model], model: Model, count: float) -> Model | None:
     """The best that is no random field, if it explains a good part of what is left."""
     stiff = [one for one in paying if not one.effects[-1].family.is_flexible]
-    is_good = stiff and model.energy - stiff[0].energy > policy.STIFF_SHARE * (model.energy - count)
+    is_good = stiff and model.energy - stiff[0].energy > policy.STIFF_SHARE * (model.energy - model.offset - count)
     return stiff[0] if is_good else None
 
 

@@ -50,7 +50,7 @@ def tapped(ears, band_hz: float) -> tuple | None:
 
 def explain(plain: Model, through: Model, count: float) -> bool:
     """Whether taps explain what a twin leaves."""
-    return plain.energy - through.energy > _SHARE * (plain.energy - count)
+    return plain.energy - through.energy > _SHARE * (plain.energy - plain.offset - count)
 
 
 def in_words(ears, base) -> str:
