@@ -78,10 +78,10 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
         name = one.effects[-1].family.name
         if crowd.get(name, 0) < policy.FITTED_PER_FAMILY and len(chosen) < policy.FITTED_AFTER_SCREEN:
             crowd[name] = crowd.get(name, 0) + 1
-            chosen.append(one if heard is ears else evaluated(ears, model.base, one.effects))
+            chosen.append((promise(one), one if heard is ears else evaluated(ears, model.base, one.effects)))
     final: list[Model] = []
-    for one in chosen:
-        is_far_behind = final and promise(one) < policy.BEHIND_SHARE * max(worth(done, model, count, tried) for done in final)
+    for promised, one in chosen:
+        is_far_behind = final and promised < policy.BEHIND_SHARE * max(worth(done, model, count, tried) for done in final)
         final.append(fitted(ears, one, rounds=policy.SCREEN_ROUNDS) if is_far_behind else _settled(ears, one, budget))
     return sorted(final, key=lambda one: -worth(one, model, count, tried)), tried
 

@@ -14,6 +14,7 @@ from .base import Effect, Family, OfThings, std_of, value
 _WIDE_M = 3000.0  # of a ground
 _GROUND_CONDUCTIVITY = 0.01  # S/m, where it cannot be told
 _USUAL_GROUND, _UP = 8.0, np.array([0.0, 0.0, 1.0])  # permittivity with which heights are looked for
+_HEIGHTS = 14  # other heights about one that was found, either way
 _ABOUT_M, _STRIP_M, _PER_STRIP = 1.0, 0.1, 2  # of an echo's height by its delay; that are looked at at a time
 _OCTAVES = 1.3  # that a carrier may be off, up or down
 _BEST = 3
@@ -179,6 +180,11 @@ class Ground(Family):
             for shift_m in view.beside(ground(centre_m, _USUAL_GROUND)).scan_object("ground", _UP, strip_m, best=_PER_STRIP)
         ]
         return [ground(height_m, e) for height_m in found if height_m < view.lowest_m - 0.02 for e in (4.0, 15.0)]
+
+    def restarts(self, world, effect):
+        # The next wells of its phase.
+        steps_m = world.wavelength_m / 8 * np.arange(-_HEIGHTS, _HEIGHTS + 1)
+        return [effect.moved(effect.values + [step_m, 0.0]) for step_m in steps_m if step_m]
 
     def apply(self, world, effect):
         height_m, permittivity = effect.values[0], float(np.exp(effect.values[1]))
