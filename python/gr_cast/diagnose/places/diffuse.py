@@ -16,7 +16,7 @@ _COSINES = np.linspace(0, 1, 25)  # of incidence, between which reflections are 
 _COARSE_M = 0.1  # of positions: patches are half a metre wide
 _INSTANTS = 6  # of a moving link at which its profile is computed
 _FAINT = 1e-10  # of the strongest mode: less is none
-_MODES_KEPT = 4096
+_MODES_KEPT = 1024  # of 150 kB at most each
 _LARGEST = 2.0**15  # of a half-precision number, to its smallest: 90 dB
 
 
@@ -73,7 +73,7 @@ def _fields(ear, fit, world, index: int) -> tuple[float, list[tuple], bool]:
     keep their phases: then it is of the sum of all instants over the root of their number."""
     heard = ear.heard
     known, count = heard.weight[index] > 0, len(heard.frequency_hz)
-    power, step = profiles(world, ear.predictor, index, count, _spacing_hz(heard.frequency_hz))
+    power, step = profiles(world, ear.predictor, index, count, heard.spacing_hz)
     noise = 1 / heard.weight[index][known].mean()
     is_still = len(step) == 1
     scale = float((np.abs(fit.factor[index]) ** 2).mean()) * (len(heard.y[index]) if is_still else 1) * known.mean()
@@ -83,10 +83,6 @@ def _fields(ear, fit, world, index: int) -> tuple[float, list[tuple], bool]:
             strength, modes = _modes(_rounded(row / total), count)
             out.append((np.flatnonzero(step == number), scale * total * strength, modes))
     return noise, out, is_still
-
-
-def _spacing_hz(frequency_hz: np.ndarray) -> float:
-    return frequency_hz[1] - frequency_hz[0] if len(frequency_hz) > 1 else 1.0
 
 
 def _rounded(row: np.ndarray) -> bytes:
@@ -103,9 +99,9 @@ def _modes(rounded: bytes, count: int) -> tuple[np.ndarray, np.ndarray]:
     steer = np.exp(-2j * np.pi * np.outer(np.arange(count), cells) / (count * _FINER)) * np.sqrt(power[cells])
     if len(cells) < count:
         strength, inner = np.linalg.eigh(steer.conj().T @ steer)
-        keep = strength > _FAINT * strength[-1]
-        return strength[keep], steer @ (inner[:, keep] / np.sqrt(strength[keep]))
-    strength, modes = np.linalg.eigh(steer @ steer.conj().T)
+        modes = steer @ (inner / np.sqrt(np.maximum(strength, _FAINT * strength[-1])))
+    else:
+        strength, modes = np.linalg.eigh(steer @ steer.conj().T)
     keep = strength > _FAINT * strength[-1]
     return strength[keep], modes[:, keep]
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import ive
 
 _ROUNDS = 4  # of gains and delays, which are Gauss-Newton steps near the optimum
-_FAR = 1e6
+_FAR = 1e6  # of a Bessel function's argument, beyond which its asymptote stands
 _FINER = 8  # of the grid of delays over the resolution of the band
 
 
@@ -29,6 +29,11 @@ class Heard:
     @property
     def count(self) -> int:
         return int((self.weight > 0).sum())
+
+    @property
+    def spacing_hz(self) -> float:
+        """Of neighbouring frequencies; 1 where there is but one."""
+        return self.frequency_hz[1] - self.frequency_hz[0] if len(self.frequency_hz) > 1 else 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +92,7 @@ def _turns_nats(heard: Heard, model: np.ndarray) -> float:
     if heard.phase == "none":
         return 0.0
     cross = np.abs((model.conj() * heard.y * heard.weight).sum(axis=2 if heard.phase == "snapshot" else (1, 2)))
-    near, far = np.minimum(2 * cross, _FAR), np.maximum(2 * cross, _FAR)  # of a Bessel function, whose library gives up beyond
+    near, far = np.minimum(2 * cross, _FAR), np.maximum(2 * cross, _FAR)
     return float(np.where(2 * cross < _FAR, -np.log(ive(0, near)), 0.5 * np.log(2 * np.pi * far)).sum())
 
 
@@ -132,17 +137,16 @@ def _delays(heard: Heard, h: np.ndarray) -> np.ndarray:
     """The best delay per link from the whole range that the steps of frequency tell apart."""
     count = len(heard.frequency_hz)
     size = 1 << int(np.ceil(np.log2(_FINER * count)))
-    spacing = heard.frequency_hz[1] - heard.frequency_hz[0] if count > 1 else 1.0
     profile = np.fft.ifft(h.conj() * heard.y * heard.weight, size, axis=2)
     if heard.phase == "snapshot":
         score = np.abs(profile).sum(axis=1)
     else:
         score = np.abs(profile.sum(axis=1)) if heard.phase == "link" else profile.sum(axis=1).real
         if heard.phase == "none":  # the grid starts at the first frequency
-            grid_s = np.fft.fftfreq(size, spacing)
+            grid_s = np.fft.fftfreq(size, heard.spacing_hz)
             ramp = np.exp(2j * np.pi * heard.frequency_hz[0] * grid_s)
             score = (profile.sum(axis=1) * ramp).real
-    return np.fft.fftfreq(size, spacing)[np.argmax(score, axis=1)]
+    return np.fft.fftfreq(size, heard.spacing_hz)[np.argmax(score, axis=1)]
 
 
 def _delay_step(heard: Heard, model: np.ndarray, omega: np.ndarray) -> np.ndarray:
