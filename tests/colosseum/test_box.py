@@ -190,26 +190,60 @@ def test_a_runner_killed_at_any_moment_leaves_nothing_after_down_and_another_box
     team = team_with(boxes, {"good": {}})
     (team / "images" / "good.tar.gz").unlink()
     job_file = team / "batch" / "job.json"
-    job_file.write_text(json.dumps(teams.job_document(2) | {"TrafficScenario": 1, "Duration": 600}))
+    job_file.write_text(json.dumps(teams.job_document(2) | {"TrafficScenario": 1, "Duration": 1800}))
     words = [sys.executable, str(APPS / "cast_colosseum.py")]
+    run = [*words, "run", str(job_file), "--output", str(boxes / "out"), "--time-scale", "600", "--name"]
 
     def colosseum(*more):
         return subprocess.run([*words, *map(str, more)], capture_output=True, text=True, check=False)
 
+    def check_that_it_is_played() -> float:
+        """The job, from its first to its last moment: how long it takes here."""
+        begun_s = time.monotonic()
+        done = subprocess.run([*run, "whole"], capture_output=True, text=True, check=False)
+        assert done.stdout.splitlines()[-1].startswith("played in "), done.stdout + done.stderr
+        assert left_behind(boxes, "whole") == []
+        return time.monotonic() - begun_s
+
     other = colosseum("up", "--srns", 1, "--image", "good", "--team", team, "--name", "stays")
     assert other.returncode == 0, other.stderr
+    before = system_wide()
+    whole_s = check_that_it_is_played()
     rng = random.Random(int(os.environ.get("CAST_SEED", 4)))
     for number in range(KILLS):
+        name, after_s = f"kill{number}", rng.uniform(0.2 * whole_s, whole_s)  # before that Python has not come to the box
+        held = ["up", "--srns", "2", "--scenario", "90003", "--image", "good", "--team", team, "--foreground", "--name", name]
         runner = subprocess.Popen(
-            [*words, "run", str(job_file), "--output", str(boxes / "out"), "--time-scale", "120", "--name", f"kill{number}"],
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
-        time.sleep(rng.uniform(0.5, 14.0))
+            [*run, name] if number % 4 else [*words, *held], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        time.sleep(after_s)
         runner.send_signal(signal.SIGKILL)
         runner.wait()
         done = colosseum("down")
         assert done.returncode == 0 and "stays: is in use" in done.stdout, done.stderr
-        assert left_behind(boxes, f"kill{number}") == []
+        found = [line for line in done.stdout.splitlines() if line.startswith(name)]
+        print(f"{'run' if number % 4 else 'up'} killed after {after_s:.1f} s (a whole run: {whole_s:.1f} s): {found}")
+        assert left_behind(boxes, name) == []
+        assert system_wide() == before
+    check_that_it_is_played()
     assert colosseum("enter", "stays", "team-srn001", "cat", "/proc/sys/kernel/hostname").stdout == "team-srn001\n"
     assert colosseum("down", "stays").returncode == 0
     assert left_behind(boxes, "stays") == []
+
+
+def system_wide() -> dict[str, set[str]]:
+    """What anything on this machine could leave, whoever it is: interfaces, mounts, named namespaces, their holders."""
+    named = Path("/run/netns")
+    return {
+        "interfaces": {path.name for path in Path("/sys/class/net").iterdir()},
+        "mounts": {" ".join(line.split()[:3]) for line in Path("/proc/self/mounts").read_text().splitlines()},
+        "named": {path.name for path in named.iterdir()} if named.is_dir() else set(),
+        "spaces": {link for path in Path("/proc").glob("[0-9]*/ns/net") if (link := _link(path))},
+    }
+
+
+def _link(path: Path) -> str:
+    try:
+        return os.readlink(path)
+    except OSError:  # it has ended
+        return ""
