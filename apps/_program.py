@@ -254,4 +254,5 @@ def run(main) -> None:
             raise
         _say("interrupted")
         status = 130
+    interrupts.settled()
     sys.exit(status)

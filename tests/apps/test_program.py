@@ -114,6 +114,31 @@ def test_an_interrupt_that_a_library_makes_another_error_of_is_told_as_one():
     assert (done.returncode, done.stderr) == (130, "interrupted\n")
 
 
+DROPPED = """
+import os, signal, sys, time
+sys.path.insert(0, sys.argv[1])
+import _program
+
+class Gone:
+    def __del__(self):  # what is raised here, Python drops
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0)
+
+def main():
+    Gone()
+    time.sleep(9)
+    return 0
+
+_program.run(main)
+"""
+
+
+def test_an_interrupt_that_python_drops_comes_again_and_is_told_in_one_word():
+    command = [sys.executable, "-c", DROPPED, os.path.dirname(_program.__file__)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")
+
+
 def test_progress_without_a_terminal_is_how_long_it_takes_a_line_a_minute_and_the_last(monkeypatch, capsys):
     clock = {"s": 1000.0}
     monkeypatch.setattr(_program.time, "monotonic", lambda: clock["s"])

@@ -130,6 +130,38 @@ def test_a_browser_shows_figures_taps_and_a_waterfall_that_go_on(bokeh, browser,
         (Path(os.environ.get("CAST_SCREENSHOT", tmp_path)) / "live.png").write_bytes(picture)
 
 
+def test_a_page_shows_a_link_that_is_there_now_and_no_taps_of_one_that_is_not(bokeh):
+    from bokeh.document import Document
+
+    seen, document = [{}], Document()
+    tone = {"2:rx": spectrum(np.ones(512, complex), RATE_HZ)}
+    live._page(document, lambda: Look(figures={}, taps=seen[0], spectra=tone if seen[0] else {}), "t")
+    (update,) = document.session_callbacks
+
+    def shown(taps: dict) -> tuple[str, list[float]]:
+        seen[0] = taps
+        update.callback()
+        return document.get_model_by_name("link").value, list(document.get_model_by_name("taps").data["gain_db"])
+
+    one, other = (np.array([0.0]), np.array([-3.0])), (np.array([0.0]), np.array([-20.0]))
+    assert shown({}) == ("", [])
+    assert shown({"a>b": one}) == ("a>b", [-3.0])
+    assert shown({"c>d": other, "a>b": one}) == ("a>b", [-3.0])  # what was chosen stays
+    assert shown({"c>d": other}) == ("c>d", [-20.0])
+    assert shown({}) == ("", [])
+
+
+def test_a_page_that_cannot_be_served_is_a_fault_and_not_a_wait(bokeh, monkeypatch):
+    import bokeh.server.server
+
+    def broken(*_, **__):
+        raise RuntimeError("no such thing")
+
+    monkeypatch.setattr(bokeh.server.server, "Server", broken)
+    with pytest.raises(CastError, match="--web: port 0: no such thing"), served(lambda: Look(figures={}), "t", 0):
+        pass
+
+
 def test_the_page_is_this_machines_alone_and_its_port_is_free_afterwards(bokeh):
     with served(lambda: Look(figures={}), "t", 0) as address:
         number = int(address.rpartition(":")[2].strip("/"))

@@ -6,10 +6,12 @@ import contextlib
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_AGAIN_S = 0.01  # until an interrupt that was dropped is raised again
 _has_come = False  # the first signal of a program that `second_ends` watches
 
 
@@ -74,7 +76,8 @@ def end_quietly() -> None:
 def second_ends() -> Callable[[], bool]:
     """Have the first SIGINT or SIGTERM raise KeyboardInterrupt, so that what was begun is tidied up, and the second end the
     process, however far the first one got. Gives a function that tells whether the first has come: libraries that are interrupted
-    while they are being loaded make other errors of it."""
+    while they are being loaded make other errors of it. What Python drops, as in a finalizer, is raised again a moment later,
+    until `settled`."""
     global _has_come
     _has_come = False
 
@@ -84,5 +87,21 @@ def second_ends() -> Callable[[], bool]:
         _heeded_by(signal.SIG_DFL)
         raise KeyboardInterrupt
 
+    def again(*_):
+        raise KeyboardInterrupt
+
+    def dropped(what):
+        if issubclass(what.exc_type, KeyboardInterrupt):
+            signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
+        else:
+            others(what)
+
+    others, sys.unraisablehook = sys.unraisablehook, dropped
+    signal.signal(signal.SIGALRM, again)
     _heeded_by(once)
     return lambda: _has_come
+
+
+def settled() -> None:
+    """The program has heard of its interrupt, or ended without one: none is raised again."""
+    signal.setitimer(signal.ITIMER_REAL, 0)

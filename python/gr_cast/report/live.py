@@ -72,10 +72,8 @@ def _page(document, look: Callable[[], Look], title: str) -> None:
     from bokeh.models import ColumnDataSource, Div, LinearColorMapper, Select
     from bokeh.plotting import figure
 
-    first = look()
     figures = Div(text="", name="figures")
-    link = Select(title="link", options=list(first.taps), value=next(iter(first.taps), ""), name="link")
-    port = Select(title="port", options=list(first.spectra), value=next(iter(first.spectra), ""), name="port")
+    link, port = (Select(title=name, options=[], value="", name=name) for name in ("link", "port"))
     taps = ColumnDataSource({"delay_us": [], "gain_db": [], "floor_db": []}, name="taps")
     lines = ColumnDataSource({"image": [], "x": [], "y": [], "dw": [], "dh": []}, name="waterfall")
     colours = LinearColorMapper(palette="Viridis256", low=_LOWEST_DB, high=_HIGHEST_DB)
@@ -99,14 +97,16 @@ def _page(document, look: Callable[[], Look], title: str) -> None:
             + "".join(f"<tr><td>{escape(k)}</td><td><b>{escape(v)}</b></td></tr>" for k, v in seen.figures.items())
             + "</table>"
         )
-        link.options, port.options = list(seen.taps), list(seen.spectra)
-        if link.value in seen.taps:
-            delay_s, gain_db = seen.taps[link.value]
-            floor_db = np.full(len(gain_db), np.min(gain_db, initial=0.0) - 5)
-            taps.data = {"delay_us": 1e6 * np.asarray(delay_s), "gain_db": np.asarray(gain_db), "floor_db": floor_db}
+        for choice, there in ((link, seen.taps), (port, seen.spectra)):  # another scenario may have other links
+            choice.options = list(there)
+            if choice.value not in there:
+                choice.value = next(iter(there), "")
+        delay_s, gain_db = seen.taps.get(link.value, ((), ()))
+        floor_db = np.full(len(gain_db), np.min(gain_db, initial=0.0) - 5)
+        taps.data = {"delay_us": 1e6 * np.asarray(delay_s), "gain_db": np.asarray(gain_db), "floor_db": floor_db}
         for name, (_, power_db) in seen.spectra.items():
             history[name] = [*history.get(name, []), power_db][-_LINES:]
-        if port.value in history:
+        if port.value:
             frequency_hz, _ = seen.spectra[port.value]
             image = np.array(history[port.value])
             colours.low, colours.high = scale_db(image)
@@ -130,16 +130,23 @@ def served(look: Callable[[], Look], title: str, port: int = PORT) -> Iterator[s
     from bokeh.server.server import Server
 
     try:
-        socket.create_server(("127.0.0.1", port)).close()
+        socket.create_server(("127.0.0.1", port)).close()  # Bokeh would leave its own open where this fails
     except (OSError, OverflowError) as error:
         raise CastError(f"--web: port {port}: {getattr(error, 'strerror', None) or error}") from None
-    ready, loops = threading.Event(), []
+    ready, loops, faults = threading.Event(), [], []
 
     def serve() -> None:
-        asyncio.set_event_loop(asyncio.new_event_loop())
-        server = Server({"/": lambda document: _page(document, look, title)}, port=port, address="127.0.0.1")
+        own = asyncio.new_event_loop()
+        asyncio.set_event_loop(own)
+        try:
+            server = Server({"/": lambda document: _page(document, look, title)}, port=port, address="127.0.0.1")
+            server.start()
+        except Exception as error:  # whatever it is, the program waits for this thread
+            faults.append(str(error))
+            own.close()
+            ready.set()
+            return
         loops.append((server.io_loop, server.port))
-        server.start()
         server.io_loop.add_callback(ready.set)
         server.io_loop.start()
         server.stop()
@@ -153,6 +160,8 @@ def served(look: Callable[[], Look], title: str, port: int = PORT) -> Iterator[s
     thread = threading.Thread(target=serve, daemon=True)
     thread.start()
     ready.wait()
+    if faults:
+        raise CastError(f"--web: port {port}: {faults[0]}")
     loop, number = loops[0]
     try:
         yield f"http://localhost:{number}/"

@@ -69,7 +69,7 @@ class Watched:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 _, errors = self.process.communicate(timeout=max(left_s, 0.1))
         if "Traceback" in errors and not (_EARLY.search(errors) and ", in main\n" not in errors):
-            raise Wrong(f"traceback: {errors.strip().splitlines()[-1]}")
+            raise Wrong(f"traceback: {errors.strip()[-1500:]}")
         return Ended(self.process.returncode, errors)
 
     def kept_waiting_s(self) -> float:
