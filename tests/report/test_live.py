@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.error
 import urllib.request
 from pathlib import Path
 from types import SimpleNamespace
@@ -162,8 +163,12 @@ def test_a_page_that_cannot_be_served_is_a_fault_and_not_a_wait(bokeh, monkeypat
         pass
 
 
-def test_the_page_is_this_machines_alone_and_its_port_is_free_afterwards(bokeh):
+def test_the_page_is_this_machines_alone_and_its_port_is_free_afterwards(bokeh, caplog):
+    caplog.set_level("INFO")
     with served(lambda: Look(figures={}), "t", 0) as address:
+        with pytest.raises(urllib.error.HTTPError, match="405"):
+            urllib.request.urlopen(address, data=b"x", timeout=30)
+        assert caplog.text == ""  # what browsers do is told nowhere
         number = int(address.rpartition(":")[2].strip("/"))
         others = {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)} - {"127.0.0.1"}
         for host in [host for host in others if not host.startswith("127.")]:
@@ -240,4 +245,6 @@ def test_a_receivers_page_shows_the_taps_of_its_newest_samples(datatype):
     delay_s, gain_db = seen.taps["newest samples"]
     assert sorted(delay_s) == pytest.approx([0, 3e-6], abs=1e-9)
     assert sorted(gain_db) == pytest.approx([20 * np.log10(0.05), 20 * np.log10(0.5)], abs=0.1)
+    assert seen.figures["power"] == f"{10 * np.log10(0.25 + 0.0025):.1f} dB"
+    assert seen.figures["carrier offset"] == "0.0 Hz"  # not -0.0, on whichever side of it the estimate lies
     assert seen.figures["lost"] == "3" and seen.figures["samples"] == f"{len(heard):,}"

@@ -7,6 +7,7 @@ import numpy as np
 from gnuradio import blocks, gr
 
 from ..core.errors import CastError
+from ..core.figures import fixed
 from ..core.units import db_from_amplitude
 from ..report.live import Look, spectrum
 from ..scenario import base_loss_db, link_name, taps_at
@@ -62,7 +63,9 @@ class EmulatorView:
         figures |= {"samples": f"{status['samples']:,}", "scenario time": f"{status['scenario_time_s']:.1f} s"}
         figures["waiting for"] = ", ".join(status["waiting_for"]) or "nobody"
         for name, power in status["power"].items():
-            figures[name] = "silent" if power["mean_db"] is None else f"{power['mean_db']:.1f} dB, peak {power['peak_db']:.1f} dB"
+            figures[name] = (
+                "silent" if power["mean_db"] is None else f"{fixed(power['mean_db'], 1)} dB, peak {fixed(power['peak_db'], 1)} dB"
+            )
         taps = {}
         for key in scenario.links:
             delay_s, gain = taps_at(scenario, key, np.array([max(status["scenario_time_s"], 0.0)]))
@@ -98,9 +101,9 @@ class ReceiverView:
             after = found.taps.delay_samples - found.taps.delay_samples[np.argmax(power)]
             delay_s = ((after + period / 2) % period - period / 2) / self._rate_hz
             taps = delay_s, 10 * np.log10(np.maximum(power, 1e-20))
-            figures["carrier offset"] = f"{found.offset.cycles_per_sample * self._rate_hz:.1f} Hz"
+            figures["carrier offset"] = f"{fixed(found.offset.cycles_per_sample * self._rate_hz, 1)} Hz"
         return Look(figures=figures, taps={"newest samples": taps}, spectra={"rx": spectrum(samples, self._rate_hz)})
 
 
 def _decibels(power: float) -> str:
-    return f"{10 * np.log10(power):.1f} dB" if power > 0 else "silent"
+    return f"{fixed(10 * np.log10(power), 1)} dB" if power > 0 else "silent"

@@ -3,6 +3,7 @@
 
 import asyncio
 import contextlib
+import logging
 import os
 import socket
 import sys
@@ -128,6 +129,9 @@ def served(look: Callable[[], Look], title: str, port: int = PORT) -> Iterator[s
     """
     _load()
     from bokeh.server.server import Server
+
+    for name in ("bokeh", "tornado"):  # a browser that closes its page is no matter of the program's
+        logging.getLogger(name).setLevel(logging.CRITICAL)
 
     try:
         socket.create_server(("127.0.0.1", port)).close()  # Bokeh would leave its own open where this fails
