@@ -23,8 +23,9 @@ def view_of(fit) -> NoiseView:
     )
 
 
-def starts(fit):
-    """[(net gain in nats, effect)] of every noise family that is not in the model yet."""
+def starts(fit, beyond_alone: bool = False):
+    """[(net gain in nats, effect)] of every noise family that is not in the model yet; `beyond_alone`: of those that are no
+    cause, which hold what is not explained apart while the signal still promises more."""
     have = {FAMILIES[e.family].told for e in fit.model.effects}
     if any(is_coarse(e) for e in fit.model.effects):
         return []  # behind a coarse quantiser the noise has no law of its own
@@ -33,7 +34,7 @@ def starts(fit):
     out, view = [], view_of(fit)
     if not view.use.any():
         return []
-    for name in TESTED:
+    for name in (n for n in TESTED if FAMILIES[n].beyond or not beyond_alone):
         gain, effect = FAMILIES[name].find(view)
         if effect is not None and not _is_passband(fit.data.scene, effect):
             cost = 0.5 * FAMILIES[name].hidden(effect) * np.log(view.use.sum()) + np.log(effect.trials)

@@ -329,8 +329,10 @@ def _look_for_rest(finding: Finding) -> None:
     beyond = [_beyond(finding, i) for i, e in enumerate(fit.model.effects) if FAMILIES[e.family].beyond]
     inside = off_the_rails(fit)
     finding.tested = [*residual.leftovers(fit, inside), *flatness.left(fit, inside)]
-    for rest in [*finding.tested, *beyond]:
-        if rest.p_value < UNEXPLAINED_P and rest.nats > max(UNEXPLAINED_NATS, UNEXPLAINED_SHARE * explained):
+    # What is fitted, and no cause, is measured as causes are: in nats.
+    told = fit.data.count * float(np.log1p(explained / fit.data.count))
+    for rest, against in [*((r, explained) for r in finding.tested), *((r, told) for r in beyond)]:
+        if rest.p_value < UNEXPLAINED_P and rest.nats > max(UNEXPLAINED_NATS, UNEXPLAINED_SHARE * against):
             finding.left.append(rest)
     finding.left += [jump for jump in residual.jumps(fit) if jump.p_value < UNEXPLAINED_P]
     later = finding.observation.first / finding.scene.sample_rate_hz
@@ -342,7 +344,10 @@ def _look_for_rest(finding: Finding) -> None:
 def _beyond(finding: Finding, index: int) -> residual.Leftover:
     """An effect that is no cause of the contract, as what is left."""
     nats, family = finding.gain_of(index), FAMILIES[finding.fit.model.effects[index].family]
-    sentence, where = family.describe(Words(*numbers(finding, index))), {"time_s": [0.0, finding.scene.duration_s]}
+    values, constants = numbers(finding, index)
+    plain = {k: v["value"] for k, v in values.items()}
+    where = {"time_s": [0.0, finding.scene.duration_s], **family.where(finding.scene, finding.fit.model.effects[index], plain)}
+    sentence = family.describe(Words(values, constants))
     return residual.Leftover(test=sentence.rstrip("."), p_value=float(np.exp(-max(nats, 0.0))), nats=nats, where=where)
 
 

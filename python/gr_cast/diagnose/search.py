@@ -306,9 +306,10 @@ def _candidates(fit: Fit) -> list[Score]:
         for effect in family.starts(view):
             if family.multiplicity is Multiplicity.MANY or _what(effect) not in have:
                 scores.append(score(fit, effect))
-    if not fit.data.late and max((s.net for s in scores), default=0.0) < CLEAR_NATS:  # else what is left is not the noise's yet
-        noises = [Score(net=net, effect=effect) for net, effect in noise.starts(fit)]
-        colour = _colour(fit)
+    if not fit.data.late:
+        clear = max((s.net for s in scores), default=0.0) > CLEAR_NATS  # then what is left is not the noise's yet
+        noises = [Score(net=net, effect=effect) for net, effect in noise.starts(fit, beyond_alone=clear)]
+        colour = 0.0 if clear else _colour(fit)
         if colour > max((s.net for s in noises), default=0.0):
             scores = [replace(s, net=s.net + colour * (stage_of(s.effect) == RX_FILTER)) for s in scores]
         scores += noises

@@ -16,6 +16,7 @@ from .iq_imbalance import IqImbalance
 from .lo_leakage import LoLeakage
 from .missing_path import MissingPath
 from .narrowband_interference import NarrowbandInterference
+from .noise_course import NoiseCourse
 from .noise_floor import NoiseFloor
 from .pa_nonlinearity import PaNonlinearity
 from .phase_noise import PhaseNoise
@@ -68,6 +69,7 @@ FAMILIES: dict[str, Family] = {
         NarrowbandInterference(),
         ImpulsiveNoise(),
         SignalDependentNoise(),
+        NoiseCourse(),
         NoiseFloor(),
     )
 }

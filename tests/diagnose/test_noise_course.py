@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What happens in one stretch of a recording says nothing of causes that hold throughout it: it is what is left."""
+
+import numpy as np
+import pytest
+from conftest_world import RATE_HZ, noise, sent_once
+from gr_cast.diagnose import align
+from gr_cast.diagnose.search import candidates, refit
+from gr_cast.twin.effects import FAMILIES
+from gr_cast.twin.effects.noise_family import NoiseView
+
+COURSE = FAMILIES["noise_course"]
+
+
+def _view(energy):
+    return NoiseView(use=np.ones(len(energy), bool), energy=energy, wanted_power=np.ones(len(energy)), weighted=energy + 0j)
+
+
+@pytest.mark.parametrize("count", [600, 5000, 50_000])
+def test_even_noise_has_no_course(count):
+    rng = np.random.default_rng(count)
+    assert sum(COURSE.find(_view(rng.exponential(size=count)))[1] is not None for _ in range(100)) <= 1
+
+
+def test_levels_are_those_of_the_noise_but_for_the_cells_in_which_they_change():
+    rng, count = np.random.default_rng(1), 20_000
+    power, at = np.ones(count), np.arange(count)
+    power[:3000], power[12_000:14_000] = 20.0, 4.0
+    _, effect = COURSE.find(_view(power * rng.exponential(size=count)))
+
+    class Scene:
+        index = at
+
+    found = COURSE.variance(Scene, effect, None)
+    apart = np.min([abs(at - moment) for moment in (3000, 12_000, 14_000)], axis=0) > count / 128
+    assert found[apart] == pytest.approx(power[apart], rel=0.15)
+
+
+def _shifted(rng, count, longest=24):
+    """A wave of one amplitude whose frequency is one of eight for a symbol at a time."""
+    symbols = rng.integers(8, size=count // longest + 1).repeat(longest)[:count]
+    return np.exp(2j * np.pi * np.cumsum((symbols - 3.5) / 64))
+
+
+def test_a_receiver_that_settles_speaks_for_no_cause_that_holds_throughout(tmp_path):
+    """Beside a path that fades no gain, and of a wave of one amplitude no amplifier."""
+    rng, count = np.random.default_rng(5), 5000
+    sent, k = _shifted(rng, count), np.arange(count)
+    turns = np.exp(2j * np.pi * k / count)
+    fading = sum(noise(rng, 1, 0.25 / m)[0] * turns**m for m in (-3, -2, -1, 1, 2, 3))
+    settles = np.minimum(1.0, 0.2 + k / 300) * (1 + 0.8 * np.exp(-k / 200) * np.cos(k / 15))
+    heard = 0.3 * (1 + fading) * settles * sent + noise(rng, count, 0.3 * 10 ** (-44 / 20))
+    case = sent_once(tmp_path, heard, sent)
+    part, near = align.parts_of(case, case.observations[0])[0]
+    _, data, model = align.build(case, part, near=near)
+    faded = max((refit(data, model.adding(s.effect)) for s in candidates(refit(data, model))[:2]), key=lambda f: f.evidence)
+    assert [e.family for e in faded.model.effects] == ["tap_fading"]
+    best = candidates(faded)[0].effect
+    assert best.family == "noise_course"
+    (begin_s, end_s) = FAMILIES[best.family].where(data.scene, best, {})["time_s"]
+    assert begin_s == 0.0 and 300 < end_s * RATE_HZ < 1200
