@@ -8,6 +8,7 @@ import pytest
 from gr_cast.diagnose import align, claims, policy, read_case
 from gr_cast.diagnose.finding import Worth
 from gr_cast.diagnose.search import refit
+from gr_cast.diagnose.verdict import Told
 from gr_cast.twin.effects import FAMILIES
 from gr_cast.twin.effects.base import start
 from gr_cast.twin.model import predict
@@ -62,3 +63,5 @@ def test_an_amplifier_that_hardly_compresses_and_brings_little_is_not_claimed(pa
     monkeypatch.setattr(claims, "numbers", lambda f, i: ({"compression_db": {"value": compression, "std": 0.005}}, {}))
     finding = SimpleNamespace(fit=fit, worth_of=lambda i: Worth(evidence=60.0, held_out=5.0))
     assert (claims.broken(finding) is not None) == is_broken
+    told = Told(members=[(finding, 0)], finding=finding, index=0, owner={}, nats=60.0, held_out=5.0)  # where no time was left
+    assert told.claimed != is_broken

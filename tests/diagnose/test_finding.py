@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What an effect is worth is known of that effect, whatever its numbers are called in memory."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from gr_cast.diagnose import finding as findings
 from gr_cast.diagnose.finding import Finding, Worth
 from gr_cast.diagnose.fit import Data
 from gr_cast.diagnose.search import refit
@@ -49,3 +52,16 @@ def test_what_an_effect_is_worth_is_open_again_where_another_fit_moves_it(findin
     finding.refitted(refit(finding.data, model, iterations=0))
     assert set(finding.worths) == {second.key} and finding.worth_of(1).evidence == 50.0
     assert finding.worth_of(0).evidence != 50.0
+
+
+def test_a_fit_that_the_time_cut_short_does_not_say_what_an_effect_is_worth(finding, monkeypatch):
+    """No effect explains more nats than all of them together do."""
+
+    def cut_short(data, model, known):
+        finding.data = replace(finding.data, deadline=-np.inf)
+        return refit(data, replace(model, base=3 * model.base), iterations=0)
+
+    explained = finding.data.count * np.log(finding.twin.sigma2 / finding.fit.sigma2)
+    monkeypatch.setattr(findings, "refit_or_known", cut_short)
+    assert 8 < finding.gain_of(0) < 1.05 * explained
+    assert finding.worth_of(0).held_out is None

@@ -44,17 +44,24 @@ def broken(finding: Finding) -> int | None:
     for i, effect in enumerate(finding.fit.model.effects):
         if effect.fixed or "nats" in effect.aux or "read" in effect.aux:
             continue
-        worth, telling = finding.worth_of(i), FAMILIES[effect.family].telling
+        worth = finding.worth_of(i)
         if worth.held_out is None:
             continue
         promised = worth.evidence * data.vault.sum() / data.count
         if worth.held_out < 0 < promised:
             worst = max(worst, ((promised - worth.held_out) / np.sqrt(2 * promised), i))
-        if telling and worth.evidence < LITTLE_NATS:
-            number = numbers(finding, i)[0][telling]
-            if abs(number["value"]) < SIZE_SIGMA * number["std"]:
-                return i
+        if sizeless(finding, i):
+            return i
     return worst[1]
+
+
+def sizeless(finding: Finding, index: int) -> bool:
+    """Whether an effect brings little and its telling number is nothing within its error."""
+    telling = FAMILIES[finding.fit.model.effects[index].family].telling
+    if not telling or finding.worth_of(index).evidence >= LITTLE_NATS:
+        return False
+    number = numbers(finding, index)[0][telling]
+    return abs(number["value"]) < SIZE_SIGMA * number["std"]
 
 
 def _added(fit: Fit, index: int) -> np.ndarray:

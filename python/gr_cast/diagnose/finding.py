@@ -73,11 +73,15 @@ class Finding:
         if key not in self.worths:
             model = replace(self.fit.model, effects=tuple(e for e in self.fit.model.effects if "nats" not in e.aux))
             at = next(i for i, e in enumerate(model.effects) if e.key == key)
-            if self.later or self.data.late:
+            told = (
+                None
+                if self.later or self.data.late
+                else worth(self.fit, refit_or_known(self.data, model.without(at), self.known))
+            )
+            if told is None or self.data.late:  # a fit that the time cut short is not the best one without the effect
                 most = self.data.count * np.log(max(self.twin.sigma2 / self.fit.sigma2, 1.0)) + LEAST_TOLD
-                self.worths[key] = Worth(evidence=min(told_by_curvature(self.fit, index), most), held_out=None)
-            else:
-                self.worths[key] = worth(self.fit, refit_or_known(self.data, model.without(at), self.known))
+                told = Worth(evidence=min(told_by_curvature(self.fit, index), most), held_out=None)
+            self.worths[key] = told
         return self.worths[key]
 
 

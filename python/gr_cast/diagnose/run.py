@@ -247,6 +247,8 @@ def _compare(finding: Finding) -> Fit | None:
         if not finding.is_cause(effect):
             continue
         bare, rivals = ambiguity.rivals(fit, i, finding.known)
+        if finding.data.late:  # cut short, they tell nothing
+            break
         finding.worths[effect.key] = worth(fit, bare, rivals)
         nearest += [r for r in rivals[:1] if r.fit is not None and r.evidence < -SEARCH_MARGIN]
         if entry := ambiguity.open_beside(fit, effect, rivals):

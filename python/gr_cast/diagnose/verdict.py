@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core.units import db_from_power
 from ..twin.effects import FAMILIES
-from . import heldout
+from . import claims, heldout
 from .confidence import Figures, confidence, is_whole
 from .finding import Finding, nmse, numbers
 from .maps import power_of, steps
@@ -155,8 +155,14 @@ class Told:
 
     @property
     def claimed(self) -> bool:
-        """No effect is claimed against unseen samples."""
-        return self.surely_read or self.enough and (self.held_out is None or self.held_out >= 0)
+        """No effect is claimed against unseen samples, nor without a size, whether or not there was time to take it out."""
+        if self.surely_read:
+            return True
+        return self.enough and (self.held_out is None or self.held_out >= 0) and not self.sizeless
+
+    @property
+    def sizeless(self) -> bool:
+        return all(claims.sizeless(f, i) for f, i in self.members)
 
     @property
     def refused(self) -> bool:
