@@ -46,11 +46,10 @@ def _one(common: tuple[Path, float], folder: Path) -> tuple[str, list[str]]:
     kind = places if document.is_place(folder) else links
     try:
         case = kind.read_case(folder)
-    except CastError as error:
-        return "", list(error.faults)
-    try:
         diagnosis = kind.diagnose(case, budget_s=budget_s, progress=_progress(case.name))
         page = (place_report if kind is places else report).render(diagnosis)
+    except CastError as error:
+        return "", list(error.faults)
     except Exception:  # one case must not stop the others
         return "", [f"{folder}: internal error\n{traceback.format_exc()}"]
     try:

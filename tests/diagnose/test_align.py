@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from conftest_world import RATE_HZ, noise, sent_once
+from gr_cast.core.errors import CastError
 from gr_cast.diagnose import align, delays, diagnose, policy, read_case
 from gr_cast.diagnose.search import refit
 from gr_cast.signals import codes, recording
@@ -229,6 +230,33 @@ def test_of_a_repeated_waveform_nothing_is_fitted_where_it_is_not_known(tmp_path
     _, data, _ = align.build(found, found.observations[0])
     fitted = (np.flatnonzero(data.use) - late) % 1_000
     assert len(fitted) > 8_000 and not ((fitted >= 400) & (fitted < 700)).any()
+
+
+def _in_pieces(folder, known, late):
+    """A case of a repeated waveform of which `known` samples of every 120 are known, over paths of 0 and `late` samples."""
+    rng = np.random.default_rng(44)
+    x = noise(rng, 960)
+    heard = np.resize(x + 0.6 * np.roll(x, late), 40_000) + noise(rng, 40_000, 0.01)
+    sent_once(folder, heard, np.where(np.arange(960) % 120 < known, x, np.nan))
+    twin = yaml.safe_load((folder / "twin.yaml").read_text())
+    twin["waveforms"]["w1"]["repeat"] = True
+    twin["links"][0]["taps"].append({"delay_s": late / RATE_HZ, "gain_db": float(20 * np.log10(0.6)), "phase_rad": 0.0})
+    (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
+    return read_case(folder)
+
+
+def test_pieces_that_are_hardly_longer_than_the_paths_are_compared_where_all_of_them_is_known(tmp_path):
+    found = _in_pieces(tmp_path, known=90, late=50)
+    _, data, _ = align.build(found, found.observations[0])
+    at = np.flatnonzero(data.use) % 120
+    assert len(at) > 4000 and at.min() >= 50 and at.max() < 90
+    assert diagnose(found).document["verdict"] == "no_mismatch"
+
+
+def test_pieces_that_are_shorter_than_the_paths_are_refused(tmp_path):
+    found = _in_pieces(tmp_path, known=40, late=50)
+    with pytest.raises(CastError, match="known nowhere for as long as the paths are, 50 samples"):
+        diagnose(found)
 
 
 def test_an_edge_of_what_is_known_does_not_ring_into_what_is_read_beside_it(tmp_path):

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import fft as sp_fft
 
+from ..core.errors import CastError
 from ..twin.effects import FAMILIES, Role, with_role
 from ..twin.effects.base import start
 from ..twin.entries import effect_of, in_either_seconds, known_losses, lost_before, plain, source_of, told_noise_db, twin_effects
@@ -21,7 +22,9 @@ from .policy import (
     FAST,
     FEWEST_PARTS,
     HIGHEST_LAG,
+    LAGS_AROUND,
     LEAST_GATHERED,
+    LEAST_HEARD,
     LEAST_PART,
     LONGEST_EVERYWHERE,
     LONGEST_FAST,
@@ -292,6 +295,12 @@ def build(case, observation, *, near: tuple[float, bool] | None = None):
         if w.name not in on_air and not _is_on_air(case, w.name)
     }
     data = _known_alone(_data(case, observation, scene, y, delay if repeat else 0))
+    if not (data.use.any() or data.vault.any()):
+        names, last = ", ".join(s.name for s in scene.sources), int(np.ceil(max(p.delay for p in paths)))
+        raise CastError(
+            f"{case.name}: {observation.name}: {names}: known nowhere for as long as the paths are, {last} samples, with some on "
+            "either side: nothing can be compared"
+        )
     scene, y = data.scene, data.y
     scene.rms = float(np.sqrt(np.mean(np.abs(y) ** 2)))
     scene.floor = data.noise_power or scene.floor
@@ -381,10 +390,21 @@ def split(valid: np.ndarray, seed: int = 1) -> np.ndarray:
     return valid & (number % 8 == chosen[number // 8])
 
 
+def _reached(scene, delay: float) -> np.ndarray:
+    """(count,) bool: samples around which all is known that a model reaches; of a waveform of which so much is known nowhere in
+    one piece, less around what the twin's own paths reach."""
+    last, valid = int(np.ceil(max(p.delay for p in scene.taps))), np.zeros(scene.count, bool)
+    for around in LAGS_AROUND:
+        low, high = (int(np.rint(around * lag)) for lag in (LOWEST_LAG - 8, HIGHEST_LAG + 8))
+        valid = reach(scene, low, last + high, delay)
+        if valid.sum() >= min(LEAST_HEARD, scene.count // 4):
+            break
+    return valid
+
+
 def _data(case, observation, scene, y, delay: float) -> Data:
     n = len(y)
-    spread = max(p.delay for p in scene.taps)
-    valid = reach(scene, LOWEST_LAG - 8, int(np.ceil(spread)) + HIGHEST_LAG + 8, delay)
+    valid = _reached(scene, delay)
     edge = min(EDGE, n // 40)
     valid[:edge] = valid[n - edge :] = False
     vault = np.ones(n, bool) if observation.vault else split(valid)

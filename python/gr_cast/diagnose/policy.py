@@ -6,6 +6,7 @@ import numpy as np
 # align
 # samples around the taps that a model reaches where a waveform has unknown parts
 LOWEST_LAG, HIGHEST_LAG = -10, 26
+LAGS_AROUND = (1.0, 0.5, 0.25)  # of these lags, tried in turn where a waveform is known in pieces that are shorter
 LONGEST_WHOLE = 200_000  # samples that are fitted at once; of more, parts
 PART, FEWEST_PARTS, MOST_PARTS = 100_000, 4, 8  # samples of a part; fewer do not tell the course of a gain
 PART_OF_PIECES = 40_000  # known samples of a part of a waveform that is known in pieces, whose fits take more steps
