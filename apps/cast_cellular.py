@@ -7,6 +7,7 @@ import argparse
 import sys
 import tempfile
 import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -177,7 +178,7 @@ def over_stack(args) -> int:
             attach_s=args.attach_timeout,
         )  # fmt: skip
         emulation = Emulation(leveled, ports, rate_hz, noise_power=10 ** (noise_db / 10), seed=args.seed)
-        failure, status = _run_stack(plan, emulation)
+        failure, status = _run_stack(plan, emulation, rate_hz)
     found, missing = stack_run.collect(plan)
     modelled = _modelled_sinr_db(args, played, cells, duration_s) if "sinr_db" in found else {}
     return _report_stack(args, output, plan, played, found, missing, failure, status, modelled)
@@ -194,23 +195,32 @@ def _modelled_sinr_db(args, played, cells, duration_s: float) -> dict[str, float
     return dict(zip(course.terminals, course.sinr_db.mean(axis=0).tolist(), strict=True))
 
 
-def _run_stack(plan, emulation) -> tuple[CastError | None, dict]:
-    """What went wrong, if anything, and the emulator's status at the end: powers, and how far it kept up with the wall clock."""
-    ended, failure = threading.Event(), None
+def _run_stack(plan, emulation, rate_hz: float) -> tuple[CastError | None, dict]:
+    """What went wrong, if anything, and the emulator's status when the stack was last seen at work: powers, and how far it
+    kept up with the wall clock while there was traffic."""
+    ended, failure, seen = threading.Event(), None, []
+
+    def tell(line: str) -> None:
+        seen[1:] = [(time.monotonic(), emulation.status())]
+        _program.show(line)
+
     playing = threading.Thread(target=emulation.run_until, args=(ended,), daemon=True)
     playing.start()
     try:
-        stack_run.run(plan, _program.show)
+        stack_run.run(plan, tell, seen.clear)
     except CastError as error:
         failure = error
     except KeyboardInterrupt:
         failure = CastError("interrupted")
     finally:
         print(file=sys.stderr)
-        status = emulation.status()
+        seen = seen or [(time.monotonic(), emulation.status())]
         ended.set()
         playing.join()
-    return failure, status
+    (begin_s, first), (end_s, last) = seen[0], seen[-1]
+    passed_s = end_s - begin_s
+    factor = (last["samples"] - first["samples"]) / rate_hz / passed_s if passed_s else 0.0
+    return failure, last | {"real_time_factor": factor}
 
 
 def _report_stack(args, output: Path, plan, played, found: dict, missing, failure, status: dict, modelled: dict) -> int:

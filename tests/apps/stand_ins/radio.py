@@ -32,9 +32,11 @@ def settings(path):
 
 
 def radio(config):
-    """Addresses and rate of its ZeroMQ radio, and its two gains as factors."""
+    """Addresses and rate of its ZeroMQ radio, and its two gains as factors; a transmitter's that is not above 0 dB is the
+    receiver's (lib/src/radio/radio.cc)."""
     arguments = dict(word.split("=", 1) for word in config["rf"]["device_args"].split(","))
-    gains = (10 ** (float(config["rf"][name]) / 20) for name in ("tx_gain", "rx_gain"))
+    tx_db, rx_db = (float(config["rf"][name]) for name in ("tx_gain", "rx_gain"))
+    gains = (10 ** (gain_db / 20) for gain_db in (tx_db if tx_db > 0 else rx_db, rx_db))
     return arguments["tx_port"], arguments["rx_port"], float(arguments["base_srate"]), *gains
 
 

@@ -15,6 +15,9 @@ from gr_cast.experiments.cellular.downlink import Cell
 RR = "cell_list =\n(\n  {\n    // rf_port = 0;\n    cell_id = 0x01;\n    tac = 0x0007;\n    pci = 1;\n  }\n);\n"
 UE = """\
 time;cc;earfcn;pci;rsrp;pl;cfo;pci_neigh;rsrp_neigh;cfo_neigh;dl_mcs;dl_snr;dl_turbo;dl_brate;dl_bler;ul_ta;distance_km;is_attached
+16;0;4294967295;0;0.0;0.0;0.0;n/a;n/a;n/a;0.0;0.0;0.0;0.0;0.0;0.0;0.0;0.0
+516;0;3350;1;0.0;0.0;0.0;n/a;n/a;n/a;0.0;0.0;0.0;0.0;0.0;0.0;0.0;0.0
+516;0;3350;1;0.0;0.0;0.0;n/a;n/a;n/a;0.0;0.0;0.0;0.0;0.0;0.0;0.0;0.0
 1000;0;3350;1;-71;62;0.37;n/a;n/a;n/a;27;23.5;0.5;4.98e+06;0;0;0.2;1.0
 1000;1;3350;2;-71;62;0.37;n/a;n/a;n/a;3;2.5;0.5;1e+05;0;0;0.2;1.0
 2000;0;3350;1;-75;66;0.37;n/a;n/a;n/a;20;18.0;0.5;5.02e+06;0;0;0.2;1.0
@@ -69,7 +72,7 @@ def test_missing_or_strange_templates_are_named(templates, tmp_path):
         stack.write_configuration(cells, 7, templates, tmp_path / "out", tmp_path)
 
 
-def test_metrics_are_read_in_seconds_decibels_and_bits(tmp_path):
+def test_metrics_are_read_in_seconds_decibels_and_bits_while_the_terminal_is_attached(tmp_path):
     (tmp_path / "ue.csv").write_text(UE)
     (tmp_path / "enb.csv").write_text(ENB)
     found = stack.read_terminal_metrics(tmp_path / "ue.csv")
@@ -82,6 +85,10 @@ def test_metrics_are_read_in_seconds_decibels_and_bits(tmp_path):
     (tmp_path / "bad.csv").write_text("a;b\n1;2\n")
     with pytest.raises(CastError, match="no column time, dl_snr"):
         stack.read_terminal_metrics(tmp_path / "bad.csv")
+    before = "".join(line for line in UE.splitlines(True) if not line.startswith(("1000", "2000")))
+    (tmp_path / "never.csv").write_text(before)
+    with pytest.raises(CastError, match="0 lines of metrics while it was attached, needs 2"):
+        stack.read_terminal_metrics(tmp_path / "never.csv")
     with pytest.raises(CastError, match="wrote no metrics"):
         stack.read_station_metrics(tmp_path / "none.csv")
 

@@ -116,7 +116,7 @@ def _radio(member: Member, blocks: int, identity: str) -> str:
     return (
         "[rf]\ndevice_name = zmq\n"
         f"device_args = tx_port={member.sends},rx_port={member.receives},id={identity},base_srate={rate}\n"
-        "tx_gain = 0\nrx_gain = 40\n"
+        "tx_gain = 0\nrx_gain = 0\n"  # srsRAN takes the receiver's gain for a transmitter's that is not above 0 dB
     )
 
 
@@ -157,7 +157,8 @@ def _core(folder: Path) -> str:
 
 
 def read_terminal_metrics(path: Path) -> dict[str, Series]:
-    """`sinr_db` and `dl_bps` over time of srsUE's metrics file; times of the file are in ms. A cut last line is left out."""
+    """`sinr_db` and `dl_bps` over time of srsUE's metrics file while it was attached; times of the file are in ms. A cut last
+    line is left out."""
     time_ms, sinr_db, dl_bps = _metrics(path, ("time", "dl_snr", "dl_brate"))
     values = {"sinr_db": sinr_db, "dl_bps": dl_bps}
     return {name: Series(name=f"{path}: {name}", time_s=time_ms / 1e3, value=value) for name, value in values.items()}
@@ -182,13 +183,15 @@ def _metrics(path: Path, needed: tuple[str, ...]) -> list[np.ndarray]:
     if missing:
         raise CastError(f"{path}: no column {', '.join(missing)}; has {listed(head)}")
     places = [head.index(name) for name in needed]
-    carrier = head.index("cc") if "cc" in head else None
+    carrier, attached = (head.index(name) if name in head else None for name in ("cc", "is_attached"))
     faults, columns = Faults(str(path)), []
     for number, row in enumerate(rows, 2):
         if len(row) <= max(places):  # srsRAN's last line says that it ended
             continue
         if carrier is not None and row[carrier : carrier + 1] not in ([], ["0"]):
             continue  # only the first carrier's lines: others repeat the time
+        if attached is not None and row[attached : attached + 1] in (["0"], ["0.0"]):
+            continue  # zeros, twice for one time, before there is a cell
         try:
             values = [float(row[place]) for place in places]
         except ValueError:
@@ -197,7 +200,8 @@ def _metrics(path: Path, needed: tuple[str, ...]) -> list[np.ndarray]:
             if np.isfinite(values).all():  # no cell yet: nan
                 columns.append(values)
     if len(columns) < 2:
-        faults.add("", f"{len(columns)} lines of metrics, needs 2 or more")
+        when = "" if attached is None else " while it was attached"
+        faults.add("", f"{len(columns)} lines of metrics{when}, needs 2 or more")
     faults.raise_if_any()
     return list(np.array(columns).T)
 

@@ -38,8 +38,9 @@ class Plan:
         return [member for member in self.members if member.program == program]
 
 
-def run(plan: Plan, tell: Callable[[str], None]) -> None:
-    """Raises CastError where a program dies, or a terminal does not attach in time; logs and metrics stay in the folder."""
+def run(plan: Plan, tell: Callable[[str], None], attached: Callable[[], None]) -> None:
+    """`tell` hears how far it is, `attached` is called when traffic begins. Raises CastError where a program dies, or a terminal
+    does not attach in time; logs and metrics stay in the folder."""
     # A user namespace's own network starts with nothing up.
     subprocess.run(["ip", "link", "set", "lo", "up"], capture_output=True, check=False)
     with ExitStack() as context:
@@ -56,6 +57,7 @@ def run(plan: Plan, tell: Callable[[str], None]) -> None:
             processes.start(f"srsue {member.node}", space.command("srsue", str(member.config)))
         _wait_for_all(plan, spaces, processes, tell)
         lead_s, waiting = (_start_mgen if plan.protocol == "mgen" else _start_iperf3)(plan, spaces, processes)
+        attached()
         begin = time.monotonic() + lead_s
         while waiting or time.monotonic() - begin < plan.duration_s:
             waiting = [name for name in waiting if not processes.has_ended(name)]
