@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the residual shows of things that no path of the twin meets: planes by mirror echoes, something that passes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from .ears import ResponseEar
 from .likelihood import Fitted
 
 _FINER = 8  # of the grid of delays over the resolution of the band
-_CHANCE = 2.0  # of a cell: less is noise
+CHANCE = 2.0  # of a cell: less is noise
 _STRONGEST = 40.0  # nats that one row may give a place: one strong echo is no plane
 
 
@@ -24,6 +24,11 @@ class Echoes:
     link: np.ndarray
     nats: np.ndarray
     bins_per_s: float
+
+    def at(self, which: np.ndarray) -> "Echoes":
+        """Those rows alone."""
+        rows = {name: getattr(self, name)[which] for name in ("tx_m", "rx_m", "time_s", "link", "nats")}
+        return replace(self, **rows)
 
 
 def echoes(ear: ResponseEar, fit: Fitted, world) -> Echoes:
@@ -49,7 +54,7 @@ def looked_up(seen: Echoes, length_m: np.ndarray) -> np.ndarray:
     """Nats (..., n) of echoes of given lengths (..., n), noise taken off."""
     place = np.mod(np.round(length_m / SPEED_OF_LIGHT_M_PER_S * seen.bins_per_s).astype(np.int64), seen.nats.shape[1])
     weight = np.minimum(1, _STRONGEST / np.maximum(seen.nats.max(axis=1), 1e-300))  # clipped, side lobes would be as high
-    return np.maximum(seen.nats[np.arange(len(seen.nats)), place] - _CHANCE, 0) * weight
+    return np.maximum(seen.nats[np.arange(len(seen.nats)), place] - CHANCE, 0) * weight
 
 
 def mirrored(seen, normal: np.ndarray, level_m: float):
@@ -75,15 +80,30 @@ def plane_scores(seen: list[Echoes], normal: np.ndarray, level_m: np.ndarray) ->
     return total
 
 
+def passer_maps(seen: list[Echoes], foot_m: np.ndarray, height_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Nats (instants, P) of something at `foot_m` (P, 2), all links of an instant together; and the instants (s)."""
+    maps, times = [], []
+    for one in seen:
+        for time_s in np.unique(one.time_s):
+            now = one.at(one.time_s == time_s)
+            maps.append(looked_up(now, _over(now, foot_m[:, None], height_m)).sum(axis=1))
+            times.append(time_s)
+    return np.array(maps), np.array(times)
+
+
+def _over(one: Echoes, foot_m: np.ndarray, height_m: float) -> np.ndarray:
+    """Lengths (..., n) from one end of each row to the other by way of a place (..., n, 2)."""
+    length_m = 0.0
+    for end in (one.tx_m, one.rx_m):
+        length_m = length_m + np.sqrt(((foot_m - end[:, :2]) ** 2).sum(axis=-1) + (end[:, 2] - height_m) ** 2)
+    return length_m
+
+
 def passer_scores(seen: list[Echoes], foot_m: np.ndarray, velocity: np.ndarray, height_m: float) -> np.ndarray:
     """Nats (P, V) of something at `foot_m` (P, 2) at time 0 that goes at `velocity` (V, 2)."""
     total = np.zeros((len(foot_m), len(velocity)))
     for one in seen:
         for number, speed in enumerate(velocity):
-            place = foot_m[:, None] + one.time_s[None, :, None] * speed
-            length_m = 0.0
-            for end in (one.tx_m, one.rx_m):
-                flat = ((place - end[:, :2]) ** 2).sum(axis=2)
-                length_m = length_m + np.sqrt(flat + (end[:, 2] - height_m) ** 2)
-            total[:, number] += looked_up(one, length_m).sum(axis=1)
+            place_m = foot_m[:, None] + one.time_s[None, :, None] * speed
+            total[:, number] += looked_up(one, _over(one, place_m, height_m)).sum(axis=1)
     return total

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From residual echoes to rectangles: an image of all planes, coherent refinement of the best, extent by who sees them."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -9,47 +10,111 @@ from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
 from ...scenario.create import fields
 from ...twin.places.families.additions import Sheet
 from . import imaging
-from .ears import evenly
+from .coherent import Phased
 
 _AZIMUTHS = 90  # of upright planes
-_KEPT = 5  # planes that are refined
+_IMAGED, _ALIGNED, _KEPT = 4, 4, 5  # planes that are refined: of the image, of those that stand as something does; and returned
+_NORMALS = 8  # of what stands there that are looked along: those of the largest faces
+_ALIKE_COS = np.cos(np.radians(1))  # of normals that are one
+_ROWS, _SUMS = 200, 5_000_000  # of a coherent sum along a normal, and rows times levels
+_WELLS = 8  # levels to a wavelength
+_WIDE = 2  # of them that are tried as wide as the place as well
+_APART_M, _LEAST_M = 0.5, 0.01  # of planes along a normal that are not one; of those that are
+_BEYOND_M = 10.0  # of the place, where planes are looked for
+_LEVELS, _PHASED_LEVELS = 800, 80_000  # along a normal, at most: of the image, and where phases count
 _SHIFTS, _TURNS = 240, 41  # of the coherent grid, at most
-_TONES = 10  # of a row that it looks at
+_GRID_SUMS = 600_000  # rows times planes of it
 _SEEN_NATS = 4.0  # of a row that a plane is fitted to
+_TURNED_RAD = np.radians(4)  # by which a plane may be from where an image has it
 _SIDE_RAD = np.radians(15)  # by which a box's side may be turned from where its shadow has it
 _MARGIN_M = 1.5  # beyond the outermost point that is lit, where nothing says that it ends
 
 
 def sheets(view) -> list[Sheet]:
     """Rectangles that would explain echoes in the residual, the best first."""
-    seen = view.echoes
-    if not seen:
+    if not view.echoes:
         return []
+    found = [_refined(view, *plane, _TURNED_RAD) for plane in _imaged(view)] + [
+        _refined(view, *plane, 0.0) for plane in _aligned(view)
+    ]
+    refined = sorted((one for one in found if one is not None), key=lambda pair: -pair[0])
+    out: list[Sheet] = []
+    for _, sheet in refined:
+        if not any(_is_same(sheet, other) for other in out):
+            out.append(sheet)
+    return [*(_whole(view, sheet) for sheet in out[:_WIDE]), *out[:_KEPT]]
+
+
+def _whole(view, sheet: Sheet) -> Sheet:
+    """As far as the place goes: where the soundings lit a wall is no word on where it ends."""
+    corners_m = np.array(list(itertools.product(*np.array(view.bounds_m).T))) - sheet.origin_m
+    across = corners_m @ np.array([sheet.u, sheet.v]).T
+    return replace(sheet, low_m=tuple(across.min(axis=0)), high_m=tuple(across.max(axis=0)))
+
+
+def _is_same(one: Sheet, other: Sheet) -> bool:
+    normal = np.array(one.normal)
+    apart_m = (np.array(other.origin_m) - one.origin_m) @ normal
+    return bool(abs(normal @ other.normal) > _ALIKE_COS and abs(apart_m) < _LEAST_M)
+
+
+def _levels_m(view, normal: np.ndarray, step_m: float, most: int) -> np.ndarray:
+    """Of planes with a normal, through the place and somewhat beyond."""
     low, high = view.bounds_m
-    centre = (low + high) / 2
-    reach_m = float(np.linalg.norm(high - low)) / 2 + 10.0
-    resolution_m = SPEED_OF_LIGHT_M_PER_S / seen[0].bins_per_s
-    levels = np.arange(-reach_m, reach_m, max(resolution_m / 2, reach_m / 400))
+    reach_m = float(np.linalg.norm(high - low)) / 2 + _BEYOND_M
+    return np.arange(-reach_m, reach_m, max(step_m, 2 * reach_m / most)) + normal @ (low + high) / 2
+
+
+def _imaged(view) -> list[tuple[np.ndarray, float]]:
+    """Normals and levels of upright and level planes at whose delays echoes are, the best first."""
+    resolution_m = SPEED_OF_LIGHT_M_PER_S / view.echoes[0].bins_per_s
     azimuth = np.arange(_AZIMUTHS) * np.pi / _AZIMUTHS
     upright = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(_AZIMUTHS)])
-    normals = np.concatenate([np.repeat(upright, len(levels), axis=0), np.repeat([[0.0, 0.0, 1.0]], len(levels), axis=0)])
-    level_m = np.tile(levels, _AZIMUTHS + 1) + normals @ centre
-    scores = imaging.plane_scores(seen, normals, level_m)
-    image = scores.reshape(_AZIMUTHS + 1, len(levels)).copy()
+    normals = [*upright, np.array([0.0, 0.0, 1.0])]
+    levels = np.array([_levels_m(view, normal, resolution_m / 2, _LEVELS) for normal in normals])
+    repeated = np.repeat(normals, levels.shape[1], axis=0)
+    image = imaging.plane_scores(view.echoes, repeated, levels.ravel()).reshape(levels.shape)
+    near = max(int(np.ceil(1.0 / (levels[0, 1] - levels[0, 0]))), 2)
     found = []
-    near = max(int(np.ceil(1.0 / (levels[1] - levels[0]))), 2)
-    for _ in range(_KEPT):
+    for _ in range(_IMAGED):
         a, d = np.unravel_index(np.argmax(image), image.shape)
         if image[a, d] < _SEEN_NATS:
             break
-        found.append((normals[a * len(levels) + d], level_m[a * len(levels) + d]))
-        for turn in range(-4, 5):
-            other = a + turn if a < _AZIMUTHS else a
-            if a < _AZIMUTHS and not 0 <= other < _AZIMUTHS:
-                continue
-            image[other, max(d - near, 0) : d + near + 1] = -np.inf
-    refined = [one for one in (_refined(view, normal, level) for normal, level in found) if one is not None]
-    return [sheet for _, sheet in sorted(refined, key=lambda pair: -pair[0])[:4]]
+        found.append((normals[a], float(levels[a, d])))
+        turned = range(max(a - 4, 0), min(a + 5, _AZIMUTHS)) if a < _AZIMUTHS else [a]
+        image[turned, max(d - near, 0) : d + near + 1] = -np.inf
+    return found
+
+
+def _aligned(view) -> list[tuple[np.ndarray, float]]:
+    """Normals and levels of planes that stand as something in the twin does, or lie level, whose echoes come in phase, the best
+    first: where delays tell nothing apart, phases do."""
+    world, found = view.world, []
+    rows = Phased.of(*view.wideband[0], world)
+    for normal in _normals(world.faces):
+        levels_m = _levels_m(view, normal, world.wavelength_m / _WELLS, _PHASED_LEVELS)
+        nats = rows.thinned(min(_ROWS, _SUMS // len(levels_m))).nats_along(normal, levels_m)
+        for _ in range(_ALIGNED):
+            best = int(np.argmax(nats))
+            found.append((float(nats[best]), normal, float(levels_m[best])))
+            nats[np.abs(levels_m - levels_m[best]) < _APART_M] = -np.inf
+    found.sort(key=lambda one: -one[0])
+    return [(normal, level_m) for _, normal, level_m in found[:_ALIGNED]]
+
+
+def _normals(faces) -> list[np.ndarray]:
+    """Of level planes and of the largest faces, signs aside."""
+    out = [np.array([0.0, 0.0, 1.0])]
+    area = {}
+    for number in range(len(faces.normal)):
+        triangles = faces.triangles_m[faces.start[number] : faces.start[number + 1]]
+        area[number] = np.linalg.norm(
+            np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1
+        ).sum()
+    for number in sorted(area, key=lambda one: -area[one]):
+        if len(out) < _NORMALS and all(abs(faces.normal[number] @ other) < _ALIKE_COS for other in out):
+            out.append(faces.normal[number])
+    return out
 
 
 def mirrors(view, box: Sheet) -> list[Sheet]:
@@ -83,35 +148,24 @@ def mirrors(view, box: Sheet) -> list[Sheet]:
     return [one for _, one in sorted(found, key=lambda pair: -pair[0])]
 
 
-def _refined(view, normal: np.ndarray, level_m: float, most_rad: float = np.radians(4)):
+def _refined(view, normal: np.ndarray, level_m: float, most_rad: float):
     """(nats, sheet) of the best rectangle near a plane; None where nothing coherent is there."""
-    rows = _rows(view, normal, level_m)
-    if len(rows["y"]) < 2:
+    rows = Phased.of(*view.wideband[0], view.world)
+    length_m, met, good = imaging.mirrored((rows.tx_m, rows.rx_m), normal, level_m)
+    strong = good & (rows.alone_nats(length_m) > _SEEN_NATS)
+    if strong.sum() < 2:
         return None
     v = np.array([0.0, 0.0, 1.0]) if abs(normal[2]) < 0.5 else np.array([0.0, 1.0, 0.0])
     u = np.cross(v, normal)
-    _, met, _ = imaging.mirrored((rows["tx"], rows["rx"]), normal, level_m)
-    strong = rows["nats"] > _SEEN_NATS
-    if strong.sum() < 2:
-        return None
     origin = met[strong].mean(axis=0)
     origin = origin - (origin @ normal - level_m) * normal
     span_m = max(float(np.ptp((met[strong] - origin) @ u)), 1.0)
-    wavelength_m = view.world.wavelength_m
-    resolution_m = SPEED_OF_LIGHT_M_PER_S / view.echoes[0].bins_per_s * 8
-    half = min(resolution_m / 3, _SHIFTS / 2 * wavelength_m / 10)
-    shifts = np.arange(-half, half + 1e-9, wavelength_m / 10)
-    step_rad = wavelength_m / 6 / span_m
-    turns = step_rad * np.arange(-(_TURNS // 2), _TURNS // 2 + 1)
-    turns = turns[np.abs(turns) <= most_rad]
-    shift, turn, amplitude = _coherent(view, rows, origin, normal, u, shifts, turns, strong)
-    gain_nats = _evidence(view, rows, origin, normal, u, shift, turn, amplitude)
-    tilted = np.cos(turn) * normal - np.sin(turn) * u
-    along = np.cos(turn) * u + np.sin(turn) * normal
-    origin = origin + shift * normal
-    _, met, _ = imaging.mirrored((rows["tx"], rows["rx"]), tilted, origin @ tilted)
-    places = np.column_stack([(met - origin) @ along, (met - origin) @ v])
-    box = rectangle(places, gain_nats)
+    shift_m, turn_rad = _coherent(view, rows.taken(strong), origin, normal, u, span_m, most_rad)
+    tilted, along = np.cos(turn_rad) * normal - np.sin(turn_rad) * u, np.cos(turn_rad) * u + np.sin(turn_rad) * normal
+    origin = origin + shift_m * normal
+    gain_nats = rows.row_nats(tilted, float(origin @ tilted), strong)
+    _, met, good = imaging.mirrored((rows.tx_m, rows.rx_m), tilted, origin @ tilted)
+    box = rectangle(np.column_stack([(met - origin) @ along, (met - origin) @ v])[good], gain_nats[good])
     if box is None:
         return None
     nats, low, high = box
@@ -121,73 +175,18 @@ def _refined(view, normal: np.ndarray, level_m: float, most_rad: float = np.radi
     return nats, sheet
 
 
-def _rows(view, normal, level_m) -> dict:
-    """Residual rows of the first wideband campaign whose ends are on one side of a plane: one campaign points, all are fitted."""
-    (ear, fit), seen = view.wideband[0], view.echoes[0]
-    length_m, _, good = imaging.mirrored((seen.tx_m, seen.rx_m), normal, level_m)
-    _, instants, count = fit.residual.shape
-    sent = np.repeat([view.world.link_amplitude(link) for link in ear.heard.links], instants)
-    sent = sent * _seen_by_antennas(view, ear.heard.links, seen, normal, level_m)
-    rows = {
-        "tx": seen.tx_m,
-        "rx": seen.rx_m,
-        "y": fit.residual.reshape(-1, count),
-        "weight": ear.heard.weight.reshape(-1, count),
-        "scale": fit.factor.reshape(-1, count) * sent[:, None],
-        "nats": imaging.looked_up(seen, length_m),
-    }
-    return {key: values[good] for key, values in rows.items()} | {"f_hz": ear.heard.frequency_hz}
-
-
-def _seen_by_antennas(view, links, seen, normal, level_m) -> np.ndarray:
-    """Product of both antennas' amplitudes (n,) towards a plane's mirror images."""
-    out = np.ones(len(seen.link))
-    for one, other, side in ((seen.tx_m, seen.rx_m, 0), (seen.rx_m, seen.tx_m, 1)):
-        image = other - 2 * (other @ normal - level_m)[:, None] * normal
-        direction = image - one
-        direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-9)
-        for index, link in enumerate(links):
-            own = seen.link == index
-            out[own] *= np.linalg.norm(fields.far_field(view.world.radios[link[side]].antenna, direction[own]), axis=1)
-    return np.maximum(out, 1e-3)
-
-
-def _echo(view, rows, which, columns, length_m) -> np.ndarray:
-    """Echo of unit reflection (n, K) on rows `which`."""
-    f_hz = rows["f_hz"][columns]
-    tau_s = length_m / SPEED_OF_LIGHT_M_PER_S
-    phase = np.exp(-2j * np.pi * (view.world.carrier_hz + f_hz) * tau_s[..., None])
-    return rows["scale"][which][:, columns] * (view.world.wavelength_m / (4 * np.pi * length_m))[..., None] * phase
-
-
-def _lengths(rows, which, origin, normal, u, shift, turn) -> np.ndarray:
-    tilted = np.cos(turn) * normal - np.sin(turn) * u
-    ends = rows["tx"][which], rows["rx"][which]
-    return imaging.mirrored(ends, tilted, (origin + shift * normal) @ tilted)[0]
-
-
-def _coherent(view, rows, origin, normal, u, shifts, turns, strong):
-    which = np.flatnonzero(strong)
-    which = which[np.argsort(-rows["nats"][which])[:60]]
-    columns = evenly(len(rows["f_hz"]), _TONES)
-    y, weight = rows["y"][which][:, columns], rows["weight"][which][:, columns]
-    best, top = (0.0, 0.0, 0.0j), -1.0
-    for turn in turns:
-        for shift in shifts:
-            echo = _echo(view, rows, which, columns, _lengths(rows, which, origin, normal, u, shift, turn))
-            cross, power = (echo.conj() * y * weight).sum(), (np.abs(echo) ** 2 * weight).sum()
-            nats = np.abs(cross) ** 2 / max(power, 1e-300)
-            if nats > top:
-                best, top = (float(shift), float(turn), complex(cross / max(power, 1e-300))), nats
-    return best
-
-
-def _evidence(view, rows, origin, normal, u, shift, turn, amplitude):
-    """Nats (n,) by which the echo explains each row."""
-    which, columns = np.arange(len(rows["y"])), np.arange(len(rows["f_hz"]))
-    echo = amplitude * _echo(view, rows, which, columns, _lengths(rows, which, origin, normal, u, shift, turn))
-    gain = (2 * (echo.conj() * rows["y"]).real - np.abs(echo) ** 2) * rows["weight"]
-    return gain.sum(axis=1)
+def _coherent(view, rows: Phased, origin, normal, u, span_m: float, most_rad: float) -> tuple[float, float]:
+    """Shift along the normal and turn about the other axis with most nats near a plane."""
+    wavelength_m = view.world.wavelength_m
+    resolution_m = SPEED_OF_LIGHT_M_PER_S / view.echoes[0].bins_per_s * 8
+    half_m = min(resolution_m / 3, _SHIFTS / 2 * wavelength_m / 10)
+    shifts_m = np.arange(-half_m, half_m + 1e-9, wavelength_m / 10)
+    turns_rad = wavelength_m / 6 / span_m * np.arange(-(_TURNS // 2), _TURNS // 2 + 1)
+    turns_rad, shifts_m = (one.ravel() for one in np.meshgrid(turns_rad[np.abs(turns_rad) <= most_rad], shifts_m, indexing="ij"))
+    normals = np.cos(turns_rad)[:, None] * normal - np.sin(turns_rad)[:, None] * u
+    levels_m = normals @ origin + shifts_m * (normals @ normal)
+    best = int(np.argmax(rows.thinned(min(_ROWS, _GRID_SUMS // len(levels_m))).nats(normals, levels_m)))
+    return float(shifts_m[best]), float(turns_rad[best])
 
 
 def rectangle(places: np.ndarray, nats: np.ndarray):

@@ -102,8 +102,12 @@ def _settled(ears, model: Model, budget: Budget) -> Model:
         return model
     last = len(model.effects) - 1
     model = _begun_anew(ears, fitted(ears, model), last)
-    shaped = _shaped(ears, model, last, budget)
-    return model if shaped is model else _begun_anew(ears, shaped, last)
+    for _ in range(policy.RESHAPED):
+        shaped = _shaped(ears, model, last, budget)
+        if model.energy - shaped.energy < policy.SHAPE_NATS:
+            return shaped
+        model = _begun_anew(ears, shaped, last)
+    return model
 
 
 def _begun_anew(ears, model: Model, number: int) -> Model:

@@ -12,14 +12,17 @@ from . import imaging, scan
 from .ears import thinned
 from .fit import evaluated
 
+_SPEEDS_M_PER_S, _SPEED_STEP_M_PER_S, _SPEEDS = (2.4, 30.0), 0.4, 60  # that are looked for; steps at most
+_ELSEWHERE_M = 1.5  # between coarse tracks
 _KEPT, _LINES = 3, 8  # coarse tracks, and lines near one of them, that are returned
 _FOLLOWED = 2  # coarse tracks about which is looked finely
-_REACH_M, _MOST = 1.4, 240  # about a coarse track; steps across at most
-_FINE = 6  # steps of a wavelength
+_REACH_M, _MOST = 1.4, 840  # about a coarse track; steps across at most
+_FINE = 16  # steps of a wavelength: an echo's phase turns twice as fast as a place moves
+_SMOOTH = 8  # steps between which lengths and strengths are interpolated
 _FINER = 16  # of the grid of delays over the resolution of the band
 _INSTANTS = 9  # that are looked at, at most
 _PAIRS, _PEAKS = 4, 12  # of instants, and places at each, through which lines are drawn
-_WITHIN = 2  # cells about a line that is looked at more finely still
+_WITHIN, _WITHIN_STEPS = 2, 4  # cells about a line that is looked at more finely still, and steps of such a cell
 _APART = 0.25  # of the time of a campaign, between the instants of a pair
 _SLID, _TURNS = 60, 4  # lines that are moved cell by cell to where they explain most, so many times
 _LEAST, _LEAST_AREA_M2 = 1e-300, 0.02
@@ -51,25 +54,45 @@ def _moving(ear, fit, world):
 
 
 def _coarse(view, seen: list, height_m: float) -> list:
+    """(place at time 0, velocity) of straight ways along which echoes are as late as they should be, at any speed that stays in
+    the place for most of the campaign."""
     low, high = view.bounds_m
-    resolution_m = SPEED_OF_LIGHT_M_PER_S / seen[0].bins_per_s
-    step_m = float(np.clip(resolution_m * 2, 0.25, 1.0))
-    step_m = max(step_m, float((high - low)[:2].max()) / 60)
+    extent_m = float((high - low)[:2].max())
+    step_m = max(float(np.clip(SPEED_OF_LIGHT_M_PER_S / seen[0].bins_per_s * 2, 0.25, 1.0)), extent_m / 60)
     x, y = (np.arange(low[axis] - 2, high[axis] + 2, step_m) for axis in (0, 1))
-    foot = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-    speeds = np.arange(-2.0, 2.01, 0.4)
-    velocity = np.array([(a, b) for a in speeds for b in speeds if np.hypot(a, b) <= 2.4])
-    scores = imaging.passer_scores(seen, foot, velocity, height_m)
-    found = []
+    foot_m = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    maps, time_s = imaging.passer_maps(seen, foot_m, height_m)
+    most = float(np.clip(extent_m / max(np.ptp(time_s), 1e-3), *_SPEEDS_M_PER_S))
+    speeds = np.arange(-most, most + 1e-9, max(_SPEED_STEP_M_PER_S, 2 * most / _SPEEDS))
+    velocity = np.array([(a, b) for a in speeds for b in speeds if np.hypot(a, b) <= most])
+    turn = (speeds[1] - speeds[0]) / 2
+    maps = maps.reshape(-1, len(x), len(y))
+    scores = np.array([_summed(maps, np.round(np.outer(time_s, v) / step_m).astype(int)) for v in velocity])
+    found, near = [], np.array([(a, b) for a in (-1, -0.5, 0, 0.5, 1) for b in (-1, -0.5, 0, 0.5, 1)])
     for _ in range(_KEPT):
-        p, v = np.unravel_index(np.argmax(scores), scores.shape)
-        fine_p = foot[p] + step_m * 0.5 * np.array([(a, b) for a in (-1, -0.5, 0, 0.5, 1) for b in (-1, -0.5, 0, 0.5, 1)])
-        fine_v = velocity[v] + 0.2 * np.array([(a, b) for a in (-1, -0.5, 0, 0.5, 1) for b in (-1, -0.5, 0, 0.5, 1)])
-        fine = imaging.passer_scores(seen, fine_p, fine_v, height_m)
-        i, j = np.unravel_index(np.argmax(fine), fine.shape)
-        found.append((fine_p[i], fine_v[j]))
-        scores[np.linalg.norm(foot - foot[p], axis=1) < 1.5] = -np.inf
+        v, p = np.unravel_index(np.argmax(scores), scores.shape)
+        best_m, best = foot_m[p], velocity[v]
+        for finer in (1.0, 0.5, 0.25):
+            fine_m, fine = best_m + step_m / 2 * finer * near, best + turn * finer * near
+            i, j = np.unravel_index(
+                np.argmax(fine_scores := imaging.passer_scores(seen, fine_m, fine, height_m)), (len(near),) * 2
+            )
+            best_m, best = fine_m[i], fine[j]
+        found.append((best_m, best))
+        scores[:, np.linalg.norm(foot_m - foot_m[p], axis=1) < _ELSEWHERE_M] = -np.inf
     return found
+
+
+def _summed(maps: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """Maps (instants, X, Y) summed along ways that move by so many cells (instants, 2), for each first cell: flat."""
+    _, wide, deep = maps.shape
+    total = np.zeros((wide, deep))
+    for one, (a, b) in zip(maps, moved, strict=True):
+        if abs(a) < wide and abs(b) < deep:
+            total[max(-a, 0) : wide - max(a, 0), max(-b, 0) : deep - max(b, 0)] += one[
+                max(a, 0) : wide + min(a, 0), max(b, 0) : deep + min(b, 0)
+            ]
+    return total.ravel()
 
 
 def _fine(view, height_m: float, place_m: np.ndarray, velocity: np.ndarray) -> list:
@@ -77,9 +100,9 @@ def _fine(view, height_m: float, place_m: np.ndarray, velocity: np.ndarray) -> l
     ear = thinned(view.wideband[0][0], _INSTANTS, len(view.wideband[0][0].heard.frequency_hz))
     fit = _moving(ear, evaluated([ear], view.model.base, view.model.effects).fits[0], view.world)
     middle_s = ear.predictor.time_s.mean()
-    step_m = max(view.world.wavelength_m / _FINE, 2 * _REACH_M / _MOST)
+    step_m = view.world.wavelength_m / _FINE
     start_m = place_m + velocity * middle_s
-    wide = _strip(view, ear, fit, height_m, start_m, velocity, _REACH_M, step_m)
+    wide = _strip(view, ear, fit, height_m, start_m, velocity, min(_REACH_M, step_m * _MOST / 2), step_m)
     at_m, turn = _through(wide)
     best = np.argsort(-wide.along(at_m, turn)[0])[:_SLID]
     at_m, turn = wide.slid(at_m[best], turn[best])
@@ -90,7 +113,7 @@ def _fine(view, height_m: float, place_m: np.ndarray, velocity: np.ndarray) -> l
     out = []
     for one in kept[:_LINES]:
         centre_m, speed = start_m + at_m[one], velocity + turn[one]
-        near = _strip(view, ear, fit, height_m, centre_m, speed, _WITHIN * step_m, step_m / _FINE)
+        near = _strip(view, ear, fit, height_m, centre_m, speed, _WITHIN * step_m, step_m / _WITHIN_STEPS)
         finer_m, slower = near.slid(np.zeros((1, 2)), np.zeros((1, 2)))
         nats, amplitude = (float(part[0]) for part in near.along(finer_m, slower))
         area_m2 = (max(amplitude, 0) * (4 * np.pi) ** 1.5 / view.world.wavelength_m) ** 2
@@ -119,7 +142,7 @@ class _Strip:
         inside = ((cell >= 0) & (cell < len(self.axis_m))).all(axis=-1)
         x, y = np.moveaxis(np.where(inside[..., None], cell, 0).astype(int), -1, 0)
         instants = np.arange(len(self.after_s))
-        top, bottom = ((part[instants, x, y] * inside).sum(axis=-1) for part in (self.cross, self.power))
+        top, bottom = ((part[instants, x, y] * inside).sum(axis=-1, dtype=float) for part in (self.cross, self.power))
         return np.maximum(top, 0) ** 2 / (bottom + _LEAST), top / (bottom + _LEAST)
 
     def slid(self, at_m: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -133,12 +156,17 @@ class _Strip:
 
 
 def _strip(view, ear, fit, height_m: float, centre_m: np.ndarray, velocity: np.ndarray, reach_m: float, step_m: float) -> _Strip:
-    axis_m = np.arange(-reach_m, reach_m + step_m / 2, step_m)
-    offset_m = np.stack(np.meshgrid(axis_m, axis_m, indexing="ij"), axis=-1)
+    axis_m = step_m * np.arange(-round(reach_m / step_m), round(reach_m / step_m) + 1)
     after_s = ear.predictor.time_s - ear.predictor.time_s.mean()
-    maps = [_map(view, ear, fit, step, centre_m + velocity * t + offset_m, height_m) for step, t in enumerate(after_s)]
+    maps = [_map(view, ear, fit, step, centre_m + velocity * t, axis_m, height_m) for step, t in enumerate(after_s)]
     cross, power = (np.array(part) for part in zip(*maps, strict=True))
     return _Strip(cross=cross, power=power, axis_m=axis_m, after_s=after_s)
+
+
+def _between(axis_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Knots (n,) along an axis, and the shares (axis, n) that each has in what is between them, linearly."""
+    knots_m = np.linspace(axis_m[0], axis_m[-1], max(2, -(-len(axis_m) // _SMOOTH) + 1))
+    return knots_m, np.array([np.interp(axis_m, knots_m, own) for own in np.eye(len(knots_m))], np.float32).T
 
 
 def _through(strip: _Strip) -> tuple[np.ndarray, np.ndarray]:
@@ -155,19 +183,22 @@ def _through(strip: _Strip) -> tuple[np.ndarray, np.ndarray]:
     return tuple(np.concatenate(part) for part in zip(*out, strict=True))
 
 
-def _map(view, ear, fit, step: int, foot_m: np.ndarray, height_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """What an echo from each place (X, Y, 2) at one instant says of all links together, its phase known: its amplitude is the
-    first over the second, its nats the first's square over the second."""
+def _map(view, ear, fit, step: int, centre_m, axis_m: np.ndarray, height_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """What an echo from each place (X, Y) about a centre at one instant says of all links together, its phase known: its
+    amplitude is the first over the second, its nats the first's square over the second."""
     heard, world = ear.heard, view.world
     f_hz = heard.frequency_hz
     spacing_hz, size = f_hz[1] - f_hz[0], 1 << int(np.ceil(np.log2(_FINER * len(f_hz))))
     energy = (np.abs(fit.residual[:, step]) ** 2 * heard.weight[:, step]).sum(axis=1)
     loud = _LOUD * max(float(np.median(energy)), 1.0)
-    centre_m = np.concatenate([foot_m, np.full((*foot_m.shape[:2], 1), height_m)], axis=2)
-    cross, power = np.zeros(foot_m.shape[:2]), np.full(foot_m.shape[:2], _LEAST)
+    knots_m, share = _between(axis_m)
+    spread = lambda values: share @ values.astype(np.float32) @ share.T  # noqa: E731
+    foot_m = centre_m + np.stack(np.meshgrid(knots_m, knots_m, indexing="ij"), axis=-1)
+    body_m = np.concatenate([foot_m, np.full((*foot_m.shape[:2], 1), height_m)], axis=2)
+    cross, power = np.zeros((len(axis_m),) * 2, np.float32), np.full((len(knots_m),) * 2, _LEAST)
     for index, link in enumerate(heard.links):
         ends_m = [end[step] for end in ear.predictor.ends_m(world, index)]
-        legs = [centre_m - ends_m[0], ends_m[1] - centre_m]
+        legs = [body_m - ends_m[0], ends_m[1] - body_m]
         far_m = [np.maximum(np.linalg.norm(leg, axis=2), 0.1) for leg in legs]
         strength = 1 / (far_m[0] * far_m[1])
         for name, leg, long_m, sign in zip(link, legs, far_m, (1, -1), strict=True):
@@ -178,9 +209,12 @@ def _map(view, ear, fit, step: int, foot_m: np.ndarray, height_m: float) -> tupl
         factor = fit.factor[index, step] * ear.predictor.cables(world, index)
         weight = heard.weight[index, step] * min(1.0, loud / max(energy[index], 1e-300))
         profile = np.fft.ifft(fit.residual[index, step] * weight * factor.conj(), size) * size
-        delay_s = (far_m[0] + far_m[1]) / SPEED_OF_LIGHT_M_PER_S
-        total = profile[np.round(delay_s * spacing_hz * size).astype(int) % size]
-        total = total * np.exp(2j * np.pi * np.mod((world.carrier_hz + f_hz[0]) * delay_s, 1.0))
-        cross += strength * total.real
+        length_m = far_m[0] + far_m[1]
+        delay_s, waves = length_m / SPEED_OF_LIGHT_M_PER_S, (world.carrier_hz + f_hz[0]) / SPEED_OF_LIGHT_M_PER_S
+        about_m = float(length_m.mean())
+        total = strength * profile[np.round(delay_s * spacing_hz * size).astype(int) % size]
+        total = total * np.exp(2j * np.pi * np.mod(waves * about_m, 1.0))
+        turned = spread(2 * np.pi * waves * (length_m - about_m))
+        cross += spread(total.real) * np.cos(turned) - spread(total.imag) * np.sin(turned)
         power += strength**2 * (np.abs(factor) ** 2 * weight).sum()
-    return cross, power
+    return cross, spread(power)

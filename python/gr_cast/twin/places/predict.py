@@ -67,9 +67,7 @@ class Predictor:
         return self._responses(world, [index])[0]
 
     def _responses(self, world: World, which: Sequence[int]) -> list[np.ndarray]:
-        # Edges and echoes of a person see objects that no specular path touches.
-        others = surface_key(world.surface) if world.diffraction or world.person else b""
-        law = world.diffraction, world.person, others
+        law = world.diffraction, world.person, _others_key(world)
         keys = [(key, law) for key in self._keys(world, which)]
         heard = _remembered(self._known, keys, lambda missing: self._compute(world, [which[one] for one in missing]))
         shape = len(self.time_s), len(self.frequency_hz)
@@ -278,6 +276,13 @@ def phasors(gain: np.ndarray, length_m: np.ndarray, carrier_hz: float, frequency
 def radio_key(radio: Radio):
     """Of what a node's end of a link depends on, its cable aside."""
     return radio.track_key, radio.node.orientation_rad, radio.node.antenna, radio.body
+
+
+def _others_key(world: World) -> bytes:
+    """Of objects that no specular path touches: edges see what they are made of, echoes whether they stand in the way."""
+    if world.diffraction:
+        return surface_key(world.surface)
+    return world.surface.present.tobytes() + world.surface.clear.tobytes() if world.person else b""
 
 
 def surface_key(surface: fields.Surface, which=slice(None)) -> bytes:

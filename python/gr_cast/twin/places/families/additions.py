@@ -25,7 +25,7 @@ _BOX = [
 ]
 _DEPTHS_M = np.array([0.3, 0.6, 1.2, 2.4, 4.8])
 _SIDE_M, _MOST_FINE = 0.6, 30  # within which a side that reflects is looked for, and in how many steps either way
-_STEPS_M, _LEAST_M = (0.1, 0.3, 1.0, 3.0), 0.05
+_STEPS_M, _LEAST_M = (0.1, 0.3, 1.0, 3.0, 10.0), 0.05
 _TURNS_RAD = np.radians([-45, -25, -12, -5, 5, 12, 25, 45, 90])
 _WELLS = 3  # of the phase of an echo, either way
 _WIDER = (0.75, 0.87, 1.15, 1.33)  # than the radius that was found
@@ -126,7 +126,9 @@ class MissingObject(Family):
 
     def restarts(self, world, effect):
         made = [(1.0, 1e7), _DARK, *((permittivity, 0.03) for permittivity in _PERMITTIVITIES)]
-        return [effect.moved(np.array([*effect.values[:2], *np.log(one)])) for one in made]
+        wells = 0 if effect.choice.depth_m else _WELLS  # sides of boxes are looked for when these are shaped
+        shifts_m = effect.values[0] + world.wavelength_m / 4 * np.arange(-wells, wells + 1)
+        return [effect.moved(np.array([m, effect.values[1], *np.log(one)])) for m in shifts_m for one in made]
 
     def reshaped(self, world, effect, axis):
         many = (
