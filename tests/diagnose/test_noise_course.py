@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from conftest_world import RATE_HZ, noise, sent_once
-from gr_cast.diagnose import align
+from gr_cast.diagnose import align, read_case
 from gr_cast.diagnose.search import candidates, refit
 from gr_cast.twin.effects import FAMILIES
 from gr_cast.twin.effects.noise_family import NoiseView
@@ -59,3 +59,12 @@ def test_a_receiver_that_settles_speaks_for_no_cause_that_holds_throughout(tmp_p
     assert best.family == "noise_course"
     (begin_s, end_s) = FAMILIES[best.family].where(data.scene, best, {})["time_s"]
     assert begin_s == 0.0 and 300 < end_s * RATE_HZ < 1200
+
+
+def test_impulses_are_no_stretches_of_louder_noise_whatever_the_signal_promises(world, tmp_path):
+    hit = world.rng.random(len(world.n)) < 0.002
+    heard = world.noisy(world.clean() + 0.01 * world.path(200)) + noise(world.rng, len(world.n), 1.0) * hit
+    case = read_case(world.write(tmp_path / "case", heard))
+    _, data, model = align.build(case, case.observations[0])
+    told = [s.effect.family for s in candidates(refit(data, model))]
+    assert told[0] == "impulsive_noise" and "noise_course" in told

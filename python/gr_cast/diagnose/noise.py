@@ -7,7 +7,7 @@ from ..twin.effects import FAMILIES, Role, is_coarse
 from ..twin.effects.base import around_circle
 from ..twin.effects.noise_family import NoiseView
 from .fit import off_the_rails, shape_of_receiver
-from .policy import PASSBAND
+from .policy import CLEAR_NATS, PASSBAND
 
 TESTED = tuple(f.name for f in FAMILIES.values() if f.noise_like and f.role is not Role.FLOOR)  # laws of the noise, not its level
 
@@ -23,23 +23,33 @@ def view_of(fit) -> NoiseView:
     )
 
 
-def starts(fit, beyond_alone: bool = False):
-    """[(net gain in nats, effect)] of every noise family that is not in the model yet; `beyond_alone`: of those that are no
-    cause, which hold what is not explained apart while the signal still promises more."""
-    have = {FAMILIES[e.family].told for e in fit.model.effects}
+def starts(fit, promised: float = 0.0):
+    """[(net gain in nats, effect)] of every law of the noise that may be added, or take the place of one that is no cause. Where
+    the signal has `promised` too much for what is left to be the noise's, none, unless it is louder for a while: a law that is
+    no cause holds that apart, and if it tells more than the signal all others may tell still more."""
+    names = {FAMILIES[name].told for name in TESTED}
+    have = [f for f in (FAMILIES[e.family] for e in fit.model.effects) if f.told in names]
     if any(is_coarse(e) for e in fit.model.effects):
         return []  # behind a coarse quantiser the noise has no law of its own
-    if have & set(TESTED):
+    if any(not f.beyond for f in have):
         return []
-    out, view = [], view_of(fit)
+    view = view_of(fit)
     if not view.use.any():
         return []
-    for name in (n for n in TESTED if FAMILIES[n].beyond or not beyond_alone):
-        gain, effect = FAMILIES[name].find(view)
-        if effect is not None and not _is_passband(fit.data.scene, effect):
-            cost = 0.5 * FAMILIES[name].hidden(effect) * np.log(view.use.sum()) + np.log(effect.trials)
-            out.append((gain - cost, effect))
-    return out
+    apart = [s for f in FAMILIES.values() if f.noise_like and f.beyond for s in _found(fit, view, f)]
+    most = max((net for net, _ in apart), default=0.0)
+    if promised > CLEAR_NATS and most < promised:
+        return []
+    rest = [s for name in TESTED if not FAMILIES[name].beyond for s in _found(fit, view, FAMILIES[name])]
+    return [(net - most, effect) for net, effect in rest] if have else apart + rest
+
+
+def _found(fit, view, family) -> list[tuple[float, object]]:
+    """[(net gain in nats over an even floor, effect)] of a law of the noise, or []."""
+    gain, effect = family.find(view)
+    if effect is None or _is_passband(fit.data.scene, effect):
+        return []
+    return [(gain - 0.5 * family.hidden(effect) * np.log(view.use.sum()) - np.log(effect.trials), effect)]
 
 
 def _is_passband(scene, effect) -> bool:

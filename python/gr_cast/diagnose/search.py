@@ -307,9 +307,9 @@ def _candidates(fit: Fit) -> list[Score]:
             if family.multiplicity is Multiplicity.MANY or _what(effect) not in have:
                 scores.append(score(fit, effect))
     if not fit.data.late:
-        clear = max((s.net for s in scores), default=0.0) > CLEAR_NATS  # then what is left is not the noise's yet
-        noises = [Score(net=net, effect=effect) for net, effect in noise.starts(fit, beyond_alone=clear)]
-        colour = 0.0 if clear else _colour(fit)
+        promised = max((s.net for s in scores), default=0.0)
+        noises = [Score(net=net, effect=effect) for net, effect in noise.starts(fit, promised)]
+        colour = 0.0 if promised > CLEAR_NATS else _colour(fit)
         if colour > max((s.net for s in noises), default=0.0):
             scores = [replace(s, net=s.net + colour * (stage_of(s.effect) == RX_FILTER)) for s in scores]
         scores += noises
@@ -568,6 +568,8 @@ def _whose_carrier(data: Data, fit: Fit, again: bool) -> Fit:
 def _adding(fit: Fit, effect: Effect) -> list[Model]:
     """The model of a fit with one more effect, with one of each owner's own in its place, and joined with one that is at its
     place; a band of noise is not also the colour of a receiver's filter, which may be a transmitter's then."""
+    if FAMILIES[effect.family].noise_like:  # one law of the noise alone: a cause takes the place of what is none
+        fit = replace(fit, model=replace(fit.model, effects=tuple(e for e in fit.model.effects if not _apart(e))))
     models = [fit.model.adding(effect)]
     if len((joined := _put(fit.model, effect)).effects) == len(fit.model.effects):
         models.append(joined)
@@ -577,6 +579,11 @@ def _adding(fit: Fit, effect: Effect) -> list[Model]:
     if own and not any(claim_the_same(e, other) for e in own for other in fit.model.found):
         models.append(functools.reduce(Model.adding, own, fit.model))
     return models
+
+
+def _apart(effect: Effect) -> bool:
+    """Whether an effect is a law of the noise that is no cause."""
+    return FAMILIES[effect.family].noise_like and FAMILIES[effect.family].beyond
 
 
 def _polished(data: Data, fit: Fit) -> Fit:
