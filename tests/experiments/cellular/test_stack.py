@@ -21,6 +21,7 @@ time;cc;earfcn;pci;rsrp;pl;cfo;pci_neigh;rsrp_neigh;cfo_neigh;dl_mcs;dl_snr;dl_t
 1000;0;3350;1;-71;62;0.37;n/a;n/a;n/a;27;23.5;0.5;4.98e+06;0;0;0.2;1.0
 1000;1;3350;2;-71;62;0.37;n/a;n/a;n/a;3;2.5;0.5;1e+05;0;0;0.2;1.0
 2000;0;3350;1;-75;66;0.37;n/a;n/a;n/a;20;18.0;0.5;5.02e+06;0;0;0.2;1.0
+2500;0;3350;1;0.0;0.0;0.0;n/a;n/a;n/a;0.0;0.0;0.0;0.0;0.0;0.0;0.0;1.0
 3000;0;3350;1;-75;66;0.37;n/a;n/a;n/a;20;1"""
 ENB = "time;nof_ue;dl_brate;ul_brate\n0;0;0.0;0.0\n1;3;1.5e+07;2.2e+05\n2;3;1.4e+07;2.0e+05\n#eof\n"
 
@@ -72,7 +73,7 @@ def test_missing_or_strange_templates_are_named(templates, tmp_path):
         stack.write_configuration(cells, 7, templates, tmp_path / "out", tmp_path)
 
 
-def test_metrics_are_read_in_seconds_decibels_and_bits_while_the_terminal_is_attached(tmp_path):
+def test_metrics_are_read_in_seconds_decibels_and_bits_while_the_terminal_hears_its_cell(tmp_path):
     (tmp_path / "ue.csv").write_text(UE)
     (tmp_path / "enb.csv").write_text(ENB)
     found = stack.read_terminal_metrics(tmp_path / "ue.csv")
@@ -85,7 +86,7 @@ def test_metrics_are_read_in_seconds_decibels_and_bits_while_the_terminal_is_att
     (tmp_path / "bad.csv").write_text("a;b\n1;2\n")
     with pytest.raises(CastError, match="no column time, dl_snr"):
         stack.read_terminal_metrics(tmp_path / "bad.csv")
-    before = "".join(line for line in UE.splitlines(True) if not line.startswith(("1000", "2000")))
+    before = "".join(line for line in UE.splitlines(True) if not line.startswith(("1000", "2000", "2500")))
     (tmp_path / "never.csv").write_text(before)
     with pytest.raises(CastError, match="0 lines of metrics while it was attached, needs 2"):
         stack.read_terminal_metrics(tmp_path / "never.csv")

@@ -157,8 +157,8 @@ def _core(folder: Path) -> str:
 
 
 def read_terminal_metrics(path: Path) -> dict[str, Series]:
-    """`sinr_db` and `dl_bps` over time of srsUE's metrics file while it was attached; times of the file are in ms. A cut last
-    line is left out."""
+    """`sinr_db` and `dl_bps` over time of srsUE's metrics file while it was attached and heard its cell; times of the file are in
+    ms. A cut last line is left out."""
     time_ms, sinr_db, dl_bps = _metrics(path, ("time", "dl_snr", "dl_brate"))
     values = {"sinr_db": sinr_db, "dl_bps": dl_bps}
     return {name: Series(name=f"{path}: {name}", time_s=time_ms / 1e3, value=value) for name, value in values.items()}
@@ -183,7 +183,7 @@ def _metrics(path: Path, needed: tuple[str, ...]) -> list[np.ndarray]:
     if missing:
         raise CastError(f"{path}: no column {', '.join(missing)}; has {listed(head)}")
     places = [head.index(name) for name in needed]
-    carrier, attached = (head.index(name) if name in head else None for name in ("cc", "is_attached"))
+    carrier, attached, power = (head.index(name) if name in head else None for name in ("cc", "is_attached", "rsrp"))
     faults, columns = Faults(str(path)), []
     for number, row in enumerate(rows, 2):
         if len(row) <= max(places):  # srsRAN's last line says that it ended
@@ -192,6 +192,8 @@ def _metrics(path: Path, needed: tuple[str, ...]) -> list[np.ndarray]:
             continue  # only the first carrier's lines: others repeat the time
         if attached is not None and row[attached : attached + 1] in (["0"], ["0.0"]):
             continue  # zeros, twice for one time, before there is a cell
+        if power is not None and row[power : power + 1] == ["0.0"]:
+            continue  # zeros while it is idle, which measures nothing
         try:
             values = [float(row[place]) for place in places]
         except ValueError:
