@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Twin and recording brought together: where a waveform is, which part of a long recording is looked at, what is held out."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -9,9 +10,11 @@ import yaml
 from conftest_world import RATE_HZ, noise, sent_once
 from gr_cast.core.errors import CastError
 from gr_cast.diagnose import align, delays, diagnose, policy, read_case
-from gr_cast.diagnose.search import refit
+from gr_cast.diagnose.search import beginnings, delayed_again, refit
 from gr_cast.signals import codes, recording
 from gr_cast.twin import document
+from gr_cast.twin.effects import FAMILIES
+from gr_cast.twin.effects.base import start
 
 
 @pytest.fixture
@@ -288,3 +291,25 @@ def test_a_waveform_is_found_where_the_twin_says_it_is_whatever_samples_the_twin
     case = read_case(tmp_path)
     assert align.locate(case, case.observations[0]) == (900, False)
     assert diagnose(case).document["verdict"] == "no_mismatch"
+
+
+def test_a_delay_is_found_again_once_the_carrier_is_known(world, tmp_path):
+    """A code at a delay of its own is 255 times what it is at any other (its periodic autocorrelation)."""
+    turned = world.clean() * np.exp(2j * np.pi * 3000.0 * world.n / RATE_HZ)
+    case = read_case(world.write(tmp_path / "case", world.noisy(turned)))
+    _, data, model = align.build(case, case.observations[0])
+    offset = start(FAMILIES["carrier_frequency_offset"], [3000.0 * len(world.n) / RATE_HZ, 0.0], free=[True, False])
+    wrong = refit(data, replace(model, base=model.base + 150 * np.eye(len(model.base))[0]).adding(offset))
+    found = delayed_again(data, wrong)
+    assert abs(wrong.model.base[0] - 37) > 100 and abs(found.model.base[0] - 37) < 0.1
+    assert found.sigma2 < 1.2 * world.noise_rms**2
+
+
+def test_a_transmitters_carrier_turns_late_paths_by_what_they_are_late_at_every_delay(world, tmp_path):
+    world.taps, carrier = [(0, 1.0), (51, 0.9 * np.exp(-1.5j))], 65_300.0  # in 51 µs it turns by 3.33 cycles
+    late = sum(a * world.path(d) * np.exp(2j * np.pi * carrier * (world.n - d) / RATE_HZ) for d, a in world.taps)
+    case = read_case(world.write(tmp_path / "case", world.noisy(0.3 * late)))
+    _, data, model = align.build(case, case.observations[0])
+    wrong = replace(model, base=np.array([37.0 - 51.0 + 510.0, 1e-3, 0.0]))  # one path stands where the other is
+    found = beginnings(data, wrong)[0]
+    assert abs(found.model.base[0] - 37) < 0.1 and found.sigma2 < 1.2 * world.noise_rms**2

@@ -65,3 +65,4 @@ def test_a_fit_that_the_time_cut_short_does_not_say_what_an_effect_is_worth(find
     monkeypatch.setattr(findings, "refit_or_known", cut_short)
     assert 8 < finding.gain_of(0) < 1.05 * explained
     assert finding.worth_of(0).held_out is None
+    assert not finding.complete  # nothing proved it

@@ -27,7 +27,7 @@ class Worth:
 @dataclass(kw_only=True)
 class Finding:
     """What one recording says: its best fit, the twin's fit, the standard deviations of discrete
-    parameters, what is left; `complete`: the search ended before its deadline."""
+    parameters, what is left; `complete`: the search ended, and all it found was weighed, before its deadline."""
 
     observation: object
     scene: object
@@ -81,6 +81,7 @@ class Finding:
             if told is None or self.data.late:  # a fit that the time cut short is not the best one without the effect
                 most = self.data.count * np.log(max(self.twin.sigma2 / self.fit.sigma2, 1.0)) + LEAST_TOLD
                 told = Worth(evidence=min(told_by_curvature(self.fit, index), most), held_out=None)
+                self.complete = self.complete and self.later  # there was no time to prove it
             self.worths[key] = told
         return self.worths[key]
 

@@ -219,6 +219,7 @@ BEAM = 2
 REFITS = 3
 MOST_EFFECTS = 6  # more are not searched for: a list of so many is hardly ever the whole truth
 LEAST_TURN = 1e-5  # cycles by which late paths must differ for a carrier offset to show its side
+FULLER = 1.5  # times the power at the delay that was found, from which another is tried: of the same path it is what noise adds
 LEAP_STEPS = 3  # of a fit, that score an effect which is elsewhere
 SEEN = 1e-5  # share of a derivative that must be left when what other parameters can do is taken out
 ELSEWHERE = 1e-9  # power by which a start differs from the fit, over that of the fit; less is rounding

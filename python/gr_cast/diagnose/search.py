@@ -22,6 +22,7 @@ from .policy import (
     COLOUR_ORDERS,
     ELSEWHERE,
     FAR_SHARE,
+    FULLER,
     LEAP_STEPS,
     LEAST_HELD_OUT,
     LEAST_OF_NOISE,
@@ -433,12 +434,40 @@ def beginnings(data: Data, model: Model) -> list[Fit]:
     """The fits that a search begins with, the best first: as the twin has it, and with the offset at which the recording
     turns against it."""
     plain, *mirrored = ways = _ways_round(data.scene, model)
-    turning = [other for way in ways for other in _gross_offsets(data, way)]
-    fits = [refit(data, plain), *(_on_their_sides(data, refit(data, other)) for other in turning)]
+    turning = [form for way in ways for other in _gross_offsets(data, way) for form in _of_either_side(data.scene, other)]
+    fits = [refit(data, plain), *(_on_their_sides(data, delayed_again(data, refit(data, other))) for other in turning)]
     fits += [f for f in (refit(data, way) for way in mirrored) if f.evidence > fits[0].evidence + 2 * SEARCH_MARGIN]
     worth = {id(f): f.evidence - SEARCH_MARGIN * f.model.inverted for f in fits}
     fits.sort(key=lambda f: -worth[id(f)])
     return [f for f in fits if worth[id(f)] > worth[id(fits[0])] - 10.0][:BEAM]
+
+
+def _of_either_side(scene, model: Model) -> list[Model]:
+    """The model, and with its carrier offset as the transmitter's: what is late has turned less then, so that on the wrong side
+    paths do not add up at any delay."""
+    at = model.index_of(Role.CARRIER, found=True)
+    if at is None or len(scene.taps) < 2 or len(scene.sources) > 1:
+        return [model]
+    return [model, *(model.replacing(at, form) for form in _as_sent(scene, model.effects[at]))]
+
+
+def delayed_again(data: Data, fit: Fit) -> Fit:
+    """The fit of a repeated waveform with a carrier offset, or one at the delay at which the whole recording, turned back by that
+    offset, holds more of it: without the carrier a delay is looked for in stretches that are shorter than a turn."""
+    scene, period = data.scene, len(data.scene.sources[0].samples)
+    if fit.chain.facing < 0 or not all(s.repeat and s.known.all() and len(s.samples) == period for s in scene.sources):
+        return fit
+    lo, at = View(fit).carrier, scene.wrap(period)
+    heard, told = (np.zeros(period, complex) for _ in range(2))
+    np.add.at(heard, at, data.y * data.use * np.conj(lo))
+    np.add.at(told, at, fit.chain.y * data.use * np.conj(lo))
+    held = np.abs(sp_fft.ifft(sp_fft.fft(heard) * np.conj(sp_fft.fft(told)))) ** 2
+    later = int(np.argmax(held))
+    if held[later] < FULLER * held[0]:
+        return fit
+    base = fit.model.base + later * np.eye(len(fit.model.base))[0]
+    other = refit(data, replace(fit.model, base=np.concatenate([[base[0] % period], base[1:]])))
+    return max(fit, other, key=lambda f: f.evidence)
 
 
 def _ways_round(scene, model: Model) -> list[Model]:
