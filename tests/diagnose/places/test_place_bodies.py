@@ -91,7 +91,7 @@ def best_of(name: str, ears):
     view, family = View(ears, model, KNOWN), BY_NAME[name]
     fits = [fitted(ears, with_effect(ears, model, one), rounds=2) for one in family.starts(view, "place")]
     best = sorted(fits, key=lambda one: one.energy)[:3]
-    return min((search._settled(ears, one, search.Budget.of(60.0)) for one in best), key=lambda one: one.energy)
+    return min((search._settled(ears, one, KNOWN, search.Budget.of(60.0)) for one in best), key=lambda one: one.energy)
 
 
 def test_a_shed_that_nobody_drew_stands_where_it_blocks_and_reflects():

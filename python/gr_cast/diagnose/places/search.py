@@ -82,7 +82,7 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
     final: list[Model] = []
     for promised, one in chosen:
         is_far_behind = final and promised < policy.BEHIND_SHARE * max(worth(done, model, count, tried) for done in final)
-        final.append(fitted(ears, one, rounds=policy.SCREEN_ROUNDS) if is_far_behind else _settled(ears, one, budget))
+        final.append(fitted(ears, one, rounds=policy.SCREEN_ROUNDS) if is_far_behind else _settled(ears, one, unknown, budget))
     return sorted(final, key=lambda one: -worth(one, model, count, tried)), tried
 
 
@@ -96,8 +96,8 @@ def _overheard(view: View) -> tuple[Sequence[Ear], Model, float]:
     return view.thin, evaluated(view.thin, model.base, model.effects), more
 
 
-def _settled(ears, model: Model, budget: Budget) -> Model:
-    """Fitted, once more from the best of its family's other beginnings, and in its best shape, as far as there is time."""
+def _settled(ears, model: Model, unknown: dict, budget: Budget) -> Model:
+    """Fitted, from the best of its family's other beginnings and in its best shape, turn by turn, as far as there is time."""
     if budget.is_spent:
         return model
     last = len(model.effects) - 1
@@ -105,8 +105,19 @@ def _settled(ears, model: Model, budget: Budget) -> Model:
     for _ in range(policy.RESHAPED):
         shaped = _shaped(ears, model, last, budget)
         if model.energy - shaped.energy < policy.SHAPE_NATS:
-            return shaped
+            break
         model = _begun_anew(ears, shaped, last)
+    return _trimmed(ears, model, last, unknown)
+
+
+def _trimmed(ears, model: Model, number: int, unknown: dict) -> Model:
+    """No larger than the soundings need it: what they do not see is not told to be there."""
+    family, view = model.effects[number].family, View(ears, model, unknown)
+    for axis in range(family.shape_axes):
+        for one in family.smaller(view, model.effects[number], axis):
+            less = replaced(ears, model, number, one)
+            if less.energy < model.energy + policy.TRIMMED_NATS:
+                model = less
     return model
 
 
@@ -198,6 +209,8 @@ def run(
     while True:
         model, tried = _explored(ears, model, unknown, budget, others, barred, progress)
         refused = _refused(vault, model)
+        if refused and (other := _otherwise(ears, vault, model, refused[0], others)):
+            model, refused = other, _refused(vault, other)
         if not refused:
             break
         barred |= {model.effects[number].key for number in refused}
@@ -307,6 +320,18 @@ def _refused(vault: Sequence[Ear], model: Model) -> list[int]:
     told = evaluated(vault, model.base, model.effects)
     left = max(0.0, told.whitened - told.offset - sum(ear.count for ear in vault))
     return [number for number, one in enumerate(nats) if one < -policy.REFUSED_NATS - policy.REFUSED_SHARE * left]
+
+
+def _otherwise(ears, vault: Sequence[Ear], model: Model, number: int, others: dict) -> Model | None:
+    """The model with another fit of a refused effect that explains the soundings as well and is not refused: the same wall, or
+    another, elsewhere."""
+    key = model.effects[number].key
+    for one in others.get(key, ()):
+        if one.key == key:
+            other = fitted(ears, replaced(ears, model, number, one), rounds=4)
+            if other.energy < model.energy + policy.RIVAL_NATS and number not in _refused(vault, other):
+                return other
+    return None
 
 
 def told_nats(vault: Sequence[Ear], model: Model) -> list[float]:

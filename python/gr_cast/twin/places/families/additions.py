@@ -15,6 +15,7 @@ _MATERIALS = ((1.0, 1e7), (6.0, 0.05), (2.5, 0.03))  # permittivity and conducti
 _DARK = (1.0, 1e-5)  # what shades and sends nothing back
 _PERMITTIVITIES = (1.5, 2.0, 2.7, 3.4, 4.2, 5.2, 6.3, 7.5, 10.0, 15.0)  # to begin anew with, once the plane is where it is
 _BODY_M = 1.0  # between faces of one thing, or between a face and a way that it blocks
+_BEYOND_LIT_M = 4.0  # that a wall goes on beyond what was lit of it
 _FAR_M = 3.0  # that a plane may move from where it was imaged
 _QUAD = [[0, 1, 2], [0, 2, 3]]
 _BOX = [
@@ -136,6 +137,19 @@ class MissingObject(Family):
         )  # what sends nothing back has no phase
         fine_m = np.arange(-many, many + 1) * world.wavelength_m / 8
         return [replace(effect, choice=one) for one in effect.choice.reshaped(axis, fine_m)]
+
+    def smaller(self, view, effect, axis):
+        sheet, (lit_m, _) = effect.choice, view.lit(effect)
+        if axis > 3 or sheet.depth_m or lit_m is None:
+            return []
+        along = (lit_m - np.array(sheet.origin_m)) @ np.array((sheet.u, sheet.v)[axis // 2])
+        end_m = along.min() - _BEYOND_LIT_M if axis % 2 == 0 else along.max() + _BEYOND_LIT_M
+        name = ("low_m", "high_m")[axis % 2]
+        ends_m = list(getattr(sheet, name))
+        if (end_m > ends_m[axis // 2]) != (axis % 2 == 0):
+            return []
+        ends_m[axis // 2] = float(end_m)
+        return [replace(effect, choice=replace(sheet, **{name: tuple(ends_m)}))]
 
     def apply(self, world, effect):
         shift_m, turn_rad, permittivity, conductivity = *effect.values[:2], *np.exp(effect.values[2:])

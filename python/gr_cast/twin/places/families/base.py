@@ -56,6 +56,10 @@ class Family:
         """The same with another shape along one of its `shape_axes`."""
         return []
 
+    def smaller(self, view, effect: Effect, axis: int) -> list[Effect]:
+        """The same no larger along an axis than the soundings lit it."""
+        return []
+
     def covers(self, world: World, effect: Effect, rival: Effect) -> bool:
         """Whether a rival says by more numbers what this effect says, and would be no more than chance: an object that is gone,
         moved out of sight or as rough or as thin as air."""
