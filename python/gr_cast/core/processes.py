@@ -19,13 +19,13 @@ class Processes:
         self._folder, self._running, self._finished, self._may_end = folder, {}, set(), set()
         self._begin = time.monotonic()
 
-    def start(self, name: str, words: list[str], *, into: Path | None = None) -> None:
-        """Run `words`; what it prints on its standard output goes to the file `into` where one is given."""
+    def start(self, name: str, words: list[str], *, into: Path | None = None, at: Path | None = None) -> None:
+        """Run `words`, in the folder `at`, what it prints on its standard output into the file `into`, where they are given."""
         try:
             with open(self._folder / f"{name}.out", "wb") as errors, open(into or errors.name, "ab") as out:
                 # The kernel ends it when this process is gone.
                 bound = ["setpriv", "--pdeathsig", "TERM", *words]
-                self._running[name] = subprocess.Popen(bound, stdout=out, stderr=errors, stdin=subprocess.DEVNULL)
+                self._running[name] = subprocess.Popen(bound, stdout=out, stderr=errors, stdin=subprocess.DEVNULL, cwd=at)
         except FileNotFoundError as error:
             raise CastError(f"{error.filename}: not installed") from None
 

@@ -141,7 +141,7 @@ def _terminal(member: Member, imsi: str, blocks: int, folder: Path) -> str:
     return (
         _radio(member, blocks, "ue")
         + f"[usim]\nmode = soft\nalgo = milenage\nopc = {_OPC}\nk = {_KEY}\nimsi = {imsi}\nimei = 3534900698733{imsi[-2:]}\n"
-        + "[nas]\napn = internet\napn_protocol = ipv4\n"
+        + "[nas]\napn = internet\napn_protocol = ipv4\nforce_imsi_attach = true\n"  # else by .ctxt, whichever wrote it last
         + _metrics_and_log(member, "general", folder, "metrics_csv_flush_period_sec = 1\n")
     )
 

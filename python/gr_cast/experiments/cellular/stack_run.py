@@ -54,7 +54,7 @@ def run(plan: Plan, tell: Callable[[str], None], attached: Callable[[], None]) -
         for member in plan.of("srsue"):
             space = spaces[member.node] = Namespace(member.node, member.address)
             context.callback(space.close)
-            processes.start(f"srsue {member.node}", space.command("srsue", str(member.config)))
+            processes.start(f"srsue {member.node}", space.command("srsue", str(member.config)), at=plan.folder)
         _wait_for_all(plan, spaces, processes, tell)
         lead_s, waiting = (_start_mgen if plan.protocol == "mgen" else _start_iperf3)(plan, spaces, processes)
         attached()

@@ -32,6 +32,7 @@ def write_script(folder: Path, emulator: list[str], members: list[Member]) -> Pa
     lines = [
         "#!/bin/bash",
         "# As root. Ctrl-C ends all of it; what each program prints is in NAME.out beside this.",
+        f"cd {shlex.quote(str(folder))}",
         f"trap 'trap - EXIT; kill $(jobs -p) 2>/dev/null; wait; for s in {' '.join(spaces)}; do ip netns delete $s; done' EXIT",
         started("emulator", *emulator),
         started("srsepc", "srsepc", str(folder / "epc.conf")),
