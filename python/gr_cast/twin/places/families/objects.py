@@ -107,10 +107,11 @@ class Material(_OfObject):
         return [*out, Effect(family=self, owner=owner, values=np.log([1.0, 1e7]))]
 
     def restarts(self, world, effect):
-        # A slab reflects alike with half a wave more or less in it: the next wells of its refractive index.
+        # A slab reflects alike with half a wave more or less in it: the next wells of its refractive index, with other losses.
         half_wave = world.wavelength_m / (2 * world.surface.thickness_m[world.made_of(effect.owner)].min())
         index = np.exp(effect.values[0] / 2) + half_wave * np.arange(-_FRINGES, _FRINGES + 1)
-        return [effect.moved(np.array([2 * np.log(one), effect.values[1]])) for one in index if 1 < one < _DENSEST]
+        losses = effect.values[1], *np.log(_CONDUCTIVITIES)
+        return [effect.moved(np.array([2 * np.log(one), loss])) for one in index if 1 < one < _DENSEST for loss in losses]
 
     def apply(self, world, effect):
         permittivity, conductivity = np.exp(effect.values)
