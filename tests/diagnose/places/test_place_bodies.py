@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.places import search
+from gr_cast.diagnose.places import run, search
 from gr_cast.diagnose.places.ears import ResponseEar
 from gr_cast.diagnose.places.fit import Model, applied, evaluated, fitted, with_effect
 from gr_cast.diagnose.places.likelihood import Heard
@@ -124,6 +124,24 @@ def test_what_passes_is_followed_by_the_phases_of_its_echo_as_fast_as_it_may_be(
     found = best_of("moving_scatterer", ears)
     assert found.effects[-1].values[:4] == pytest.approx([*place_m, *velocity], abs=0.02)
     assert found.energy < 0.1 * evaluated(ears, ours(), ()).energy
+
+
+def test_what_does_not_predict_the_vault_is_not_all_there_is():
+    shed_too = theirs()
+    shed_too["objects"]["shed"], shed_too["materials"]["shed"] = {"tris": shed()[SIDES], "surface": None}, "concrete"
+    plain = evaluated(heard(theirs(), 30.0), ours(), ())
+    assert run._is_foretold(heard(theirs(), 30.0), plain)
+    assert not run._is_foretold(heard(shed_too, 30.0), plain)
+
+
+def test_who_passed_once_need_not_pass_again():
+    gone = Effect(
+        family=BY_NAME["moving_scatterer"], owner="place", values=np.array([-2.2, 1.4, 0.7, -0.5, 1.0, 1.8]), choice=(0.3, True)
+    )
+    ears = heard(theirs(), 30.0)
+    with_passer = evaluated(ears, ours(), [gone])
+    assert with_passer.energy > 2 * ears[0].count  # somebody else would see it
+    assert run._is_foretold(ears, with_passer)
 
 
 @pytest.mark.parametrize("ratio", [0.42, 0.9, 2.3])

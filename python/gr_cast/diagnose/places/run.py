@@ -64,6 +64,9 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
     alike = [_alike(found, number, ears, vault, base) for number in range(len(model.effects))]
     open_ = _ambiguous(alike, ears, place)
     clean = found.deviations < policy.CLEAN_DEVIATIONS and not pathless
+    if not (foretold := _is_foretold([one for one in vault if one.has_responses], model)):
+        warnings.append("What was found does not predict the soundings of the vault: something else is there.")
+    clean = clean and foretold
     told = evaluated(vault, base, model.effects) if vault else None
     covariances = [_doubt(found, ears, clean) * own for own in deviations(ears, model)]
     effects = [
@@ -101,6 +104,20 @@ def _as_taps(ears, through, base) -> search.Found | None:
         return None
     model = evaluated(through, base, ())
     return replace(plain, model=model, start=model) if taps.explain(plain.model, model, count) else None
+
+
+def _is_foretold(vault: list, model: Model) -> bool:
+    """Whether the vault is predicted as well as its noise lets one know, with or without what may have been there for once."""
+    if not vault:
+        return True
+    count = sum(one.count for one in vault)
+
+    def left(effects) -> float:
+        told = evaluated(vault, model.base, effects)
+        return told.whitened - told.offset - count
+
+    twin, after = left(()), min(left(model.effects), left([one for one in model.effects if one.family.lasts]))
+    return after < max(policy.UNTOLD_NOISE * count, policy.UNTOLD_SHARE * twin)
 
 
 def _verdict(effects: list, open_: list, clean: bool) -> str:
