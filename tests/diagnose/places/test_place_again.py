@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from gr_cast.diagnose import places
+from gr_cast.diagnose.places import policy
 from gr_cast.twin.places import document
 
 PROGRAM = Path(__file__).parents[3] / "apps" / "cast_diagnose.py"
@@ -82,6 +83,15 @@ def test_a_lossy_link_is_named_and_the_corrected_twin_misses_nothing(tmp_path):
     (corrected / "place.yaml").write_text(PLACE.format(twin="spec_corrected.yaml"))
     again = places.diagnose(document.read(corrected))
     assert again.document["verdict"] == "no_mismatch" and again.document["effects"] == []
+
+
+def test_what_is_likelier_wrong_than_right_is_neither_claimed_nor_corrected_but_told(tmp_path, monkeypatch):
+    monkeypatch.setattr(policy, "LEAST_SURE", 1.0)  # nothing is so sure
+    found = places.diagnose(document.read(_case(tmp_path / "yard")))
+    told, fit = found.document, found.document["fit"]
+    assert told["effects"] == [] and told["verdict"] == "unexplained" and not found.model.effects
+    assert any("c>b" in one and one.startswith("Not claimed") for one in told["warnings"])
+    assert fit["corrected_rmse_db"] == fit["twin_rmse_db"]
 
 
 def test_powers_where_the_twin_has_no_path_accuse_nobody_and_are_told(tmp_path):

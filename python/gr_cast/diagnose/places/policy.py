@@ -40,4 +40,5 @@ SUREST = 0.95  # of a cause that nothing speaks against: one in twenty was wrong
 SURE_IF_REFUSED, SURE_IF_UNSHOWN = 0.5, 0.8  # the vault speaks against it, or has nothing that shows it
 SURE_IF_MANY = 0.8  # as many causes as are looked for: pieces of what was not found, more often than not
 SURE_IF_LEFT, SURE_IF_FLEXIBLE = 0.6, 0.4  # something is left that nobody named; then, of what explains much that it is not
+LEAST_SURE = 0.25  # of a cause that is told: of 25 on the bench that were less sure none was right
 PATHLESS_SHARE = 0.01  # of the powers that are read where the twin has no path: more is something that nobody names

@@ -57,35 +57,22 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
         warnings.append(taps.in_words(ears, base))
     else:
         found = search.run(ears, base, place.unknown, _SEARCH_SHARE * budget_s, progress, vault)
+    told = _told(place, found, ears, vault, pathless)
+    if unsure := [entry for entry in told.effects if entry["confidence"] < policy.LEAST_SURE]:
+        warnings += [f"Not claimed, for it is likelier wrong than right: {entry['sentence']}" for entry in unsure]
+        numbers = [number for cause, entry in zip(told.causes, told.effects, strict=True) if entry in unsure for number in cause]
+        found = replace(found, model=fitted(ears, without_effects(ears, found.model, numbers), rounds=4))
+        told = _told(place, found, ears, vault, pathless)
+    if not told.is_foretold:
+        warnings.append("What was found does not predict the soundings of the vault: something else is there.")
     model = found.model
     everything = (*ears, *vault)
     before, after = evaluated(everything, base, ()), evaluated(everything, base, model.effects)
-    view = View(ears, model, place.unknown)
-    alike = [_alike(found, number, ears, vault, base) for number in range(len(model.effects))]
-    open_ = _ambiguous(alike, ears, place)
-    clean = found.deviations < policy.CLEAN_DEVIATIONS and not pathless
-    if not (foretold := _is_foretold([one for one in vault if one.has_responses], model)):
-        warnings.append("What was found does not predict the soundings of the vault: something else is there.")
-    clean = clean and foretold
-    told = evaluated(vault, base, model.effects) if vault else None
-    covariances = [_doubt(found, ears, clean) * own for own in deviations(ears, model)]
-    effects = [
-        _entry(
-            view,
-            found,
-            cause,
-            covariances[cause[0]],
-            clean,
-            told and without_effects(vault, told, cause).energy - told.energy,
-            [nats for _, _, nats, _ in alike[cause[0]][1:]],
-        )
-        for cause in causes(view, model.effects)
-    ]
     document = {
         "cast_diagnosis": 1,
-        "verdict": _verdict(effects, open_, clean),
-        "effects": effects,
-        "ambiguous": open_,
+        "verdict": _verdict(told),
+        "effects": told.effects,
+        "ambiguous": told.open,
         "fit": residual_over_received(vault or ears, before, after, len(ears) if vault else 0, bool(vault)),
         "residual": _residual(found, ears, after),
         "warnings": warnings,
@@ -94,6 +81,42 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
     return PlaceDiagnosis(
         place=place, document=document, model=model, ears=ears, vault=vault, before=before.fits, after=after.fits
     )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Told:
+    """Entries of causes, the numbers of the effects that each is made of, what is open; whether nothing is left on what was
+    fitted, and whether the vault is predicted."""
+
+    effects: list[dict]
+    causes: list[list[int]]
+    open: list[dict]
+    is_clean: bool
+    is_foretold: bool
+
+
+def _told(place: Place, found: search.Found, ears: tuple, vault: tuple, pathless: bool) -> _Told:
+    model = found.model
+    view = View(ears, model, place.unknown)
+    alike = [_alike(found, number, ears, vault, model.base) for number in range(len(model.effects))]
+    foretold = _is_foretold([one for one in vault if one.has_responses], model)
+    clean = found.deviations < policy.CLEAN_DEVIATIONS and not pathless and foretold
+    there = evaluated(vault, model.base, model.effects) if vault else None
+    covariances = [_doubt(found, ears, clean) * own for own in deviations(ears, model)]
+    made_of = causes(view, model.effects)
+    effects = [
+        _entry(
+            view,
+            found,
+            cause,
+            covariances[cause[0]],
+            clean,
+            there and without_effects(vault, there, cause).energy - there.energy,
+            [nats for _, _, nats, _ in alike[cause[0]][1:]],
+        )
+        for cause in made_of
+    ]
+    return _Told(effects=effects, causes=made_of, open=_ambiguous(alike, ears, place), is_clean=clean, is_foretold=foretold)
 
 
 def _as_taps(ears, through, base) -> search.Found | None:
@@ -120,12 +143,12 @@ def _is_foretold(vault: list, model: Model) -> bool:
     return after < max(policy.UNTOLD_NOISE * count, policy.UNTOLD_SHARE * twin)
 
 
-def _verdict(effects: list, open_: list, clean: bool) -> str:
-    if not clean:
+def _verdict(told: _Told) -> str:
+    if not told.is_clean:
         return "unexplained"
-    if open_:
+    if told.open:
         return "ambiguous"
-    return "identified" if effects else "no_mismatch"
+    return "identified" if told.effects else "no_mismatch"
 
 
 def _rivals(found: search.Found, effect) -> list:
