@@ -16,18 +16,18 @@ from .fit import Model, applied, evaluated, fitted, with_effect
 _MOVED, _GONE = ObjectMoved(), ExtraObject()
 _SHIFTS_M = np.arange(0.25, 4.6, 0.25)  # of a face, either way, from its place
 _WITHIN_M = 0.15  # around those that are best
-_BEST = 3
+_TRIED, _BEST = 6, 3  # that are looked at finely, and that are fitted
 
 
 def instead(ears: Sequence, model: Model, budget) -> list[Model]:
-    """The model with one effect more, fitted: an object that nobody sees at its place stands where it explains most."""
-    return [fitted(ears, with_effect(ears, model, one)) for one in moves(ears, model, budget)[:1]]
+    """The model with one effect more, fitted: an object that nobody sees at its place stands where it explains most, or
+    elsewhere where it explains much."""
+    return [fitted(ears, with_effect(ears, model, one)) for one in moves(ears, model, budget)[:_BEST]]
 
 
 def moves(ears: Sequence, rest: Model, budget) -> list[Effect]:
     """Moves of hidden objects that explain most of what `rest` leaves, the best first."""
-    thin = [thinned(ear, policy.THIN_INSTANTS, policy.THIN_FREQUENCIES) for ear in ears if ear.has_responses]
-    if not thin:
+    if not (thin := _telling(ears, rest)):
         return []
     here = evaluated(thin, rest.base, rest.effects)
     world = here.world
@@ -41,11 +41,25 @@ def moves(ears: Sequence, rest: Model, budget) -> list[Effect]:
             for one in at(owner, axis, [*_SHIFTS_M, *-_SHIFTS_M]):
                 nats = 0.0 if budget.is_spent else _shown(thin, here, _MOVED.apply(world, one))
                 coarse += [(-nats, one)] if nats > policy.LEAST_EVIDENCE_NATS else []
-    fine = []
-    for _, one in sorted(coarse, key=lambda row: row[0])[:_BEST]:
-        for near in at(one.owner, np.array(one.choice), one.values[0] + np.arange(-_WITHIN_M, _WITHIN_M, world.wavelength_m / 8)):
-            fine += [] if budget.is_spent else [(with_effect(thin, here, near).energy, near)]
-    return [one for _, one in sorted(fine, key=lambda row: row[0])[:_BEST]]
+    best = []
+    for _, one in sorted(coarse, key=lambda row: row[0])[:_TRIED]:
+        near = at(one.owner, np.array(one.choice), one.values[0] + np.arange(-_WITHIN_M, _WITHIN_M, world.wavelength_m / 8))
+        fine = [] if budget.is_spent else [(with_effect(thin, here, other).energy, other) for other in near]
+        best += sorted(fine, key=lambda row: row[0])[:1]
+    out: list[Effect] = []
+    for _, one in sorted(best, key=lambda row: row[0]):
+        known = [other.values[0] for other in out if (other.owner, other.choice) == (one.owner, one.choice)]
+        if not any(abs(one.values[0] - shift_m) < world.wavelength_m / 8 for shift_m in known):
+            out.append(one)
+    return out
+
+
+def _telling(ears: Sequence, rest: Model) -> list:
+    """Responses, thinned where what is left shows in a part of them just as well."""
+    whole = [ear for ear in ears if ear.has_responses]
+    thin = [thinned(ear, policy.THIN_INSTANTS, policy.THIN_FREQUENCIES) for ear in whole]
+    count, part = (sum(ear.count for ear in some) for some in (ears, thin))
+    return thin if (rest.whitened - rest.offset - count) * part / max(count, 1) > policy.SCREENED_NATS else whole
 
 
 def _shown(ears: Sequence, here: Model, other: World) -> float:
