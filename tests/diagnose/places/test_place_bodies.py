@@ -134,6 +134,15 @@ def test_what_does_not_predict_the_vault_is_not_all_there_is():
     assert not run._is_foretold(heard(shed_too, 30.0), plain)
 
 
+def test_at_one_instant_nothing_passes(monkeypatch):
+    monkeypatch.setattr(sys.modules[__name__], "TIME_S", np.zeros(1))
+    shed_too = theirs()
+    shed_too["objects"]["shed"], shed_too["materials"]["shed"] = {"tris": shed()[SIDES], "surface": None}, "concrete"
+    ears = heard(shed_too, 30.0)
+    view = View(ears, evaluated(ears, ours(), ()), KNOWN)
+    assert BY_NAME["moving_scatterer"].starts(view, "place") == [] and BY_NAME["missing_object"].starts(view, "place")
+
+
 def test_who_passed_once_need_not_pass_again():
     gone = Effect(
         family=BY_NAME["moving_scatterer"], owner="place", values=np.array([-2.2, 1.4, 0.7, -0.5, 1.0, 1.8]), choice=(0.3, True)

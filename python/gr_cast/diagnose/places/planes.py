@@ -16,6 +16,7 @@ _AZIMUTHS = 90  # of upright planes
 _IMAGED, _ALIGNED, _KEPT = 4, 4, 5  # planes that are refined: of the image, of those that stand as something does; and returned
 _NORMALS = 8  # of what stands there that are looked along: those of the largest faces
 _ALIKE_COS = np.cos(np.radians(1))  # of normals that are one
+_LEANING = np.sin(np.radians(1))  # more, and a wall is not upright
 _ROWS, _SUMS = 200, 5_000_000  # of a coherent sum along a normal, and rows times levels
 _WELLS = 8  # levels to a wavelength
 _WIDE = 2  # of them that are tried as wide as the place as well
@@ -103,7 +104,7 @@ def _aligned(view) -> list[tuple[np.ndarray, float]]:
 
 
 def _normals(faces) -> list[np.ndarray]:
-    """Of level planes and of the largest faces, signs aside."""
+    """Of level planes and of the largest upright faces, signs aside."""
     out = [np.array([0.0, 0.0, 1.0])]
     area = {}
     for number in range(len(faces.normal)):
@@ -111,7 +112,8 @@ def _normals(faces) -> list[np.ndarray]:
         area[number] = np.linalg.norm(
             np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1
         ).sum()
-    for number in sorted(area, key=lambda one: -area[one]):
+    upright = [one for one in area if abs(faces.normal[one, 2]) < _LEANING]
+    for number in sorted(upright, key=lambda one: -area[one]):
         if len(out) < _NORMALS and all(abs(faces.normal[number] @ other) < _ALIKE_COS for other in out):
             out.append(faces.normal[number])
     return out

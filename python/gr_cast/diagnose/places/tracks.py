@@ -32,12 +32,11 @@ _LOUD = 3.0  # times the median: rows with more energy are shadows' and count as
 def passers(view, height_m: float):
     """(place (2,) at time 0, velocity (2,), cross-section in m² or None) of things that would explain echoes that move, the best
     first."""
-    if not view.wideband:
+    pairs = [(ear, fit) for ear, fit in view.wideband if len(ear.predictor.time_s) > 1]
+    if not pairs:  # at one instant nothing passes
         return []
-    coarse = _coarse(
-        view, [imaging.echoes(ear, _moving(ear, fit, view.world), view.world) for ear, fit in view.wideband], height_m
-    )
-    fine = [track for one in coarse[:_FOLLOWED] for track in _fine(view, height_m, *one)]
+    coarse = _coarse(view, [imaging.echoes(ear, _moving(ear, fit, view.world), view.world) for ear, fit in pairs], height_m)
+    fine = [track for one in coarse[:_FOLLOWED] for track in _fine(view, pairs[0][0], height_m, *one)]
     return [track for _, track in sorted(fine, key=lambda pair: -pair[0])] + [(*one, None) for one in coarse]
 
 
@@ -95,9 +94,9 @@ def _summed(maps: np.ndarray, moved: np.ndarray) -> np.ndarray:
     return total.ravel()
 
 
-def _fine(view, height_m: float, place_m: np.ndarray, velocity: np.ndarray) -> list:
+def _fine(view, whole, height_m: float, place_m: np.ndarray, velocity: np.ndarray) -> list:
     """(nats, (place, velocity, cross-section)) of lines near a coarse track along which echoes are in phase as they should."""
-    ear = thinned(view.wideband[0][0], _INSTANTS, len(view.wideband[0][0].heard.frequency_hz))
+    ear = thinned(whole, _INSTANTS, len(whole.heard.frequency_hz))
     fit = _moving(ear, evaluated([ear], view.model.base, view.model.effects).fits[0], view.world)
     middle_s = ear.predictor.time_s.mean()
     step_m = view.world.wavelength_m / _FINE
