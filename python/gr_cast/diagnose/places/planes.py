@@ -121,6 +121,8 @@ def _normals(faces) -> list[np.ndarray]:
 
 def mirrors(view, box: Sheet) -> list[Sheet]:
     """The box with one of its upright sides where echoes in the residual have it, the best side first."""
+    if not view.wideband:
+        return []
     found = []
     for number in range(4):
         side = box.side(number)

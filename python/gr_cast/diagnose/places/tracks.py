@@ -25,7 +25,7 @@ _PAIRS, _PEAKS = 4, 12  # of instants, and places at each, through which lines a
 _WITHIN, _WITHIN_STEPS = 2, 4  # cells about a line that is looked at more finely still, and steps of such a cell
 _APART = 0.25  # of the time of a campaign, between the instants of a pair
 _SLID, _TURNS = 60, 4  # lines that are moved cell by cell to where they explain most, so many times
-_LEAST, _LEAST_AREA_M2 = 1e-300, 0.02
+_LEAST, _LEAST_AREA_M2 = 1e-30, 0.02
 _LOUD = 3.0  # times the median: rows with more energy are shadows' and count as this
 
 

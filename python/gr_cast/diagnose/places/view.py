@@ -327,7 +327,7 @@ class View:
         """Common delay of what is heard over a node's links against the model, from the phase slopes."""
         top = bottom = 0.0
         for ear, fit in zip(self.ears, self.model.fits, strict=True):
-            if not ear.has_responses:
+            if not ear.has_responses or len(ear.heard.frequency_hz) < 2:
                 continue
             omega = 2 * np.pi * ear.heard.frequency_hz
             for index, link in enumerate(ear.heard.links):

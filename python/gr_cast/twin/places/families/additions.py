@@ -143,13 +143,13 @@ class MissingObject(Family):
         if axis > 3 or sheet.depth_m or lit_m is None:
             return []
         along = (lit_m - np.array(sheet.origin_m)) @ np.array((sheet.u, sheet.v)[axis // 2])
-        end_m = along.min() - _BEYOND_LIT_M if axis % 2 == 0 else along.max() + _BEYOND_LIT_M
-        name = ("low_m", "high_m")[axis % 2]
-        ends_m = list(getattr(sheet, name))
-        if (end_m > ends_m[axis // 2]) != (axis % 2 == 0):
-            return []
-        ends_m[axis // 2] = float(end_m)
-        return [replace(effect, choice=replace(sheet, **{name: tuple(ends_m)}))]
+        low, high, way = np.array(sheet.low_m), np.array(sheet.high_m), axis // 2
+        if axis % 2 == 0:
+            low[way] = max(low[way], along.min() - _BEYOND_LIT_M)
+        else:
+            high[way] = min(high[way], along.max() + _BEYOND_LIT_M)
+        less = replace(sheet, low_m=tuple(low), high_m=tuple(high))
+        return [] if less == sheet else [replace(effect, choice=less)]
 
     def apply(self, world, effect):
         shift_m, turn_rad, permittivity, conductivity = *effect.values[:2], *np.exp(effect.values[2:])
