@@ -115,7 +115,7 @@ def profiles(world, predictor, index: int, count: int, spacing_hz: float) -> tup
     every = max(1, -(-len(tx_m) // _INSTANTS))
     number = np.zeros(1, int) if static else np.arange(len(tx_m)) // every
     kept = predictor.remembered(("reflected", world.carrier_hz, surface_key(world.surface)), lambda: _kept(world))
-    made = world.mesh.coarse.key, world.surface.present.tobytes(), world.surface.clear.tobytes()
+    made = world.mesh.coarse.key, world.surface.standing
     tx_m, rx_m = (np.round(end_m / _COARSE_M) * _COARSE_M for end_m in (tx_m, rx_m))
     power = []
     for step in np.unique(number) * every:

@@ -11,7 +11,7 @@ from ...twin.places.families.objects import ExtraObject, ObjectMoved
 from ...twin.places.world import World
 from . import policy
 from .ears import thinned
-from .fit import Model, applied, evaluated, fitted, with_effect
+from .fit import Model, applied, evaluated, fitted, shows_in, with_effect
 
 _MOVED, _GONE = ObjectMoved(), ExtraObject()
 _SHIFTS_M = np.arange(0.25, 4.6, 0.25)  # of a face, either way, from its place
@@ -58,8 +58,7 @@ def _telling(ears: Sequence, rest: Model) -> list:
     """Responses, thinned where what is left shows in a part of them just as well."""
     whole = [ear for ear in ears if ear.has_responses]
     thin = [thinned(ear, policy.THIN_INSTANTS, policy.THIN_FREQUENCIES) for ear in whole]
-    count, part = (sum(ear.count for ear in some) for some in (ears, thin))
-    return thin if (rest.whitened - rest.offset - count) * part / max(count, 1) > policy.SCREENED_NATS else whole
+    return thin if shows_in(thin, ears, rest) else whole
 
 
 def _shown(ears: Sequence, here: Model, other: World) -> float:

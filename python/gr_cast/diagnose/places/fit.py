@@ -179,6 +179,12 @@ def deviations(ears: Sequence[Ear], model: Model) -> list[np.ndarray]:
     return out
 
 
+def shows_in(part: Sequence[Ear], ears: Sequence[Ear], model: Model) -> bool:
+    """Whether what a model leaves of soundings shows in a part of them just as well."""
+    count, some = (sum(ear.count for ear in these) for these in (ears, part))
+    return (model.whitened - model.offset - count) * some / max(count, 1) >= policy.SCREENED_NATS
+
+
 def with_effect(ears: Sequence[Ear], model: Model, effect: Effect) -> Model:
     return evaluated(ears, model.base, (*model.effects, effect))
 

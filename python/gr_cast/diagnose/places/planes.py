@@ -91,10 +91,9 @@ def _aligned(view) -> list[tuple[np.ndarray, float]]:
     """Normals and levels of planes that stand as something in the twin does, or lie level, whose echoes come in phase, the best
     first: where delays tell nothing apart, phases do."""
     world, found = view.world, []
-    rows = Phased.of(*view.wideband[0], world)
     for normal in _normals(world.faces):
         levels_m = _levels_m(view, normal, world.wavelength_m / _WELLS, _PHASED_LEVELS)
-        nats = rows.thinned(min(_ROWS, _SUMS // len(levels_m))).nats_along(normal, levels_m)
+        nats = view.phased.thinned(min(_ROWS, _SUMS // len(levels_m))).nats_along(normal, levels_m)
         for _ in range(_ALIGNED):
             best = int(np.argmax(nats))
             found.append((float(nats[best]), normal, float(levels_m[best])))
@@ -106,15 +105,10 @@ def _aligned(view) -> list[tuple[np.ndarray, float]]:
 def _normals(faces) -> list[np.ndarray]:
     """Of level planes and of the largest upright faces, signs aside."""
     out = [np.array([0.0, 0.0, 1.0])]
-    area = {}
-    for number in range(len(faces.normal)):
-        triangles = faces.triangles_m[faces.start[number] : faces.start[number + 1]]
-        area[number] = np.linalg.norm(
-            np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1
-        ).sum()
-    upright = [one for one in area if abs(faces.normal[one, 2]) < _LEANING]
-    for number in sorted(upright, key=lambda one: -area[one]):
-        if len(out) < _NORMALS and all(abs(faces.normal[number] @ other) < _ALIKE_COS for other in out):
+    area_m2 = np.add.reduceat(faces.triangle_areas_m2, faces.start[:-1])
+    for number in np.argsort(-area_m2, kind="stable"):
+        is_upright = abs(faces.normal[number, 2]) < _LEANING
+        if is_upright and len(out) < _NORMALS and all(abs(faces.normal[number] @ other) < _ALIKE_COS for other in out):
             out.append(faces.normal[number])
     return out
 
@@ -154,7 +148,7 @@ def mirrors(view, box: Sheet) -> list[Sheet]:
 
 def _refined(view, normal: np.ndarray, level_m: float, most_rad: float):
     """(nats, sheet) of the best rectangle near a plane; None where nothing coherent is there."""
-    rows = Phased.of(*view.wideband[0], view.world)
+    rows = view.phased
     length_m, met, good = imaging.mirrored((rows.tx_m, rows.rx_m), normal, level_m)
     strong = good & (rows.alone_nats(length_m) > _SEEN_NATS)
     if strong.sum() < 2:

@@ -10,7 +10,7 @@ import numpy as np
 from ...twin.places.families.base import Effect
 from . import elsewhere, policy
 from .ears import thinned
-from .fit import Ear, Model, evaluated, fitted, replaced, with_effect, without_effects
+from .fit import Ear, Model, evaluated, fitted, replaced, shows_in, with_effect, without_effects
 from .view import View
 
 
@@ -89,11 +89,10 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
 def _overheard(view: View) -> tuple[Sequence[Ear], Model, float]:
     """What candidates are screened on: the soundings, thinned where what is left shows in a part of them just as well; the
     model there, and how much more the whole says."""
+    if not shows_in(view.thin, view.ears, view.model):
+        return view.ears, view.model, 1.0
     count, part = (sum(ear.count for ear in ears) for ears in (view.ears, view.thin))
-    model, more = view.model, count / max(part, 1)
-    if (model.whitened - model.offset - count) / more < policy.SCREENED_NATS:
-        return view.ears, model, 1.0
-    return view.thin, evaluated(view.thin, model.base, model.effects), more
+    return view.thin, evaluated(view.thin, view.model.base, view.model.effects), count / max(part, 1)
 
 
 def _settled(ears, model: Model, unknown: dict, budget: Budget) -> Model:

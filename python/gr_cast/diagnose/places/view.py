@@ -11,6 +11,7 @@ from ...scenario.create import fields
 from ...twin.places.carrying import headings
 from ...twin.places.families import FAMILIES
 from . import fringes, imaging, planes, policy, scan, shades, tracks
+from .coherent import Phased
 from .ears import thinned, without_phase
 from .fit import applied, evaluated, with_effect
 
@@ -302,6 +303,11 @@ class View:
         """(ear, fit) of the campaigns whose residual shows delays."""
         pairs = zip(self.ears, self.model.fits, strict=True)
         return [(ear, fit) for ear, fit in pairs if ear.has_responses and len(ear.heard.frequency_hz) > 1]
+
+    @cached_property
+    def phased(self) -> Phased:
+        """Of the first wideband campaign: one points, all are fitted."""
+        return Phased.of(*self.wideband[0], self.world)
 
     @cached_property
     def echoes(self) -> list[imaging.Echoes]:

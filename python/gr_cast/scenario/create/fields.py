@@ -30,6 +30,11 @@ class Surface:
     present: np.ndarray
     clear: np.ndarray
 
+    @property
+    def standing(self) -> bytes:
+        """Of what is there, and what blocks."""
+        return self.present.tobytes() + self.clear.tobytes()
+
 
 def surface_of(media: Sequence[Medium], carrier_hz: float, *, clear: bool = False, scatters: bool = True) -> Surface:
     """Objects made of `media` at the carrier, all there: legs go through all or none, all scatter as their media or none does."""

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .geometry import Solid, is_closed, is_inside, planes
+from .geometry import Solid, areas_m2, is_closed, is_inside, planes
 
 NO_POINTS = np.zeros((0, 3))
 _ON_PLANE_M = 1e-6  # nearer to a plane than this is on it: legs begin and end on faces
@@ -41,6 +41,11 @@ class Faces:
         height_m = np.where(self.sided, height_m, np.abs(height_m)).max(axis=1)
         front = np.maximum.reduceat(height_m, self.start[:-1]).T > _ON_PLANE_M  # (a, b): some of face b is in front of face a
         return front & front.T
+
+    @property
+    def triangle_areas_m2(self) -> np.ndarray:
+        """(M,)."""
+        return areas_m2(self.triangles_m.reshape(-1, 3), np.arange(3 * len(self.triangles_m)).reshape(-1, 3))
 
 
 @dataclass(frozen=True, kw_only=True)

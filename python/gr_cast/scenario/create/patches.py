@@ -15,9 +15,7 @@ _LARGEST_M = 500.0  # of a face: grounds without an end are not cut up
 def patches_of(faces: images.Faces) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Middles (n, 3), areas in m² (n,) and faces (n,) of the patches of all faces."""
     sides = np.linalg.norm(np.ptp(faces.triangles_m, axis=1), axis=1)
-    area = 0.5 * np.linalg.norm(
-        np.cross(faces.triangles_m[:, 1] - faces.triangles_m[:, 0], faces.triangles_m[:, 2] - faces.triangles_m[:, 0]), axis=1
-    )
+    area = faces.triangle_areas_m2
     small = sides < _LARGEST_M
     step_m = max(PATCH_M, float(np.sqrt(area[small].sum() / MOST_PATCHES)))
     middle, size, owner = [], [], []

@@ -11,7 +11,6 @@ CENTRE = 0.6  # of the height: where the echo of a body comes from
 def with_person(world, predictor, index: int, instant, gain, way, many: int):
     """Paths of a link with the person's shadow and echo: (instant, gain, length_m, number of instants)."""
     person, time_s = world.person, predictor.time_s
-    radios = [world.radios[name] for name in predictor.links[index]]
     if many == 1 and len(time_s) > 1:
         copies = len(time_s)
         points_m = np.tile(way.points_m, (copies, 1, 1))
@@ -21,9 +20,8 @@ def with_person(world, predictor, index: int, instant, gain, way, many: int):
         points_m, length_m = way.points_m, way.length_m
     axis_m = axis(person, time_s if many > 1 else time_s[:1])
     gain = np.where(shaded(person, axis_m[instant], points_m), 0.0, gain)
-    stands = world.mesh.key, world.surface.present.tobytes(), world.surface.clear.tobytes(), world.carrier_hz
-    ends = [(radio.track_key, radio.node.orientation_rad, radio.node.antenna) for radio in radios]
-    key = "echo", index, person, *ends, stands
+    ends = [world.radios[name].end_key for name in predictor.links[index]]
+    key = "echo", index, person, *ends, world.mesh.key, world.surface.standing, world.carrier_hz
     echo, echo_m = predictor.remembered(key, lambda: echoes(world, predictor, index, axis_m))
     return np.concatenate([instant, np.arange(many)]), np.concatenate([gain, echo]), np.concatenate([length_m, echo_m]), many
 

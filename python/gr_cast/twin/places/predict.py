@@ -78,7 +78,7 @@ class Predictor:
         law = world.mesh.key, world.carrier_hz, world.exponent, world.exponent_of, world.loss_db_per_m
         keys = []
         for index, traced in zip(which, self._traced_of(world, which), strict=True):
-            ends = tuple(radio_key(world.radios[name]) for name in self.links[index])
+            ends = tuple(world.radios[name].end_key for name in self.links[index])
             keys.append((self._geometry_key(world, index), ends, law, surface_key(world.surface, traced.touched)))
         return keys
 
@@ -194,7 +194,7 @@ class Predictor:
 
     def _bent_of(self, world: World, which: Sequence[int]) -> list[Bent]:
         law = world.mesh.key, world.carrier_hz, surface_key(world.surface), world.exponent, world.exponent_of, world.loss_db_per_m
-        keys = [(index, *(radio_key(world.radios[name]) for name in self.links[index]), law) for index in which]
+        keys = [(index, *(world.radios[name].end_key for name in self.links[index]), law) for index in which]
         return _remembered(self._bent, keys, lambda missing: self._diffracted(world, [which[one] for one in missing]))
 
     def _diffracted(self, world: World, which: Sequence[int]) -> list[Bent]:
@@ -273,16 +273,11 @@ def phasors(gain: np.ndarray, length_m: np.ndarray, carrier_hz: float, frequency
     return out
 
 
-def radio_key(radio: Radio):
-    """Of what a node's end of a link depends on, its cable aside."""
-    return radio.track_key, radio.node.orientation_rad, radio.node.antenna, radio.body
-
-
 def _others_key(world: World) -> bytes:
     """Of objects that no specular path touches: edges see what they are made of, echoes whether they stand in the way."""
     if world.diffraction:
         return surface_key(world.surface)
-    return world.surface.present.tobytes() + world.surface.clear.tobytes() if world.person else b""
+    return world.surface.standing if world.person else b""
 
 
 def surface_key(surface: fields.Surface, which=slice(None)) -> bytes:

@@ -49,6 +49,11 @@ class Radio:
         return position_m(self.node, (time_s + self.time_offset_s) * self.speed_factor) + np.array(self.offset_m)
 
     @property
+    def end_key(self):
+        """Of what a link's end depends on, the cable aside."""
+        return self.track_key, self.node.orientation_rad, self.node.antenna, self.body
+
+    @property
     def track_key(self):
         return self.node.waypoints_m.tobytes(), self.node.speed_m_per_s, self.offset_m, self.speed_factor, self.time_offset_s
 

@@ -139,8 +139,8 @@ class MissingObject(Family):
         return [replace(effect, choice=one) for one in effect.choice.reshaped(axis, fine_m)]
 
     def smaller(self, view, effect, axis):
-        sheet, (lit_m, _) = effect.choice, view.lit(effect)
-        if axis > 3 or sheet.depth_m or lit_m is None:
+        sheet = effect.choice
+        if axis > 3 or sheet.depth_m or (lit_m := view.lit(effect)[0]) is None:
             return []
         along = (lit_m - np.array(sheet.origin_m)) @ np.array((sheet.u, sheet.v)[axis // 2])
         low, high, way = np.array(sheet.low_m), np.array(sheet.high_m), axis // 2
