@@ -14,6 +14,11 @@ from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
+if __name__ == "__main__":  # a signal is its program's from the first: what is being loaded may swallow Python's own interrupt
+    ROOT = Path(__file__).resolve().parents[2]
+    sys.path[:0] = [str(ROOT / "build" / "python"), str(ROOT / "apps")]
+    importlib.import_module("gr_cast.core.interrupts").end_quietly()
+
 import numpy as np
 import pmt
 from gnuradio import gr, uhd
@@ -251,8 +256,6 @@ def plug_in(code=(1.0,), **faults) -> dict[str, Device]:
 
 
 if __name__ == "__main__":
-    root = Path(__file__).resolve().parents[2]
-    sys.path[:0] = [str(root / "build" / "python"), str(root / "apps")]
     program = importlib.import_module(sys.argv[2])
     from gr_cast.signals import codes
 

@@ -2,6 +2,8 @@
 """Radios with a clock, a queue and faults: every fault ends in time with one line, and with what was received until then."""
 
 import json
+import signal
+import subprocess
 import sys
 import time
 from fractions import Fraction
@@ -309,3 +311,13 @@ def test_no_device_is_one_line_and_leaves_nothing(radio, emulate, tmp_path):
     assert line.startswith("device: got arguments 'addr=absent'") and "No devices found" in line
     assert ended(["rx", "--duration", "1", "--output", str(tmp_path / "z"), "--args", "addr=absent"], 5)[0] == line
     assert set(tmp_path.rglob("*")) - before <= {tmp_path / "s.yaml"}
+
+
+def test_a_signal_while_a_program_on_the_fake_is_being_loaded_ends_it_in_one_word():
+    """Python's own interrupt may be swallowed by what is being loaded: the program then runs for ever."""
+    words = [sys.executable, fake_device.__file__, "{}", "cast_sounder", "tx", *RADIO]
+    with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as program:
+        while "numpy" not in Path(f"/proc/{program.pid}/maps").read_text():  # the first that it loads
+            assert program.poll() is None
+        program.send_signal(signal.SIGINT)
+        assert program.communicate(timeout=60)[1] == "interrupted\n" and program.returncode == 130

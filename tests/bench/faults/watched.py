@@ -64,8 +64,9 @@ class Watched:
             waited_s = max(waited_s, self.kept_waiting_s())  # who has ended tells no more
             left_s = within_s + waited_s - before_s - (time.monotonic() - began_s)
             if left_s <= 0:
+                where = self.stuck()
                 self.end()
-                raise Wrong(f"had not ended after {within_s:g} s")
+                raise Wrong(f"had not ended after {within_s:g} s: {where}")
             with contextlib.suppress(subprocess.TimeoutExpired):
                 _, errors = self.process.communicate(timeout=max(left_s, 0.1))
         if "Traceback" in errors and not (_EARLY.search(errors) and ", in main\n" not in errors):
