@@ -9,7 +9,8 @@ import time
 import numpy as np
 import pytest
 from gr_cast.core.errors import CastError
-from gr_cast.experiments.cellular import stack
+from gr_cast.core.processes import Processes
+from gr_cast.experiments.cellular import stack, stack_run
 from gr_cast.experiments.cellular.downlink import Cell
 
 RR = "cell_list =\n(\n  {\n    // rf_port = 0;\n    cell_id = 0x01;\n    tac = 0x0007;\n    pci = 1;\n  }\n);\n"
@@ -114,3 +115,16 @@ def test_a_file_of_the_real_iperf3_is_read(tmp_path):
     (tmp_path / "cut.json").write_text('{"start": ')
     with pytest.raises(CastError, match="not JSON"):
         stack.read_iperf3(tmp_path / "cut.json")
+
+
+def test_traffic_over_a_link_that_carries_nothing_any_more_ends_in_a_line(tmp_path, monkeypatch):
+    monkeypatch.setattr(stack_run, "ANSWER_S", 0.5)
+    plan = stack_run.Plan(members=[], folder=tmp_path, protocol="tcp", offered_bps=1e6, duration_s=0.5)
+    with Processes(tmp_path) as processes:
+        processes.start("iperf3 s1", ["true"])
+        processes.start("iperf3 s2", ["sh", "-c", "echo connecting; exec sleep 20"])
+        with pytest.raises(CastError) as told:
+            stack_run._wait_for_traffic(plan, processes, ["iperf3 s1", "iperf3 s2"], 0.0, lambda line: None)
+    assert told.value.faults == (
+        "iperf3 s2: not through 0.5 s after its 0.5 s (connecting); what was recorded until then is kept",
+    )

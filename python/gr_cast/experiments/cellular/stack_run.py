@@ -18,6 +18,7 @@ from . import stack
 from .stack import GATEWAY, Member
 
 CORE_S = 2.0  # until the core listens
+ANSWER_S = 30.0  # beyond its duration, for iperf3 to fetch from the terminal what came
 _LOOK_S = 0.2
 _TUNNEL = "tun_srsue"
 _CORE, _PACKET_BYTES, _STEP_S = "epc", 1250, 1.0  # of MGEN: who sends, packets, and steps of its series
@@ -58,12 +59,7 @@ def run(plan: Plan, tell: Callable[[str], None], attached: Callable[[], None]) -
         _wait_for_all(plan, spaces, processes, tell)
         lead_s, waiting = (_start_mgen if plan.protocol == "mgen" else _start_iperf3)(plan, spaces, processes)
         attached()
-        begin = time.monotonic() + lead_s
-        while waiting or time.monotonic() - begin < plan.duration_s:
-            waiting = [name for name in waiting if not processes.has_ended(name)]
-            processes.check()
-            tell(f"{min(max(time.monotonic() - begin, 0.0), plan.duration_s):.1f} of {plan.duration_s:g} s")
-            time.sleep(_LOOK_S)
+        _wait_for_traffic(plan, processes, waiting, lead_s, tell)
         time.sleep(mgen.SETTLE_S)
 
 
@@ -110,6 +106,21 @@ def _wait_for_all(plan: Plan, spaces: dict, processes: Processes, tell: Callable
                 f"see {plan.folder}" for member in waiting
             ))  # fmt: skip
         waiting = [member for member in waiting if not _is_attached(spaces[member.node], member)]
+        time.sleep(_LOOK_S)
+
+
+def _wait_for_traffic(plan: Plan, processes: Processes, waiting: list[str], lead_s: float, tell: Callable[[str], None]) -> None:
+    begin = time.monotonic() + lead_s
+    while waiting or time.monotonic() - begin < plan.duration_s:
+        waiting = [name for name in waiting if not processes.has_ended(name)]
+        processes.check()
+        passed_s = time.monotonic() - begin
+        if passed_s > plan.duration_s + ANSWER_S:  # a link that carries nothing any more: TCP alone would try for many minutes
+            raise CastError(*(
+                f"{name}: not through {ANSWER_S:g} s after its {plan.duration_s:g} s{processes.last_words(name)}; what was "
+                "recorded until then is kept" for name in waiting
+            ))  # fmt: skip
+        tell(f"{min(max(passed_s, 0.0), plan.duration_s):.1f} of {plan.duration_s:g} s")
         time.sleep(_LOOK_S)
 
 
