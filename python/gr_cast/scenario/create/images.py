@@ -42,6 +42,15 @@ class Faces:
         front = np.maximum.reduceat(height_m, self.start[:-1]).T > _ON_PLANE_M  # (a, b): some of face b is in front of face a
         return front & front.T
 
+    @cached_property
+    def shares(self) -> np.ndarray:
+        """(M, 2, 3) by which a place from a triangle's first corner, on its plane, is made of the two sides from there."""
+        first, *others = np.moveaxis(self.triangles_m, 1, 0)
+        ab, ac = (other - first for other in others)
+        bb, bc, cc = _dot(ab, ab), _dot(ab, ac), _dot(ac, ac)
+        sides = np.stack([cc[:, None] * ab - bc[:, None] * ac, bb[:, None] * ac - bc[:, None] * ab], axis=1)
+        return sides / (bb * cc - bc * bc)[:, None, None]
+
     @property
     def triangle_areas_m2(self) -> np.ndarray:
         """(M,)."""
@@ -182,16 +191,13 @@ def _outward(solid: Solid, normals: np.ndarray, corners_m: np.ndarray) -> np.nda
 
 def on_face(faces: Faces, face: np.ndarray, point_m: np.ndarray) -> np.ndarray:
     """Whether point i (n, 3), which lies on the plane of face i (n,), lies on the face, edges included."""
-    count = faces.start[face + 1] - faces.start[face]
+    first = faces.start[face]
+    count = faces.start[face + 1] - first
     inside = np.zeros(len(face), bool)
     for number in range(int(count.max(initial=0))):
         rows = np.flatnonzero((count > number) & ~inside)
-        a, b, c = np.moveaxis(faces.triangles_m[faces.start[face[rows]] + number], 1, 0)
-        ab, ac, ap = b - a, c - a, point_m[rows] - a
-        bb, bc, cc = _dot(ab, ab), _dot(ab, ac), _dot(ac, ac)
-        pb, pc = _dot(ap, ab), _dot(ap, ac)
-        area = bb * cc - bc * bc
-        u, v = (cc * pb - bc * pc) / area, (bb * pc - bc * pb) / area
+        which = first[rows] + number
+        u, v = np.einsum("nki,ni->kn", faces.shares[which], point_m[rows] - faces.triangles_m[which, 0])
         inside[rows] = (u >= -_EDGE) & (v >= -_EDGE) & (u + v <= 1 + _EDGE)
     return inside
 

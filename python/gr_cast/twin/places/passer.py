@@ -3,27 +3,42 @@
 
 import numpy as np
 
-from ...scenario.create import fields, images
+from ...scenario.create import images
 
 CENTRE = 0.6  # of the height: where the echo of a body comes from
 
 
-def with_person(world, predictor, index: int, instant, gain, way, many: int):
-    """Paths of a link with the person's shadow and echo: (instant, gain, length_m, number of instants)."""
+def with_person(world, predictor, which, tables) -> list[tuple]:
+    """Paths of links `which` with the person's shadow and echo: (instant, gain, length_m, number of instants) of each."""
     person, time_s = world.person, predictor.time_s
-    if many == 1 and len(time_s) > 1:
-        copies = len(time_s)
-        points_m = np.tile(way.points_m, (copies, 1, 1))
-        instant, gain, length_m = np.repeat(np.arange(copies), len(gain)), np.tile(gain, copies), np.tile(way.length_m, copies)
-        many = copies
-    else:
-        points_m, length_m = way.points_m, way.length_m
-    axis_m = axis(person, time_s if many > 1 else time_s[:1])
-    gain = np.where(shaded(person, axis_m[instant], points_m), 0.0, gain)
-    ends = [world.radios[name].end_key for name in predictor.links[index]]
-    key = "echo", index, person, *ends, world.mesh.key, world.surface.standing, world.carrier_hz
-    echo, echo_m = predictor.remembered(key, lambda: echoes(world, predictor, index, axis_m))
-    return np.concatenate([instant, np.arange(many)]), np.concatenate([gain, echo]), np.concatenate([length_m, echo_m]), many
+    rows = [_at_all_instants(table, len(time_s)) for table in tables]
+    axes = [axis(person, time_s if many > 1 else time_s[:1]) for *_, many in rows]
+    foot_m = np.concatenate([foot_m[instant] for foot_m, (_, instant, *_) in zip(axes, rows, strict=True)])
+    dark = shaded(person, foot_m, np.concatenate([points_m for points_m, *_ in rows]))
+    dark = np.split(dark, np.cumsum([len(instant) for _, instant, *_ in rows])[:-1])
+    law = person, world.mesh.key, world.surface.standing, world.carrier_hz
+    keys = [("echo", index, *(world.radios[name].end_key for name in predictor.links[index]), law) for index in which]
+    heard = predictor.remembered_all(
+        keys, lambda missing: echoes(world, predictor, [which[one] for one in missing], [axes[one] for one in missing])
+    )
+    return [
+        (
+            np.concatenate([instant, np.arange(many)]),
+            np.concatenate([np.where(is_dark, 0.0, gain), echo]),
+            np.concatenate([length_m, echo_m]),
+            many,
+        )
+        for (_, instant, gain, length_m, many), is_dark, (echo, echo_m) in zip(rows, dark, heard, strict=True)
+    ]
+
+
+def _at_all_instants(table, instants: int) -> tuple:
+    """(points_m, instant, gain, length_m, number of instants) of a link's paths, where nothing moves at each instant anew."""
+    points_m, gain, length_m = table.way.points_m, table.gain, table.way.length_m
+    if table.many > 1 or instants == 1:
+        return points_m, table.instant, gain, length_m, table.many
+    instant = np.repeat(np.arange(instants), len(gain))
+    return np.tile(points_m, (instants, 1, 1)), instant, np.tile(gain, instants), np.tile(length_m, instants), instants
 
 
 def axis(person, time_s: np.ndarray) -> np.ndarray:
@@ -47,16 +62,20 @@ def shaded(person, foot_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
     return hit
 
 
-def echoes(world, predictor, index: int, axis_m: np.ndarray):
-    """Gain and length (T,) of the echo from the middle of the body: the bistatic radar equation, legs blocked by objects."""
-    person = world.person
-    tx, rx = (world.radios[name] for name in predictor.links[index])
-    centre_m = axis_m + np.array([0.0, 0.0, CENTRE * person.height_m])
-    tx_m, rx_m = (np.broadcast_to(end, centre_m.shape) for end in predictor.ends_m(world, index))
+def echoes(world, predictor, which, axes: list[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Gain and length (T,) of the echo from the middle of the body on links `which`, over axes (T, 3): the bistatic radar
+    equation, legs blocked by objects."""
+    person, counts = world.person, [len(axis_m) for axis_m in axes]
+    centre_m = np.concatenate(axes) + np.array([0.0, 0.0, CENTRE * person.height_m])
+    ends = [predictor.ends_m(world, index) for index in which]
+    tx_m, rx_m = (
+        np.concatenate([end[:count] for end, count in zip(side, counts, strict=True)]) for side in zip(*ends, strict=True)
+    )
     legs = [centre_m - tx_m, rx_m - centre_m]
     far_m = [np.linalg.norm(leg, axis=1) for leg in legs]
-    sent = fields.far_field(tx.antenna, legs[0] / far_m[0][:, None])
-    taken = fields.far_field(rx.antenna, -legs[1] / far_m[1][:, None])
+    at = np.arange(len(centre_m))
+    sent = predictor.fields(world, which, 0, tx_m, counts, at, legs[0] / far_m[0][:, None])
+    taken = predictor.fields(world, which, 1, rx_m, counts, at, -legs[1] / far_m[1][:, None])
     kept = (
         (sent * taken).sum(axis=1) if person.keeps_polarisation else np.linalg.norm(sent, axis=1) * np.linalg.norm(taken, axis=1)
     )
@@ -66,4 +85,5 @@ def echoes(world, predictor, index: int, axis_m: np.ndarray):
     path, _, face, _ = images.crossings(world.faces, points_m, met)
     solid = world.surface.present & ~world.surface.clear
     gain[path[solid[world.faces.owner[face]]]] = 0
-    return gain, far_m[0] + far_m[1]
+    bounds = np.cumsum(counts)[:-1]
+    return list(zip(np.split(gain, bounds), np.split(far_m[0] + far_m[1], bounds), strict=True))

@@ -58,6 +58,7 @@ class Predictor:
         self._known: OrderedDict = OrderedDict()
         self._tables: OrderedDict = OrderedDict()
         self._bent: OrderedDict = OrderedDict()
+        self._places: OrderedDict = OrderedDict()
 
     def response(self, world: World) -> np.ndarray:
         return np.stack(self._responses(world, range(len(self.links))))
@@ -84,7 +85,11 @@ class Predictor:
 
     def remembered(self, key, make):
         """What others compute of a link and want to keep."""
-        return _remembered(self._known, [key], lambda _: [make()])[0]
+        return self.remembered_all([key], lambda _: [make()])[0]
+
+    def remembered_all(self, keys: Sequence, make) -> list:
+        """The same of many links: `make(numbers of the missing keys)`."""
+        return _remembered(self._known, keys, make)
 
     def traced(self, world: World, index: int) -> Traced:
         """The paths of a link, as they are in the world that this one is frozen at."""
@@ -109,7 +114,7 @@ class Predictor:
     def _node_m(self, radio: Radio) -> np.ndarray:
         if radio.node.name in self.tracked:
             return self.tracked[radio.node.name] + np.array(radio.offset_m)
-        return radio.position_m(self.time_s)
+        return _remembered(self._places, [radio.track_key], lambda _: [radio.position_m(self.time_s)])[0]
 
     def ends_m(self, world: World, index: int) -> tuple[np.ndarray, np.ndarray]:
         """Both ends (T, 3)."""
@@ -154,7 +159,7 @@ class Predictor:
         way = fields.optics(faces, paths.faces, tx_m[paths.pair], rx_m[paths.pair])
         link = np.repeat(np.arange(len(which)), counts)[paths.pair]
         start, end = (
-            self._fields(world, which, side, (tx_m, rx_m)[side], counts, paths.pair, direction)
+            self.fields(world, which, side, (tx_m, rx_m)[side], counts, paths.pair, direction)
             for side, direction in ((0, way.direction[:, 0]), (1, -way.direction[:, -1]))
         )
         gain = fields.gains(faces, paths, way, world.surface, start, end, world.carrier_hz)
@@ -168,12 +173,11 @@ class Predictor:
 
     def _compute(self, world: World, which: Sequence[int]) -> list[np.ndarray]:
         """Responses (T or 1, K) between the antennas of links."""
-        rows = []
-        for index, table in zip(which, self._tables_of(world, which), strict=True):
-            row = table.instant, table.gain, table.way.length_m, table.many
-            if world.person is not None:
-                row = passer.with_person(world, self, index, *row[:2], table.way, table.many)
-            rows.append(row)
+        tables = self._tables_of(world, which)
+        if world.person is not None:
+            rows = passer.with_person(world, self, which, tables)
+        else:
+            rows = [(table.instant, table.gain, table.way.length_m, table.many) for table in tables]
         found = self._summed(world, rows)
         if world.diffraction:
             bent = [(one.instant, one.gain, one.length_m, one.many) for one in self._bent_of(world, which)]
@@ -200,7 +204,7 @@ class Predictor:
     def _diffracted(self, world: World, which: Sequence[int]) -> list[Bent]:
         tx_m, rx_m, counts = self._pairs(world, which)
         send, take = (
-            lambda at, direction, s=s: self._fields(world, which, s, (tx_m, rx_m)[s], counts, at, direction) for s in (0, 1)
+            lambda at, direction, s=s: self.fields(world, which, s, (tx_m, rx_m)[s], counts, at, direction) for s in (0, 1)
         )
         found = wedges.paths(world.mesh.edges, world.faces, world.surface, world.carrier_hz, tx_m, rx_m, send, take)
         at, gain, length_m, edge = found
@@ -214,7 +218,7 @@ class Predictor:
             )
         ]
 
-    def _fields(self, world, which, side: int, at_m, counts, pair, direction: np.ndarray) -> np.ndarray:
+    def fields(self, world, which, side: int, at_m, counts, pair, direction: np.ndarray) -> np.ndarray:
         """Fields (n, 3) of one end's antennas along directions (n, 3), number i of the pair of ends `pair[i]`; `at_m` (P, 3):
         where that end is, `counts` of links `which` after each other."""
         radios = [world.radios[self.links[index][side]] for index in which]

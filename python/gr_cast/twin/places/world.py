@@ -38,7 +38,7 @@ class Radio:
     delay_s: float = 0.0
     body: Body | None = None
 
-    @property
+    @cached_property
     def antenna(self) -> Antenna:
         return Antenna(pattern=self.node.antenna, orientation_rad=self.node.orientation_rad)
 
@@ -48,12 +48,12 @@ class Radio:
             return self.node.waypoints_m[:1] + np.array(self.offset_m)
         return position_m(self.node, (time_s + self.time_offset_s) * self.speed_factor) + np.array(self.offset_m)
 
-    @property
+    @cached_property
     def end_key(self):
         """Of what a link's end depends on, the cable aside."""
         return self.track_key, self.node.orientation_rad, self.node.antenna, self.body
 
-    @property
+    @cached_property
     def track_key(self):
         return self.node.waypoints_m.tobytes(), self.node.speed_m_per_s, self.offset_m, self.speed_factor, self.time_offset_s
 
