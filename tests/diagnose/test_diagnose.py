@@ -72,7 +72,9 @@ def test_a_fast_hum_is_on_the_side_that_late_paths_and_noise_tell(world, tmp_pat
     assert said(document, "power_supply_hum", "depth")["value"] == pytest.approx(0.08, abs=0.002)
 
 
-@pytest.mark.parametrize("cause", ["phase_noise", "front_end_filter", "narrowband_interference", "diffuse_tail"])
+@pytest.mark.parametrize(
+    "cause", ["phase_noise", "front_end_filter", "tone_interference", "narrowband_interference", "diffuse_tail"]
+)
 def test_behind_an_inversion_other_causes_are_what_they_are(world, tmp_path, cause):
     y, n, rng = world.clean(), len(world.n), world.rng
     if cause == "phase_noise":
@@ -82,13 +84,15 @@ def test_behind_an_inversion_other_causes_are_what_they_are(world, tmp_path, cau
     elif cause == "diffuse_tail":
         tail = np.exp(-np.arange(40) / 24) * (rng.normal(size=40) + 1j * rng.normal(size=40)) * 0.05
         y = np.convolve(y, np.concatenate([[1.0], tail]))[:n]
+    elif cause == "tone_interference":
+        y = y + 0.02 * np.exp(2j * np.pi * 0.21 * world.n)
     else:
         band = np.abs(np.fft.fftfreq(n) - 0.21) < 0.02
         y = y + np.fft.ifft(band * np.fft.fft(rng.normal(size=n) + 1j * rng.normal(size=n))) * 0.1
     document = run(world, tmp_path, np.conj(world.noisy(y)))
     assert set(named(document)) == {"spectral_inversion", cause}
-    if cause == "narrowband_interference":
-        assert said(document, cause, "frequency_hz")["value"] == pytest.approx(0.21 * RATE_HZ, abs=0.01 * RATE_HZ)
+    if cause.endswith("_interference"):  # told as recorded
+        assert said(document, cause, "frequency_hz")["value"] == pytest.approx(-0.21 * RATE_HZ, abs=0.01 * RATE_HZ)
     else:
         assert document["fit"]["corrected_nmse_db"] < document["fit"]["noise_floor_db"] + 1.0
 

@@ -220,8 +220,6 @@ def with_noise(fit: Fit, model: Model) -> Data:
                 family.variance(fit.data.scene, effect, fit.chain.wanted),
                 family.spectrum(fit.data.scene, effect),
             )
-            if s is not None and fit.chain.facing < 0:
-                s = np.roll(s[::-1], 1)
             variance = v if variance is None else variance if v is None else variance * v
             spectrum = s if spectrum is None else spectrum if s is None else spectrum * s
         elif effect.fixed and family.random:
@@ -252,9 +250,11 @@ def smooth_spectrum(data: Data, residual: np.ndarray, orders: int = COLOUR_ORDER
     return np.exp(np.clip(sp_fft.fft(wide).real, -6, 6))
 
 
-def in_band(scene, size: int) -> np.ndarray:
-    """(size,) bool: the bins of an FFT in which the wanted signals lie."""
-    return scene.occupied[np.arange(size) * len(scene.occupied) // size]
+def in_band(fit: Fit, size: int) -> np.ndarray:
+    """(size,) bool: the bins of an FFT of the recording in which the wanted signals lie."""
+    occupied = fit.data.scene.occupied
+    occupied = occupied if fit.chain.facing > 0 else np.roll(occupied[::-1], 1)
+    return occupied[np.arange(size) * len(occupied) // size]
 
 
 def filters_noise(model: Model) -> bool:

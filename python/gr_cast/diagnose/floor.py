@@ -188,4 +188,4 @@ def _beside_signal(fit: Fit) -> float:
     """Power per sample of the residual, if it were everywhere as dense as in the signal's band."""
     used = fit.data.use > 0
     power = np.abs(sp_fft.fft(fit.residual * used)) ** 2
-    return float(np.mean(power[in_band(fit.data.scene, len(power))]) / used.sum())
+    return float(np.mean(power[in_band(fit, len(power))]) / used.sum())

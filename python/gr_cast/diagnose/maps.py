@@ -64,7 +64,7 @@ def _time_frequency(fit, rows: int = 64, bins: int = 48) -> np.ndarray:
     for row, first in enumerate(firsts):
         used = (fit.data.use[first : first + length] > 0).reshape(-1, bins)
         if used.any():
-            blocks = (fit.came(fit.residual[first : first + length]) * used.ravel()).reshape(-1, bins)
+            blocks = (fit.residual[first : first + length] * used.ravel()).reshape(-1, bins)
             out[row] = np.sum(np.abs(sp_fft.fft(blocks, axis=1)) ** 2, axis=0) / used.sum()
     return sp_fft.fftshift(out, axes=1)
 

@@ -6,7 +6,7 @@ import numpy as np
 from ..twin.effects import FAMILIES, Role, is_coarse
 from ..twin.effects.base import around_circle
 from ..twin.effects.noise_family import NoiseView
-from .fit import off_the_rails, shape_of_receiver
+from .fit import in_band, off_the_rails, shape_of_receiver
 from .policy import CLEAR_NATS, PASSBAND
 
 TESTED = tuple(f.name for f in FAMILIES.values() if f.noise_like and f.role is not Role.FLOOR)  # laws of the noise, not its level
@@ -19,7 +19,7 @@ def view_of(fit) -> NoiseView:
         use=spread(inside),
         energy=spread(np.abs(fit.residual) ** 2 / (1.0 if shape is None else shape)),
         wanted_power=spread(np.abs(fit.chain.wanted) ** 2),
-        weighted=spread(fit.came(fit.residual) * fit.data.root**2 * inside),
+        weighted=spread(fit.residual * fit.data.root**2 * inside),
     )
 
 
@@ -47,18 +47,18 @@ def starts(fit, promised: float = 0.0):
 def _found(fit, view, family) -> list[tuple[float, object]]:
     """[(net gain in nats over an even floor, effect)] of a law of the noise, or []."""
     gain, effect = family.find(view)
-    if effect is None or _is_passband(fit.data.scene, effect):
+    if effect is None or _is_passband(fit, effect):
         return []
     return [(gain - 0.5 * family.hidden(effect) * np.log(view.use.sum()) - np.log(effect.trials), effect)]
 
 
-def _is_passband(scene, effect) -> bool:
+def _is_passband(fit, effect) -> bool:
     """Whether a band of noise is just the signal's: what a receiver's filter leaves of all noise, and no interference."""
     filled = FAMILIES[effect.family].band(effect)
     if filled is None:
         return False
     middle, width = filled
-    signal = scene.occupied
+    signal = in_band(fit, len(fit.data.scene.occupied))
     f = np.arange(len(signal)) / len(signal)
     band = around_circle(f, middle) < width / 2
     return (band & signal).sum() > PASSBAND * (band | signal).sum()

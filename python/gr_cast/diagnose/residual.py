@@ -132,8 +132,8 @@ def _bonferroni(log_p: float, cells: int) -> float:
 
 
 def normal(fit) -> np.ndarray:
-    """(n,) the residual as it came in, made white and of unit power."""
-    return fit.came(fit.data.whitened(fit.residual)) / np.sqrt(fit.sigma2)
+    """(n,) the residual as recorded, made white and of unit power."""
+    return fit.data.whitened(fit.residual) / np.sqrt(fit.sigma2)
 
 
 def _place_in_code(fit) -> Leftover | None:
@@ -143,7 +143,7 @@ def _place_in_code(fit) -> Leftover | None:
     if not source.repeat or fit.data.scene.count < 4 * period:
         return None
     lo = View(fit).carrier
-    turned = normal(fit) * np.conj(lo) / np.abs(lo)
+    turned = fit.came(normal(fit)) * np.conj(lo) / np.abs(lo)
     index = fit.data.scene.wrap(period)
     total = np.bincount(index, turned.real, period) + 1j * np.bincount(index, turned.imag, period)
     hits = np.bincount(index, fit.data.use > 0, period)
@@ -162,7 +162,7 @@ def _place_in_code(fit) -> Leftover | None:
 def _amplitude(fit, inside) -> Leftover | None:
     """Mean residual along and across the prediction, and power, in bins of predicted amplitude."""
     use = inside
-    z, w = normal(fit)[use], fit.came(fit.chain.wanted)[use]
+    z, w = normal(fit)[use], fit.chain.wanted[use]
     level = np.abs(w)
     if np.std(level) < 1e-6 * np.mean(level) + 1e-30:
         return None

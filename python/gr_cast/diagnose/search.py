@@ -162,7 +162,7 @@ def _colour(fit: Fit) -> float:
         return 0.0
     power, n = np.abs(sp_fft.fft(fit.residual * (fit.data.use > 0))) ** 2, fit.data.count
     colour = smooth_spectrum(fit.data, fit.residual)
-    if colour.max() > LOUDEST * np.median(colour[in_band(fit.data.scene, len(colour))]):
+    if colour.max() > LOUDEST * np.median(colour[in_band(fit, len(colour))]):
         return 0.0
     gain = n * np.log(power.mean() / np.mean(power / colour))
     return max(0.0, float(gain - COLOUR_ORDERS * np.log(n)))

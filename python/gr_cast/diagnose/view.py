@@ -42,9 +42,14 @@ class View:
         return self.data.root**2
 
     @cached_property
+    def recorded(self) -> np.ndarray:
+        """The residual as recorded, zero where samples are not used."""
+        return self.fit.residual * self.weight
+
+    @cached_property
     def residual(self) -> np.ndarray:
         """The residual before the receiver's inversion, zero where samples are not used."""
-        return self.fit.came(self.fit.residual * self.weight)
+        return self.fit.came(self.recorded)
 
     @cached_property
     def wanted(self) -> np.ndarray:
@@ -138,14 +143,14 @@ class View:
         """Cycles over the recording of the strongest lines of the residual that stand out of their surroundings: the
         peaks of a band of noise do not, nor at half the sample rate what interpolation leaves of the signal."""
         span = self.scene.span
-        spectrum = np.abs(sp_fft.fft(self.scene.spread(self.residual), 2 * span))
+        spectrum = np.abs(sp_fft.fft(self.scene.spread(self.recorded), 2 * span))
         around = np.concatenate([np.arange(-VIEW_AROUND, -SKIRT), np.arange(SKIRT + 1, VIEW_AROUND + 1)])
         found = []
         for i in peaks(spectrum, count, 4):
             near = (i + around) % len(spectrum)
             beside = np.mean(spectrum[near] ** 2)
             if at_half_the_rate(i / (2 * span)):
-                wanted = np.abs(sp_fft.fft(self.scene.spread(self.wanted), 2 * span))
+                wanted = np.abs(sp_fft.fft(self.scene.spread(self.fit.chain.wanted), 2 * span))
                 beside = max(beside, np.mean(wanted[near] ** 2))
                 if spectrum[i] < UNSIGNED * wanted[(i + np.arange(-SKIRT, SKIRT + 1)) % len(wanted)].max():
                     continue

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gr_cast.twin.effects import FAMILIES, NAMED
+from gr_cast.twin.effects import FAMILIES, NAMED, stage_of
 from gr_cast.twin.effects.base import rms_of, start
 from gr_cast.twin.entries import effect_of
 from gr_cast.twin.model import Model, predict
@@ -185,9 +185,8 @@ def test_behind_no_inversion_what_turns_turns_back(name):
     real = replace(scene().sources[0], samples=X.real.astype(complex))
     there = replace(scene(), sources=[real], taps=[Path(source=0, delay=0.0, gain=1.0)], extra={"other": real})
     p, aux = TURNING[name]
-    model = Model(
-        base=np.array([3.0, 0.4, 0.3]), effects=(start(FAMILIES[name], p, aux=aux), start(FAMILIES["spectral_inversion"], []))
-    )
+    both = start(FAMILIES[name], p, aux=aux), start(FAMILIES["spectral_inversion"], [])
+    model = Model(base=np.array([3.0, 0.4, 0.3]), effects=tuple(sorted(both, key=stage_of)))
     inverted = predict(there, model)
     assert inverted.facing == -1
     at = next(i for i, e in enumerate(model.effects) if e.family == "spectral_inversion")

@@ -18,7 +18,8 @@ from ..columns import Courses, Dense, Lags
 from ..scene import Scene
 from .values import Value
 
-# The true order of the signal; the channel is run between LINK and ENVIRONMENT.
+# The true order of the signal; the channel is run between LINK and ENVIRONMENT. What is in the air stands behind an inversion,
+# for its frequencies are told as recorded.
 (
     TX_IQ,
     TX_LEAK,
@@ -33,9 +34,9 @@ from .values import Value
     RX_GAIN,
     RX_IQ,
     RX_DC,
+    INVERSION,
     AIR,
     SAMPLER,
-    INVERSION,
     RAILS,
     QUANTISER,
     NOISE,

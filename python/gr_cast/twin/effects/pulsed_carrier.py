@@ -334,14 +334,14 @@ class PulsedCarrier(Family):
         unit = (rest(one, effect).y - chain.y) / PROBE
         count = len(effect.p) // 2
         rows = np.array([unit * (at == k) for k in range(count)])
-        return Lags(signals=rows, entries=tuple((k, 0) for k in range(count)), paired=chain.facing)
+        return Lags(signals=rows, entries=tuple((k, 0) for k in range(count)))
 
     def starts(self, view):
-        n, size = view.scene.span, np.abs(view.residual)
+        n, size = view.scene.span, np.abs(view.recorded)
         power = float(np.median(size[size > 0] ** 2)) / np.log(2) if size.any() else 1.0
-        tame = view.residual * np.minimum(1.0, LOUDEST_SAMPLE * np.sqrt(power) / np.maximum(size, 1e-300))
+        tame = view.recorded * np.minimum(1.0, LOUDEST_SAMPLE * np.sqrt(power) / np.maximum(size, 1e-300))
         for train in trains(view.scene.spread(tame), power):
-            train = polished(view.scene.spread(view.residual), train)
+            train = polished(view.scene.spread(view.recorded), train)
             count = self._numbers(view.scene, train)[1]
             if count >= FEWEST_PULSES and count * n <= MOST_NUMBERS and train.width < train.period / 2:
                 yield start(self, np.zeros(2 * count), prior=np.ones(2 * count), aux=vars(train).copy(), trials=float(n))
@@ -372,10 +372,6 @@ class PulsedCarrier(Family):
             "duty_cycle": effect.aux["width"] / effect.aux["period"],
             "power_dbc": 10 * np.log10(power + 1e-30),
         }
-
-    def mirrored(self, effect):
-        turned_back = {name: -effect.aux[name] for name in ("frequency", "sweep")}
-        return replace(effect, p=effect.p * np.tile([1.0, -1.0], len(effect.p) // 2), aux={**effect.aux, **turned_back})
 
     def in_time(self, scene, effect, later, longer):
         period = effect.aux["period"]

@@ -31,9 +31,6 @@ class ToneInterference(Family):
                 continue
             yield start(self, [0.0, 0.0, cycles], trials=2 * view.scene.span)
 
-    def mirrored(self, effect):
-        return effect.moved(effect.p * [1.0, -1.0, -1.0])
-
     def in_time(self, scene, effect, later, longer):
         return effect.moved(turned(effect.p, effect.p[2] * amid(later, longer)) * [1.0, 1.0, longer])
 
