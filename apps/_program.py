@@ -231,8 +231,11 @@ def run(main) -> None:
     after Ctrl-C, 141 without a word when nobody reads its output any more."""
     is_interrupted = interrupts.second_ends()
     try:
-        status = main()
-        print(end="", flush=True)
+        try:
+            status = main()
+            print(end="", flush=True)
+        finally:
+            interrupts.settled()
     except CastError as error:
         _say("\n".join(f"error: {fault}" for fault in error.faults))
         status = 2
@@ -254,5 +257,4 @@ def run(main) -> None:
             raise
         _say("interrupted")
         status = 130
-    interrupts.settled()
     sys.exit(status)

@@ -16,6 +16,7 @@ import numpy as np
 from gr_cast import scenario as sc
 from gr_cast.blocks.network import play
 from gr_cast.comparing.series import write_csv
+from gr_cast.core import interrupts
 from gr_cast.core.errors import CastError
 from gr_cast.core.figures import fixed
 from gr_cast.core.files import write_json
@@ -63,6 +64,7 @@ def _sound(downlink: Downlink, name: str, time_s: np.ndarray) -> list[dict]:
             told = f"{name}: {time_s[len(sinrs) - 1]:.2f} of {time_s[-1]:.2f} s sounded"
             _program.show(told, last=len(sinrs) == len(time_s))
     except KeyboardInterrupt:
+        interrupts.settled()
         print(file=sys.stderr)
     return sinrs
 
@@ -211,6 +213,7 @@ def _run_stack(plan, emulation, rate_hz: float) -> tuple[CastError | None, dict]
     except CastError as error:
         failure = error
     except KeyboardInterrupt:
+        interrupts.settled()
         failure = CastError("interrupted")
     finally:
         print(file=sys.stderr)

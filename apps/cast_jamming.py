@@ -11,6 +11,7 @@ import _program
 from gr_cast import report
 from gr_cast import scenario as sc
 from gr_cast.comparing import series, similarity
+from gr_cast.core import interrupts
 from gr_cast.core.errors import CastError
 from gr_cast.core.files import write_json
 from gr_cast.experiments import hall, jamming, left_out, loss, paper
@@ -48,6 +49,7 @@ def _emulate(args, modem, setting: jamming.Setting, label: str, case: str) -> re
                 told = f"{case}, {label}: {frame.time_s:.1f} of {args.duration:g} s radio time, {speed:.1f} times real time"
                 _program.show(told, last=len(found) == len(times_s))
     except KeyboardInterrupt:
+        interrupts.settled()
         args.interrupted = True
     return result.Run(
         label=label, setting=setting, frames=found, offered_mbit_per_s=8e-6 * args.payload / period_s, step_s=args.step,
@@ -134,6 +136,7 @@ def sweep(args) -> int:
                 points.append(loss.point(curve, sinr_db, modem, FrameEmulator, args.frames, args.payload, seed))
                 _program.show(f"{curve.name}, {sinr_db:g} dB: loss {points[-1].loss:.3f}")
     except KeyboardInterrupt:
+        interrupts.settled()
         args.interrupted = True
     print(file=sys.stderr)
     document = loss.document(modem.name, points, not args.interrupted)

@@ -382,6 +382,7 @@ def _tx(args) -> int:
         _until_done(top, f"sending {waveform.name} at {args.frequency / 1e6:g} MHz, {args.rate / 1e6:g} MS/s; Ctrl-C ends",
                     _wait_s(args), write_log)  # fmt: skip
     except KeyboardInterrupt:
+        interrupts.settled()
         if args.duration is not None:
             raise
     finally:
@@ -434,6 +435,7 @@ def _rx(args) -> int:
                     top, f"recording at {args.frequency / 1e6:g} MHz, {args.rate / 1e6:g} MS/s; Ctrl-C ends", _wait_s(args)
                 )
         except KeyboardInterrupt:
+            interrupts.settled()
             if args.duration is not None:
                 raise
         if args.tx_log:

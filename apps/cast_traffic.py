@@ -12,6 +12,7 @@ import _program
 import numpy as np
 from gr_cast import scenario as sc
 from gr_cast.comparing.series import write_csv
+from gr_cast.core import interrupts
 from gr_cast.core.errors import CastError
 from gr_cast.core.files import write_json
 from gr_cast.experiments.traffic import flows, log, namespaces
@@ -51,6 +52,7 @@ def _generate(traffic, nodes, folder: Path, is_quiet=lambda: True) -> tuple[list
     except CastError as error:
         failure = error.faults[0]
     except KeyboardInterrupt:
+        interrupts.settled()
         failure = "interrupted"
     finally:
         print(file=sys.stderr)

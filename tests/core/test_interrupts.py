@@ -14,8 +14,8 @@ WAITING = """
 import sys, threading
 from gr_cast.core import interrupts
 ended = threading.Event()
-print("ready", flush=True)
 with interrupts.heeded({stop}) as came:
+    print("ready", flush=True)
     while not ended.wait(1e-4):  # takes and lets go of the event's lock all the time
         {within}
 print("tidied", came.is_set(), flush=True)
@@ -29,7 +29,6 @@ def program(stop="ended.set", within="pass"):
         [sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     assert started.stdout.readline() == "ready\n"
-    time.sleep(0.02)
     return started
 
 
@@ -129,6 +128,35 @@ with interrupts.heeded(ended.set) as came:
     ended.wait(20)
     print("played on" if not ended.is_set() else "stopped", flush=True)
 """
+SWALLOWED_WITHOUT_SAMPLES = """
+import os, signal, time
+from gr_cast.core import interrupts
+interrupts.second_ends()
+class Dropping:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+def swallowing():
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+    except BaseException:
+        pass
+{how}()
+try:
+    try:
+        time.sleep(20)
+        print("played on", flush=True)
+    except BaseException:
+        try:
+            raise OSError("what tidies up may meet faults of its own")
+        except OSError:
+            time.sleep(1)
+        print("tidied", flush=True)
+        raise
+except KeyboardInterrupt:
+    interrupts.settled()
+time.sleep(1)
+print("went on", flush=True)
+"""
 BETWEEN = """
 import os, signal, sys, threading
 from gr_cast.core import interrupts
@@ -158,10 +186,17 @@ def ends(code, *words):
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run([sys.executable, "-c", code, *words], env=environment, capture_output=True, text=True, timeout=60)
     assert "played on" not in done.stdout
+    return done
 
 
 def test_a_signal_that_a_library_swallowed_is_not_forgotten():
     ends(SWALLOWED)
+
+
+@pytest.mark.parametrize("how", ["swallowing", "Dropping"])
+def test_a_swallowed_signal_comes_again_until_somebody_hears_of_it_and_not_into_tidying_up(how):
+    done = ends(SWALLOWED_WITHOUT_SAMPLES.format(how=how))
+    assert (done.stdout, done.stderr, done.returncode) == ("tidied\nwent on\n", "", 0)
 
 
 @pytest.mark.parametrize("moment", ["before", "after"])

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from .. import scenario as sc
+from ..core import interrupts
 from ..core.errors import CastError
 from ..core.files import digest_of
 from . import radio_api, traffic, updates
@@ -70,6 +71,7 @@ class Player:
             self.record.faults += error.faults
             outcome = "failed"
         except KeyboardInterrupt:
+            interrupts.settled()
             self.record.faults.append("interrupted")
         return self._document(outcome)
 

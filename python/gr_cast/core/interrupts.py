@@ -11,8 +11,9 @@ import threading
 from collections.abc import Callable
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-_AGAIN_S = 0.01  # until an interrupt that was dropped is raised again
+_AGAIN_S = 0.25  # until an interrupt that nobody heard of is raised again
 _has_come = False  # the first signal of a program that `second_ends` watches
+_is_settled = False  # somebody heard of it
 
 
 @contextlib.contextmanager
@@ -76,24 +77,24 @@ def end_quietly() -> None:
 def second_ends() -> Callable[[], bool]:
     """Have the first SIGINT or SIGTERM raise KeyboardInterrupt, so that what was begun is tidied up, and the second end the
     process, however far the first one got. Gives a function that tells whether the first has come: libraries that are interrupted
-    while they are being loaded make other errors of it. What Python drops, as in a finalizer, is raised again a moment later,
-    until `settled`."""
-    global _has_come
-    _has_come = False
+    while they are being loaded make other errors of it. What a library swallows, or Python drops, as in a finalizer, is raised
+    again, but not into the tidying up, until it is `settled`."""
+    global _has_come, _is_settled
+    _has_come = _is_settled = False
 
     def once(*_):
         global _has_come
         _has_come = True
         _heeded_by(signal.SIG_DFL)
+        signal.setitimer(signal.ITIMER_REAL, _AGAIN_S, _AGAIN_S)
         raise KeyboardInterrupt
 
     def again(*_):
-        raise KeyboardInterrupt
+        if not _is_settled and not _is_being_heard(sys.exc_info()[1]):
+            raise KeyboardInterrupt
 
     def dropped(what):
-        if issubclass(what.exc_type, KeyboardInterrupt):
-            signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
-        else:
+        if not issubclass(what.exc_type, KeyboardInterrupt):
             others(what)
 
     others, sys.unraisablehook = sys.unraisablehook, dropped
@@ -102,6 +103,15 @@ def second_ends() -> Callable[[], bool]:
     return lambda: _has_come
 
 
+def _is_being_heard(error: BaseException | None) -> bool:
+    """Whether what is being handled came of an interrupt."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__context__
+    return error is not None
+
+
 def settled() -> None:
-    """The program has heard of its interrupt, or ended without one: none is raised again."""
+    """The program has heard of its interrupt, or ended without one: none is raised again. For whoever catches one and goes on."""
+    global _is_settled
+    _is_settled = True
     signal.setitimer(signal.ITIMER_REAL, 0)
