@@ -20,7 +20,7 @@ from gr_cast.experiments import paper
 from gr_cast.report import plot
 from gr_cast.signals import on_air, recording
 from gr_cast.signals.waveform import entry_from_text, waveform_from_entry
-from gr_cast.sounding import calibration, code_comparison, collect, path_loss, result, transmission_log
+from gr_cast.sounding import calibration, code_comparison, collect, flight, path_loss, result, transmission_log
 from gr_cast.sounding.sound import LinkBudget, SoundingOptions, sound
 
 _RANGES = {
@@ -67,7 +67,9 @@ def _arguments() -> argparse.ArgumentParser:
     estimate.add_argument("--tx-gain", type=float, metavar="DB", help="default: the recording's own, else 0")
     estimate.add_argument("--rx-gain", type=float, metavar="DB", help="default: the recording's own, else 0")
     estimate.add_argument("--rx-full-scale", type=float, metavar="DBM", help="full scale at 0 dB of receive gain")
-    estimate.add_argument("--base-loss", default="0", metavar="DB|NAME[@V]", help="taken off: dB, or a calibration")
+    estimate.add_argument(
+        "--base-loss", default="0", metavar="DB|NAME[@V]", help="taken off: dB, or a calibration, which also knows delays"
+    )
 
     radio = argparse.ArgumentParser(add_help=False)
     radio.add_argument("--args", default="", help="UHD device arguments, such as addr=192.168.40.2")
@@ -192,9 +194,13 @@ def _options(args, metadata: dict, base_loss_db: float) -> SoundingOptions:
     )
 
 
-def _base_loss_db(args, file: recording.Recording, path) -> float:
+def _base(args, file: recording.Recording, path) -> tuple[float, float | None]:
+    """Loss in dB and delay in s, None where it is not known, that the set-up adds to a recording."""
     chosen = calibration.load(args.base_loss)
-    return chosen.default_db if chosen.default_db is not None else chosen.of(path_loss.link_of(file, Path(path).name))
+    if chosen.default_db is not None:
+        return chosen.default_db, None
+    link = path_loss.link_of(file, Path(path).name)
+    return chosen.of(link), chosen.base_delay_s.get(link)
 
 
 def _read(path, raw_format=None, rate=None) -> recording.Recording:
@@ -215,10 +221,12 @@ def _read(path, raw_format=None, rate=None) -> recording.Recording:
 
 def _sounded(args, file: recording.Recording, path, spec: dict, waveform) -> tuple:
     """One recording's sounding, and the content of its result.json."""
-    options = _options(args, file.metadata, _base_loss_db(args, file, path))
+    base_loss_db, base_delay_s = _base(args, file, path)
+    options = _options(args, file.metadata, base_loss_db)
     sounding = sound(file, waveform, options)
     about = {"recording": str(path), "waveform": spec, "base_loss": args.base_loss}
-    return sounding, result.as_document(sounding, about | result.about_recording(file, Path(path).name, spec, options))
+    document = result.as_document(sounding, about | result.about_recording(file, Path(path).name, spec, options))
+    return sounding, flight.told(document, file, waveform.repeat, base_delay_s)
 
 
 def _sound_file(args, file: recording.Recording, path, modelled_taps=()) -> dict:
@@ -492,17 +500,25 @@ def _heatmap(args, paths) -> None:
 
 
 def _calibrate(args) -> None:
-    losses, _, _ = _losses(args, args.recordings)
+    losses, _, results = _losses(args, args.recordings)
     nodes, matrix = path_loss.loss_matrix(losses)
     unheard = [f"{tx}>{rx}" for tx, rx in losses if not np.isfinite(matrix[nodes.index(tx), nodes.index(rx)])]
     if unheard:
         raise CastError(f"calibrate: no signal on {', '.join(unheard)}: base loss unknown, nothing stored")
     measured = {(tx, rx): float(matrix[nodes.index(tx), nodes.index(rx)]) for tx, rx in losses}
+    of_link = {link: [one for one in results.values() if (one["transmitter"], one["receiver"]) == link] for link in losses}
+    delays_s = {link: delay_s for link, ones in of_link.items() if (delay_s := flight.base_delay_s(ones)) is not None}
     path = calibration.save(
-        calibration.Calibration(name=args.name, base_loss_db=measured), {"recordings": [str(path) for path in args.recordings]}
+        calibration.Calibration(name=args.name, base_loss_db=measured, base_delay_s=delays_s),
+        {"recordings": [str(path) for path in args.recordings]},
     )
     values = np.array(list(measured.values()))
     print(f"base loss {values.mean():.2f} dB, SD {values.std():.2f} dB over {len(values)} links; stored as {path}")
+    if delays_s:
+        late_us = 1e6 * np.array(list(delays_s.values()))
+        print(
+            f"base delay {late_us.mean():.4f} µs, SD {late_us.std():.4f} µs over the {len(late_us)} that began at a second of UTC"
+        )
     print(f"use it with --base-loss {args.name} (newest) or {args.name}@{path.stem[1:]}")
 
 

@@ -127,6 +127,34 @@ def test_calibrated_base_loss_comes_off_the_heat_map(tmp_path):
     assert np.abs(np.array([v for row in heat["path_loss_db"] for v in row if v is not None])).max() < 0.1
 
 
+def test_a_calibrated_delay_comes_off_where_both_ends_began_at_one_second(tmp_path):
+    """A cable of 17 µs, and paths behind it; one of no length comes out 10 ns early: that is no path of a whole period."""
+    code, where = codes.glfsr(8), {"CAST_CALIBRATIONS": str(tmp_path / "store")}
+    late = np.exp(2j * np.pi * np.fft.fftfreq(len(code)) * 0.01)
+    early = np.fft.ifft(np.fft.fft(code) * late)
+
+    def heard(name, axis, code, delay):
+        about = {"cast:transmitter": "a", "cast:receiver": "b", "cast:time_axis": axis, "cast:start_at_s": 1_800_000_000}
+        recording.write(tmp_path / name, air(code, delay, 40), sample_rate_hz=1e6, fields=about)
+        return tmp_path / name
+
+    def flight(path, *more):
+        shown = done("process", path, "--code", "glfsr:8", "--output", tmp_path / "o", *more, **where)
+        result = json.loads((tmp_path / "o" / "result.json").read_text())
+        (tap,) = result["taps"]
+        assert ("time of flight" in shown) == (result["time_axis"] == "utc")
+        return tap["time_of_flight_s"]
+
+    for name, axis in (("cable", "utc"), ("other", "device")):
+        shown = done("calibrate", heard(name, axis, code, 17), "--code", "glfsr:8", "--name", name, "--output", tmp_path, **where)
+        assert ("base delay 17.0000 µs" in shown) == (axis == "utc")
+    assert flight(heard("x", "utc", code, 29)) == pytest.approx(29e-6, abs=1e-9)
+    assert flight(tmp_path / "x", "--base-loss", "cable") == pytest.approx(12e-6, abs=1e-9)
+    assert flight(tmp_path / "x", "--base-loss", "other") == pytest.approx(29e-6, abs=1e-9)
+    assert flight(heard("y", "utc", early, 17), "--base-loss", "cable") == pytest.approx(-10e-9, abs=1e-9)
+    assert flight(heard("z", "device", code, 29), "--base-loss", "cable") is None
+
+
 def test_codes_reproduces_the_papers_comparison(tmp_path):
     done("codes", "--output", tmp_path)
     rows = {row["name"]: row for row in json.loads((tmp_path / "codes.json").read_text())}

@@ -1,24 +1,26 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Base loss per link, measured once in a 0 dB scenario, kept by name and version, and applied later."""
+"""Base loss and delay per link, measured once in a scenario of 0 dB and no delay, kept by name and version, and applied later."""
 
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..core.documents import json_file
+from ..core.documents import Reader, json_file
 from ..core.errors import CastError
 from ..core.files import NAME_RULE, is_name, write_json
 
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
-    """`base_loss_db` maps a link (tx, rx) to its loss in dB; `default_db` stands in for a link that was not measured."""
+    """`base_loss_db` maps a link (tx, rx) to its loss in dB; `default_db` stands in for a link that was not measured.
+    `base_delay_s` maps those that were measured with one axis of time at both ends to their delay."""
 
     name: str
     base_loss_db: dict[tuple[str, str], float]
     version: int = 0
     default_db: float | None = None
+    base_delay_s: dict[tuple[str, str], float] = field(default_factory=dict)
 
     def of(self, link: tuple[str, str]) -> float:
         loss = self.base_loss_db.get(link, self.default_db)
@@ -41,8 +43,9 @@ def save(calibration: Calibration, about: dict) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     version = max(_versions(folder), default=0) + 1
     path = folder / f"v{version}.json"
-    links = {f"{tx}>{rx}": loss for (tx, rx), loss in sorted(calibration.base_loss_db.items())}
-    write_json(path, {"cast_calibration": 1, "name": calibration.name, "version": version, **about, "base_loss_db": links})
+    measured = {"base_loss_db": calibration.base_loss_db, "base_delay_s": calibration.base_delay_s}
+    links = {name: {f"{tx}>{rx}": value for (tx, rx), value in sorted(of.items())} for name, of in measured.items()}
+    write_json(path, {"cast_calibration": 1, "name": calibration.name, "version": version, **about, **links})
     return path
 
 
@@ -74,12 +77,18 @@ def load(text: str) -> Calibration:
 def _read(path: Path) -> Calibration:
     get = json_file(path)
     get.version("cast_calibration", 1)
-    losses = {}
-    for link, loss in get.mapping(get.document.get("base_loss_db"), "base_loss_db").items():
-        place = f"base_loss_db: {link}"
-        if link.count(">") != 1:
-            get.faults.add(place, "needs the form TX>RX")
-        losses[tuple(link.split(">"))] = get.number(loss, place, "dB")
+    losses = _of_links(get, "base_loss_db", "dB")
+    delays = _of_links(get, "base_delay_s", "s") if "base_delay_s" in get.document else {}
     name = get.name(get.document.get("name"), "name")
     get.faults.raise_if_any()
-    return Calibration(name=name, base_loss_db=losses, version=int(path.stem[1:]))
+    return Calibration(name=name, base_loss_db=losses, version=int(path.stem[1:]), base_delay_s=delays)
+
+
+def _of_links(get: Reader, key: str, unit: str) -> dict[tuple[str, str], float]:
+    found = {}
+    for link, value in get.mapping(get.document.get(key), key).items():
+        place = f"{key}: {link}"
+        if link.count(">") != 1:
+            get.faults.add(place, "needs the form TX>RX")
+        found[tuple(link.split(">"))] = get.number(value, place, unit)
+    return found

@@ -129,10 +129,12 @@ def frames_csv(sounding: Sounding) -> str:
 def as_table(document: dict) -> str:
     """The result for the screen; every number has as many digits as its error."""
     moving = document["moving"]
-    lines = [f"{'delay (µs)':>24}{'gain (dB)':>22}{'phase (rad)':>20}" + (f"{'Doppler (Hz)':>22}" if moving else "")]
+    flies = any(tap.get("time_of_flight_s") is not None for tap in document["taps"])
+    which, late = ("time_of_flight_s", "time of flight (µs)") if flies else ("delay_s", "delay (µs)")
+    lines = [f"{late:>24}{'gain (dB)':>22}{'phase (rad)':>20}" + (f"{'Doppler (Hz)':>22}" if moving else "")]
     for tap in document["taps"]:
         cells = [
-            f"{with_error(1e6 * tap['delay_s'], 1e6 * tap['delay_std_s'], 6):>24}",
+            f"{with_error(1e6 * tap[which], 1e6 * tap['delay_std_s'], 6):>24}",
             f"{with_error(tap['gain_db'], tap['gain_std_db']):>22}",
             f"{with_error(tap['phase_rad'], tap['phase_std_rad']):>20}",
         ]
