@@ -226,6 +226,23 @@ def test_fixed_point_is_that_of_the_reference_and_counts_what_it_cuts_off():
     assert emulator.clipped_samples() >= np.count_nonzero(beyond) >= 10
 
 
+def test_fixed_point_lets_nothing_pass_that_is_no_number():
+    """A receiver of any later sample would hear it through the filter."""
+    x = 0.2 * noise(np.random.default_rng(5), 2, 6000)
+    x[0, 100:140] = complex(np.nan, 0.1)
+    x[1, 120:160] = complex(-np.inf, np.nan)
+    taps = np.array([0.5, 0, 0.25j])
+    emulator = blocks.channel_emulator(2, 1)
+    for tx in range(2):
+        emulator.set_taps(tx, 0, taps)
+    emulator.set_fixed_point(12, 14, 1.0, 2.0)
+    y, _ = play(emulator, x, chunk=1000)
+    updates = [LinkUpdate(tx=tx, rx=0, taps=taps) for tx in range(2)]
+    expected = emulate(x, updates, 1, fixed_point=FixedPoint(bits=12, tap_bits=14, output_full_scale=2.0))
+    assert np.isfinite(y).all() and np.max(np.abs(y - expected)) <= 1.5 * 2.0 / 2**11
+    assert emulator.clipped_samples() == 80
+
+
 def test_flowgraph_that_starts_again_keeps_its_links_and_counts_from_zero():
     emulator = blocks.channel_emulator(1, 1)
     emulator.set_taps(0, 0, [0, 1j])

@@ -130,6 +130,19 @@ def test_fixed_point_rounds_and_counts_as_the_reference_does(ops, method, precis
     assert beyond.sum() > 0 and net.clipped_samples() == pytest.approx(clipped_in + beyond.sum(), rel=0.1)
 
 
+def test_fixed_point_lets_nothing_pass_that_is_no_number(ops):
+    rng = np.random.default_rng(5)
+    x, updates = samples(rng, 3, 1000), list(random_updates(rng, 4, 1000))
+    x[0, 100:140], x[1, 120:160] = complex(np.nan, 0.1), complex(-np.inf, np.nan)
+    net = network(ops, *FORMS[0])
+    net.set_fixed_point(10, 9, 2.5, 3.0)
+    for update in updates:
+        send(net, update)
+    arithmetic = FixedPoint(bits=10, tap_bits=9, input_full_scale=2.5, output_full_scale=3.0)
+    wanted = emulate(x, updates, 2, fixed_point=arithmetic)
+    assert np.max(np.abs(in_chunks(net, x) - wanted)) <= 1.5 * 3.0 / 512 and net.clipped_samples() >= 60
+
+
 def test_samples_of_sixteen_bits_are_those_of_floats_and_saturate(ops):
     rng = np.random.default_rng(5)
     x16 = rng.integers(-32768, 32768, (3, N_TAPS - 1 + 2000, 2), dtype=np.int16)

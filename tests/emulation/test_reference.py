@@ -153,6 +153,11 @@ def test_rounding_goes_to_the_nearest_step_and_ends_at_full_scale(bits):
     assert quantize(np.array([100 - 100j]), 3.0, bits)[0] == pytest.approx(3.0 - step - 3.0j, rel=1e-12)
 
 
+def test_what_is_no_number_is_rounded_to_nothing_and_infinity_to_full_scale():
+    values = np.array([complex(np.nan, 0.5), complex(-np.inf, np.nan), complex(np.inf, -np.inf)])
+    np.testing.assert_array_equal(quantize(values, 1.0, 4), [0.5j, -1.0, 0.875 - 1j])
+
+
 def test_a_tap_of_no_gain_delays_nothing():
     for gain, late in ((0.0, False), (-1.0, True)):
         link = LinkTaps(delay_s=np.array([[0.0, 0.5e-6]]), gain=np.array([[1.0, gain]]))

@@ -67,10 +67,11 @@ class FixedPoint:
 
 
 def quantize(values: np.ndarray, full_scale: float, bits: int) -> np.ndarray:
-    """Both parts of complex `values` at the nearest step of full_scale / 2^(bits-1), saturated."""
+    """Both parts of complex `values` at the nearest step of full_scale / 2^(bits-1), saturated; 0 for what is no number."""
     levels = 2 ** (bits - 1)
     parts = np.stack([np.real(values), np.imag(values)]) * (levels / full_scale)
-    real, imag = np.clip(np.rint(parts), -levels, levels - 1) * (full_scale / levels)
+    held = np.where(np.isnan(parts), 0, np.clip(np.rint(parts), -levels, levels - 1))
+    real, imag = held * (full_scale / levels)
     return real + 1j * imag
 
 

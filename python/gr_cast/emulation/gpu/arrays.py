@@ -172,8 +172,8 @@ class ArrayOps:
         """Steps of full scale / levels, and how many samples were beyond."""
         xp = self.xp
         parts = xp.rint(xp.stack([x.real, x.imag]) * xp.float32(levels / scale))
-        beyond = ((parts < -levels) | (parts > levels - 1)).any(axis=0)
-        real, imag = xp.clip(parts, -levels, levels - 1)
+        beyond = (~(parts >= -levels) | (parts > levels - 1)).any(axis=0)
+        real, imag = xp.where(xp.isnan(parts), xp.float32(0), xp.clip(parts, -levels, levels - 1))
         return (real + 1j * imag).astype(xp.complex64), beyond.sum()
 
     def count_clipped(self, now, ends: Ends, clipped) -> None:

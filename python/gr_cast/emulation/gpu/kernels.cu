@@ -35,6 +35,11 @@ constexpr int threads = TILE * team,
               blocks_at_once = threads > 512 ? 1 : 1024 / threads; // on one multiprocessor
 constexpr int bins_per_thread = 32;                                // of a sparse filter's spectrum
 
+// What a converter gives: within its full scale, and 0 for what is no number.
+__device__ inline float held(float x, float low, float high)
+{
+    return x != x ? 0.0f : fminf(fmaxf(x, low), high);
+}
 __device__ inline int place(int bin) { return bin + (bin >> 4); }
 __device__ inline float2 times(float2 a, float2 b)
 {
@@ -231,8 +236,8 @@ __device__ inline float2 fetch(const inputs& x, int node, int at)
     float re = s.x * x.gain, im = s.y * x.gain;
 #if !INT16_IN
     if (x.levels > 0) {
-        re = fminf(fmaxf(rintf(re * x.levels), -x.levels), x.levels - 1) / x.levels;
-        im = fminf(fmaxf(rintf(im * x.levels), -x.levels), x.levels - 1) / x.levels;
+        re = held(rintf(re * x.levels), -x.levels, x.levels - 1) / x.levels;
+        im = held(rintf(im * x.levels), -x.levels, x.levels - 1) / x.levels;
     }
 #endif
     return make_float2(re, im);
@@ -297,10 +302,10 @@ __device__ inline void finish(float2 y, float weight, int receiver, int n, const
     if (to.levels > 0) {
         const float per_unit = to.levels / to.scale, low = -to.levels, high = to.levels - 1;
         const float re = rintf(y.x * per_unit), im = rintf(y.y * per_unit);
-        if (re < low || re > high || im < low || im > high)
+        if (!(re >= low) || re > high || !(im >= low) || im > high)
             atomicAdd(to.clipped, (u64)1);
-        y.x = fminf(fmaxf(re, low), high);
-        y.y = fminf(fmaxf(im, low), high);
+        y.x = held(re, low, high);
+        y.y = held(im, low, high);
 #if !INT16_OUT
         y.x *= to.scale / to.levels;
         y.y *= to.scale / to.levels;
