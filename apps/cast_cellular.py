@@ -181,9 +181,7 @@ def over_stack(args) -> int:
         )  # fmt: skip
         emulation = Emulation(leveled, ports, rate_hz, noise_power=10 ** (noise_db / 10), seed=args.seed)
         failure, status = _run_stack(plan, emulation, rate_hz)
-    found, missing = stack_run.collect(plan)
-    modelled = _modelled_sinr_db(args, played, cells, duration_s) if "sinr_db" in found else {}
-    return _report_stack(args, output, plan, played, found, missing, failure, status, modelled)
+    return _report_stack(args, output, plan, played, cells, failure, status)
 
 
 def _modelled_sinr_db(args, played, cells, duration_s: float) -> dict[str, float]:
@@ -226,7 +224,8 @@ def _run_stack(plan, emulation, rate_hz: float) -> tuple[CastError | None, dict]
     return failure, last | {"real_time_factor": factor}
 
 
-def _report_stack(args, output: Path, plan, played, found: dict, missing, failure, status: dict, modelled: dict) -> int:
+def _report_stack(args, output: Path, plan, played, cells, failure, status: dict) -> int:
+    found, missing = stack_run.collect(plan)
     files, rows = [], []
     for quantity, terminals in found.items():
         for terminal, series in terminals.items():
@@ -240,20 +239,28 @@ def _report_stack(args, output: Path, plan, played, found: dict, missing, failur
             print(f"{terminal:>10s} {quantity:>9s} mean {mean} over {known.size} samples")
     for line in missing:
         print(f"not recorded: {line}")
-    sinrs = _beside_the_model(found, modelled)
     for port, power in status["power"].items():
         level = "silent" if power["mean_db"] is None else f"{power['mean_db']:.1f} dB, peak {power['peak_db']:.1f} dB"
         print(f"{port}: {level}")
     print(f"real-time factor: {status['real_time_factor']:.2f}")
     document = {
-        "cast_cellular": 1, "modelled": False, "stack": args.stack, "protocol": plan.protocol, "complete": failure is None,
-        "failure": str(failure) if failure else None, "scenario": played.name, "offered_bps": args.offered,
+        "cast_cellular": 1, "modelled": False, "stack": args.stack, "protocol": plan.protocol, "complete": False,
+        "failure": None, "scenario": played.name, "offered_bps": args.offered,
         "means": rows, "series": files, "not_recorded": missing,
-        "real_time_factor": status["real_time_factor"], "sinr": sinrs, "power": status["power"],
+        "real_time_factor": status["real_time_factor"], "sinr": [], "power": status["power"],
     }  # fmt: skip
+    write_json(output / "cellular.json", document)  # the model takes its time, and may be stopped
+    modelled = {}
+    try:
+        if found:
+            plot.save(plot.stack_figure(found, f"{args.stack}, {plan.protocol}, over {played.name}"), output / "cellular.png")
+        if "sinr_db" in found:
+            modelled = _modelled_sinr_db(args, played, cells, plan.duration_s)
+    except KeyboardInterrupt:
+        failure = failure or CastError("interrupted before the model's SINR was there")
+    document["sinr"] = _beside_the_model(found, modelled)
+    document |= {"complete": failure is None, "failure": str(failure) if failure else None}
     write_json(output / "cellular.json", document)
-    if found:
-        plot.save(plot.stack_figure(found, f"{args.stack}, {plan.protocol}, over {played.name}"), output / "cellular.png")
     if failure:
         raise failure
     return 0

@@ -18,7 +18,8 @@ def test_one_version_is_named_everywhere():
     conda = re.search(r'set version = "([^"]+)"', (ROOT / "packaging/conda/meta.yaml").read_text())[1]
     debian = re.match(r"gr-cast \(([^-]+)-", (ROOT / "debian/changelog").read_text())[1]
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"]
-    assert {VERSION, gr_cast.__version__, conda, debian, citation} == {VERSION}
+    told = re.search(r"^## (\d\S+)", (ROOT / "CHANGELOG.md").read_text(), flags=re.M)[1]
+    assert {VERSION, gr_cast.__version__, conda, debian, citation, told} == {VERSION}
 
 
 def test_the_manifest_is_one_that_cgran_reads():

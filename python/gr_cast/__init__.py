@@ -14,7 +14,7 @@ What a notebook wants is here, and loaded when it is first asked for:
 
 import importlib
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _PLACES = {  # name here → (room or module, name there; None: the module itself)
     "Recording": ("signals.recording", "Recording"),

@@ -210,6 +210,23 @@ def test_a_terminal_that_dies_ends_the_run_and_what_was_logged_stays(tmp_path, s
     assert series.read(out / "series/sinr_db_far.csv").value.size >= 3
 
 
+def test_an_interrupt_while_the_model_is_computed_keeps_what_the_stack_said(tmp_path, stand_ins):
+    environment, arguments = stand_ins
+    document = tmp_path / "out/cellular.json"
+    command = [*APART, sys.executable, str(PROGRAM), "--output", str(document.parent), "--duration", "2", *arguments]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment) as process:
+        end = time.monotonic() + 120
+        while not document.is_file():  # until the stack is through: the model comes next
+            assert time.monotonic() < end
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=90)
+    assert (process.returncode, errors.splitlines()[-1]) == (2, "error: interrupted before the model's SINR was there")
+    kept = json.loads(document.read_text())
+    assert kept["complete"] is False and kept["sinr"] == []
+    assert {row["terminal"] for row in kept["means"]} == {"near", "far"}
+
+
 def test_a_missing_stack_is_told_and_its_configuration_can_still_be_written(tmp_path, stand_ins):
     environment, arguments = stand_ins
     done = run("--output", tmp_path / "out", *arguments, env=environment | {"PATH": "/usr/sbin:/usr/bin"})
