@@ -79,6 +79,40 @@ def test_phase_noise_too_fast_to_follow_is_noise_across_the_signal_alone(world, 
     assert settled.model.found[0].aux["_jitter"] == pytest.approx(np.mean(fast**2), rel=0.2)
 
 
+def _at_random(rng, count):
+    return rng.uniform(0, 40_000, count)
+
+
+def _sparks(rng, count, gap=40.0, each=6):
+    """Sparks of up to a dozen samples in trains of so many that come at random."""
+    places = [first + np.cumsum(rng.exponential(gap, each)) for first in _at_random(rng, count)]
+    return np.concatenate([p + np.arange(rng.integers(1, 13)) for p in np.concatenate(places)])
+
+
+def _flashes(rng, count):
+    """A few strokes each."""
+    return np.concatenate([first + rng.uniform(30, 180) * np.arange(3) for first in _at_random(rng, count)])
+
+
+TRAINS = {"alone": _at_random, "sparks": _sparks, "flashes": _flashes}
+CROWDS = {
+    "in one stretch": lambda rng, count: rng.uniform(0.3, 0.4, 4 * count) * 40_000,
+    "in one stretch, and some elsewhere": lambda rng, count: np.append(
+        _at_random(rng, count), rng.uniform(0.3, 0.32, 3 * count) * 40_000
+    ),
+    "bursts": lambda rng, count: np.concatenate([f + np.flatnonzero(rng.random(300) < 0.8) for f in _at_random(rng, count)]),
+}
+
+
+@pytest.mark.parametrize("kind", [*TRAINS, *CROWDS])
+def test_impulses_come_at_random_alone_or_in_trains_and_are_something_else_where_they_crowd(kind):
+    rng = np.random.default_rng(8)
+    draw = (TRAINS | CROWDS)[kind]
+    places = [np.unique(np.clip(draw(rng, int(rng.integers(16, 60))).astype(int), 0, 39_999)) for _ in range(100)]
+    crowding = [residual.crowded(at, 40_000) < policy.CROWDED_P for at in places]
+    assert np.mean(crowding) == pytest.approx(float(kind in CROWDS), abs=0.05)
+
+
 def test_a_quantiser_grid_of_few_steps_leaves_nothing_unexplained(world, tmp_path):
     world.code = {"code": "zadoff_chu", "length": 1021, "root": 7, "samples_per_chip": 1}
     index, step = np.arange(1021), 1 / 32

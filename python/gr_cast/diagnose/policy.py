@@ -187,6 +187,10 @@ WINDOWS = 64  # of time, in which impulses are counted
 LEAST_WINDOW = 16  # samples
 LEAST_IMPULSES = 5  # in a window at random, from which their counts spread as χ² has it
 LONGEST_IMPULSE, TOGETHER = 8, 2  # samples: what lasts longer is a burst, and how far apart are those of one impulse
+# Trains of impulses: so many at least, of which one may hold such a share of all; strong samples without a gap in one impulse,
+# up to which so many are, for some stand on others.
+FEWEST_TRAINS, LARGEST_TRAIN = 8, 0.25
+LONGEST_SPARK, MOST_SPARKS = 32, 0.9
 CROWDED_P = 1e-3  # of impulses in one window of time, below which they do not come at random
 FOREIGN_CELLS, LEAST_CELL = 128, 8  # cells of time, and samples in each at least, in which a stretch is looked for that is not
 # what the twin says

@@ -14,13 +14,18 @@ from ..twin.effects import FAMILIES, is_coarse
 from ..twin.effects.base import around_circle, at_half_the_rate
 from .fit import within
 from .policy import (
+    CROWDED_P,
+    FEWEST_TRAINS,
     FOREIGN,
     FOREIGN_CELLS,
     HEARD,
+    LARGEST_TRAIN,
     LEAST_CELL,
     LEAST_IMPULSES,
     LEAST_WINDOW,
     LONGEST_IMPULSE,
+    LONGEST_SPARK,
+    MOST_SPARKS,
     TOGETHER,
     TWIN_FITS,
     WINDOWS,
@@ -249,22 +254,48 @@ def foreign(fit) -> tuple[np.ndarray, Leftover] | None:
 
 
 def crowded_impulses(fit) -> float:
-    """p-value of the fullest of many windows of time, half over each other, or of all of them together, under impulses that
-    come at random (Poisson); 1 without impulses."""
+    """p-value of impulses, or of the trains that they come in, under such as come at random; 1 without impulses."""
     effect = next((e for e in fit.model.found if FAMILIES[e.family].scattered), None)
     used = np.flatnonzero(fit.data.use > 0)
-    windows = min(WINDOWS, len(used) // LEAST_WINDOW)
-    if effect is None or windows < 4:
+    if effect is None:
         return 1.0
     energy = np.abs(normal(replace(fit, data=replace(fit.data, variance=None)))[used]) ** 2
-    at = np.flatnonzero(FAMILIES[effect.family].shares(effect, energy * fit.sigma2) > 0.5)
-    if not len(at):
+    return crowded(np.flatnonzero(FAMILIES[effect.family].shares(effect, energy * fit.sigma2) > 0.5), len(used))
+
+
+def crowded(at: np.ndarray, count: int) -> float:
+    """p-value of strong samples `at` (k,) of `count` as impulses that come at random, or in trains that do."""
+    alone = _crowding(_beginnings(at), count)
+    return alone if alone > CROWDED_P else max(alone, _crowding(_trains(at), count))
+
+
+def _crowding(at: np.ndarray, count: int) -> float:
+    """p-value of the fullest of many windows of time, half over each other, or of all of them together, under events `at` (k,)
+    samples of `count` that come at random (Poisson); 1 of none."""
+    windows = min(WINDOWS, count // LEAST_WINDOW)
+    if not len(at) or windows < 4:
         return 1.0
-    at = _beginnings(at)
-    halves = np.bincount(at * 2 * windows // len(used), minlength=2 * windows)
+    halves = np.bincount(at * 2 * windows // count, minlength=2 * windows)
     fullest = (halves[1:] + halves[:-1]).max()
     one = _bonferroni(float(stats.poisson.logsf(fullest - 1, len(at) / windows)), 2 * windows)
-    return min(1.0, 2 * min(one, _in_several(at / len(used))))
+    return min(1.0, 2 * min(one, _in_several(at / count)))
+
+
+def _trains(at: np.ndarray) -> np.ndarray:
+    """The first samples of the trains in which strong samples `at` (k,) come, as sparks and flashes do: gaps within a train and
+    between two are of two kinds, each exponential, and most likely as they are split here. `at` itself where these are no
+    trains: few, one of much of it all, or of bursts."""
+    begins = np.flatnonzero(np.diff(at, prepend=-np.inf) > TOGETHER)
+    gaps, runs = np.diff(at[begins]), np.diff(np.append(begins, len(at)))
+    if len(gaps) < FEWEST_TRAINS or np.quantile(runs, MOST_SPARKS) > LONGEST_SPARK:
+        return at
+    ordered, k = np.sort(gaps), np.arange(1, len(gaps))
+    short = np.cumsum(ordered)[:-1]
+    kinds = ((k, short), (len(gaps) - k, gaps.sum() - short))
+    split = int(np.argmax(sum(hits * (2 * np.log(hits) - np.log(total)) for hits, total in kinds)))
+    first = np.flatnonzero(np.append(True, gaps > ordered[split]))
+    sizes = np.diff(np.append(first, len(begins)))
+    return at[begins[first]] if len(first) >= FEWEST_TRAINS and sizes.max() <= LARGEST_TRAIN * len(begins) else at
 
 
 def _beginnings(at: np.ndarray) -> np.ndarray:
