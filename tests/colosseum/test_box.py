@@ -186,6 +186,7 @@ def ask(path: Path, **request) -> dict:
         return json.loads(client.recv(3276800))
 
 
+@pytest.mark.timeout(600 + 90 * KILLS)
 def test_a_runner_killed_at_any_moment_leaves_nothing_after_down_and_another_box_alone(boxes):
     team = team_with(boxes, {"good": {}})
     (team / "images" / "good.tar.gz").unlink()
