@@ -113,6 +113,26 @@ def test_impulses_come_at_random_alone_or_in_trains_and_are_something_else_where
     assert np.mean(crowding) == pytest.approx(float(kind in CROWDS), abs=0.05)
 
 
+@pytest.mark.parametrize("band", [0.0, 0.7])
+def test_sparks_in_trains_leave_nothing_of_their_colour_and_hide_no_noise_of_a_band(world, tmp_path, band):
+    rng, count = world.rng, len(world.n)
+    trains = [first + np.cumsum(rng.exponential(40.0, 6)) for first in rng.uniform(0, count, 25)]
+    hit = np.zeros(count + 40, complex)
+    for at in np.concatenate(trains).astype(int):
+        if at < count:
+            burst = (rng.normal(size=32) + 1j * rng.normal(size=32)) * np.exp(-np.arange(32) / 6)
+            burst = np.convolve(burst, [0.25, 0.75, 1.0, 0.75, 0.25])
+            hit[at : at + 36] += burst / np.abs(burst).max()
+    f = np.fft.fftfreq(count)
+    hiss = np.sqrt(count / 2) * np.fft.ifft(
+        (np.abs(f - 0.2) < 0.1) * np.fft.fft(rng.normal(size=count) + 1j * rng.normal(size=count))
+    )
+    y = world.clean() + world.noise_rms * (7 * hit[:count] + band * hiss)
+    document = diagnose(read_case(world.write(tmp_path / "case", world.noisy(y))), budget_s=3000).document
+    assert document["verdict"] == ("unexplained" if band else "identified")
+    assert band or [e["family"] for e in document["effects"]] == ["impulsive_noise"]
+
+
 def test_a_quantiser_grid_of_few_steps_leaves_nothing_unexplained(world, tmp_path):
     world.code = {"code": "zadoff_chu", "length": 1021, "root": 7, "samples_per_chip": 1}
     index, step = np.arange(1021), 1 / 32

@@ -288,6 +288,12 @@ def off_the_rails(fit: Fit) -> np.ndarray:
     return inside & (inside.sum() >= LEAST_HEARD)
 
 
+def of_even_noise(fit: Fit) -> np.ndarray:
+    """(n,) bool: samples `off_the_rails` in which no impulse is likelier than none: an impulse has a colour of its own."""
+    inside = off_the_rails(fit)
+    return inside if fit.data.impulses is None else inside & (fit.data.impulses[1] > 0.5)
+
+
 def within(fit: Fit, inside: np.ndarray) -> Fit:
     """A fit as a test of its noise sees it: the samples `inside` (n,) bool alone, and the level that the noise has there."""
     if np.array_equal(inside, fit.data.use > 0) or not inside.any():

@@ -12,7 +12,7 @@ from ..twin.effects.noise_family import profile
 from . import align, ambiguity, claims, flatness, floor, gate, offsets, presence, residual, slips, slow
 from .exchange import exchanged
 from .finding import Finding, nmse, numbers, worth
-from .fit import Fit, off_the_rails, solve
+from .fit import Fit, of_even_noise, off_the_rails, solve
 from .ownership import agree_on_sides, agree_on_wander
 from .passing import without_passing
 from .policy import (
@@ -329,7 +329,7 @@ def _look_for_rest(finding: Finding) -> None:
     fit = finding.fit
     explained = max(0.0, finding.twin.sigma2 / fit.sigma2 - 1) * fit.data.count
     beyond = [_beyond(finding, i) for i, e in enumerate(fit.model.effects) if FAMILIES[e.family].beyond]
-    inside = off_the_rails(fit)
+    inside = of_even_noise(fit)
     finding.tested = [*residual.leftovers(fit, inside), *flatness.left(fit, inside)]
     # What is fitted, and no cause, is measured as causes are: in nats.
     told = fit.data.count * float(np.log1p(explained / fit.data.count))
