@@ -137,7 +137,11 @@ def calibration_json(folder):
     path = folder / "hall" / "v1.json"
     path.parent.mkdir(exist_ok=True)
     losses = {"a>b": 57.5, "b>a": 57.0}
-    _json(path.parent, path.name, {"cast_calibration": 1, "name": "hall", "version": 1, "base_loss_db": losses})
+    _json(
+        path.parent,
+        path.name,
+        {"cast_calibration": 1, "name": "hall", "version": 1, "base_loss_db": losses, "base_delay_s": {"a>b": 1e-7}},
+    )
     os.environ["CAST_CALIBRATIONS"] = str(folder)
     return path, lambda _: calibration.load("hall")
 
