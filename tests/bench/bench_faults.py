@@ -15,6 +15,7 @@ import os
 import random
 import secrets
 import shutil
+import signal
 import sys
 import tempfile
 import time
@@ -50,6 +51,8 @@ def main(argv=None) -> int:
     parser.add_argument("--kind", nargs="+", choices=list(ATTACKS), default=list(ATTACKS))
     parser.add_argument("--again", type=int, metavar="NUMBER", help="only this attack of the seed")
     args = parser.parse_args(argv)
+    # In the background it inherits that interrupts are ignored, and so would every program that it interrupts.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     print(f"seed {args.seed}", flush=True)
     table = {kind: dict.fromkeys(COLUMNS, 0) for kind in args.kind}
     end = time.monotonic() + 60 * args.minutes
