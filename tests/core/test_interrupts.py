@@ -157,6 +157,19 @@ except KeyboardInterrupt:
 time.sleep(1)
 print("went on", flush=True)
 """
+TOGETHER = """
+import os, signal, time
+from gr_cast.core import interrupts
+interrupts.second_ends()
+signal.pthread_sigmask(signal.SIG_BLOCK, interrupts.SIGNALS)
+for number in interrupts.SIGNALS:
+    os.kill(os.getpid(), number)
+try:
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, interrupts.SIGNALS)
+finally:
+    time.sleep(20)
+    print("played on", flush=True)
+"""
 BETWEEN = """
 import os, signal, sys, threading
 from gr_cast.core import interrupts
@@ -197,6 +210,11 @@ def test_a_signal_that_a_library_swallowed_is_not_forgotten():
 def test_a_swallowed_signal_comes_again_until_somebody_hears_of_it_and_not_into_tidying_up(how):
     done = ends(SWALLOWED_WITHOUT_SAMPLES.format(how=how))
     assert (done.stdout, done.stderr, done.returncode) == ("tidied\nwent on\n", "", 0)
+
+
+def test_two_signals_at_one_moment_are_a_first_and_a_second():
+    done = ends(TOGETHER)
+    assert done.returncode == -signal.SIGTERM and done.stderr == ""
 
 
 @pytest.mark.parametrize("moment", ["before", "after"])

@@ -5,6 +5,7 @@ do nothing here: the signal's number goes through a pipe to a thread, which may 
 import contextlib
 import multiprocessing
 import os
+import re
 import signal
 import sys
 import threading
@@ -12,6 +13,7 @@ from collections.abc import Callable
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _AGAIN_S = 0.25  # until an interrupt that nobody heard of is raised again
+_TOGETHER = re.compile(r"Signal (\d+) ignored due to race condition")  # CPython's words for one that came with the first
 _has_come = False  # the first signal of a program that `second_ends` watches
 _is_settled = False  # somebody heard of it
 
@@ -94,7 +96,9 @@ def second_ends() -> Callable[[], bool]:
             raise KeyboardInterrupt
 
     def dropped(what):
-        if not issubclass(what.exc_type, KeyboardInterrupt):
+        if together := _TOGETHER.fullmatch(str(what.exc_value)):
+            os.kill(os.getpid(), int(together[1]))
+        elif not issubclass(what.exc_type, KeyboardInterrupt):
             others(what)
 
     others, sys.unraisablehook = sys.unraisablehook, dropped
