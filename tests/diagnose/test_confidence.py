@@ -10,7 +10,7 @@ from gr_cast.diagnose.confidence import Figures, confidence, is_whole, unseen_re
 from gr_cast.diagnose.policy import OPEN, SUREST, TEMPER_NATS, UNEXPLAINED_NATS
 from scipy import stats
 
-CLEAR = Figures(evidence=3000.0, held_out=400.0, lead=600.0, left=0.0, flexible=False, complete=True, open=False)
+CLEAR = Figures(evidence=3000.0, held_out=400.0, lead=600.0, left=0.0, flexible=False, complete=True, proven=True, open=False)
 BARE = replace(CLEAR, evidence=9.0, held_out=1.0, lead=None)
 
 
@@ -62,6 +62,13 @@ def test_an_effect_as_loud_as_what_is_left_may_as_well_be_a_part_of_it(left):
 def test_what_would_fit_something_else_leaves_nothing_as_seldom_as_an_unknown_share_is_so_near_to_all(nats):
     share = nats / (nats + UNEXPLAINED_NATS)  # with less of it explained, tests would see the rest
     assert unseen_rest(nats) == pytest.approx(stats.beta(0.5, 0.5).sf(share))
+
+
+def test_what_the_time_left_unproven_is_hardly_likelier_right_than_not_and_with_another_no_whole_list():
+    cut = replace(CLEAR, complete=False)
+    unproven = confidence(replace(cut, held_out=None, proven=False))
+    assert 0.5 < unproven < 0.65 < confidence(cut)
+    assert not is_whole([unproven] * 2)
 
 
 def test_six_effects_that_are_each_sure_are_a_whole_list_random_courses_among_them():

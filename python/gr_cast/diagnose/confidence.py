@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .policy import FREEDOM, HURRIED, OPEN, SUREST, TEMPER_NATS, UNEXPLAINED_NATS, WHOLE
+from .policy import FREEDOM, HURRIED, OPEN, SUREST, TEMPER_NATS, UNEXPLAINED_NATS, UNPROVEN, WHOLE
 
 
 @dataclass(frozen=True, kw_only=True)
 class Figures:
     """What tells how sure an effect is. Nats of `evidence`, on unseen samples (`held_out`, None where that was not worked out),
     of the `lead` over the runner-up (None without one), and what is `left` unexplained; whether its family is `flexible`: has the
-    freedom to look like others."""
+    freedom to look like others; whether the search was `complete`, and the effect `proven` on unseen samples or read off them."""
 
     evidence: float
     held_out: float | None
@@ -26,6 +26,7 @@ class Figures:
     left: float
     flexible: bool
     complete: bool
+    proven: bool
     open: bool
 
 
@@ -40,7 +41,7 @@ def confidence(figures: Figures) -> float:
     if f.flexible:
         sure *= 1 - FREEDOM * unseen_rest(nats)
     if not f.complete:
-        sure *= HURRIED
+        sure *= HURRIED if f.proven else UNPROVEN
     return float(min(sure, OPEN) if f.open else sure)
 
 

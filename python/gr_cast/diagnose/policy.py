@@ -44,6 +44,9 @@ TEMPER_NATS = 4.0  # models are not exact: so many nats count as one, whatever t
 FREEDOM = 0.5
 OPEN = 0.5  # at most, where another family fits alike
 HURRIED = 0.9  # where the time ended the search
+UNPROVEN = (
+    0.6  # of what had no time left to be held against unseen samples and rivals: of eight such in sealed worlds two were right
+)
 CLAIMED = 0.5  # probability of an effect from which on it is told as one: likelier right than not; else it is left
 WHOLE = 0.5  # probability of a list from which on it is called the whole truth: likelier right than not
 

@@ -214,6 +214,7 @@ def _confidences(told: list[Told], ambiguous: list[dict], complete: bool) -> lis
             left=max([rest.nats for rest in t.finding.left if not rest.apart], default=0.0),
             flexible=imitates(t.effect),
             complete=complete,
+            proven=t.surely_read or t.held_out is not None,
             open=FAMILIES[t.effect.family].told in open_ones,
         )
         out.append(round(confidence(figures), 3))
