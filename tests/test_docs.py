@@ -128,3 +128,13 @@ def test_the_site_builds_without_warnings(tmp_path):
     assert all((site / "notebooks" / f"{path.stem}.html").is_file() for path in ROOT.glob("docs/notebooks/*.ipynb"))
     assert "gr_cast.sounding.sound.sound" in (site / "reference" / "api.html").read_text()
     assert json.loads((site / "schemas" / "twin.schema.json").read_text())["title"].startswith("A twin")
+
+
+def test_the_flowgraph_of_the_first_hour_runs_as_it_is_typed(tmp_path):
+    """Where nothing of gr-cast is installed or on a path."""
+    row = next(line for line in (ROOT / "docs/first_hour.md").read_text().splitlines() if "| a flowgraph" in line)
+    typed = [command.replace("/tmp", str(tmp_path)) for command in re.findall("`(.+?)`", row)]
+    clean = {"PATH": os.environ["PATH"], "HOME": str(tmp_path)}
+    done = subprocess.run(["bash", "-ec", "\n".join(typed)], cwd=ROOT, env=clean, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert (tmp_path / "loopback_headless.py").is_file()
