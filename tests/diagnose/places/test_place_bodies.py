@@ -2,6 +2,7 @@
 """Bodies in a yard that another tracer (tests/bench/places) knows of: a shed nobody drew, someone who walks, another carrier."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,9 @@ from gr_cast.scenario.create.geometry import Solid
 from gr_cast.scenario.create.media import Medium
 from gr_cast.scenario.create.nodes import Node
 from gr_cast.twin.places.families import FAMILIES
+from gr_cast.twin.places.families.additions import Sheet
 from gr_cast.twin.places.families.base import Effect
+from gr_cast.twin.places.families.mechanisms import ExcessLoss
 from gr_cast.twin.places.predict import Predictor
 from gr_cast.twin.places.world import Mesh, Radio, World
 
@@ -129,9 +132,10 @@ def test_what_passes_is_followed_by_the_phases_of_its_echo_as_fast_as_it_may_be(
 def test_what_does_not_predict_the_vault_is_not_all_there_is():
     shed_too = theirs()
     shed_too["objects"]["shed"], shed_too["materials"]["shed"] = {"tris": shed()[SIDES], "surface": None}, "concrete"
-    plain = evaluated(heard(theirs(), 30.0), ours(), ())
-    assert run._is_foretold(heard(theirs(), 30.0), plain)
-    assert not run._is_foretold(heard(shed_too, 30.0), plain)
+    ears = heard(theirs(), 30.0)
+    plain = View(ears, evaluated(ears, ours(), ()), KNOWN)
+    assert run._is_foretold(plain, ears)
+    assert not run._is_foretold(plain, heard(shed_too, 30.0))
 
 
 def test_at_one_instant_nothing_passes(monkeypatch):
@@ -150,7 +154,74 @@ def test_who_passed_once_need_not_pass_again():
     ears = heard(theirs(), 30.0)
     with_passer = evaluated(ears, ours(), [gone])
     assert with_passer.energy > 2 * ears[0].count  # somebody else would see it
-    assert run._is_foretold(ears, with_passer)
+    assert run._is_foretold(View(ears, with_passer, KNOWN), ears)
+
+
+def ridge(begin_m: float, end_m: float, level_m: float = -4.0) -> np.ndarray:
+    """Corners of a fence from one end to the other, along x."""
+    return np.array([(begin_m, level_m, 0), (end_m, level_m, 0), (end_m, level_m, 6), (begin_m, level_m, 6)], float)
+
+
+@pytest.mark.parametrize(("aside_m", "is_foretold"), [(0.0, True), (0.03, False)])
+def test_where_a_wall_ends_is_not_foretold_and_where_it_stands_is(aside_m, is_foretold):
+    """A fence that the campaign shows in parts; on another day links see more of it."""
+    begin_m, end_m, lit = -14.0, 14.0, slice(0, 4)
+    fenced = theirs()
+    fenced["objects"]["fence"] = {"tris": ridge(begin_m, end_m, -9.0)[QUAD], "surface": None}
+    fenced["materials"]["fence"] = "metal"
+    vault = heard(fenced, 30.0)
+    weight = np.zeros_like(vault[0].heard.weight)
+    weight[lit] = vault[0].heard.weight[lit]
+    ears = [replace(vault[0], heard=replace(vault[0].heard, weight=weight))]
+    sheet = Sheet(
+        origin_m=(0.0, -9.0 + aside_m, 3.0), normal=(0.0, 1.0, 0.0), u=(1.0, 0.0, 0.0), v=(0.0, 0.0, 1.0),
+        low_m=(begin_m, -3.0), high_m=(3.5, 3.0),
+    )  # fmt: skip
+    found = Effect(family=BY_NAME["missing_object"], owner="place", values=np.array([0.0, 0.0, 0.0, np.log(1e7)]), choice=sheet)
+    model = evaluated(ears, ours(), [found])
+    assert (run._left(evaluated(vault, ours(), [found]), vault[0].count)) > 0.5 * vault[0].count  # as told it ends too soon
+    assert run._is_foretold(View(ears, model, KNOWN), vault) == is_foretold
+
+
+def loss(link: str) -> Effect:
+    return Effect(family=ExcessLoss(), owner=link, values=np.zeros(1))
+
+
+def louder(ears: list, node: str, db: float, links=slice(None)) -> list:
+    """The same where one node's links are stronger than they should be; no others but `links` are heard."""
+    told = ears[0].heard
+    mine = np.array([node in link for link in told.links])
+    weight = np.zeros_like(told.weight)
+    weight[links] = told.weight[links]
+    return [
+        replace(ears[0], heard=replace(told, y=np.where(mine[:, None, None], told.y * 10 ** (db / 20), told.y), weight=weight))
+    ]
+
+
+def of(name: str, owner: str, *values: float) -> Effect:
+    return Effect(family=BY_NAME[name], owner=owner, values=np.array(values))
+
+
+def test_links_that_lose_alike_are_their_nodes_gain():
+    ears = louder(heard(theirs(), 30.0), "n4", 3.0)
+    losses = fitted(ears, evaluated(ears, ours(), [loss(f"n4>{end}") for end in ("n2", "n3", "n5")]))
+    others = {losses.effects[0].key: [of("node_gain", "n4", 2.5)]}
+    model = search._asked_again(ears, losses, ears[0].count, 10, others, search.Budget.of(60.0))
+    assert [effect.key for effect in model.effects] == [("node_gain", "n4")]
+    assert model.effects[0].values == pytest.approx([3.0], abs=0.05)
+
+
+@pytest.mark.parametrize(("is_node", "told"), [(True, ("node_gain", "n4")), (False, ("excess_loss", "n4>n2"))])
+def test_of_two_that_explain_alike_the_one_that_foretells_the_vault_is_told(is_node, told):
+    whole = heard(theirs(), 30.0)
+    one = slice(LINKS.index(("n4", "n2")), LINKS.index(("n4", "n2")) + 1)
+    ears = louder(whole, "n4", 3.0, one)  # one link of the node: its own loss, or the node's gain
+    vault = louder(whole, "n4", 3.0 if is_node else 0.0, slice(LINKS.index(("n4", "n3")), None))
+    first, second = (loss("n4>n2"), of("node_gain", "n4", 0.0)) if is_node else (of("node_gain", "n4", 0.0), loss("n4>n2"))
+    model, others = fitted(ears, evaluated(ears, ours(), [first])), {first.key: [second]}
+    best, rivals = search.exchanged(ears, model, others, ears[0].count, 10, search.Budget.of(60.0), vault)
+    assert best.effects[0].key == told
+    assert rivals[told][0][1] > 10
 
 
 @pytest.mark.parametrize("ratio", [0.42, 0.9, 2.3])
@@ -201,6 +272,8 @@ def begun(monkeypatch, left: dict, first: str = "extra_object"):
 
     monkeypatch.setattr(search, "candidates", candidates)
     monkeypatch.setattr(search, "pruned", lambda ears, one, count, tried: one)
+    monkeypatch.setattr(search, "_asked_again", lambda ears, one, *rest: one)
+    monkeypatch.setattr(search, "_by_shape", lambda ears, one: 0.0)
     monkeypatch.setattr(search.elsewhere, "instead", lambda ears, one, budget: [])
     best, _ = search._explored(ears, model(()), KNOWN, search.Budget.of(60.0), {}, set(), lambda text: None)
     return [effect.owner for effect in best.effects]
@@ -211,11 +284,12 @@ def test_where_the_best_first_step_leads_nowhere_the_next_best_is_gone_on_with(m
     assert begun(monkeypatch, left) == ["b", "d"]
 
 
-def test_a_random_field_that_leaves_nothing_stands_only_where_nothing_stiff_says_more(monkeypatch):
+@pytest.mark.parametrize("family", ["missing_scattering", "missing_object"])
+def test_a_random_field_or_shape_that_leaves_nothing_stands_only_where_nothing_stiff_says_more(monkeypatch, family):
     left = {(): 10_000.0, ("field",): 100.0, ("a",): 5000.0, ("a", "b"): 0.0}
-    assert begun(monkeypatch, left, "missing_scattering") == ["a", "b"]
+    assert begun(monkeypatch, left, family) == ["a", "b"]
     left |= {("a", "b"): 4000.0}
-    assert begun(monkeypatch, left, "missing_scattering") == ["field"]
+    assert begun(monkeypatch, left, family) == ["field"]
 
 
 def test_what_a_few_patches_of_a_field_send_alike_accuses_nothing_beside_it(monkeypatch):

@@ -41,9 +41,13 @@ class ResponseEar:
     def profiled(self, predicted: np.ndarray) -> Fitted:
         return profiled(self.heard, predicted)
 
+    def row_nats(self, fit: Fitted) -> np.ndarray:
+        """(L, T) energy of each response."""
+        return (np.abs(fit.residual) ** 2 * self.heard.weight).sum(axis=2)
+
     def nats(self, fit: Fitted) -> np.ndarray:
         """(L,) energy of each link."""
-        return (np.abs(fit.residual) ** 2 * self.heard.weight).sum(axis=(1, 2))
+        return self.row_nats(fit).sum(axis=1)
 
     left = nats
 

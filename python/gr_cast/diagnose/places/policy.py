@@ -13,6 +13,7 @@ SCREENED_NATS = 1000.0  # of excess energy in thinned soundings: then candidates
 SCREEN_ROUNDS = 2  # Gauss-Newton steps of a candidate alone
 RESHAPED, SHAPE_NATS = 6, 2.0  # turns of looking for a shape, at most; what a turn must give for another
 TRIMMED_NATS = 0.5  # that the end of an added object must be worth to be there
+ASKED_AGAIN = 2  # of what came close to an effect, each time when another is found
 SHAPE_SHARE = 0.01  # of what an added object explains, for what is wrong with its shape: less is no other's effect
 SEPARATED_NATS = 10.0  # what a recording must promise to be worth asking for
 LINK_NATS = 3.0  # of one link: less is no part of an effect's place

@@ -99,7 +99,7 @@ def _told(place: Place, found: search.Found, ears: tuple, vault: tuple, pathless
     model = found.model
     view = View(ears, model, place.unknown)
     alike = [_alike(found, number, ears, vault, model.base) for number in range(len(model.effects))]
-    foretold = _is_foretold([one for one in vault if one.has_responses], model)
+    foretold = _is_foretold(view, [one for one in vault if one.has_responses])
     clean = found.deviations < policy.CLEAN_DEVIATIONS and not pathless and foretold
     there = evaluated(vault, model.base, model.effects) if vault else None
     covariances = [_doubt(found, ears, clean) * own for own in deviations(ears, model)]
@@ -129,18 +129,27 @@ def _as_taps(ears, through, base) -> search.Found | None:
     return replace(plain, model=model, start=model) if taps.explain(plain.model, model, count) else None
 
 
-def _is_foretold(vault: list, model: Model) -> bool:
-    """Whether the vault is predicted as well as its noise lets one know, with or without what may have been there for once."""
+def _is_foretold(view: View, vault: list) -> bool:
+    """Whether the vault is predicted as well as its noise lets one know, with or without what may have been there for once, and
+    wherever what was added ends: that the soundings of one campaign do not show."""
     if not vault:
         return True
-    count = sum(one.count for one in vault)
+    model, count = view.model, sum(one.count for one in vault)
+    lasting = [one for one in model.effects if one.family.lasts]
+    told, other, twin = (evaluated(vault, model.base, effects) for effects in (model.effects, lasting, ()))
+    sizes = zip(*(one.family.sizes(view, one) for one in model.effects), strict=True)
+    resized = [evaluated(vault, model.base, effects) for effects in sizes]
+    ended = sum(
+        float((one.row_nats(fits[0]) - np.minimum.reduce([one.row_nats(fit) for fit in fits])).sum())
+        for one, *fits in zip(vault, told.fits, *(each.fits for each in resized), strict=True)
+    )
+    after = min(_left(told, count) - ended, _left(other, count))
+    return after < max(policy.UNTOLD_NOISE * count, policy.UNTOLD_SHARE * _left(twin, count))
 
-    def left(effects) -> float:
-        told = evaluated(vault, model.base, effects)
-        return told.whitened - told.offset - count
 
-    twin, after = left(()), min(left(model.effects), left([one for one in model.effects if one.family.lasts]))
-    return after < max(policy.UNTOLD_NOISE * count, policy.UNTOLD_SHARE * twin)
+def _left(model: Model, count: float) -> float:
+    """Nats above what noise has."""
+    return model.whitened - model.offset - count
 
 
 def _verdict(told: _Told) -> str:
@@ -255,7 +264,7 @@ def _confidence(effect, gain: float, behind: list, vault_nats: float | None, cle
 
 def _doubt(found: search.Found, ears, clean: bool) -> float:
     """By what covariances are too small where something is left that nobody named: it may lie along one number of each link."""
-    left = max(0.0, found.model.whitened - found.model.offset - found.count)
+    left = max(0.0, _left(found.model, found.count))
     return 1.0 if clean else 1.0 + 2 * left / sum(len(one.predictor.links) for one in ears)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from ...twin.places.families.base import Effect
 from . import elsewhere, policy
 from .ears import thinned
-from .fit import Ear, Model, evaluated, fitted, replaced, shows_in, with_effect, without_effects
+from .fit import Ear, Model, evaluated, fitted, normal_equations, replaced, shows_in, with_effect, without_effects
 from .view import View
 
 
@@ -291,22 +291,38 @@ def _grown(
                 model = _begun_anew(ears, model, number)
         if model is not before:
             model = pruned(ears, model, count, tried)
+        model = _asked_again(ears, model, count, tried, others, budget)
     return model, tried
 
 
+def _asked_again(ears, model: Model, count: float, tried: float, others: dict, budget: Budget) -> Model:
+    """The model with what came close to an earlier effect in its place, where that is better now: what one link alone lost is its
+    node's once another of this node's links loses as much."""
+    for number in range(len(model.effects) - 1):
+        own, keys = model.effects[number], {effect.key for effect in model.effects}
+        close = [one for one in others.get(own.key, ()) if one.key not in keys and not one.family.is_flexible]
+        for other in close[: 0 if budget.is_spent else policy.ASKED_AGAIN]:
+            trial = pruned(ears, fitted(ears, replaced(ears, model, number, other), rounds=4), count, tried)
+            if worth(trial, model, count, tried) > policy.SHAPE_NATS:
+                others.setdefault(other.key, [own, *(one for one in close if one is not other)])
+                return _asked_again(ears, trial, count, tried, others, budget)
+    return model
+
+
 def _stiff_first(paying: list[Model], model: Model, count: float) -> Model:
-    """The candidate to go on with: the best, but something stiff that explains a good part before random fields, which explain
-    much that they are not, unless they leave nothing where it leaves the most: then little is left to look for."""
+    """The candidate to go on with: the best, but something stiff that explains a good part before random fields and what has a
+    shape to choose, which explain much that they are not, unless they leave nothing where it leaves the most: then little is left
+    to look for."""
     best, good = paying[0], _good_stiff(paying, model, count)
-    if not good or not best.effects[-1].family.is_flexible:
-        return good or best
+    if not good or good is best:
+        return best
     leaves_the_most = model.energy - good.energy < policy.MOST_SHARE * (model.energy - model.offset - count)
     return best if leaves_the_most and _excess(best, count) < policy.CLEAN_DEVIATIONS else good
 
 
 def _good_stiff(paying: list[Model], model: Model, count: float) -> Model | None:
-    """The best that is no random field, if it explains a good part of what is left."""
-    stiff = [one for one in paying if not one.effects[-1].family.is_flexible]
+    """The best that is no random field and has no shape, if it explains a good part of what is left."""
+    stiff = [one for one in paying if not one.effects[-1].family.is_flexible and not one.effects[-1].family.shape_axes]
     is_good = stiff and model.energy - stiff[0].energy > policy.STIFF_SHARE * (model.energy - model.offset - count)
     return stiff[0] if is_good else None
 
@@ -345,8 +361,8 @@ def told_nats(vault: Sequence[Ear], model: Model) -> list[float]:
 
 
 def exchanged(ears, model: Model, others: dict, count: float, tried: float, budget: Budget, vault: Sequence[Ear] = ()):
-    """What came close when an effect was found, in its place now: the better one stays, the other is a rival. What tells of the
-    vault is nothing that was there for once."""
+    """What came close when an effect was found, in its place now: the better one stays, the other is a rival; of two that explain
+    alike, it is the one that predicts the vault. What tells of the vault is nothing that was there for once."""
     rivals: dict = {}
     for number, effect in enumerate(model.effects):
         trials, stays = [], told_nats(vault, model)[number] > policy.REFUSED_NATS
@@ -354,14 +370,40 @@ def exchanged(ears, model: Model, others: dict, count: float, tried: float, budg
             if other.key in {e.key for e in model.effects} or budget.is_spent or stays and not other.family.lasts:
                 continue
             trials.append(fitted(ears, replaced(ears, model, number, other), rounds=4))
-        trials.sort(key=lambda one: -worth(one, model, count, tried))
-        if trials and worth(trials[0], model, count, tried) > 1.0:
+        apart = {id(one): foreseen_nats(ears, vault, one, model, number) for one in trials}
+        trials.sort(key=lambda one: apart[id(one)] - worth(one, model, count, tried))
+        if trials and worth(trials[0], model, count, tried) - apart[id(trials[0])] > 1.0:
             trials[0], model = model, trials[0]
+            apart = {id(one): foreseen_nats(ears, vault, one, model, number) for one in trials}
         own = model.effects[number]
         rivals[own.key] = sorted(
-            ((one.effects[number], behind_nats(one, model, number)) for one in trials), key=lambda pair: pair[1]
+            ((one.effects[number], behind_nats(one, model, number) + apart[id(one)]) for one in trials), key=lambda pair: pair[1]
         )
     return model, rivals
+
+
+def foreseen_nats(ears, vault: Sequence[Ear], rival: Model, model: Model, number: int) -> float:
+    """By how much a rival that the fitted soundings leave open predicts the vault worse than the model; 0 of all others, and
+    where one of both is of what may have been there for once."""
+    lasts = rival.effects[number].family.lasts and model.effects[number].family.lasts
+    if not vault or not lasts or behind_nats(rival, model, number) > policy.RIVAL_NATS:
+        return 0.0
+    return foreseen(ears, vault, rival) - foreseen(ears, vault, model)
+
+
+def foreseen(ears, vault: Sequence[Ear], model: Model) -> float:
+    """Energy of the vault as it is predicted by all that lasts, whose numbers are as open as the fitted soundings leave them: of
+    the mean likelihood over them, where it is a Gaussian's."""
+    effects = tuple(effect for effect in model.effects if effect.family.lasts)
+    told, fitted_to = (evaluated(some, model.base, effects) for some in (vault, ears))
+    numbers = np.arange(sum(len(effect.values) for effect in effects))
+    if not len(numbers):
+        return told.energy
+    (there, side), (here, _) = normal_equations(vault, told, numbers), normal_equations(ears, fitted_to, numbers)
+    scale = 1 / np.sqrt(np.diag(here + there) + 1e-300)
+    both, here = ((one * scale[:, None] * scale) for one in (here + there, here))
+    step = np.linalg.lstsq(both, side * scale, rcond=1e-10)[0]
+    return told.energy - float(step @ (side * scale))
 
 
 def behind_nats(rival: Model, model: Model, number: int) -> float:

@@ -93,6 +93,11 @@ class Sheet:
         )  # fmt: skip
         return next_.side(number - 1)
 
+    def around(self, lit_m: np.ndarray, beyond_m: float) -> "Sheet":
+        """The same about points (n, 3) on it and somewhat beyond."""
+        along = (lit_m - np.array(self.origin_m)) @ np.array([self.u, self.v]).T
+        return replace(self, low_m=tuple(along.min(axis=0) - beyond_m), high_m=tuple(along.max(axis=0) + beyond_m))
+
     def turned(self, angle_rad: float) -> "Sheet":
         """About v, at its middle."""
         normal, u = np.array(self.normal), np.array(self.u)
@@ -142,14 +147,16 @@ class MissingObject(Family):
         sheet = effect.choice
         if axis > 3 or sheet.depth_m or (lit_m := view.lit(effect)[0]) is None:
             return []
-        along = (lit_m - np.array(sheet.origin_m)) @ np.array((sheet.u, sheet.v)[axis // 2])
-        low, high, way = np.array(sheet.low_m), np.array(sheet.high_m), axis // 2
-        if axis % 2 == 0:
-            low[way] = max(low[way], along.min() - _BEYOND_LIT_M)
-        else:
-            high[way] = min(high[way], along.max() + _BEYOND_LIT_M)
-        less = replace(sheet, low_m=tuple(low), high_m=tuple(high))
+        wide, ends = sheet.around(lit_m, _BEYOND_LIT_M), np.array([sheet.low_m, sheet.high_m])
+        low, high = np.maximum(ends[0], wide.low_m), np.minimum(ends[1], wide.high_m)
+        ends[axis % 2, axis // 2] = (low, high)[axis % 2][axis // 2]
+        less = replace(sheet, low_m=tuple(ends[0]), high_m=tuple(ends[1]))
         return [] if less == sheet else [replace(effect, choice=less)]
+
+    def sizes(self, view, effect):
+        if effect.choice.depth_m or (lit_m := view.lit(effect)[0]) is None:
+            return effect, effect
+        return tuple(replace(effect, choice=effect.choice.around(lit_m, beyond_m)) for beyond_m in (_LEAST_M, _BEYOND_LIT_M))
 
     def apply(self, world, effect):
         shift_m, turn_rad, permittivity, conductivity = *effect.values[:2], *np.exp(effect.values[2:])

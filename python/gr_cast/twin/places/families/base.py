@@ -60,6 +60,10 @@ class Family:
         """The same no larger along an axis than the soundings lit it."""
         return []
 
+    def sizes(self, view, effect: Effect) -> tuple[Effect, Effect]:
+        """The same as small, and as large, as the soundings leave it open to be."""
+        return effect, effect
+
     def covers(self, world: World, effect: Effect, rival: Effect) -> bool:
         """Whether a rival says by more numbers what this effect says, and would be no more than chance: an object that is gone,
         moved out of sight or as rough or as thin as air."""
