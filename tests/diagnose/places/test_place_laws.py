@@ -7,10 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gr_cast.diagnose.places import diffuse, likelihood, scan, search
+from gr_cast.diagnose.places.fit import evaluated, fitted, with_effect
+from gr_cast.diagnose.places.view import View
 from gr_cast.twin.places.families.base import Effect
 from gr_cast.twin.places.families.nodes import NodePosition, TrackTiming
 from gr_cast.twin.places.families.objects import ExtraObject, Material, Roughness
 
+from tests.diagnose.places import test_place_search
 from tests.diagnose.places.test_place_search import UNKNOWN, heard, ours, theirs
 
 
@@ -105,3 +108,16 @@ def test_other_beginnings_of_a_slab_hold_whole_numbers_of_half_waves_more():
     more = (index - np.sqrt(6.0)) * thickness_m / (world.wavelength_m / 2)
     assert len(more) > 5
     assert more == pytest.approx(np.round(more), abs=1e-9)
+
+
+@pytest.mark.parametrize("factor", [0.8874, 0.9291, 1.0708])
+def test_whoever_goes_at_another_speed_is_found_between_the_speeds_that_are_tried(factor, monkeypatch):
+    monkeypatch.setattr(test_place_search, "CARRIER_HZ", 28e9)  # a track of 200 wavelengths
+    monkeypatch.setattr(test_place_search, "TIME_S", np.linspace(0.0, 1.7, 9))
+    world = copy.deepcopy(theirs())
+    world["nodes"]["walker"]["speed_m_per_s"] *= factor
+    ears = heard(world, 30.0)
+    model = evaluated(ears, ours(), ())
+    starts = TrackTiming().starts(View(ears, model, UNKNOWN), "walker")
+    best = min((fitted(ears, with_effect(ears, model, one)) for one in starts), key=lambda one: one.energy)
+    assert best.effects[0].values == pytest.approx([0.0, factor], abs=1e-3)

@@ -16,11 +16,12 @@ _BEST = 4  # maxima of a grid that are fitted
 _WELLS = 10  # minima of a grid of places that are fitted: a deep well is narrow, and lies between two points of the grid
 _YAWS_RAD = np.linspace(-np.pi, np.pi, 24, endpoint=False)
 _PITCHES_RAD = (-0.6, -0.25, 0.0, 0.25, 0.6)
-_SPEED_FACTORS = np.arange(0.8, 1.2001, 0.02)
-_TIME_OFFSETS_S = np.arange(-0.8, 0.8001, 0.1)
+_FACTOR_STEP, _OFFSET_STEP_S = 0.02, 0.1
+_SPEED_FACTORS = np.arange(0.8, 1.2001, _FACTOR_STEP)
+_TIME_OFFSETS_S = np.arange(-0.8, 0.8001, _OFFSET_STEP_S)
 _LATE, _BETWEEN_S = 2, 0.05  # of those that are looked at by phase, so far either way
 _ASIDE_SHARE = 0.05  # of a displacement that is no move along the track
-_FINE = 9  # steps of the fine grid of speeds, either way
+_FINE = 30, 12  # steps of the fine grid of speeds, and of its times, either way, at most
 _COARSE_FACTORS, _COARSE_OFFSETS_S = (0.87, 1.0, 1.13), (-0.4, 0.0, 0.4)  # where power alone is known
 
 
@@ -213,10 +214,12 @@ class TrackTiming(_OfNode):
         out = view.ranked([wrong(one.values[0] + shift_s) for one in late for shift_s in fine_s])[:_LATE]
         for one in view.promising(coarse)[:_BEST]:
             offset_s, factor = one.values
-            factors = factor + step_s / last_s * np.arange(-_FINE, _FINE + 1)
+            factors = factor + _up_to(_FACTOR_STEP / 2, step_s / last_s, _FINE[0])
             shared = _centred(last_s, factors - factor)  # the middle of the track stays where it is
             fine = [
-                wrong(offset_s + shift + k * step_s, f) for f, shift in zip(factors, shared, strict=True) for k in range(-4, 5)
+                wrong(offset_s + shift + later_s, f)
+                for f, shift in zip(factors, shared, strict=True)
+                for later_s in _up_to(_OFFSET_STEP_S / 2, step_s, _FINE[1])
             ]
             out += view.ranked(fine)[:1]
         return [*out, *near]
@@ -256,6 +259,12 @@ class TrackTiming(_OfNode):
     def sentence(self, effect, told):
         offset_s, factor = _timing(effect)
         return f"{effect.owner} goes {factor:.3f} times as fast as in the twin and is {offset_s:+.3f} s ahead on its track."
+
+
+def _up_to(reach: float, step: float, most: int) -> np.ndarray:
+    """From −reach to reach in steps, no more than so many either way."""
+    many = min(int(np.ceil(reach / step)), most)
+    return step * np.arange(-many, many + 1)
 
 
 def _timing(effect: Effect) -> tuple[float, float]:
