@@ -324,3 +324,32 @@ def test_every_family_begins_in_poor_campaigns(part):
     view = View(ears, evaluated(ears, ours(), ()), KNOWN)
     begun = [start for family in view.families for owner in family.owners(view) for start in family.starts(view, owner)]
     assert begun and all(np.isfinite(one.values).all() for one in begun)
+
+
+MOVED_M = 0.043
+
+
+def half_a_wave_off() -> tuple[list, Model]:
+    """One link that stands still and sees a wall that was moved, and the wall half a wave too far off, as the one link allows."""
+    world = theirs()
+    normal = np.array([-1.0, 18.0, 0.0]) / np.hypot(1, 18)
+    world["objects"]["wall"]["tris"] = world["objects"]["wall"]["tris"] + MOVED_M * normal
+    one = LINKS.index(("n0", "n2"))
+    ears = louder(heard(world, 30.0, band_hz=8e6), "n0", 0.0, slice(one, one + 1))
+    wrong = Effect(family=BY_NAME["object_moved"], owner="wall", values=np.array([MOVED_M + 0.0625]), choice=tuple(normal))
+    model = fitted(ears, evaluated(ears, ours(), [wrong]))
+    assert model.effects[0].values[0] - MOVED_M > 0.05
+    return ears, model
+
+
+def test_an_interval_reaches_the_wells_that_are_open():
+    ears, model = half_a_wave_off()
+    std_m = np.sqrt(run._over_wells(model.effects[0], search.wells(ears, (), model, 0))[0, 0])
+    assert 1.96 * std_m > 0.99 * (model.effects[0].values[0] - MOVED_M)
+
+
+def test_what_the_vault_refuses_is_looked_for_in_the_next_wells(monkeypatch):
+    ears, model = half_a_wave_off()
+    monkeypatch.setattr(search, "_refused", lambda vault, one: [0] if abs(one.effects[0].values[0] - MOVED_M) > 0.05 else [])
+    other = search._otherwise(ears, ears, model, 0, {})
+    assert other.effects[0].values == pytest.approx([MOVED_M], abs=2e-3)

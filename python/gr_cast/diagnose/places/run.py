@@ -102,7 +102,10 @@ def _told(place: Place, found: search.Found, ears: tuple, vault: tuple, pathless
     foretold = _is_foretold(view, [one for one in vault if one.has_responses])
     clean = found.deviations < policy.CLEAN_DEVIATIONS and not pathless and foretold
     there = evaluated(vault, model.base, model.effects) if vault else None
-    covariances = [_doubt(found, ears, clean) * own for own in deviations(ears, model)]
+    covariances = [
+        _doubt(found, ears, clean) * own + _over_wells(model.effects[number], search.wells(ears, vault, model, number))
+        for number, own in enumerate(deviations(ears, model))
+    ]
     made_of = causes(view, model.effects)
     effects = [
         _entry(
@@ -260,6 +263,17 @@ def _confidence(effect, gain: float, behind: list, vault_nats: float | None, cle
     if not clean:
         sure *= policy.SURE_IF_LEFT * (policy.SURE_IF_FLEXIBLE if effect.family.is_flexible else 1.0)
     return round(sure, 3)
+
+
+def _over_wells(effect, wells: list) -> np.ndarray:
+    """Covariance of an effect's numbers whose 95 % interval reaches every open well that has its share of the likelihood."""
+    away = [(behind, values - effect.values) for behind, values in wells]
+    total = 1.0 + sum(np.exp(-behind) for behind, _ in away)
+    out = np.zeros((len(effect.values),) * 2)
+    for behind, far in away:
+        if np.exp(-behind) / total > policy.WELL_SHARE:
+            out += np.outer(far, far) / norm.ppf(0.975) ** 2
+    return out
 
 
 def _doubt(found: search.Found, ears, clean: bool) -> float:

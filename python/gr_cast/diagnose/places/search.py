@@ -130,17 +130,17 @@ def _begun_anew(ears, model: Model, number: int) -> Model:
     return model
 
 
-def _restarted(ears, model: Model, number: int) -> list[Model]:
+def _restarted(ears, model: Model, number: int, most: int = policy.FULL_STARTS) -> list[Model]:
     """The most promising of other beginnings; of many, those that lead to the least energy in thinned soundings."""
     others = model.effects[number].family.restarts(model.base, model.effects[number])
     if len(others) <= policy.MANY_RESTARTS:
-        return sorted((replaced(ears, model, number, one) for one in others), key=lambda one: one.energy)[: policy.FULL_STARTS]
+        return sorted((replaced(ears, model, number, one) for one in others), key=lambda one: one.energy)[:most]
     thin = [thinned(ear, policy.THIN_INSTANTS, policy.THIN_FREQUENCIES) for ear in ears]
     known = evaluated(thin, model.base, model.effects)
     ranked = sorted((replaced(thin, known, number, one) for one in others), key=lambda one: one.energy)
-    near = [fitted(thin, one, rounds=policy.SCREEN_ROUNDS, free=[number]) for one in ranked[: 4 * policy.FULL_STARTS]]
+    near = [fitted(thin, one, rounds=policy.SCREEN_ROUNDS, free=[number]) for one in ranked[: 4 * most]]
     near.sort(key=lambda one: one.energy)
-    best = _distinct(model.base, [one.effects[number] for one in near])[: policy.FULL_STARTS]
+    best = _distinct(model.base, [one.effects[number] for one in near])[:most]
     return [replaced(ears, model, number, one) for one in best]
 
 
@@ -339,14 +339,33 @@ def _refused(vault: Sequence[Ear], model: Model) -> list[int]:
 
 def _otherwise(ears, vault: Sequence[Ear], model: Model, number: int, others: dict) -> Model | None:
     """The model with another fit of a refused effect that explains the soundings as well and is not refused: the same wall, or
-    another, elsewhere."""
+    another, elsewhere, or the same in another well of its phase."""
     key = model.effects[number].key
-    for one in others.get(key, ()):
-        if one.key == key:
-            other = fitted(ears, replaced(ears, model, number, one), rounds=4)
-            if other.energy < model.energy + policy.RIVAL_NATS and number not in _refused(vault, other):
-                return other
+    known = [replaced(ears, model, number, one) for one in others.get(key, ()) if one.key == key]
+    for one in (*known, *_restarted(ears, model, number, policy.WELLS)):
+        other = fitted(ears, one, rounds=4)
+        if other.energy < model.energy + policy.RIVAL_NATS and number not in _refused(vault, other):
+            return other
     return None
+
+
+def wells(ears, vault: Sequence[Ear], model: Model, number: int) -> list[tuple[float, np.ndarray]]:
+    """(nats behind, numbers) of an effect in the other wells of its phase that the soundings leave open and the vault does not
+    refuse."""
+    own = model.effects[number]
+    tried = [
+        fitted(ears, one, rounds=policy.SCREEN_ROUNDS, free=[number]) for one in _restarted(ears, model, number, policy.WELLS)
+    ]
+    open_ = [
+        one
+        for one in tried
+        if one.effects[number].choice is own.choice
+        and one.energy - model.energy < policy.RIVAL_NATS
+        and number not in _refused(vault, one)
+    ]
+    apart = _distinct(model.base, [own, *(one.effects[number] for one in open_)])[1:]
+    energy = {id(one.effects[number]): one.energy for one in open_}
+    return [(max(energy[id(effect)] - model.energy, 0.0), effect.values) for effect in apart]
 
 
 def told_nats(vault: Sequence[Ear], model: Model) -> list[float]:
