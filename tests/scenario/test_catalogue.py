@@ -42,6 +42,13 @@ def test_the_losses_of_90004_to_90009_go_from_0_to_45_db(name, ghz):
     assert scenario.center_frequency_hz == ghz * 1e9
 
 
+@pytest.mark.parametrize(
+    "name, is_one", [("four_tap", True), ("mine.yaml", True), ("MINE.MAT", True), ("nowhere", False), ("a.txt", False)]
+)
+def test_a_scenario_is_an_id_of_the_catalogue_or_a_file_of_its_suffix(name, is_one):
+    assert sc.is_scenario(name) == is_one
+
+
 def test_an_unknown_name_lists_the_catalogue():
     with pytest.raises(CastError, match="four_tap"):
         sc.load("five_tap")
