@@ -137,4 +137,4 @@ def test_the_flowgraph_of_the_first_hour_runs_as_it_is_typed(tmp_path):
     clean = {"PATH": os.environ["PATH"], "HOME": str(tmp_path)}
     done = subprocess.run(["bash", "-ec", "\n".join(typed)], cwd=ROOT, env=clean, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert (tmp_path / "loopback_headless.py").is_file()
+    assert (tmp_path / "loopback_headless.py").is_file() and not (ROOT / "loopback.cf32").exists()
