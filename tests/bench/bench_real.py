@@ -128,7 +128,8 @@ def main(argv=None) -> int:
         print(f"{name:28}{document['verdict']:14}{figures}{seconds:6.0f} s{megabytes:6.0f} MB")
         for effect in document["effects"]:
             nats = effect["evidence"]["heldout_gain_nats"]
-            print(f"  {effect['family']} ({effect['owner']['name']}) {nats:.0f} nats: {effect['sentence']}")
+            held = "not held out" if nats is None else f"{nats:.0f} nats"  # None where the time ran out
+            print(f"  {effect['family']} ({effect['owner']['name']}) {held}: {effect['sentence']}")
         print("".join(f"  MISSED {fault}\n" for fault in faults), end="", flush=True)
     return 1 if wrong else 0
 
