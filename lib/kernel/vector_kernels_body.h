@@ -266,10 +266,8 @@ static std::size_t quantize(const float* in, float scale, float limit, float* ou
         const float low = -limit - 1.0f;
         float a = __builtin_rintf(re), b = __builtin_rintf(im);
         clipped += !(a >= low) | (a > limit) | !(b >= low) | (b > limit);
-        a = a != a      ? 0.0f
-            : a < low   ? low
-            : a > limit ? limit
-                        : a; // no converter gives what is no number
+        // No converter gives what is no number.
+        a = a != a ? 0.0f : a < low ? low : a > limit ? limit : a;
         b = b != b ? 0.0f : b < low ? low : b > limit ? limit : b;
         out[2 * k] = a * step;
         out[2 * k + 1] = b * step;

@@ -179,7 +179,7 @@ def test_where_a_wall_ends_is_not_foretold_and_where_it_stands_is(aside_m, is_fo
     )  # fmt: skip
     found = Effect(family=BY_NAME["missing_object"], owner="place", values=np.array([0.0, 0.0, 0.0, np.log(1e7)]), choice=sheet)
     model = evaluated(ears, ours(), [found])
-    assert (run._left(evaluated(vault, ours(), [found]), vault[0].count)) > 0.5 * vault[0].count  # as told it ends too soon
+    assert evaluated(vault, ours(), [found]).left_nats(vault[0].count) > 0.5 * vault[0].count  # as told it ends too soon
     assert run._is_foretold(View(ears, model, KNOWN), vault) == is_foretold
 
 

@@ -44,6 +44,10 @@ class Model:
     def world(self) -> World:
         return applied(self.base, self.effects)
 
+    def left_nats(self, count: float) -> float:
+        """Above what noise has in `count` numbers."""
+        return self.whitened - self.offset - count
+
 
 def applied(base: World, effects: Sequence[Effect]) -> World:
     """The world with effects, in their families' order: what changes the mesh or its nodes goes before what reads them."""
@@ -182,7 +186,7 @@ def deviations(ears: Sequence[Ear], model: Model) -> list[np.ndarray]:
 def shows_in(part: Sequence[Ear], ears: Sequence[Ear], model: Model) -> bool:
     """Whether what a model leaves of soundings shows in a part of them just as well."""
     count, some = (sum(ear.count for ear in these) for these in (ears, part))
-    return (model.whitened - model.offset - count) * some / max(count, 1) >= policy.SCREENED_NATS
+    return model.left_nats(count) * some / max(count, 1) >= policy.SCREENED_NATS
 
 
 def with_effect(ears: Sequence[Ear], model: Model, effect: Effect) -> Model:

@@ -146,13 +146,8 @@ def _is_foretold(view: View, vault: list) -> bool:
         float((one.row_nats(fits[0]) - np.minimum.reduce([one.row_nats(fit) for fit in fits])).sum())
         for one, *fits in zip(vault, told.fits, *(each.fits for each in resized), strict=True)
     )
-    after = min(_left(told, count) - ended, _left(other, count))
-    return after < max(policy.UNTOLD_NOISE * count, policy.UNTOLD_SHARE * _left(twin, count))
-
-
-def _left(model: Model, count: float) -> float:
-    """Nats above what noise has."""
-    return model.whitened - model.offset - count
+    after = min(told.left_nats(count) - ended, other.left_nats(count))
+    return after < max(policy.UNTOLD_NOISE * count, policy.UNTOLD_SHARE * twin.left_nats(count))
 
 
 def _verdict(told: _Told) -> str:
@@ -278,7 +273,7 @@ def _over_wells(effect, wells: list) -> np.ndarray:
 
 def _doubt(found: search.Found, ears, clean: bool) -> float:
     """By what covariances are too small where something is left that nobody named: it may lie along one number of each link."""
-    left = max(0.0, _left(found.model, found.count))
+    left = max(0.0, found.model.left_nats(found.count))
     return 1.0 if clean else 1.0 + 2 * left / sum(len(one.predictor.links) for one in ears)
 
 

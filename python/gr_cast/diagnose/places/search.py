@@ -192,7 +192,7 @@ class Found:
 
 def _excess(model: Model, count: float) -> float:
     """Energy above what noise has, in its standard deviations."""
-    return float((model.whitened - model.offset - count) / (np.sqrt(max(count, 1.0)) + model.slack))
+    return float(model.left_nats(count) / (np.sqrt(max(count, 1.0)) + model.slack))
 
 
 def run(
@@ -333,7 +333,7 @@ def _refused(vault: Sequence[Ear], model: Model) -> list[int]:
     if min(nats, default=0.0) > -policy.REFUSED_NATS:
         return []
     told = evaluated(vault, model.base, model.effects)
-    left = max(0.0, told.whitened - told.offset - sum(ear.count for ear in vault))
+    left = max(0.0, told.left_nats(sum(ear.count for ear in vault)))
     return [number for number, one in enumerate(nats) if one < -policy.REFUSED_NATS - policy.REFUSED_SHARE * left]
 
 
@@ -364,8 +364,8 @@ def wells(ears, vault: Sequence[Ear], model: Model, number: int) -> list[tuple[f
         and number not in _refused(vault, one)
     ]
     apart = _distinct(model.base, [own, *(one.effects[number] for one in open_)])[1:]
-    energy = {id(one.effects[number]): one.energy for one in open_}
-    return [(max(energy[id(effect)] - model.energy, 0.0), effect.values) for effect in apart]
+    rows = [(one.energy - model.energy, one.effects[number]) for one in open_]
+    return [(max(behind, 0.0), effect.values) for behind, effect in rows if effect in apart]
 
 
 def told_nats(vault: Sequence[Ear], model: Model) -> list[float]:

@@ -51,7 +51,7 @@ class View:
     def is_quiet(self) -> bool:
         """Whether so little is left that what moves paths by wavelengths would have shown."""
         count = sum(ear.count for ear in self.ears)
-        return self.model.whitened - self.model.offset - count < policy.QUIET_DEVIATIONS * np.sqrt(count)
+        return self.model.left_nats(count) < policy.QUIET_DEVIATIONS * np.sqrt(count)
 
     @property
     def has_responses(self) -> bool:
