@@ -5,13 +5,12 @@
 
 import argparse
 import sys
-import tempfile
 from pathlib import Path
 
 import _program
 from gr_cast import scenario as sc
 from gr_cast.core.errors import CastError
-from gr_cast.core.files import check_writable
+from gr_cast.core.files import check_writable, passing_folder
 from gr_cast.core.programs import called
 from gr_cast.scenario.create import pipeline, spec
 from gr_cast.signals.waveform import entry_from_text
@@ -86,8 +85,8 @@ def play_place(args) -> None:
     check_writable(args.output.parent)
     place = document.read(args.case)
     world_spec = spec.read(args.world) if args.world else place.spec
-    with tempfile.TemporaryDirectory() as folder:
-        run = pipeline.Run(folder=Path(folder), tell=lambda line: print(line, flush=True), progress=_program.progress)
+    with passing_folder() as folder:
+        run = pipeline.Run(folder=folder, tell=lambda line: print(line, flush=True), progress=_program.progress)
         world = play.world(world_spec, run)
     told = lambda done, total: _program.progress("soundings", done, total)  # noqa: E731
     arrays = play.campaigns(place, world, noise_power_db=args.noise, seed=args.seed, progress=told)

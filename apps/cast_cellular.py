@@ -5,7 +5,6 @@
 
 import argparse
 import sys
-import tempfile
 import threading
 import time
 from dataclasses import replace
@@ -19,7 +18,7 @@ from gr_cast.comparing.series import write_csv
 from gr_cast.core import interrupts
 from gr_cast.core.errors import CastError
 from gr_cast.core.figures import fixed
-from gr_cast.core.files import write_json
+from gr_cast.core.files import passing_folder, write_json
 from gr_cast.experiments import paper
 from gr_cast.experiments.cellular import downlink as downlink_model
 from gr_cast.experiments.cellular import experiment, stack, stack_run, stack_script
@@ -155,9 +154,9 @@ def over_stack(args) -> int:
     if not 1 <= args.attach_timeout <= 3600:
         raise CastError(f"--attach-timeout: got {args.attach_timeout} s, needs 1 to 3600 s")
     output = output_folder(args.output).resolve()
-    with tempfile.TemporaryDirectory(prefix="cast") as passing:
+    with passing_folder() as passing:
         templates = Path(args.stack_config).expanduser()
-        sockets = output / "stack/sockets" if args.only_write else Path(passing)
+        sockets = output / "stack/sockets" if args.only_write else passing
         members = stack.write_configuration(cells, args.blocks, templates, output / "stack", sockets)
         ports = [Port(node=m.node, direction="tx", kind="zmq", where=m.sends) for m in members]
         ports += [Port(node=m.node, direction="rx", kind="zmq", where=m.receives) for m in members]

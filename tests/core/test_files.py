@@ -3,6 +3,9 @@
 
 import errno
 import os
+import subprocess
+import sys
+import tempfile
 
 import pytest
 from gr_cast.core import files
@@ -50,6 +53,25 @@ def test_only_what_dead_writers_left_is_swept(tmp_path):
     (tmp_path / "x").touch()
     files.sweep_dead(tmp_path)
     assert living.exists() and not dead.exists() and (tmp_path / "x").exists()
+
+
+def test_a_folder_for_a_while_goes_with_its_process_or_with_the_next_one(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    code = """if True:
+        import os, signal
+        from gr_cast.core.files import passing_folder
+        with passing_folder() as folder:
+            (folder / "stays").mkdir(mode=0o500)
+            os.symlink("/", folder / "root")
+            os.kill(os.getpid(), signal.SIGKILL)"""
+    words = [sys.executable, "-c", code]
+    about = {"TMPDIR": str(tmp_path), "PYTHONPATH": str(files.Path(files.__file__).parents[2])}
+    assert subprocess.run(words, env=os.environ | about, check=False).returncode == -9
+    (killed,) = tmp_path.iterdir()
+    with files.passing_folder() as mine, files.passing_folder() as other:
+        (mine / "locked").mkdir(mode=0o500)
+        assert set(tmp_path.iterdir()) == {mine, other} and killed not in (mine, other)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_place_that_cannot_be_written_to_is_refused_before_the_work(tmp_path):

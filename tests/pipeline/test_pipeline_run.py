@@ -122,7 +122,10 @@ def test_what_a_machine_lacks_is_named_before_anything_is_built(stack, tmp_path)
     assert not list((tmp_path / "store" / "images").iterdir())
 
 
-def test_a_killed_run_goes_on_where_it_was(stack, tmp_path):
+def test_a_killed_run_goes_on_where_it_was_and_in_the_end_nothing_of_it_is_left(stack, tmp_path, monkeypatch):
+    passing = tmp_path / "passing"
+    passing.mkdir()
+    monkeypatch.setenv("TMPDIR", str(passing))
     words = [
         sys.executable,
         PROGRAM,
@@ -148,5 +151,6 @@ def test_a_killed_run_goes_on_where_it_was(stack, tmp_path):
     assert done.returncode == 0 and "same on both" in done.stdout, done.stderr
     again = done.stdout.splitlines()
     assert len(said) > 2 and not set(said[:-1]) & {line for line in again if "repeat" in line}
+    assert [*passing.iterdir(), *(tmp_path / "store").rglob(".aside-*")] == []
     assert said[-1] in again, "what was cut is done again"
     assert not [path for path in (tmp_path / "store" / "stages").iterdir() if path.name.startswith(".")]

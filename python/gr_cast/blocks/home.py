@@ -3,9 +3,10 @@
 
 import atexit
 import os
-import shutil
-import tempfile
+from contextlib import ExitStack
 from pathlib import Path
+
+from ..core.files import passing_folder
 
 
 def settle() -> None:
@@ -14,10 +15,11 @@ def settle() -> None:
     home = os.environ.get("HOME")
     if not home or _takes_notes(Path(home) / ".gnuradio"):
         return
-    elsewhere = tempfile.mkdtemp(prefix="gr_cast-home-")
-    atexit.register(shutil.rmtree, elsewhere, ignore_errors=True)
+    kept = ExitStack()
+    elsewhere = kept.enter_context(passing_folder())
+    atexit.register(kept.close)
     os.environ["XDG_DATA_HOME"] = os.environ.get("XDG_DATA_HOME") or f"{home}/.local/share"
-    os.environ["HOME"] = elsewhere
+    os.environ["HOME"] = str(elsewhere)
 
 
 def _takes_notes(folder: Path) -> bool:

@@ -9,11 +9,10 @@ import re
 import shutil
 import subprocess
 import tarfile
-import tempfile
 from pathlib import Path
 
 from ..core.errors import CastError
-from ..core.files import digest_of, written_aside
+from ..core.files import digest_of, passing_folder, written_aside
 
 SUITE = "bookworm"
 PACKAGES = (
@@ -50,8 +49,8 @@ def build(path: Path, say=lambda line: None) -> str:
         raise CastError("image: mmdebstrap: not installed (Debian: apt install mmdebstrap)")
     if os.geteuid() != 0:
         raise CastError("image: got no root: its files belong to root (sudo)")
-    with tempfile.TemporaryDirectory(prefix="cast_image") as folder:
-        system, names = Path(folder) / "system.tar", Path(folder) / "packages"
+    with passing_folder() as folder:
+        system, names = folder / "system.tar", folder / "packages"
         say(f"Debian {SUITE}: {', '.join(PACKAGES)}")
         _debian(system, names)
         packages = sorted(_named(name) for name in names.read_text().split())

@@ -7,12 +7,14 @@ import json
 import os
 import re
 import shutil
-from contextlib import contextmanager
+import tempfile
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import CastError
 
 _ASIDE = ".aside-"
+_PASSING = "gr-cast-"
 _NAME = re.compile(r"\w[^/\\>]*")
 LONGEST_NAME = 128  # bytes in UTF-8: suffixes and marks still fit into the 255 of a file system
 NAME_RULE = f"a letter, digit or _ first, then any character but / \\ >, at most {LONGEST_NAME} bytes"
@@ -101,6 +103,33 @@ def sweep_dead(folder: Path) -> None:
         number = left.name.removeprefix(_ASIDE).partition(".")[0]
         if number.isdigit() and not Path(f"/proc/{number}").exists():
             _remove(left)
+
+
+@contextmanager
+def passing_folder():
+    """A new folder for a while, where the system keeps such. What killed processes of this user left there is removed first."""
+    place = Path(tempfile.gettempdir())
+    for left in place.glob(f"{_PASSING}*"):
+        with suppress(CastError, OSError):  # it is in use, or has gone
+            if left.lstat().st_uid == os.geteuid():
+                with locked(left):
+                    _remove_stubborn(left)
+    made = Path(tempfile.mkdtemp(prefix=f".{_PASSING}"))
+    with locked(made):  # before it has a name that others sweep
+        folder = made.rename(place / made.name.removeprefix("."))
+        try:
+            yield folder
+        finally:
+            _remove_stubborn(folder)
+
+
+def _remove_stubborn(folder: Path) -> None:
+    """Remove a folder with those in it that nobody may write to: some builds make such."""
+    for root, names, _ in os.walk(folder):
+        for path in (Path(root, name) for name in names):
+            if not path.is_symlink():
+                path.chmod(0o700)
+    shutil.rmtree(folder)
 
 
 def check_writable(folder: Path) -> None:

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From a commit to an image: a tarball that is the same, to the last bit, whenever the same inputs are built again."""
 
+import shutil
 import subprocess
 import tarfile
-import tempfile
 from pathlib import Path
 
 from .. import __version__
 from ..core.errors import CastError, Faults
-from ..core.files import digest_of, write_json, written_aside
+from ..core.files import digest_of, passing_folder, write_json, written_aside
 from .clean import Outcome, Room
 from .document import Environment, Pipeline
 from .source import Source
@@ -61,8 +61,8 @@ def built(storage: Storage, source: Source, commit: str, pipeline: Pipeline, roo
     inputs = {"tree": source.tree(commit), "recipe": pipeline.recipe, "test": pipeline.test, "software": tools, "room": room.kind}
 
     def work(folder: Path) -> dict:
-        with tempfile.TemporaryDirectory(prefix="cast-build-") as name:
-            return _build(storage, source, commit, pipeline, room, tools, Path(name))
+        with passing_folder() as place:
+            return _build(storage, source, commit, pipeline, room, tools, place)
 
     return storage.stage("image", inputs, work)[0]
 
@@ -113,18 +113,13 @@ def _packed(storage: Storage, pipeline: Pipeline, tree: Path) -> str:
     if missing:
         raise CastError(*(f"image: {name}: the build has not made it" for name in missing))
     files = sorted({path for part in parts for path in ([part, *part.rglob("*")] if part.is_dir() else [part])} - {tree})
-    with tempfile.NamedTemporaryFile(dir=storage.folder / "images", prefix=".new-", delete=False) as file:
-        new = Path(file.name)
-    try:
-        with tarfile.open(new, "w", format=tarfile.PAX_FORMAT) as tar:
-            for path in files:
-                tar.add(path, arcname=str(path.relative_to(tree)), recursive=False, filter=_plain)
-        digest = digest_of(new)
-        with written_aside(storage.folder / "images" / f"{digest}.tar") as aside:
-            new.chmod(0o644)
-            new.rename(aside)
-    finally:
-        new.unlink(missing_ok=True)
+    new = tree.with_name("image.tar")
+    with tarfile.open(new, "w", format=tarfile.PAX_FORMAT) as tar:
+        for path in files:
+            tar.add(path, arcname=str(path.relative_to(tree)), recursive=False, filter=_plain)
+    digest = digest_of(new)
+    with written_aside(storage.folder / "images" / f"{digest}.tar") as aside:
+        shutil.move(new, aside)
     return digest
 
 

@@ -2,7 +2,6 @@
 """A commit from its sources to its verdict: check out, build, image, deploy, experiments at every site, judge."""
 
 import shutil
-import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -11,7 +10,7 @@ from pathlib import Path
 from .. import __version__
 from ..core.documents import json_file
 from ..core.errors import CastError
-from ..core.files import is_file, write_json
+from ..core.files import is_file, passing_folder, write_json
 from ..signals.recording import sha512_of
 from . import cause as causes
 from . import document, image, judge, site
@@ -101,10 +100,10 @@ class Commit:
         def work(folder: Path) -> dict:
             self.bench.progress(f"{self.short}: {experiment.name} at {where.name}, repeat {repeat + 1} of {experiment.repeats}")
             seed = int(fingerprint(told)[:15], 16)
-            with tempfile.TemporaryDirectory(prefix="cast-site-") as name:
-                image.unpacked(self.bench.storage, self.built["image"], Path(name) / image.STACK)
-                result = tried(self.pipeline, experiment, self.tree, where, repeat, seed, self.bench.room, Path(name))
-                shutil.move(Path(name) / RUN, folder / RUN)
+            with passing_folder() as place:
+                image.unpacked(self.bench.storage, self.built["image"], place / image.STACK)
+                result = tried(self.pipeline, experiment, self.tree, where, repeat, seed, self.bench.room, place)
+                shutil.move(place / RUN, folder / RUN)
             return result
 
         return read_trial(*self.bench.storage.stage("trial", told, work))

@@ -39,6 +39,9 @@ class Storage:
         self.folder = folder.resolve()
         for name in ("stages", "images", "verdicts", "repositories"):
             (self.folder / name).mkdir(parents=True, exist_ok=True)
+            sweep_dead(self.folder / name)
+        for verdicts in (self.folder / "verdicts").iterdir():
+            sweep_dead(verdicts)
 
     def stage(self, kind: str, inputs, work: Callable[[Path], dict]) -> tuple[dict, Path]:
         """(result, its folder) of a stage: as it is kept, or else of `work(folder)`, which may leave files beside its result."""

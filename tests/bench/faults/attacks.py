@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """One attack each: `attack(rng, folder)` gives what it ended in, `refused`, `resumed` or `done`, or raises Wrong."""
 
+import contextlib
 import json
 import random
 import signal
+import subprocess
 import time
 from pathlib import Path
 
@@ -81,10 +83,11 @@ def _programs(rng: random.Random) -> list[list]:
 
 
 def signals(rng: random.Random, folder: Path) -> str:
-    """SIGINT or SIGTERM at any moment, now and then a second one soon after."""
+    """SIGINT or SIGTERM at any moment, now and then a second one soon after. Done: it had ended before."""
     words = rng.choice(_programs(rng))
     program = Watched(folder, *words)
-    time.sleep(rng.uniform(0.3, 12.0))
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        program.process.wait(rng.uniform(0.3, rng.choice([2.0, 4.0, 12.0])))  # some are at work for a second or two
     there = program.signal(rng.choice([signal.SIGINT, signal.SIGTERM]))
     there_twice = rng.random() < 0.4
     if there_twice:

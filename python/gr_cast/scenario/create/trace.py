@@ -7,7 +7,6 @@ specular, delay and its rate are computed anew in double precision from the mirr
 
 import importlib.util
 import os
-import tempfile
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.errors import CastError
+from ...core.files import passing_folder
 from ...core.programs import installer
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from . import legs, scene_file
@@ -137,8 +137,8 @@ def _scene(rt, solids: Sequence[Solid], settings: Settings):
     key = (key, settings.carrier_hz)
     if key not in _scenes:
         _scenes.clear()
-        with tempfile.TemporaryDirectory() as folder:
-            scene = rt.load_scene(str(scene_file.write(Path(folder), solids, settings.carrier_hz)), merge_shapes=False)
+        with passing_folder() as folder:
+            scene = rt.load_scene(str(scene_file.write(folder, solids, settings.carrier_hz)), merge_shapes=False)
         scene.frequency = settings.carrier_hz
         _scenes[key] = (scene, rt.PathSolver(deterministic=True))
     return _scenes[key]
