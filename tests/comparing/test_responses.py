@@ -75,6 +75,7 @@ def test_the_table_and_the_document_tell_every_tap_of_both():
     document = responses.as_document(responses.compare_responses(a, b, 20e-9))
     told = [(tap["a"]["gain_db"], tap["b"]["gain_db"]) for tap in document["taps"]]
     assert told == [(0, -1), (-9, -9.5)] and (document["a"], document["b"]) == ("first", "second")
+    assert (document["cast_comparison"], document["kind"], document["tolerance_s"]) == (1, "cir", 20e-9)
     lines = responses.as_table(document).split("\n")
     assert "only in A: 0.1000 µs, -6.00 dB" in lines and "only in B: 0.7000 µs, -20.00 dB" in lines
     assert lines[1].split() == ["0.0000", "0.00", "+4.0", "-1.00"]

@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from gr_cast.comparing.series import Series, read, resampled, write_csv
+from gr_cast.comparing.series import MAX_STEPS, Series, read, resampled, write_csv
 from gr_cast.core.errors import CastError
 
 TIME_S, VALUE = [0.0, 0.5, 1.0, 1.5], [1.25, np.nan, -3.0, 2e6]
@@ -40,6 +40,35 @@ def test_a_step_holds_the_mean_of_what_was_measured_in_it_and_empty_ones_are_int
     found = resampled(uneven, 1.0)
     assert np.array_equal(found.time_s, [2, 3, 4, 5]) and np.array_equal(found.value, [2, 5, 7.5, 10])
     assert found.is_uniform and found.step_s == 1 and not uneven.is_uniform
+
+
+def test_steps_that_cannot_be_meant_are_refused_and_as_many_as_may_be_are_not():
+    long = Series(name="s", time_s=[0.0, MAX_STEPS], value=[1.0, 2.0])
+    assert resampled(long, 1.0).value.size == MAX_STEPS + 1
+    for step_s, says in ((0.99, "limit 10000000 steps"), (0.0, "above 0"), (np.inf, "finite"), (np.nan, "finite")):
+        with pytest.raises(CastError, match=says):
+            resampled(long, step_s)
+    with pytest.raises(CastError, match="no measured value"):
+        resampled(Series(name="s", time_s=[0.0, 1.0], value=[np.nan, np.nan]), 1.0)
+
+
+def test_a_series_is_uniform_up_to_a_hundredth_of_its_step():
+    for off_s, uniform in ((0.0, True), (0.009, True), (-0.009, True), (0.011, False)):
+        assert Series(name="s", time_s=[0.0, 1.0 + off_s, 2.0], value=np.zeros(3)).is_uniform == uniform
+
+
+def test_floats_are_written_with_nine_digits_and_what_is_none_as_it_is(tmp_path):
+    write_csv(
+        tmp_path / "s.csv", {"time_s": [1 / 3, 1.0], "value": [2e9 / 3, np.nan], "name": ["a, b", "c"], "count": [10**10, 2]}
+    )
+    assert (tmp_path / "s.csv").read_text() == 'time_s,value,name,count\n0.333333333,666666667,"a, b",10000000000\n1,,c,2\n'
+
+
+@pytest.mark.parametrize("document", [[], [1, 2], [{"time_s": 0, "value": 1}, 2]])
+def test_a_list_that_is_none_of_objects_is_told_what_it_needs(tmp_path, document):
+    (tmp_path / "s.json").write_text(json.dumps(document))
+    with pytest.raises(CastError, match="needs .*or a list of such objects"):
+        read(tmp_path / "s.json")
 
 
 def test_what_is_missing_in_the_end_holds_the_last_value():

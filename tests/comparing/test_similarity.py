@@ -114,8 +114,9 @@ def test_a_constant_series_has_no_similarity_but_a_bias(constant):
     found = cmp.compare(series(np.full(50, constant)), series(wave(5, 50)))
     assert found.rho is None and found.lag is None and found.rho_interval is None
     assert found.bias == pytest.approx(-constant)
-    rho, lag, at_lags = cmp.similarity(np.full(50, constant), wave(5, 50), 3)
-    assert np.isnan(rho) and lag == 0 and np.isnan(at_lags).all() and len(at_lags) == 7
+    for pair in ((np.full(50, constant), wave(5, 50)), (wave(5, 50), np.full(50, constant))):
+        rho, lag, at_lags = cmp.similarity(*pair, 3)
+        assert np.isnan(rho) and lag == 0 and np.isnan(at_lags).all() and len(at_lags) == 7
     assert cmp.as_document(found)["rho"] is None
     assert any("constant" in line for line in found.blind_spots)
 

@@ -7,6 +7,7 @@ import pytest
 from gr_cast import scenario as sc
 from gr_cast.comparing import validation
 from gr_cast.core.errors import CastError
+from gr_cast.scenario import zarr_file
 from gr_cast.scenario.create import paths
 
 LINK = ("1", "2")
@@ -61,6 +62,49 @@ def test_losses_are_those_in_the_band_of_taps_rays_and_sounding_alike():
     assert found.sounded_path_loss_db == pytest.approx(found.path_loss_db, abs=0.05)
     assert found.path_loss_db > in_band_db and found.tap_sum_loss_db == pytest.approx(-10 * np.log10(1.81), abs=1e-6)
     assert found.path_loss_db > found.tap_sum_loss_db + 10
+
+
+def test_a_moving_link_is_checked_at_its_start_middle_and_end_and_a_static_one_once():
+    turning = np.exp(2j * np.pi * np.arange(5) / 5)[:, None]
+    links = {("1", "2"): sc.LinkTaps(delay_s=np.zeros((5, 1)), gain=turning), ("2", "1"): one_link([3], [1.0]).links[LINK]}
+    scenario = sc.Scenario(name="test", nodes=("1", "2"), links=links, time_s=np.arange(5) * 0.1)
+    asked = []
+
+    def rays(key, time_s):
+        asked.append((key, time_s))
+
+    found = validation.check(scenario, list(links), rays=rays)
+    assert [(c.link, round(c.time_s, 9)) for c in found] == [("1>2", 0.0), ("1>2", 0.2), ("1>2", 0.4), ("2>1", 0.0)]
+    assert asked[-1] == (("2", "1"), 0.0) and len(asked) == 4
+    assert all(c.holds and c.taps == c.found == 1 and c.ray_path_loss_db is None for c in found)
+
+
+@pytest.mark.parametrize("loss_db", [0.0, 30.0])
+def test_noise_stands_30_db_under_what_is_heard_however_weak_it_is(loss_db):
+    scenario = one_link([0], [10 ** (-loss_db / 20)])
+    found = validation._sounded(replace(scenario, nodes=("tx", "rx"), links={("tx", "rx"): scenario.links[LINK]}),
+                                validation.play_reference, 1)  # fmt: skip
+    assert 10 * np.log10(found.noise_power) == pytest.approx(-30 - loss_db, abs=0.1)
+
+
+def test_rays_are_those_of_the_work_folder_either_way_and_as_late_as_they_were_moved(tmp_path):
+    rng = np.random.default_rng(3)
+    arrays = {name: np.zeros((1, 2)) for name in ("rate_before", "rate_after")}
+    link = paths.LinkPaths(time_s=np.zeros(1), delay_s=np.array([[1e-7, 3e-7]]), gain=rng.normal(size=(1, 2)) + 0j, **arrays)
+    paths.write(tmp_path / "links.npz", {(0, 1): link})
+    scenario = sc.Scenario(name="x", nodes=("a", "b", "c"), links={}, center_frequency_hz=1e9)
+    about = {"paths_file": str(tmp_path / "links.npz"), "hold_s": 2.0, "delays_moved_s": [["a", "b", [0.0, 1e-8]]]}
+    zarr_file.write(tmp_path / "x.zarr", scenario, **about)
+    rays = validation.traced_rays(tmp_path / "x.zarr", scenario)
+    there, gain = rays(("a", "b"), 0.0)
+    np.testing.assert_allclose(there, link.delay_s)
+    np.testing.assert_allclose(np.abs(gain), np.abs(link.gain))
+    for key in (("a", "b"), ("b", "a")):
+        for time_s, moved_s in ((1.9, 0.0), (2.0, 1e-8), (99.0, 1e-8)):
+            np.testing.assert_allclose(rays(key, time_s)[0] - there, moved_s, atol=1e-15)
+    assert rays(("a", "c"), 0.0) is None
+    (tmp_path / "links.npz").unlink()
+    assert validation.traced_rays(tmp_path / "x.zarr", scenario) is None is validation.traced_rays("four_tap", scenario)
 
 
 def test_paths_read_back_as_they_were_written(tmp_path):

@@ -66,6 +66,8 @@ links:
         ("a: [", "not YAML"),
         ("nodes: 2\nnodes: 3\n", "given twice"),
         (HEAD, "neither all_links nor links"),
+        ("cast_scenario: 1\nnodes: {a: {position_m: [1, 2, 3, 4]}, b: {}}\nlinks: []\n", "needs three numbers"),
+        ("cast_scenario: 1\nnodes: {a: {position_m: [1, 2]}, b: {}}\nlinks: []\n", "needs three numbers"),
         (HEAD + "duration_s: 1e9\nlinks: []", "limit 1000000 steps"),
         (HEAD + "duration_s: 1\nall_links: {taps: [{delay_s: 0, gain_db: 0, doppler_hz: 501}]}", "limit +-500 Hz"),
         (HEAD + "all_links: {taps: [{delay_s: 5.12e-6, gain_db: 0}]}", "tap index 512"),
@@ -167,6 +169,15 @@ def test_faults_of_every_tap_come_at_once_each_at_its_place(tmp_path):
         yaml_file.read(tmp_path / "s.yaml")
     places = [fault.split(": ")[1] for fault in refused.value.faults]
     assert {"links[0].taps[0]", "links[0].taps[1].gain_db", "links[0].taps[2].delay_s", "links[1]"} <= set(places)
+
+
+def test_values_that_are_not_one_per_instant_are_one_fault_and_lay_nothing_to_the_doppler(tmp_path):
+    tap = "{delay_s: 0, gain_db: [0, 1, 2], doppler_hz: 1}"
+    text = f"cast_scenario: 1\nnodes: 2\nduration_s: 1\ntime_s: [0, 1]\nlinks: [{{tx: 1, rx: 2, taps: [{tap}]}}]\n"
+    with pytest.raises(CastError) as refused:
+        yaml_file.read(written(tmp_path, text.replace("duration_s: 1\n", "")))
+    (fault,) = refused.value.faults
+    assert "gain_db: got 3 values, time_s has 2" in fault
 
 
 def test_megahertz_without_their_unit_are_questioned_as_on_the_command_line(tmp_path):

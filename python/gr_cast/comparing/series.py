@@ -64,8 +64,8 @@ def resampled(series: Series, step_s: float) -> Series:
     if (series.time_s[-1] - series.time_s[0]) / step_s > MAX_STEPS:
         raise CastError(f"{series.name}: step: got {step_s} s, limit {MAX_STEPS} steps over the series")
     place = np.floor((series.time_s - series.time_s[0]) / step_s + 1e-9).astype(int)
-    count = np.bincount(place[known], minlength=place[-1] + 1)
-    total = np.bincount(place[known], series.value[known], minlength=place[-1] + 1)
+    count = np.bincount(place[known])
+    total = np.bincount(place[known], series.value[known])
     full, steps = np.flatnonzero(count), np.arange(place[-1] + 1)
     value = np.interp(steps, full, total[full] / count[full])
     return Series(name=series.name, time_s=series.time_s[0] + step_s * steps, value=value)
