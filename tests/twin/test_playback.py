@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from gr_cast.core.errors import CastError
 from gr_cast.diagnose import diagnose, read_case
 from gr_cast.diagnose.write import write
 from gr_cast.signals import recording
 from gr_cast.twin.document import Waveform, read_twin
-from gr_cast.twin.playback import Conditions, Grid, Playback
+from gr_cast.twin.playback import Conditions, Grid, Playback, Sent, Tape
 from scipy import signal
 
 PROGRAM = Path(__file__).resolve().parents[2] / "apps" / "cast_emulator.py"
@@ -188,6 +189,40 @@ def test_noise_is_the_twins_floor_and_white(tmp_path):
     assert density.max() / density.min() < 1.4
 
 
+@pytest.mark.parametrize("live", [False, True])
+def test_a_tone_is_as_strong_as_told_beside_what_is_received_or_will_be_by_the_taps_where_nobody_knows(tmp_path, live):
+    taps = [{"delay_s": 0.0, "gain_db": -6.0}, {"delay_s": 0.0, "gain_db": -8.0, "phase_rad": np.pi}]  # most of them cancels
+    links = [{"tx": "tx1", "rx": "rx1", "taps": taps}]
+    tape = Tape()
+    tape.push(np.tile(X, 60).astype(np.complex64))
+    conditions = Conditions(noise_power_db=-np.inf, transmit={"tx1": tape} if live else {})
+    tone = ("tone_interference", "environment", {"frequency_hz": 1.1e5, "power_dbc": -10.0})
+    with_tone, without = (
+        played(twin(tmp_path / name, e, links=links), 20_000, conditions) for name, e in (("a", [tone]), ("b", []))
+    )
+    known = 10**-0.6 + 10**-0.8 if live else np.mean(np.abs(without) ** 2)
+    assert np.mean(np.abs(with_tone - without) ** 2) == pytest.approx(0.1 * known, rel=1e-3)
+
+
+def test_what_is_cut_out_of_a_waveform_rises_and_falls_smoothly_outside_of_what_is_asked_for():
+    wave = Waveform(name="w", samples=np.ones(100_000), repeat=False, built_in=False)
+    cut = Sent.of(wave, 0.5).around(20_000, 30_000, 400)
+    inside = cut.samples[: 10_000 + 2 * 400].real
+    assert cut.origin == 20_000 - 400 and not cut.repeat and not cut.samples[len(inside) :].any()
+    assert np.all(inside[200:-200] == 0.5) and inside[0] == inside[-1] == 0
+    for edge in (np.diff(inside[:201]), -np.diff(inside[-201:])):
+        assert (edge >= 0).all() and edge.max() < 1.1 * np.pi / 2 * 0.5 / 200  # sin² from 0 to 1 over 200 samples
+
+
+@pytest.mark.parametrize(
+    ("effects", "named"), [([], "the taps"), ([("gain_step", "rx1", {"time_s": 0.001, "step_db": 90.0})], "gain_step")]
+)
+def test_samples_beyond_any_number_are_laid_to_what_could_make_them(tmp_path, effects, named):
+    path = twin(tmp_path, effects)
+    with pytest.raises(CastError, match=f"levels of {named} are too large"):
+        played(path, 6000, Conditions(amplitude={"tx1": 1e38}, gain_db=90.0, noise_power_db=-np.inf))
+
+
 def test_rails_and_quantiser_come_after_the_noise(tmp_path):
     y = played(twin(tmp_path, LAWS[-2:]), 20_000, Conditions(seed=3))
     assert np.abs(y.real).max() == 2.0 and np.allclose(y.real * 64, np.round(y.real * 64), atol=1e-4)
@@ -262,7 +297,7 @@ def test_the_program_plays_what_a_diagnosis_wrote_and_never_overwrites(tmp_path)
     "wrong",
     [
         ["--amplitude", "tx9=1"], ["--amplitude", "loud"], ["--recording", "other"], ["--duration", "-1"],
-        ["--amplitude", "nan"], ["--carrier", "0"], ["--seed", "-1"],
+        ["--amplitude", "nan"], ["--amplitude", "tx1=-0.5"], ["--carrier", "0"], ["--seed", "-1"],
     ],
 )  # fmt: skip
 def test_a_wrong_condition_is_one_line_and_leaves_nothing(tmp_path, wrong):
