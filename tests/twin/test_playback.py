@@ -13,7 +13,7 @@ from gr_cast.diagnose import diagnose, read_case
 from gr_cast.diagnose.write import write
 from gr_cast.signals import recording
 from gr_cast.twin.document import Waveform, read_twin
-from gr_cast.twin.playback import Conditions, Grid, Playback, Sent, Tape
+from gr_cast.twin.playback import LONGEST_PERIOD, Conditions, Grid, Playback, Sent, Tape
 from scipy import signal
 
 PROGRAM = Path(__file__).resolve().parents[2] / "apps" / "cast_emulator.py"
@@ -212,6 +212,15 @@ def test_what_is_cut_out_of_a_waveform_rises_and_falls_smoothly_outside_of_what_
     assert np.all(inside[200:-200] == 0.5) and inside[0] == inside[-1] == 0
     for edge in (np.diff(inside[:201]), -np.diff(inside[-201:])):
         assert (edge >= 0).all() and edge.max() < 1.1 * np.pi / 2 * 0.5 / 200  # sin² from 0 to 1 over 200 samples
+
+
+def test_a_long_period_begins_again_wherever_it_is_cut():
+    size, margin = LONGEST_PERIOD + 1000, 100
+    sent = Sent.of(Waveform(name="w", samples=np.arange(1, size + 1) / size, repeat=True, built_in=False), 2.0)
+    for first, last in ((-700, 900), (size - 50, 2 * size + 30), (3 * size + 5, 3 * size + 10)):
+        cut = sent.around(first, last, margin)
+        inside = cut.samples[margin // 2 : margin // 2 + last - first + margin]
+        assert np.array_equal(inside, 2 * (np.arange(first - margin // 2, last + margin // 2) % size + 1) / size)
 
 
 @pytest.mark.parametrize(
