@@ -15,9 +15,10 @@ from pathlib import Path
 
 _HERE = Path(__file__).resolve().parent
 _PYTHON = f"python{sys.version_info.major}.{sys.version_info.minor}"
-# A built checkout first, then the plain sources, then the prefix that this program is installed in.
+PREFIX = (_HERE / "../../..").resolve()  # where this is installed; a checkout may lie in the root folder
+# A built checkout first, then the plain sources, then that prefix.
 _PLACES = [_HERE.parent / "build" / "python", _HERE.parent / "python"] + [
-    _HERE.parents[2] / "lib" / _PYTHON / folder for folder in ("dist-packages", "site-packages")
+    PREFIX / "lib" / _PYTHON / folder for folder in ("dist-packages", "site-packages")
 ]
 sys.path[:0] = [str(place) for place in _PLACES if (place / "gr_cast").is_dir()]
 

@@ -84,7 +84,7 @@ def faults(told: dict) -> list[tuple[str, str]]:
                 f"add to ~/.profile: export GRC_BLOCKS_PATH={cast_grc.BLOCKS}   (or {setting})",
             )
         )
-    programs = Path(__file__).resolve().parents[3] / "bin"
+    programs = _program.PREFIX / "bin"
     if programs.joinpath("cast_doctor").is_file() and str(programs) not in os.environ.get("PATH", "").split(os.pathsep):
         missing.append(("the programs are not on PATH", f"add to ~/.profile: export PATH={programs}:$PATH"))
     major = (found["numpy"][0] or "0").split(".")[0]

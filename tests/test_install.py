@@ -39,6 +39,18 @@ def test_an_installed_program_runs_with_no_environment(prefix, tmp_path):
     assert Path(found.strip()).is_relative_to(prefix)
 
 
+def test_a_checkout_may_lie_in_the_root_folder():
+    """As in a container, where /src/apps has no three folders above it."""
+    if subprocess.run(["unshare", "-rm", "true"], capture_output=True).returncode:
+        pytest.skip("NO NAMESPACES: a checkout cannot be mounted in the root folder")
+    programs = "; ".join(
+        f"/usr/bin/python3 /mnt/apps/cast_{name}" for name in ("sounder.py --version", "grc.py --version", "doctor.py")
+    )
+    mounted = ["unshare", "-rm", "sh", "-c", f"mount --rbind '{ROOT}' /mnt && {{ {programs}; }}"]
+    told = subprocess.run(mounted, capture_output=True, text=True, timeout=300)
+    assert "Traceback" not in told.stderr and "in /mnt/" in told.stdout, told.stderr
+
+
 def test_every_file_of_the_package_is_installed_with_its_run_bits(prefix):
     """Git is the judge of what the package is: a container that an install builds had no radio API."""
     told = subprocess.run(["git", "-C", ROOT, "ls-files", "-s", "python/gr_cast"], capture_output=True, text=True)
