@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What packages say of the project is what the project is: version, licence, dependencies, blocks, recipes that hold."""
 
+import importlib.util
 import re
 import shutil
 import subprocess
@@ -71,6 +72,44 @@ def test_conda_builds_with_what_debian_builds_with():
     assert {ours for debian, ours in same.items() if debian in needed} == {
         ours for ours in same.values() if re.search(rf"- {ours}\b", host)
     }
+
+
+def conda_recipe() -> dict:
+    """The recipe as conda-build renders it."""
+    jinja2 = pytest.importorskip("jinja2", reason="NO JINJA2: conda's recipe is not rendered")
+    text = (ROOT / "packaging/conda/meta.yaml").read_text()
+    names = {"compiler": lambda language: f"{language}_compiler", "stdlib": lambda language: f"{language}_stdlib"}
+    return yaml.safe_load(jinja2.Environment(undefined=jinja2.StrictUndefined).from_string(text).render(names))
+
+
+def test_the_conda_recipe_renders_to_what_conda_forge_asks_for():
+    recipe = conda_recipe()
+    assert list(recipe) == ["package", "source", "build", "requirements", "test", "about", "extra"]
+    assert recipe["package"] == {"name": "gnuradio-cast", "version": VERSION}
+    assert (ROOT / "packaging/conda" / recipe["source"]["path"]).resolve() == ROOT and recipe["build"]["number"] == 0
+    assert (ROOT / recipe["about"]["license_file"]).is_file() and recipe["about"]["license"] in (
+        ROOT / "python/gr_cast/__init__.py"
+    ).read_text()
+    for stage, names in recipe["requirements"].items():
+        assert len(names) == len(set(names)) and all(re.fullmatch(r"[a-z0-9_-]+( \S+)?", name) for name in names), stage
+    assert {name.split()[0] for name in recipe["requirements"]["run"]} <= {
+        name.split()[0] for name in recipe["requirements"]["host"]
+    }
+
+
+def test_what_the_conda_recipe_tries_is_there():
+    tried = conda_recipe()["test"]
+    for name in tried["imports"]:
+        assert name == "gnuradio.cast" or importlib.util.find_spec(name)
+    for program, *_ in map(str.split, tried["commands"]):
+        assert (ROOT / "apps" / f"{program}.py").is_file()
+
+
+def test_conda_smithy_lints_the_recipe():
+    if not (smithy := shutil.which("conda-smithy")):
+        pytest.skip("NO CONDA-SMITHY: conda's recipe is not linted")
+    told = subprocess.run([smithy, "recipe-lint", ROOT / "packaging/conda"], capture_output=True, text=True)
+    assert told.returncode == 0 and "is in fine form" in told.stdout, told.stdout + told.stderr
 
 
 def test_pybombs_lints_the_recipe():
