@@ -62,7 +62,7 @@ def _load() -> None:
         import bokeh  # noqa: F401
     except ImportError:
         raise CastError(
-            f"--web: Bokeh is not installed: type  python3 -m venv --system-site-packages {folder} && "
+            f"--web: Bokeh is not installed: type  {sys.executable} -m venv --system-site-packages {folder} && "
             f'{folder}/bin/pip install "numpy<2" bokeh'
         ) from None
 
