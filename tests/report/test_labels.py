@@ -1,13 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from gr_cast.report import labels, plot
+from matplotlib.text import Text
 
 
 def boxes(figure, axes):
+    figure.draw_without_rendering()
     renderer = figure.canvas.get_renderer()
     shown = [text for text in axes.texts if text.get_text()]
-    return [(text.get_text(), text.get_window_extent(renderer)) for text in shown]
+    listed = [text.get_text().startswith("not labelled") for text in shown]
+    words = [text.get_text() if one else text.get_text().replace("\n", ", ") for text, one in zip(shown, listed, strict=True)]
+    return [(word, Text.get_window_extent(text, renderer)) for word, text in zip(words, shown, strict=True)]
 
 
 @pytest.mark.parametrize("count, crowd", [(3, 1.0), (12, 1.0), (32, 1.0), (32, 0.05)])
@@ -36,6 +42,20 @@ def test_labels_never_overlap_and_none_is_lost(count, crowd, tmp_path):
     assert all(frame.x0 <= box.x0 and box.x1 <= frame.x1 + 1 for _, box in found)
 
 
+@pytest.mark.parametrize("end_us", [5.1, 10.2])
+def test_the_four_taps_of_the_first_picture_are_labelled_beside_their_points(end_us):
+    figure = plot.new_figure(9.9, 7.2)
+    top, _ = figure.subplots(2, 1, height_ratios=[3, 2])
+    top.set(xlim=(-0.05 * end_us, 1.05 * end_us), ylim=(-165, 11))
+    delay_us, gain_db = np.array([0, 4, 2, 1.28]), np.array([-3.0, -8, -15, -20])
+    texts = [f"{x:.3f} µs, {y:.2f} dB" for x, y in zip(delay_us, gain_db, strict=True)]
+    assert labels.label(figure, top, delay_us, gain_db, texts) == []
+    points = dict(zip(texts, top.transData.transform(np.column_stack([delay_us, gain_db])), strict=True))
+    for text, box in boxes(figure, top):
+        nearest = {other: np.hypot(*(np.clip(point, box.min, box.max) - point)) for other, point in points.items()}
+        assert min(nearest, key=nearest.get) == text
+
+
 @pytest.mark.parametrize("error_db", [0.0, 0.4, 3.0])
 def test_a_colour_scale_spans_the_figures_and_never_less_than_their_error(error_db):
     for spread in (0.0, 1e-6, 0.5, 40.0):
@@ -44,6 +64,17 @@ def test_a_colour_scale_spans_the_figures_and_never_less_than_their_error(error_
         assert ends["vmin"] <= 60.0 and 60.0 + spread <= ends["vmax"]
         assert ends["vmax"] - ends["vmin"] >= max(2 * error_db, spread)
     assert plot.colour_scale(np.full((2, 2), np.nan)) == {}
+
+
+def test_axes_of_power_span_a_decibel_at_least_whatever_stands_still():
+    still = {"time_s": np.arange(9.0), "value": 20 + 1e-3 * np.arange(9)}
+    (axes,) = plot.stack_figure({"sinr_db": {"1": SimpleNamespace(**still)}}, "still").axes
+    columns = {"time_s": still["time_s"], "throughput_mbit_per_s": still["value"], "sinr_db": still["value"]}
+    run = SimpleNamespace(series=columns, label="a", setting=SimpleNamespace(jammer=None), offered_mbit_per_s=20)
+    loud = SimpleNamespace(**run.__dict__ | {"series": columns | {"sinr_db": 5 * still["value"]}})
+    _, _, quiet, beside = plot.jamming_figure([("none", [run]), ("wall", [loud])]).axes
+    assert np.ptp(axes.get_ylim()) == pytest.approx(1.0)
+    assert quiet.get_ylim() == beside.get_ylim() and quiet.get_ylim()[1] > 100  # cases are read beside each other
 
 
 def test_no_cell_of_a_heat_map_is_minus_zero():

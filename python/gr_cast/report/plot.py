@@ -23,7 +23,7 @@ from ..experiments.traffic import log
 from ..sounding.sound import Sounding
 from . import labels
 
-LEAST_SPAN_DB = 1.0  # of a colour scale: less is no difference between links
+LEAST_SPAN_DB = 1.0  # of a colour scale or an axis: less is no difference between links
 MEASURED, MODELLED, FLOOR = "#1f5fa8", "#d1701f", "#8a8a8a"
 
 
@@ -44,6 +44,13 @@ class _Figure(Figure):
 
 def new_figure(width: float, height: float) -> Figure:
     return _Figure(figsize=(width, height), layout="constrained")
+
+
+def _span_db(axes) -> None:
+    """An axis that spans LEAST_SPAN_DB at least: hundredths of a dB of what stands still fill no picture."""
+    low, high = axes.get_ylim()
+    margin = max(0.0, LEAST_SPAN_DB - (high - low)) / 2
+    axes.set_ylim(low - margin, high + margin)
 
 
 def sounding_figure(sounding: Sounding, title: str, modelled_taps=()) -> Figure:
@@ -112,6 +119,7 @@ def _draw_frames(axes, sounding: Sounding) -> None:
         gain_db = db_from_amplitude(np.where(sounding.frame_detected, np.abs(sounding.frame_gain[:, tap]), np.nan))
         delay_us = sounding.taps.delay_samples[tap] / sounding.sample_rate_hz * 1e6
         axes.plot(time_ms, gain_db, style, ms=2.5 if sounding.frames > 1 else 6, label=f"tap at {delay_us:.3f} µs")
+    _span_db(axes)
     missing = time_ms[~sounding.frame_detected]
     if len(missing) and len(order):
         axes.plot(missing, np.full(len(missing), axes.get_ylim()[0]), "x", color="#b02020", ms=4, label="missing")
@@ -311,6 +319,8 @@ def cellular_figure(courses: list[Course], title: str, offered_bps: float) -> Fi
                 )  # fmt: skip
         if quantity != "sinr_db":
             axes.axhline(offered_bps * 1e-6, color=FLOOR, lw=1, ls=":")
+        else:
+            _span_db(axes)
         axes.set_ylabel(label.replace("bit/s", "Mbit/s"))
         axes.grid(alpha=0.3)
     rows[-1].set_xlabel("time (s)")
@@ -321,7 +331,7 @@ def cellular_figure(courses: list[Course], title: str, offered_bps: float) -> Fi
 def jamming_figure(cases: list[tuple[str, list]]) -> Figure:
     """Throughput and SINR over time of every case, (name, its one or two runs)."""
     figure = new_figure(4.6 * len(cases) + 0.6, 6)
-    grid = figure.subplots(2, len(cases), sharex="col", squeeze=False)
+    grid = figure.subplots(2, len(cases), sharex="col", sharey="row", squeeze=False)
     for (top, bottom), (name, runs) in zip(grid.T, cases, strict=True):
         top.set_title(name, loc="left", fontsize=11)
         for run, color, style in zip(runs, (MEASURED, MODELLED), ("-", "--"), strict=False):
@@ -339,6 +349,7 @@ def jamming_figure(cases: list[tuple[str, list]]) -> Figure:
             axes.grid(alpha=0.25)
     grid[0, 0].set_ylabel("throughput (Mbit/s)")
     grid[1, 0].set_ylabel("SINR (dB)")
+    _span_db(grid[1, 0])
     grid[0, 0].legend(fontsize=8)
     return figure
 
@@ -374,6 +385,8 @@ def stack_figure(found: dict[str, dict[str, Series]], title: str) -> Figure:
         )
         for terminal, series in terminals.items():
             axes.plot(series.time_s, series.value * scale, ".-", label=terminal)
+        if quantity == "sinr_db":
+            _span_db(axes)
         axes.set_ylabel(label)
         axes.set_xlabel("time (s)")
         axes.grid(alpha=0.3)
