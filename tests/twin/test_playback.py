@@ -223,6 +223,14 @@ def test_a_long_period_begins_again_wherever_it_is_cut():
         assert np.array_equal(inside, 2 * (np.arange(first - margin // 2, last + margin // 2) % size + 1) / size)
 
 
+def test_power_and_peak_of_what_is_sent_are_those_of_all_of_it_scaled():
+    samples = np.ones(LONGEST_PERIOD + 1000, complex)
+    samples[-1] = 3j
+    for repeat in (True, False):
+        source = Sent.of(Waveform(name="w", samples=samples, repeat=repeat, built_in=False), 0.5).source
+        assert source.peak == pytest.approx(1.5) and source.power == pytest.approx(0.25 * np.mean(np.abs(samples) ** 2))
+
+
 @pytest.mark.parametrize(
     ("effects", "named"), [([], "the taps"), ([("gain_step", "rx1", {"time_s": 0.001, "step_db": 90.0})], "gain_step")]
 )
