@@ -20,6 +20,7 @@ sys.path.append(str(Path(__file__).parent))
 import team as teams
 from gr_cast.colosseum import box, job, play, session, storage, timeline
 from gr_cast.colosseum.emulator import Channel
+from gr_cast.report.colosseum_page import page
 
 APPS = Path(__file__).resolve().parents[2] / "apps"
 KILLS = int(os.environ.get("CAST_KILLS", 2))  # 30 by hand
@@ -57,7 +58,14 @@ def team_with(folder: Path, images: dict[str, dict]) -> Path:
 
 
 def player(
-    folder: Path, team: Path, images: list[str], *, traffic: int = 0, duration: int = 600, least_s: float = 60.0
+    folder: Path,
+    team: Path,
+    images: list[str],
+    *,
+    traffic: int = 0,
+    duration: int = 600,
+    least_s: float = 60.0,
+    emulator: Path = APPS / "cast_emulator.py",
 ) -> play.Player:
     document = teams.job_document(len(images)) | {"TrafficScenario": traffic, "Duration": duration}
     for node, image in zip(document["NodeData"], images, strict=True):
@@ -73,7 +81,7 @@ def player(
     changes = play.changes_of(taken, clock.run_s, scenario, Channel(), None)
     output = folder / "out"
     output.mkdir()
-    return play.Player(taken, here, clock, Channel(), APPS / "cast_emulator.py", output, changes=changes)
+    return play.Player(taken, here, clock, Channel(), emulator, output, changes=changes)
 
 
 def left_behind(folder: Path, name: str) -> list[str]:
@@ -133,6 +141,25 @@ def test_scripts_that_go_wrong_are_named_and_the_job_goes_on(boxes):
         assert words in told
     assert all("stop.sh" in [call["script"] for call in node["calls"]] for node in document["nodes"])
     assert left_behind(boxes, played.box.name) == []
+
+
+def test_a_job_that_ends_before_any_state_is_told_is_reported_all_the_same(boxes):
+    team = team_with(boxes, {"wire": {}})
+    broken = boxes / "emulator"
+    broken.write_text("#!/bin/sh\necho error: none here >&2\nexit 2\n")
+    broken.chmod(0o755)
+    played = player(boxes, team, ["wire", "wire"], emulator=broken)
+    document = played.run()
+    assert document["outcome"] == "failed" and any("none here" in fault for fault in document["faults"]), document["faults"]
+    assert "none here" in page(document) and left_behind(boxes, played.box.name) == []
+    words = [sys.executable, str(APPS / "cast_colosseum.py"), "run", str(team / "batch" / "job.json"), "--time-scale", "600"]
+    words += ["--output", str(boxes / "cut"), "--name", "cut"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+        assert run.stdout.readline() == "containers load and boot\n"
+        run.send_signal(signal.SIGINT)
+        told, errors = run.communicate(timeout=60)
+    assert run.returncode == 130 and "interrupted in" in told and "Traceback" not in errors, errors
+    assert (boxes / "cut" / "report.html").is_file() and left_behind(boxes, "cut") == []
 
 
 def test_a_container_has_its_names_and_no_more_than_it_needs(boxes):

@@ -99,6 +99,7 @@ def test_the_page_shows_what_scripts_print_as_text():
          "profile": "current", "time_scale": 60.0, "channel": {"base_loss_db": 57.55, "rate_hz": 1e6}, "faults": ["a < b"],
          "events": [{"at_s": 0.0, "event": "begin"}], "nodes": [node], "emulator": None, "traffic": []}
     )  # fmt: skip
+    assert text.count('<rect class="READY"') == 2  # the node's, and the legend's
     assert "<script>" not in text and "&lt;script&gt;" in text and "<b>" not in text and "a &lt; b" in text and "<j>" not in text
 
 

@@ -2,6 +2,7 @@
 """A rehearsed batch job as one page that needs no other file."""
 
 from html import escape
+from itertools import pairwise
 
 _STYLE = """body{font:15px/1.45 sans-serif;margin:1.5em;max-width:75em}table{border-collapse:collapse;margin:.6em 0}
 td,th{border:1px solid #ccc;padding:.2em .6em;text-align:left;vertical-align:top}th{background:#f3f1ec}
@@ -78,9 +79,8 @@ def _timeline(document: dict) -> str:
     for row, node in enumerate(document["nodes"]):
         y = _ROW * row
         lines.append(f'<text x="0" y="{y + 16:g}">{escape(node["host"])}</text>')
-        ends = [state["at_s"] for state in node["states"][1:]] + [total_s]
-        for state, end_s in zip(node["states"], ends, strict=True):
-            name, begin, end = state["state"], x(state["at_s"]), x(end_s)
+        for state, after in pairwise([*node["states"], {"at_s": total_s}]):
+            name, begin, end = state["state"], x(state["at_s"]), x(after["at_s"])
             lines.append(
                 f'<rect class="{name}" x="{begin:.1f}" y="{y + 3:g}" height="{_ROW - 6:g}" width="{max(end - begin, 0.5):.1f}">'
                 f"<title>{name} {escape(state['info'], quote=True)}</title></rect>"
