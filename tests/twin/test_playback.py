@@ -223,6 +223,18 @@ def test_a_long_period_begins_again_wherever_it_is_cut():
         assert np.array_equal(inside, 2 * (np.arange(first - margin // 2, last + margin // 2) % size + 1) / size)
 
 
+@pytest.mark.parametrize(
+    ("measured", "gain_db"), [({"other": -6.0, "third": -8.0}, -7.0), ({"other": -6.0, "recording": -20.0}, -20.0), ({}, 0.0)]
+)
+def test_the_gain_is_that_which_was_measured_in_this_recording_or_else_in_others(tmp_path, measured, gain_db):
+    path = twin(tmp_path, [("carrier_frequency_offset", "rx1", {"offset_hz": 10.0})])
+    document = yaml.safe_load(path.read_text())
+    document["effects"][0]["model"] = {"gain_db": measured}
+    path.write_text(yaml.safe_dump(document))
+    case = read_twin(path)
+    assert Playback(case, case.observations[0], 6000, SILENT).gain_db == pytest.approx(gain_db)
+
+
 def test_power_and_peak_of_what_is_sent_are_those_of_all_of_it_scaled():
     samples = np.ones(LONGEST_PERIOD + 1000, complex)
     samples[-1] = 3j

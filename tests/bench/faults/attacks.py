@@ -28,7 +28,7 @@ RADIO = ["--rate", f"{RATE_HZ:g}", "--frequency", "1e9", "--args", "addr=1"]
 
 
 def prepare(folder: Path) -> None:
-    """Inputs that programs work on: a scenario, recordings, two series, a twin."""
+    """Inputs that programs work on: a scenario, recordings, two series, a twin, a stack with its sites."""
     rng = np.random.default_rng(1)
     (folder / "s.yaml").write_text(SCENARIO)
     for name, count in (("x", 200_000), ("y", 2_000_000)):
@@ -40,6 +40,7 @@ def prepare(folder: Path) -> None:
         rows = "".join(f"{k / 10},{value:.6g}\n" for k, value in enumerate(rng.normal(size=300)))
         (folder / f"{name}.csv").write_text("time_s,value\n" + rows)
     _case(folder / "case", code)
+    subprocess.run(["bash", ROOT / "docs/examples/stack.sh", folder / "stack"], check=True, stdout=subprocess.DEVNULL)
 
 
 def _case(folder: Path, sent: np.ndarray) -> None:
@@ -75,6 +76,7 @@ def _programs(rng: random.Random) -> list[list]:
         ["cast_emulator.py", "play", "--twin", "case/twin.yaml", "--port", "rx1:rx=file:out/r"],
         ["cast_diagnose.py", "case", "--output", "out", *rng.choice([[], ["--jobs", "2"]])],
         ["cast_compare.py", "p.csv", "q.csv", "--output", "out"],
+        ["cast_pipeline.py", "run", "HEAD", "--repository", "stack", "--sites", "stack-sites", "--storage", "out"],
         ["cast_scenario.py", "convert", "s.yaml", "out.mat"],
         ["cast_scenario.py", "validate", "s.yaml"],
         ["cast_jamming.py", "run", "--case", "static-none", "--frames-per-second", "50", "--output", "out"],
