@@ -11,6 +11,7 @@ import select
 import sys
 import time
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 _HERE = Path(__file__).resolve().parent
@@ -22,13 +23,28 @@ _PLACES = [_HERE.parent / "build" / "python", _HERE.parent / "python"] + [
 ]
 sys.path[:0] = [str(place) for place in _PLACES if (place / "gr_cast").is_dir()]
 
+_main = Path(getattr(sys.modules["__main__"], "__file__", None) or "none")  # not of a program where this is only imported
+_IS_PROGRAM = _main.resolve().parent == _HERE
+
+
+def _lacking() -> str:
+    """What to do where this Python has not what every program loads first of all; empty where it has."""
+    names = [name for name in ("numpy", "scipy", "matplotlib", "yaml") if find_spec(name) is None]
+    is_systems = Path(sys.executable).resolve() == Path("/usr/bin/python3").resolve()
+    remedy = f"apt-get install python3-{' python3-'.join(names)}" if is_systems else "run this with /usr/bin/python3"
+    return f"error: no {', '.join(names)} in {sys.executable}: {remedy}" if names else ""
+
+
+if _IS_PROGRAM and (_told := _lacking()):
+    print(_told, file=sys.stderr)
+    sys.exit(2)
+
 from gr_cast import __version__
 from gr_cast.core import interrupts
 from gr_cast.core.errors import CastError
 from gr_cast.core.frequencies import LEAST_CARRIER_HZ, LEAST_RATE_HZ, hertz
 
-_main = getattr(sys.modules["__main__"], "__file__", None)  # not of a program where this is only imported
-if multiprocessing.parent_process() is not None or _main and Path(_main).resolve().parent == _HERE:
+if multiprocessing.parent_process() is not None or _IS_PROGRAM:
     interrupts.end_quietly()
 
 os.environ.setdefault("GR_CONF_LOG_LOG_LEVEL", "warn")  # GNU Radio's own lines about every flowgraph; before it is loaded

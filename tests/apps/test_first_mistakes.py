@@ -78,6 +78,18 @@ def test_cast_doctor_says_first_that_a_checkout_is_not_built(unbuilt):
     ]
 
 
+def test_a_python_without_the_packages_is_told_which_one_has_them(tmp_path):
+    """As where a Python of one's own comes first on PATH: `python3 apps/cast_sounder.py`."""
+    bare = tmp_path / "bare" / "bin" / "python3"
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", bare.parents[1]], check=True)
+    bare.unlink()
+    shutil.copy(Path(sys.executable).resolve(), bare)  # a link would be the system's Python by another name
+    for program in sorted(ROOT.glob("apps/cast_*.py")):
+        told = subprocess.run([bare, program, "--version"], capture_output=True, text=True, timeout=60, check=False)
+        assert (told.returncode, told.stdout) == (2, "") and told.stderr.count("\n") == 1, program
+        assert told.stderr.startswith("error: no numpy, ") and told.stderr.endswith("run this with /usr/bin/python3\n")
+
+
 def test_a_matrix_that_cannot_be_written_is_told_with_the_cause():
     with pytest.raises(OSError) as error:
         cast_scenario.main(["convert", "four_tap", "/proc/x.mat"])  # a folder that not even root can write to
