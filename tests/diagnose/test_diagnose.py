@@ -47,6 +47,19 @@ def test_a_carrier_offset_is_measured_within_its_interval(world, tmp_path):
     assert abs(offset["value"] - 7.0) < 4 * offset["std"] < 1.0
 
 
+@pytest.mark.parametrize("std", [0.0, 0.05])
+def test_a_clock_that_the_twin_knows_of_one_radio_says_nothing_of_the_others(world, tmp_path, std):
+    known = {"family": "sample_clock_offset", "owner": {"level": "tx", "name": "tx1"}}
+    twin = world.twin() | {"effects": [known | {"parameters": {"offset_ppm": {"value": -3.0, "std": std}}}]}
+    world.twin, size, lines = lambda: twin, len(world.x), np.fft.fft(world.x) / len(world.x)
+    later = (world.n * (1 - 7e-6) - 37)[:, None] - np.array([d for d, _ in world.taps])
+    paths = np.exp(2j * np.pi * np.fft.fftfreq(size) * later[..., None]) @ lines
+    document = run(world, tmp_path, world.noisy(0.3 * paths @ np.array([a for _, a in world.taps])))
+    assert named(document) == ["sample_clock_offset"]
+    ppm = said(document, "sample_clock_offset", "offset_ppm")
+    assert abs(ppm["value"] + 4.0) < 2.5 * ppm["std"] < 1.0 and ppm["std"] > std
+
+
 @pytest.mark.parametrize("offset_hz", [-23e3, 9e3])
 @pytest.mark.parametrize("side", ["tx", "rx"])
 def test_late_paths_tell_whose_a_large_offset_is_and_its_sign(world, tmp_path, side, offset_hz):

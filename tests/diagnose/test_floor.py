@@ -3,10 +3,12 @@
 
 import numpy as np
 import pytest
-from conftest_world import RATE_HZ, noise
+from conftest_world import RATE_HZ, World, noise
 from gr_cast.diagnose import align, diagnose, flatness, read_case
 from gr_cast.diagnose import noise as laws
 from gr_cast.diagnose.search import refit
+from gr_cast.twin.effects import FAMILIES, Role
+from gr_cast.twin.effects.base import start
 from scipy import stats
 
 
@@ -65,6 +67,27 @@ def test_the_change_of_a_floor_is_that_of_all_noise_by_sample_the_rounding_of_th
     change = effect["parameters"]["change_db"]
     assert effect["family"] == "noise_floor"
     assert abs(change["value"] - 10 * np.log10((1.7 * own + rounding) / (own + rounding))) < 2.5 * change["std"] < 0.2
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_noise_that_follows_the_signal_is_told_with_what_the_fits_own_errors_add_to_its_floor(tmp_path, seed):
+    """A hundred times the floor, of a signal that vanishes in one of 32 chips, beside 30 echoes that are not there."""
+    world = World(seed)
+    world.taps = [(4 * k * k, 0.5**k) for k in range(5)] + [(100, 0.5**5), (144, 0.5**5)]
+    clean = world.clean()
+    power = np.mean(np.abs(clean) ** 2)
+    follows, floor = np.abs(clean) ** 2 / power, 0.3 * power
+    y = clean + noise(world.rng, len(clean)) * np.sqrt(floor * (1 + 100 * follows))
+    case = read_case(world.write(tmp_path / "case", y))
+    _, data, model = align.build(case, case.observations[0])
+    for delay in range(150, 180):
+        model = model.adding(start(FAMILIES["extra_path"], [0, 0, delay, 0], free=[1, 1, 0, 0], aux={"source": 0}))
+    plain = refit(data, model.adding(start(FAMILIES["signal_dependent_noise"], [0.0], free=[False])))
+    told = laws.with_blur(plain)
+    before, after = (f.model.effects[f.model.index_of(Role.FOLLOWING)] for f in (plain, told))
+    assert before.p[0] < np.log(100) - 5 * before.aux["_std"][0]
+    assert abs(after.p[0] - np.log(100)) < 2 * after.aux["_std"][0] < 1.5
+    assert abs(np.log(told.sigma2 / floor)) < 2 * after.aux["_std"][0]
 
 
 def test_the_steps_of_a_file_stay_as_they_are_where_the_gain_falls(world, tmp_path):

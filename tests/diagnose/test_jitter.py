@@ -3,9 +3,11 @@
 
 import numpy as np
 import pytest
-from conftest_world import noise
+import yaml
+from conftest_world import RATE_HZ, noise
 from gr_cast.diagnose import diagnose, read_case
-from gr_cast.signals import codes
+from gr_cast.signals import codes, recording
+from scipy import signal
 
 SLOW, FAST = (1 / 20_000, 20 / 20_000), (0.02, 0.06)  # cycles per sample
 
@@ -43,3 +45,18 @@ def test_a_phase_too_fast_to_be_followed_is_phase_noise_and_neither_a_fading_tap
 
 def test_interference_in_the_signals_band_beside_phase_noise_is_interference(jittery):
     assert {e["family"] for e in jittery(0.0, 0.006)} == {"phase_noise", "narrowband_interference"}
+
+
+def test_what_a_fast_phase_adds_in_the_signals_band_is_no_colour_of_a_receivers_filter(world, tmp_path):
+    """A shaped waveform, whose band the filter would have to hold to a hundredth of a decibel."""
+    world.taps, world.code["samples_per_chip"] = world.taps[:1], 4
+    code = codes.from_spec(world.code).astype(complex)
+    world.x = signal.filtfilt(*signal.butter(4, 0.5), np.tile(code, 3))[len(code) : 2 * len(code)]
+    rng, n = np.random.default_rng(3), len(world.n)
+    phase = _course(rng, n, 0.05, *SLOW) + _course(rng, n, 0.03, *FAST)
+    folder = world.write(tmp_path / "case", world.noisy(world.clean() * np.exp(1j * phase)))
+    recording.write(folder / "sent", world.x, sample_rate_hz=RATE_HZ)
+    twin = yaml.safe_load((folder / "twin.yaml").read_text()) | {"waveforms": {"w1": {"file": "sent", "repeat": True}}}
+    (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
+    told = [e["family"] for e in diagnose(read_case(folder), budget_s=3000).document["effects"]]
+    assert "phase_noise" in told and "front_end_filter" not in told

@@ -122,7 +122,7 @@ def numbers(finding: Finding, index: int) -> tuple[dict, dict]:
     span = fit.model.span(index) if len(fit.model.vector()) == len(fit.hessian) else None
     free = np.flatnonzero(effect.free)
     if len(free) and span is not None:
-        cov = fit.covariance[span, span]
+        cov = fit.covariance[span, span] + np.diag(_left_open(fit, effect)[free] ** 2)
         gradient = {name: np.zeros(len(free)) for name in values}
         for j, k in enumerate(free):
             h = 1e-4 * max(np.sqrt(cov[j, j]), 1e-12)
@@ -152,6 +152,12 @@ def numbers(finding: Finding, index: int) -> tuple[dict, dict]:
             std = family.resolution(scene, name, value)
         out[name] = {"value": float(value), "std": float(std)}
     return out, family.constants(scene, effect)
+
+
+def _left_open(fit: Fit, effect) -> np.ndarray:
+    """Standard deviations that the twin tells of its own effects beside which one of the same family was found."""
+    own = [e.aux["_told"] for e in fit.model.effects if e.fixed and e.family == effect.family and "_told" in e.aux]
+    return np.linalg.norm(own, axis=0) if own else np.zeros(len(effect.p))
 
 
 def front_end(model) -> np.ndarray:

@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The law of the noise: what every noise family says of the residual of a fit."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..twin.effects import FAMILIES, Role, is_coarse
 from ..twin.effects.base import around_circle
 from ..twin.effects.noise_family import NoiseView
-from .fit import in_band, off_the_rails, shape_of_receiver
-from .policy import CLEAR_NATS, PASSBAND
+from ..twin.model import predict
+from .fit import in_band, off_the_rails, shape_of_receiver, solve, with_noise
+from .policy import BLUR_DOUBT, CLEAR_NATS, DRAWS, PASSBAND
 
 TESTED = tuple(f.name for f in FAMILIES.values() if f.noise_like and f.role is not Role.FLOOR)  # laws of the noise, not its level
 
@@ -21,6 +24,37 @@ def view_of(fit) -> NoiseView:
         wanted_power=spread(np.abs(fit.chain.wanted) ** 2),
         weighted=spread(fit.residual * fit.data.root**2 * inside),
     )
+
+
+def with_blur(fit):
+    """The fit with noise that follows the signal told against what the wanted power is expected to be: where the signal is faint
+    the fit's own errors are most of it, and would be taken for the floor."""
+    at = fit.model.index_of(Role.FOLLOWING, found=True)
+    if at is None or not len(fit.model.vector()):
+        return fit
+    effect, view = fit.model.effects[at], view_of(fit)
+    blur = _blur(fit)
+    blur /= 1 + np.exp(effect.p[0]) * blur / np.mean(view.wanted_power[view.use])  # errors shrink with the floor that they raise
+    near = replace(effect, aux={**effect.aux, "_blur": (blur, BLUR_DOUBT * blur)})
+    _, found = FAMILIES[effect.family].find(view, near=near)
+    model = fit.model.replacing(at, replace(found, trials=effect.trials, key=effect.key))
+    return solve(with_noise(fit, model), model)
+
+
+def _blur(fit) -> float:
+    """Power of the wanted signal's errors where it has none of its own, from draws of what the fit leaves open: errors of a gain
+    or a phase follow the signal, those of an echo do not."""
+    scene, vector, power = fit.data.scene, fit.model.vector(), np.abs(fit.chain.wanted) ** 2
+    used = fit.data.use > 0
+    values, vectors = np.linalg.eigh(fit.covariance)
+    root, rng = vectors * np.sqrt(np.maximum(values, 0.0)), np.random.default_rng(0)
+    with_signal = np.stack([np.ones(used.sum()), power[used]]).T
+    faint = []
+    for _ in range(DRAWS):
+        error = root @ rng.standard_normal(len(vector))
+        both = (np.abs(predict(scene, fit.model.at(vector + way * error)).wanted) ** 2 for way in (1, -1))
+        faint.append(np.linalg.lstsq(with_signal, (sum(both) / 2 - power)[used], rcond=None)[0][0])
+    return max(float(np.mean(faint)), 0.0)
 
 
 def starts(fit, promised: float = 0.0):

@@ -127,6 +127,8 @@ OFFSET_HZ = 500.0  # of a carrier that is moved a little, the most that the cont
 SOFTER = 0.5  # amplitude of a second power and of a second receiver gain
 
 # noise
+BLUR_DOUBT = 0.5  # of what a fit's errors add to the floor: draws tell their mean, and a recording has one of them
+DRAWS = 8  # of what a fit leaves open: the power of its errors to a tenth, where 60 numbers are open
 PASSBAND = 0.65  # common share of two bands from which they are one: a filter falls off within the signal's own edges
 
 # offsets
@@ -136,7 +138,9 @@ EARLY, LATE = -8, 24  # lags around the twin's delay in which a link's energy ma
 WORST_CLOCK = 30e-6
 CLOCK_STEP = 0.5  # samples over the recording
 CARRIER_STEP = 0.5  # cycles over the recording
-TOLD_SIGMA = 4.0  # standard deviations of a twin's carrier within which it is the twin's own: more is chance once in 10⁴ twins
+TOLD_SIGMA = (
+    4.0  # standard deviations of a twin's carrier or clock within which it is the twin's own: more is chance once in 10⁴ twins
+)
 TEETH = 3  # on either side of the likeliest carrier, of the comb that regular stretches make
 LOBES = 0.5  # of a stretch's spectrum, around its peak, in which the carrier is looked for finely
 

@@ -9,7 +9,7 @@ import numpy as np
 from ..twin.effects import FAMILIES, Role, plays, stage_of
 from ..twin.effects.base import RX_FILTER
 from ..twin.effects.noise_family import profile
-from . import align, ambiguity, claims, flatness, floor, gate, offsets, presence, residual, slips, slow
+from . import align, ambiguity, claims, flatness, floor, gate, noise, offsets, presence, residual, slips, slow
 from .exchange import exchanged
 from .finding import Finding, nmse, numbers, worth
 from .fit import Fit, of_even_noise, off_the_rails, solve
@@ -32,6 +32,7 @@ from .policy import (
     RECORDINGS,
     SEARCH,
     SEARCH_MARGIN,
+    TOLD_SIGMA,
     UNEXPLAINED_NATS,
     UNEXPLAINED_P,
     UNEXPLAINED_SHARE,
@@ -72,6 +73,7 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
     near, elsewhere_nats = (near, 0.0) if known is None else slips.place(case, part, near, known)
     scene, data, model = align.build(case, part, near=near)
     data = replace(data, deadline=begun + SEARCH * (deadline - begun))
+    model = _clocks_as_told(data, model)
     plain = replace(model, effects=tuple(e for e in model.effects if e.fixed))
     stds = {}
     known_of = {e.family for e in plain.effects}
@@ -120,6 +122,18 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
     _look_for_rest(finding)
     floor.compare(finding)
     return finding
+
+
+def _clocks_as_told(data, model):
+    """The model with the twin's own clocks standing still where a fit would move them farther than the twin leaves open: what is
+    beyond is a mismatch."""
+    clocks = [i for i, e in enumerate(model.effects) if e.fixed and plays(e, Role.CLOCK) and "_told" in e.aux]
+    for i in clocks:
+        own, fit, at = model.effects[i], refit(data, model), model.span(i).start
+        off = float(fit.model.effects[i].p[0] - own.p[0])
+        if off**2 > TOLD_SIGMA**2 * (own.aux["_told"][0] ** 2 + fit.covariance[at, at]):
+            model = model.replacing(i, replace(own, free=np.zeros_like(own.free)))
+    return model
 
 
 def _absent(case, part, data, fit: Fit, twin: Fit, stds: dict) -> Finding:
@@ -200,12 +214,12 @@ def _confirmed(known: Finding, data, fit: Fit, proof: float) -> list[Fit]:
 
 
 def _of_noise_alone(fit: Fit) -> Fit:
-    """The fit without a receiver's filter, where that is all that was found and the noise alone shows it: what a twin predicts
-    does not pass the filter's edges, and noise that a receiver colours is no mismatch."""
+    """The fit without a receiver's filter that the noise alone shows: what a twin predicts does not pass the filter's edges, and
+    noise that a receiver colours, or a phase that is too fast to be followed, is no mismatch of a filter."""
     model = fit.model
-    if [stage_of(e) for e in model.found] != [RX_FILTER]:
+    at = next((i for i, e in enumerate(model.effects) if not e.fixed and stage_of(e) == RX_FILTER), None)
+    if at is None or fit.data.late:
         return fit
-    at = next(i for i, e in enumerate(model.effects) if e is model.found[0])
     bare = solve(fit.data, model.without(at))
     return bare if bare.evidence > fit.evidence + COLOUR_ORDERS * np.log(fit.data.count) - SEARCH_MARGIN else fit
 
@@ -265,7 +279,7 @@ def _settle(fit: Fit, finer: bool) -> Fit:
         freed = refit(fit.data, replace(fit.model, effects=effects))
         if freed.likelihood > fit.likelihood - 1.0:
             fit = freed
-    fit = _with_jitter(_finer(fit) if finer else fit)
+    fit = noise.with_blur(_with_jitter(_finer(fit) if finer else fit))
     covariance = fit.covariance
     effects = []
     for i, e in enumerate(fit.model.effects):

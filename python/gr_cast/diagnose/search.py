@@ -300,7 +300,8 @@ def candidates(fit: Fit) -> list[Score]:
 def _candidates(fit: Fit) -> list[Score]:
     view = View(fit)
     scores = []
-    have, families = {_what(e) for e in fit.model.effects}, {e.family for e in fit.model.effects}
+    told = [e for e in fit.model.effects if not _of_another_radio(e)]
+    have, families = {_what(e) for e in told}, {e.family for e in told}
     for family in FAMILIES.values():
         if family.noise_like or fit.data.late or family.multiplicity is Multiplicity.ONE and family.name in families:
             continue
@@ -321,6 +322,12 @@ def _candidates(fit: Fit) -> list[Score]:
         if len(same) < 2 and not any(_one_course(s.effect, other) for other in same):
             kept.append(s)
     return kept
+
+
+def _of_another_radio(effect: Effect) -> bool:
+    """Whether it is of one radio and leaves the other's open: what a twin knows to the last digit of a transmitter's clock says
+    nothing of the receiver's."""
+    return effect.fixed and not effect.free.any() and {"tx", "rx"} <= set(FAMILIES[effect.family].owners)
 
 
 def _one_course(a: Effect, b: Effect) -> bool:

@@ -75,7 +75,7 @@ def effect_of(scene, entry):
     told = {k: v.get("std") or 0.0 for k, v in entry["parameters"].items() if isinstance(v, dict) and "value" in v}
     stds = {k: std for k, std in told.items() if std > 0 and k in values}
     free = effect.free & (family.random or bool(stds))
-    off = [read({**values, k: values[k] + std}).p for k, std in stds.items() if family.role is Role.CARRIER]
+    off = [read({**values, k: values[k] + std}).p for k, std in stds.items() if family.role in (Role.CARRIER, Role.CLOCK)]
     aux = {**effect.aux, "_told": np.linalg.norm(np.array(off) - effect.p, axis=0)} if off else effect.aux
     return replace(effect, fixed=True, free=free, aux=aux)
 

@@ -98,6 +98,7 @@ AUX = {
     "_stds": "standard deviations of the contract's parameters, found otherwise than by a fit",
     "_variance": "variances of the numbers of a course around its estimate",
     "_jitter": "rad² of a phase that is too fast to be followed",
+    "_blur": "power by which a fit's errors move the wanted signal where it is faint, and its standard deviation",
     "_passing": "whether a random course moves in one stretch alone, and is no cause",
     "_floor": "noise power that the numbers are relative to",
 }

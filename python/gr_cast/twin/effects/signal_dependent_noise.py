@@ -20,8 +20,11 @@ class SignalDependentNoise(NoiseFamily):
     _strengths = 1
 
     def variance(self, scene, effect, wanted):
-        power = np.abs(wanted) ** 2
+        power = np.abs(wanted) ** 2 + effect.aux.get("_blur", (0.0, 0.0))[0]
         return 1 + np.exp(effect.p[0]) * power / (effect.aux["rms"] ** 2 if "rms" in effect.aux else np.mean(power))
+
+    def noise_gain_db(self, effect):
+        return 10 / np.log(10) * COVERS * effect.aux.get("_std", [0.0])[0]  # what is not the floor's follows the signal
 
     def values(self, scene, effect, p):
         return {"slope_db": 10 / np.log(10) * p[0]}
@@ -44,12 +47,15 @@ class SignalDependentNoise(NoiseFamily):
 
     def find(self, view, near=None):
         energy, w = view.energy[view.use], view.wanted_power[view.use]
-        w = w / max(w.mean(), 1e-300)
+        blur, doubt = near.aux.get("_blur", (0.0, 0.0)) if near is not None else (0.0, 0.0)
+        mean = max(w.mean() + blur, 1e-300)
+        w = (w + blur) / mean
         flat = profile(energy, np.ones_like(energy))
 
         def cost(k):
             return -profile(energy, 1 + np.exp(k) * w)
 
         best = minimize_scalar(cost, bounds=(-STRONGEST, STRONGEST), method="bounded", options={"xatol": 1e-3})
-        aux = {"_std": [self._error(lambda k: cost(k) - best.fun, best.x)]}
+        followed = np.exp(best.x) * doubt / mean  # of it, what of the floor may be the fit's own errors
+        aux = {"_std": [float(np.hypot(self._error(lambda k: cost(k) - best.fun, best.x), followed))], "_blur": (blur, doubt)}
         return -best.fun - flat, start(self, [best.x], free=[False], aux=aux)
