@@ -221,3 +221,54 @@ def test_two_signals_at_one_moment_are_a_first_and_a_second():
 @pytest.mark.parametrize("name", ["signal", "set_wakeup_fd"])
 def test_a_signal_while_handlers_are_changed_is_not_lost(name, moment):
     ends(BETWEEN, name, moment)
+
+
+TIDYING = """
+import time
+from gr_cast.core import interrupts
+interrupts.second_ends()
+try:
+    with interrupts.held_back():
+        print("ready", flush=True)
+        time.sleep(0.5)
+        print("whole", flush=True)
+except KeyboardInterrupt:
+    print("then", flush=True)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_first_signal_waits_for_the_end_of_tidying_up_and_a_second_one_does_not(number):
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    for signals, told, status in ((1, "whole\nthen\n", 0), (2, "", -number)):
+        running = subprocess.Popen([sys.executable, "-c", TIDYING], env=environment, stdout=subprocess.PIPE, text=True)
+        assert running.stdout.readline() == "ready\n"
+        for _ in range(signals):
+            running.send_signal(number)
+            time.sleep(0.1)
+        assert (running.communicate(timeout=10)[0], running.returncode) == (told, status)
+
+
+def test_a_folder_is_whole_in_its_place_though_an_interrupt_comes_while_it_takes_it(tmp_path):
+    code = """if True:
+        import os, signal, sys
+        from gr_cast.core import files, interrupts
+        interrupts.second_ends()
+        real = os.replace
+        def replace(source, target):
+            real(source, target)
+            signal.raise_signal(signal.SIGINT) if "before" in str(target) else None
+        os.replace = replace
+        try:
+            with files.written_aside(sys.argv[1]) as aside:
+                aside.mkdir()
+                (aside / "new").touch()
+        except KeyboardInterrupt:
+            print("then")"""
+    (tmp_path / "out").mkdir()
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        [sys.executable, "-c", code, tmp_path / "out"], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.stdout == "then\n", done.stderr
+    assert [path.name for path in tmp_path.rglob("*")] == ["out", "new"]

@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..core import interrupts
 from ..core.documents import json_file
 from ..core.errors import CastError
 from ..core.files import sweep_dead, write_json
@@ -86,12 +87,13 @@ class Box:
             self._stack.callback(host.sweep, self.folder, self.name)
             self._up()
         except BaseException:
-            self._stack.close()
+            self.__exit__()
             raise
         return self
 
     def __exit__(self, *_):
-        self._stack.close()
+        with interrupts.held_back():
+            self._stack.close()
 
     def _up(self) -> None:
         cache = host.boxes_folder() / "images"

@@ -53,7 +53,6 @@ class Player:
 
     def run(self) -> dict:
         self._began = time.monotonic()
-        outcome = "interrupted"
         try:
             with contextlib.ExitStack() as stack:
                 self._event("containers load and boot")
@@ -73,6 +72,7 @@ class Player:
         except KeyboardInterrupt:
             interrupts.settled()
             self.record.faults.append("interrupted")
+            outcome = "interrupted"
         return self._document(outcome)
 
     def _now_s(self) -> float:

@@ -11,6 +11,7 @@ import tempfile
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from . import interrupts
 from .errors import CastError
 
 _ASIDE = ".aside-"
@@ -47,14 +48,16 @@ def written_aside(path: str | Path):
     _remove(aside)  # of a killed process that had the same number
     try:
         yield aside
-        _put(aside, path)
+        with interrupts.held_back():
+            _put(aside, path)
     except OSError as error:
         if error.filename and not str(error.filename).startswith(str(aside)):
             raise
         # A write that fails, on a full disk say, does not know its file, or knows it by the name that nobody has to.
         raise OSError(error.errno, error.strerror or str(error), str(path)) from None
     finally:
-        _remove(aside)
+        with interrupts.held_back():
+            _remove(aside)
 
 
 def _put(aside: Path, path: Path) -> None:
@@ -120,7 +123,8 @@ def passing_folder():
         try:
             yield folder
         finally:
-            _remove_stubborn(folder)
+            with interrupts.held_back():
+                _remove_stubborn(folder)
 
 
 def _remove_stubborn(folder: Path) -> None:

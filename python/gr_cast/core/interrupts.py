@@ -55,6 +55,31 @@ def heeded(stop: Callable[[], object]):
         os.close(receiver)
 
 
+@contextlib.contextmanager
+def held_back():
+    """While this is entered, a first SIGINT or SIGTERM waits for its end, so that what tidies up is done whole;
+    a second one ends the process."""
+    handlers = {number: signal.getsignal(number) for number in SIGNALS}
+    heard = {number: handler for number, handler in handlers.items() if callable(handler)}
+    if threading.current_thread() is not threading.main_thread() or len(heard) < len(SIGNALS):  # or the first has come
+        yield
+        return
+    came = []
+
+    def wait(number, _):
+        came.append(number)
+        _heeded_by(signal.SIG_DFL)
+
+    _heeded_by(wait)
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        if came:
+            signal.raise_signal(came[0])
+
+
 def _heeded_by(handler) -> None:
     """`handler` for SIGINT and SIGTERM; a program that was started with interrupts ignored goes on ignoring them."""
     for number in SIGNALS:
