@@ -91,7 +91,7 @@ def _aligned(view) -> list[tuple[np.ndarray, float]]:
     """Normals and levels of planes that stand as something in the twin does, or lie level, whose echoes come in phase, the best
     first: where delays tell nothing apart, phases do."""
     world, found = view.world, []
-    for normal in _normals(world.faces):
+    for normal in normals(world.faces):
         levels_m = _levels_m(view, normal, world.wavelength_m / _WELLS, _PHASED_LEVELS)
         nats = view.phased.thinned(min(_ROWS, _SUMS // len(levels_m))).nats_along(normal, levels_m)
         for _ in range(_ALIGNED):
@@ -102,7 +102,7 @@ def _aligned(view) -> list[tuple[np.ndarray, float]]:
     return [(normal, level_m) for _, normal, level_m in found[:_ALIGNED]]
 
 
-def _normals(faces) -> list[np.ndarray]:
+def normals(faces) -> list[np.ndarray]:
     """Of level planes and of the largest upright faces, signs aside."""
     out = [np.array([0.0, 0.0, 1.0])]
     area_m2 = np.add.reduceat(faces.triangle_areas_m2, faces.start[:-1])

@@ -321,10 +321,16 @@ def _stiff_first(paying: list[Model], model: Model, count: float) -> Model:
 
 
 def _good_stiff(paying: list[Model], model: Model, count: float) -> Model | None:
-    """The best that is no random field and has no shape, if it explains a good part of what is left."""
-    stiff = [one for one in paying if not one.effects[-1].family.is_flexible and not one.effects[-1].family.shape_axes]
-    is_good = stiff and model.energy - stiff[0].energy > policy.STIFF_SHARE * (model.energy - model.offset - count)
-    return stiff[0] if is_good else None
+    """The best that is no random field and has no shape, if it explains a good part of what is left; something with a shape where
+    that explains less than half, and it leaves far less."""
+    here = model.energy - model.offset - count
+    stiff = [one for one in paying if not one.effects[-1].family.is_flexible]
+    plain = next((one for one in stiff if not one.effects[-1].family.shape_axes), None)
+    told = model.energy - plain.energy if plain else 0.0
+    is_far_less = stiff and here - (model.energy - stiff[0].energy) < policy.FAR_LESS_SHARE * (here - told)
+    if told < policy.MOST_SHARE * here and is_far_less:
+        return stiff[0]
+    return plain if told > policy.STIFF_SHARE * here else None
 
 
 def _refused(vault: Sequence[Ear], model: Model) -> list[int]:

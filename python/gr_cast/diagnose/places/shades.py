@@ -8,6 +8,7 @@ import numpy as np
 
 from ...twin.places.families.additions import Sheet
 from ...twin.places.predict import phasors
+from . import planes
 
 _WAYS = np.arange(1, 8) / 8  # along a leg: where something may stand
 _LEAST_NATS = 20.0  # that a path's absence must be worth, all instants together
@@ -21,6 +22,8 @@ _COUNTS_NATS = 1.0  # of a path: less is no reason for a box, nor against one
 _FIRST = (np.arange(6) * np.pi / 6, (0.5, 2.0, 5.0), (0.1, 1.0, 3.0), (0.2, 1.5))  # yaw, widths, height above the leg
 _BOX_STEPS = (1.0, 1.0, 0.4, 1.0, 1.0, 0.5)  # of its numbers
 _SCALES = (1.0, 0.5, 0.25, 0.12, 0.5, 0.25, 0.12, 0.05)
+_CELL_M, _COARSER, _CELLS, _POINTS = 0.3, 1.3, 400, 200  # of the floor under legs, and points along each
+_SHAPES = ((1, 1), (2, 1), (1, 2), (4, 1), (1, 4))  # of boxes there: widths over two cells
 _THIN_M, _AT_ONCE = 0.02, 64
 
 
@@ -32,26 +35,57 @@ def shades(view) -> list[Sheet]:
     ways = _Ways.of(lost, begin_m, end_m, path, float(view.bounds_m[0][2]))
     groups, member = np.unique(path[:, :-1], axis=0, return_inverse=True)
     total = np.bincount(member.ravel(), lost)
-    seeds = []
-    for group in np.argsort(-total)[:_STRONGEST]:
+    legs = []
+    for group in np.argsort(-total):
         if total[group] < _LEAST_NATS:
             break
         own = np.flatnonzero(member.ravel() == group)
-        leg = own[np.argmax(lost[own])]
-        seeds += [begin_m[leg] + share * (end_m[leg] - begin_m[leg]) for share in _WAYS]
-    if not seeds:
+        legs.append(own[np.argmax(lost[own])])
+    if not legs:
         return []
-    boxes = np.array([[*p[:2], yaw, w, d, p[2] + up] for p in seeds for yaw, w, d, up in itertools.product(*_FIRST)])
+    strongest = (begin_m[legs[:_STRONGEST]], end_m[legs[:_STRONGEST]])
+    found = _best(ways, _about(*strongest)) + _best(ways, _upon_the_floor(view, begin_m[legs], end_m[legs]))
+    settled = sorted((ways.settled(*one) for one in found), key=lambda pair: -pair[1])
+    return [_sheet(box, ways.floor_m) for box, _ in settled[:_KEPT]]
+
+
+def _best(ways: "_Ways", boxes: np.ndarray) -> list[tuple[np.ndarray, float]]:
+    """The boxes that explain most, apart from each other, and their nats."""
     nats = ways.nats(boxes)
     found: list = []
     for number in np.argsort(-nats):
-        near = [np.hypot(*(box - boxes[number])[:2]) < _APART_M for box, _ in found]
         if len(found) == _BEGUN or nats[number] < _LEAST_NATS:
             break
-        if not any(near):
+        if not any(np.hypot(*(box - boxes[number])[:2]) < _APART_M for box, _ in found):
             found.append((boxes[number], nats[number]))
-    settled = sorted((ways.settled(*one) for one in found), key=lambda pair: -pair[1])
-    return [_sheet(box, ways.floor_m) for box, _ in settled[:_KEPT]]
+    return found
+
+
+def _about(begin_m: np.ndarray, end_m: np.ndarray) -> np.ndarray:
+    """Boxes (n, 6), turned each way, at a few points of each leg."""
+    points_m = [a + share * (b - a) for a, b in zip(begin_m, end_m, strict=True) for share in _WAYS]
+    return np.array([[*p[:2], yaw, w, d, p[2] + up] for p in points_m for yaw, w, d, up in itertools.product(*_FIRST)])
+
+
+def _upon_the_floor(view, begin_m: np.ndarray, end_m: np.ndarray) -> np.ndarray:
+    """Boxes (n, 6) that stand as what is there stands, wherever a leg goes over the floor."""
+    share = (np.arange(_POINTS) + 0.5)[:, None, None] / _POINTS
+    points_m = (begin_m + share * (end_m - begin_m)).reshape(-1, 3)
+    step_m, cells = _CELL_M, ()
+    while not len(cells) or len(cells) > _CELLS:
+        cells, member = np.unique(np.floor(points_m[:, :2] / step_m), axis=0, return_inverse=True)
+        step_m *= _COARSER
+    step_m /= _COARSER
+    over_m = np.full(len(cells), np.inf)
+    np.minimum.at(over_m, member.ravel(), points_m[:, 2])
+    yaws = {round(float(np.arctan2(y, x) % (np.pi / 2)), 3) for x, y, z in planes.normals(view.world.faces) if not round(z)}
+    return np.array(
+        [
+            [*middle_m, yaw, 2 * step_m * w, 2 * step_m * d, z_m + up]
+            for middle_m, z_m in zip((cells + 0.5) * step_m, over_m, strict=True)
+            for yaw, (w, d), up in itertools.product(sorted(yaws) or [0.0], _SHAPES, _FIRST[-1])
+        ]
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -39,6 +39,29 @@ class View:
         """First guesses by their energy on a thinned sounding."""
         return sorted(starts, key=lambda start: evaluated(self.thin, self.model.base, (*self.model.effects, start)).energy)
 
+    def explains_much(self, start) -> bool:
+        """Whether it takes a good part of what is left above noise."""
+        here, there = self._thin_model, evaluated(self.thin, self.model.base, (*self.model.effects, start))
+        return here.energy - there.energy > policy.STIFF_SHARE * here.left_nats(sum(ear.count for ear in self.thin))
+
+    def row_by_row(self, starts: list) -> list:
+        """First guesses by their energy on a thinned sounding each of whose responses may do without."""
+
+        def rows(model) -> list[np.ndarray]:
+            return [ear.row_nats(fit) for ear, fit in zip(self.thin, model.fits, strict=True) if ear.has_responses]
+
+        here = rows(self._thin_model)
+
+        def energy(start) -> float:
+            there = rows(evaluated(self.thin, self.model.base, (*self.model.effects, start)))
+            return sum(float(np.minimum(one, other).sum()) for one, other in zip(here, there, strict=True))
+
+        return sorted(starts, key=energy)
+
+    @cached_property
+    def _thin_model(self):
+        return evaluated(self.thin, self.model.base, self.model.effects)
+
     def promising(self, starts: list) -> list:
         """Those of the first guesses that explain something even where no phase is believed, the best first."""
         ears = [without_phase(ear) for ear in self.thin]

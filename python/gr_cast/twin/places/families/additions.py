@@ -11,12 +11,14 @@ from ..passer import CENTRE
 from ..world import Person
 from .base import Effect, Family, std_of, value
 
-_MATERIALS = ((1.0, 1e7), (6.0, 0.05), (2.5, 0.03))  # permittivity and conductivity (S/m) to begin with: metal, stone, board
+_BOARD = (2.5, 0.03)  # a weak echo in phase explains some of a strong one, and not the other way round
+_MATERIALS = ((1.0, 1e7), (6.0, 0.05), _BOARD)  # permittivity and conductivity (S/m) to begin with: metal, stone, board
 _DARK = (1.0, 1e-5)  # what shades and sends nothing back
 _PERMITTIVITIES = (1.5, 2.0, 2.7, 3.4, 4.2, 5.2, 6.3, 7.5, 10.0, 15.0)  # to begin anew with, once the plane is where it is
 _BODY_M = 1.0  # between faces of one thing, or between a face and a way that it blocks
 _BEYOND_LIT_M = 4.0  # that a wall goes on beyond what was lit of it
 _FAR_M = 3.0  # that a plane may move from where it was imaged
+_ENDS = (0, 1, 2, 3) * 2  # axes of a shape, twice: along u, along v
 _QUAD = [[0, 1, 2], [0, 2, 3]]
 _BOX = [
     *_QUAD,
@@ -25,10 +27,13 @@ _BOX = [
     *(part for i in range(4) for part in ([i, i + 4, (i + 1) % 4], [(i + 1) % 4, i + 4, (i + 1) % 4 + 4])),
 ]
 _DEPTHS_M = np.array([0.3, 0.6, 1.2, 2.4, 4.8])
-_SIDE_M, _MOST_FINE = 0.6, 30  # within which a side that reflects is looked for, and in how many steps either way
-_STEPS_M, _LEAST_M = (0.1, 0.3, 1.0, 3.0, 10.0), 0.05
+_TO_A_WAVE, _FACED = 16, 3  # steps to a wavelength in which a face is looked for at first, and those that are kept
+_SIDE_M, _MOST_FINE = 0.6, 40  # within which a side that reflects is looked for, and in how many steps either way
+_TOPS_M = (-0.1, -0.03, 0.03, 0.1)  # by which a box may be higher in another well of its phase
+_STEPS_M, _LEAST_M = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0), 0.05
 _TURNS_RAD = np.radians([-45, -25, -12, -5, 5, 12, 25, 45, 90])
-_WELLS = 3  # of the phase of an echo, either way
+_COARSE, _BETWEEN, _ENDED = 10, 9, 2  # steps to a wavelength in which a plane is looked for, in how many then; ends looked for
+_WELLS, _BOX_WELLS = 3, 6  # of the phase of an echo, either way
 _WIDER = (0.75, 0.87, 1.15, 1.33)  # than the radius that was found
 _RADII_M, _HEIGHT_M = (0.4, 0.2, 0.9), 1.8  # of a person or a vehicle: how wide a shadow is; height to begin with
 
@@ -64,7 +69,8 @@ class Sheet:
         return Solid(name=name, vertices_m=np.concatenate([near_m, near_m + self.depth_m * self.normal_at(turn_rad)]), faces=_BOX)
 
     def reshaped(self, axis: int, fine_m: np.ndarray) -> list["Sheet"]:
-        """The same with another end: low and high along u, along v; with another depth; elsewhere along normal and u; turned.
+        """The same with another end: low and high along u, along v; with its back or its face elsewhere; all of it elsewhere
+        along normal and u; turned.
         Sides that reflect are looked for in steps `fine_m` as well."""
         low, high, steps_m = np.array(self.low_m), np.array(self.high_m), np.array([*_STEPS_M, *(-m for m in _STEPS_M)])
         sides_m = np.concatenate([steps_m, fine_m]) if self.depth_m else steps_m
@@ -75,11 +81,18 @@ class Sheet:
             return [replace(self, low_m=tuple(a), high_m=tuple(b)) for a, b in ends if (b - a).min() > _LEAST_M]
         if axis == 4:
             depths_m = self.depth_m + sides_m if self.depth_m else np.concatenate([_DEPTHS_M, -_DEPTHS_M])
-            return [replace(self, depth_m=float(m)) for m in (0.0, *depths_m[depths_m * (self.depth_m or depths_m) > 0])]
+            depths_m = depths_m[depths_m * (self.depth_m or depths_m) > 0]
+            behind = [replace(self, depth_m=float(m)) for m in (0.0, *depths_m)]
+            return behind + [self.nearer(float(m - self.depth_m)) for m in depths_m if self.depth_m]
         if axis < 7:
             way = np.array((self.normal, self.u)[axis - 5])
             return [replace(self, origin_m=tuple(np.array(self.origin_m) + m * way)) for m in steps_m]
         return [self.turned(angle_rad) for angle_rad in _TURNS_RAD]
+
+    def nearer(self, more_m: float) -> "Sheet":
+        """A box whose face is elsewhere, and its back where it was."""
+        origin_m = np.array(self.origin_m) - more_m * np.array(self.normal)
+        return replace(self, origin_m=tuple(origin_m), depth_m=self.depth_m + more_m)
 
     def side(self, number: int) -> "Sheet":
         """A box upon the level, as it is from another of its four sides."""
@@ -111,6 +124,13 @@ class Sheet:
         )  # fmt: skip
 
 
+def _fine_m(world, to_a_wave: float = _TO_A_WAVE) -> np.ndarray:
+    """Steps in which the phase of an echo turns little."""
+    step_m = world.wavelength_m / to_a_wave
+    many = min(int(_SIDE_M / step_m), _MOST_FINE)
+    return step_m * np.arange(-many, many + 1)
+
+
 class MissingObject(Family):
     name = "missing_object"
     order = 1
@@ -122,25 +142,58 @@ class MissingObject(Family):
         return ["place"] if view.has_responses else []
 
     def starts(self, view, owner):
-        def begun(sheet, made):
-            return Effect(family=self, owner=owner, values=np.array([0.0, 0.0, *np.log(made)]), choice=sheet)
+        def begun(sheet, made, shift_m=0.0):
+            return Effect(family=self, owner=owner, values=np.array([shift_m, 0.0, *np.log(made)]), choice=sheet)
 
-        seen = [begun(sheet, made) for sheet in view.sheets() for made in _MATERIALS]
+        sheets = view.sheets()
+        near = [self._in_phase(view, begun, sheet) for sheet in sheets]
+        ended = [self._ended(view, one) for one in view.row_by_row(near)[:_ENDED]]
+        seen = near + [begun(sheet, made) for sheet in sheets for made in _MATERIALS]
         dark = [begun(box, _DARK) for box in view.shades()]
         sides = [begun(box, made) for effect in dark[:1] for box in view.mirrors(effect)[:2] for made in _MATERIALS]
-        return [*seen, *dark, *sides]
+        return [*ended, *seen, *dark, *sides, *self._faced(view, dark[:1], begun)]
+
+    def _faced(self, view, dark, begun) -> list[Effect]:
+        """What stands in the way of much, with one of its sides where it reflects best, as large as is best then."""
+        if not dark or not view.explains_much(dark[0]):
+            return []
+        boxes, fine_m = [dark[0].choice.side(number) for number in range(4)], _fine_m(view.world)
+
+        def near(effects):
+            sides = [(one, one.choice.nearer(float(m))) for one in effects for m in fine_m if one.choice.depth_m + m > _LEAST_M]
+            return view.ranked([replace(one, choice=side) for one, side in sides])
+
+        begun_at = [one for made in _MATERIALS[:2] for one in near([begun(box, made) for box in boxes])[:_FACED]]
+        return view.ranked([near([self._ended(view, one)])[0] for one in begun_at])[:_FACED]
+
+    def _in_phase(self, view, begun, sheet) -> Effect:
+        """A plane where its echoes come in phase: the twin, fitted without, hides part of them. Rows where it ends otherwise than
+        it was told to have no say."""
+        coarse_m, fine_m = _fine_m(view.world, _COARSE), view.world.wavelength_m / _COARSE * np.linspace(-1, 1, _BETWEEN)
+        best = view.row_by_row([begun(sheet, _BOARD, m) for m in coarse_m])[0]
+        return view.row_by_row([begun(sheet, made, best.values[0] + m) for m in fine_m for made in _MATERIALS])[0]
+
+    def _ended(self, view, effect) -> Effect:
+        """As large as explains a thinned sounding best: one end after the other, in plain steps."""
+        for axis in _ENDS:
+            others = effect.choice.reshaped(axis, np.zeros(0))
+            effect = view.ranked([effect, *(replace(effect, choice=other) for other in others)])[0]
+        return effect
 
     def restarts(self, world, effect):
         made = [(1.0, 1e7), _DARK, *((permittivity, 0.03) for permittivity in _PERMITTIVITIES)]
-        wells = 0 if effect.choice.depth_m else _WELLS  # sides of boxes are looked for when these are shaped
-        shifts_m = effect.values[0] + world.wavelength_m / 4 * np.arange(-wells, wells + 1)
-        return [effect.moved(np.array([m, effect.values[1], *np.log(one)])) for m in shifts_m for one in made]
+        wells_m = effect.values[0] + world.wavelength_m / 4 * np.arange(-_BOX_WELLS, _BOX_WELLS + 1)
+        if effect.choice.depth_m:  # the sides of boxes are looked for when these are shaped as well
+            sheet, tops_m = effect.choice, effect.choice.high_m[1] + np.array(_TOPS_M)
+            tops = [sheet, *(replace(sheet, high_m=(sheet.high_m[0], float(m))) for m in tops_m if m > sheet.low_m[1] + _LEAST_M)]
+            elsewhere = [replace(effect, choice=top, values=np.array([m, *effect.values[1:]])) for m in wells_m for top in tops]
+            return elsewhere + [effect.moved(np.array([*effect.values[:2], *np.log(one)])) for one in made]
+        near_m = wells_m[_BOX_WELLS - _WELLS : _BOX_WELLS + _WELLS + 1]
+        return [effect.moved(np.array([m, effect.values[1], *np.log(one)])) for m in near_m for one in made]
 
     def reshaped(self, world, effect, axis):
-        many = (
-            min(int(_SIDE_M / world.wavelength_m * 8), _MOST_FINE) if effect.values[2] > 0.1 else 0
-        )  # what sends nothing back has no phase
-        fine_m = np.arange(-many, many + 1) * world.wavelength_m / 8
+        is_dark = effect.values[2] <= 0.1 and effect.values[3] < 0.0  # what sends nothing back has no phase
+        fine_m = np.zeros(0) if is_dark else _fine_m(world, _TO_A_WAVE / 2)
         return [replace(effect, choice=one) for one in effect.choice.reshaped(axis, fine_m)]
 
     def smaller(self, view, effect, axis):
