@@ -353,3 +353,14 @@ def test_what_the_vault_refuses_is_looked_for_in_the_next_wells(monkeypatch):
     monkeypatch.setattr(search, "_refused", lambda vault, one: [0] if abs(one.effects[0].values[0] - MOVED_M) > 0.05 else [])
     other = search._otherwise(ears, ears, model, 0, {})
     assert other.effects[0].values == pytest.approx([MOVED_M], abs=2e-3)
+
+
+@pytest.mark.parametrize(("told", "first"), [(3000.0, "wall"), (6000.0, "node"), (0.0, "wall")])
+def test_a_wall_that_leaves_far_less_waits_only_for_what_explains_half(told, first):
+    def model(family: str, left: float) -> Model:
+        effect = Effect(family=BY_NAME[family], owner=family, values=np.zeros(0))
+        return Model(base=None, effects=(effect,), energy=left, whitened=left, slack=0.0, loose=0.0, fits=())
+
+    before, wall, node = model("ground", 10_100.0), model("missing_object", 600.0), model("node_position", 10_100.0 - told)
+    paying = [model("missing_scattering", 300.0), wall, node]
+    assert search._stiff_first(paying, before, 100.0) is {"wall": wall, "node": node}[first]

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from gr_cast.diagnose.places.coherent import Phased
 from gr_cast.diagnose.places.ears import ResponseEar
-from gr_cast.diagnose.places.fit import evaluated
+from gr_cast.diagnose.places.fit import evaluated, with_effect
 from gr_cast.diagnose.places.likelihood import Fitted, Heard
 from gr_cast.diagnose.places.view import View
 from gr_cast.twin.places.predict import Predictor
 
-from tests.diagnose.places.test_place_bodies import CARRIER_HZ, KNOWN, QUAD, best_of, heard, ours, theirs
+from tests.diagnose.places.test_place_bodies import BY_NAME, CARRIER_HZ, KNOWN, QUAD, best_of, heard, ours, theirs
 
 LIGHT = 299792458.0
 ROOF_M = 4.217
@@ -39,6 +39,21 @@ def test_a_plane_is_fitted_to_the_noise_in_the_well_of_its_phases_and_as_far_as_
     found = best_of("missing_object", ears)
     assert found.energy - ears[0].count < 4 * np.sqrt(ears[0].count)
     assert found.world.mesh.solids[-1].vertices_m[:, 2] == pytest.approx([ROOF_M] * 4, abs=0.003)
+
+
+def test_a_plane_is_begun_in_phase_though_its_ends_and_the_phases_of_all_soundings_are_unknown():
+    face = np.array([(-3, -9.0, 0), (2, -9.0 + 5 / 18, 0), (2, -9.0 + 5 / 18, 2), (-3, -9.0, 2)], float)
+    world = theirs()
+    world["objects"]["hidden"] = {"tris": face[QUAD], "surface": None}
+    world["materials"]["hidden"] = "metal"
+    unknown = {"phase": "snapshot", "delay": "link", "gain": "none"}
+    ears = heard(world, 30.0, **unknown)
+    view = View(ears, evaluated(ears, ours(), ()), KNOWN | unknown)
+    begun = [with_effect(ears, view.model, one) for one in BY_NAME["missing_object"].starts(view, "place")]
+    best = min(begun, key=lambda one: one.energy)
+    seen = best.world.mesh.solids[-1].vertices_m
+    assert np.abs((seen - face[0]) @ UPRIGHT).max() < LIGHT / CARRIER_HZ / 10
+    assert best.energy - ears[0].count < 0.1 * (view.model.energy - ears[0].count)
 
 
 def rows(random) -> tuple:
