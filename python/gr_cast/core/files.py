@@ -120,8 +120,9 @@ def passing_folder():
     made = Path(tempfile.mkdtemp(prefix=f".{_PASSING}"))
     with locked(made):  # before it has a name that others sweep
         folder = made.rename(place / made.name.removeprefix("."))
+        (inside := folder / "gr-cast").mkdir()  # which whoever works there may lock
         try:
-            yield folder
+            yield inside
         finally:
             with interrupts.held_back():
                 _remove_stubborn(folder)
