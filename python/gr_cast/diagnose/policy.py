@@ -138,9 +138,8 @@ EARLY, LATE = -8, 24  # lags around the twin's delay in which a link's energy ma
 WORST_CLOCK = 30e-6
 CLOCK_STEP = 0.5  # samples over the recording
 CARRIER_STEP = 0.5  # cycles over the recording
-TOLD_SIGMA = (
-    4.0  # standard deviations of a twin's carrier or clock within which it is the twin's own: more is chance once in 10⁴ twins
-)
+# standard deviations of a twin's carrier or clock within which it is its own: more is chance once in 10⁴ twins
+TOLD_SIGMA = 4.0
 TEETH = 3  # on either side of the likeliest carrier, of the comb that regular stretches make
 LOBES = 0.5  # of a stretch's spectrum, around its peak, in which the carrier is looked for finely
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.places import run, search
+from gr_cast.diagnose.places import foretold, run, search
 from gr_cast.diagnose.places.ears import ResponseEar
 from gr_cast.diagnose.places.fit import Model, applied, evaluated, fitted, with_effect
 from gr_cast.diagnose.places.likelihood import Heard
@@ -134,8 +134,8 @@ def test_what_does_not_predict_the_vault_is_not_all_there_is():
     shed_too["objects"]["shed"], shed_too["materials"]["shed"] = {"tris": shed()[SIDES], "surface": None}, "concrete"
     ears = heard(theirs(), 30.0)
     plain = View(ears, evaluated(ears, ours(), ()), KNOWN)
-    assert run._is_foretold(plain, ears)
-    assert not run._is_foretold(plain, heard(shed_too, 30.0))
+    assert foretold.holds(plain, ears)
+    assert not foretold.holds(plain, heard(shed_too, 30.0))
 
 
 def test_at_one_instant_nothing_passes(monkeypatch):
@@ -154,7 +154,7 @@ def test_who_passed_once_need_not_pass_again():
     ears = heard(theirs(), 30.0)
     with_passer = evaluated(ears, ours(), [gone])
     assert with_passer.energy > 2 * ears[0].count  # somebody else would see it
-    assert run._is_foretold(View(ears, with_passer, KNOWN), ears)
+    assert foretold.holds(View(ears, with_passer, KNOWN), ears)
 
 
 def ridge(begin_m: float, end_m: float, level_m: float = -4.0) -> np.ndarray:
@@ -180,7 +180,7 @@ def test_where_a_wall_ends_is_not_foretold_and_where_it_stands_is(aside_m, is_fo
     found = Effect(family=BY_NAME["missing_object"], owner="place", values=np.array([0.0, 0.0, 0.0, np.log(1e7)]), choice=sheet)
     model = evaluated(ears, ours(), [found])
     assert evaluated(vault, ours(), [found]).left_nats(vault[0].count) > 0.5 * vault[0].count  # as told it ends too soon
-    assert run._is_foretold(View(ears, model, KNOWN), vault) == is_foretold
+    assert foretold.holds(View(ears, model, KNOWN), vault) == is_foretold
 
 
 def loss(link: str) -> Effect:
@@ -271,6 +271,7 @@ def begun(monkeypatch, left: dict, first: str = "extra_object"):
         return sorted(found, key=lambda one: one.energy), 4
 
     monkeypatch.setattr(search, "candidates", candidates)
+    monkeypatch.setattr(search, "_settled", lambda ears, one, *rest: one)
     monkeypatch.setattr(search, "pruned", lambda ears, one, count, tried: one)
     monkeypatch.setattr(search, "_asked_again", lambda ears, one, *rest: one)
     monkeypatch.setattr(search, "_by_shape", lambda ears, one: 0.0)
@@ -350,7 +351,7 @@ def test_an_interval_reaches_the_wells_that_are_open():
 
 def test_what_the_vault_refuses_is_looked_for_in_the_next_wells(monkeypatch):
     ears, model = half_a_wave_off()
-    monkeypatch.setattr(search, "_refused", lambda vault, one: [0] if abs(one.effects[0].values[0] - MOVED_M) > 0.05 else [])
+    monkeypatch.setattr(foretold, "refused", lambda vault, one: [0] if abs(one.effects[0].values[0] - MOVED_M) > 0.05 else [])
     other = search._otherwise(ears, ears, model, 0, {})
     assert other.effects[0].values == pytest.approx([MOVED_M], abs=2e-3)
 
@@ -363,4 +364,53 @@ def test_a_wall_that_leaves_far_less_waits_only_for_what_explains_half(told, fir
 
     before, wall, node = model("ground", 10_100.0), model("missing_object", 600.0), model("node_position", 10_100.0 - told)
     paying = [model("missing_scattering", 300.0), wall, node]
-    assert search._stiff_first(paying, before, 100.0) is {"wall": wall, "node": node}[first]
+    assert (
+        search._stiff_first(paying, search._good_stiff(paying, before, 100.0), before, 100.0)
+        is {"wall": wall, "node": node}[first]
+    )
+
+
+def test_a_node_is_looked_for_higher_and_lower_too():
+    offset_m = np.array([0.07, -0.1, 0.09])
+    world = theirs()
+    world["nodes"]["n0"]["waypoints_m"] = [np.array(POSTS[0]) + offset_m]
+    ears = heard(world, 30.0)
+    starts = BY_NAME["node_position"].starts(View(ears, evaluated(ears, ours(), ()), KNOWN), "n0")
+    apart_m = [np.abs(one.values - offset_m).max() for one in starts[:4]]
+    assert min(apart_m) < ours().wavelength_m / 4
+
+
+@pytest.mark.parametrize("left_by_node", [100.0, 8000.0])
+def test_shapes_wait_unsettled_where_something_plain_explains_most(monkeypatch, left_by_node):
+    """They could not be chosen: looking for their ends and wells would take most of the time."""
+    ears, settled = heard(theirs(), 30.0), []
+    model = replace(evaluated(ears, ours(), ()), energy=10_000.0 + ears[0].count)
+    effects = {"node_gain": (np.zeros(1), None), "missing_object": (np.zeros(4), None)}
+    effects = {name: Effect(family=BY_NAME[name], owner="place", values=v, choice=c) for name, (v, c) in effects.items()}
+
+    def guess(_, one):
+        return one
+
+    def with_one(_, before, effect):
+        left = left_by_node if effect.family.name == "node_gain" else 50.0
+        return replace(before, effects=(effect,), energy=left + ears[0].count)
+
+    class Families(View):
+        families = [replace_starts(effects[name]) for name in ("missing_object", "node_gain")]
+
+    monkeypatch.setattr(search, "View", Families)
+    monkeypatch.setattr(search, "_overheard", lambda view: (view.ears, model, 1.0))
+    monkeypatch.setattr(search, "with_effect", with_one)
+    monkeypatch.setattr(search, "_quick", guess)
+    monkeypatch.setattr(search, "fitted", lambda ears, one, **_: one)
+    monkeypatch.setattr(search, "_settled", lambda ears, one, *_: settled.append(one.effects[-1].family.name) or one)
+    found, _ = search.candidates(ears, model, KNOWN, search.Budget.of(60.0), set())
+    assert {one.effects[-1].family.name for one in found} == {"missing_object", "node_gain"}
+    assert settled == (["node_gain"] if left_by_node == 100.0 else ["node_gain", "missing_object"])
+
+
+def replace_starts(effect: Effect):
+    """Its family, begun with it alone."""
+    own = type(effect.family)()
+    own.owners, own.starts = lambda view: [effect.owner], lambda view, owner: [effect]
+    return own

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.places import diffuse, likelihood, scan, search
+from gr_cast.diagnose.places import diffuse, fit, likelihood, scan, search
 from gr_cast.diagnose.places.fit import evaluated, fitted, with_effect
 from gr_cast.diagnose.places.view import View
 from gr_cast.twin.places.families.base import Effect
@@ -121,3 +121,11 @@ def test_whoever_goes_at_another_speed_is_found_between_the_speeds_that_are_trie
     starts = TrackTiming().starts(View(ears, model, UNKNOWN), "walker")
     best = min((fitted(ears, with_effect(ears, model, one)) for one in starts), key=lambda one: one.energy)
     assert best.effects[0].values == pytest.approx([0.0, factor], abs=1e-3)
+
+
+def test_what_nuisances_span_is_taken_away_once_however_often_they_say_it():
+    random = np.random.default_rng(3)
+    others, rows = random.normal(size=(5, 40)), random.normal(size=(3, 40))
+    others = np.vstack([others, others[0] - others[1], 1e-6 * others[2], np.zeros(40)])
+    wanted = rows - rows @ np.linalg.pinv(others, rcond=1e-9) @ others
+    assert fit._apart(others, rows) == pytest.approx(wanted, abs=1e-7)

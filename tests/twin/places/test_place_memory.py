@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What a predictor remembers is what it would compute anew, whatever it was asked before."""
 
+from collections import OrderedDict
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from gr_cast.scenario.create.fields import surface_of
 from gr_cast.scenario.create.geometry import Solid
 from gr_cast.scenario.create.media import Medium
 from gr_cast.scenario.create.nodes import Node
+from gr_cast.twin.places import predict
 from gr_cast.twin.places.predict import Predictor
 from gr_cast.twin.places.world import Mesh, Person, Radio, World
 
@@ -64,3 +66,17 @@ def test_scattered_powers_follow_carrier_antennas_and_surfaces():
     for other in others:
         again, afresh = (diffuse.profiles(other, one, 0, 8, 2.5e7)[0] for one in (used, predictor()))
         assert (again == afresh).all()
+
+
+def test_what_is_made_may_be_remembered_in_the_same_place_and_push_out_what_was_asked_for_with_it(monkeypatch):
+    monkeypatch.setattr(predict, "_KEPT", 3)
+    memory = OrderedDict()
+    assert predict._remembered(memory, ["a"], lambda missing: [1]) == [1]
+
+    def make(missing):
+        for number in range(5):
+            predict._remembered(memory, [number], lambda _: [0])
+        return [2]
+
+    assert predict._remembered(memory, ["a", "b"], make) == [1, 2]
+    assert list(memory)[-2:] == ["a", "b"] and len(memory) == 3

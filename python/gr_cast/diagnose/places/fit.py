@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from ...twin.places.families.base import Effect
 from ...twin.places.world import World, frozen
@@ -13,6 +14,7 @@ from . import bending, diffuse, policy
 from .ears import PowerEar, ResponseEar
 from .likelihood import Fitted
 
+_RIDGE = 1e-10  # of a unit row
 _DAMPING = 1e-3  # of the first step, times the diagonal
 _WORTH = 0.05  # nats: less than this is no step forward
 _LEAST_POWER = 1e-300
@@ -117,21 +119,20 @@ def normal_equations(ears: Sequence[Ear], model: Model, free: np.ndarray) -> tup
             for rows in (columns, others)
         )
         if len(others):
-            basis = _basis(others)
-            residual = residual - basis @ (basis.T @ residual)
-            j = j - (j @ basis) @ basis.T
+            rows = _apart(others, np.vstack([residual, j]))
+            residual, j = rows[0], rows[1:]
         top += j @ j.T
         side += j @ residual
     return top, side
 
 
-def _basis(rows: np.ndarray) -> np.ndarray:
-    """Orthonormal columns that span the rows; gains per node may not all be told apart."""
-    scale = np.linalg.norm(rows, axis=1, keepdims=True)
-    rows = rows / np.where(scale > 0, scale, 1)
-    values, vectors = np.linalg.eigh(rows @ rows.T)
-    keep = values > 1e-9 * values.max(initial=0)
-    return rows.T @ (vectors[:, keep] / np.sqrt(values[keep]))
+def _apart(others: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """What of the rows the others do not span, a little ridge aside: gains per node may not all be told apart."""
+    scale = np.linalg.norm(others, axis=1, keepdims=True)
+    others = others / np.where(scale > 0, scale, 1)
+    gram = others @ others.T
+    gram[np.diag_indices(len(gram))] += _RIDGE * len(gram)
+    return rows - cho_solve(cho_factor(gram), others @ rows.T).T @ others
 
 
 def fitted(ears: Sequence[Ear], model: Model, *, rounds: int = 8, free: Sequence[int] | None = None) -> Model:

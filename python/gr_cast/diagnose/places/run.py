@@ -13,7 +13,7 @@ from ...core.units import db_from_power
 from ...twin.places.believed import believed
 from ...twin.places.document import Place
 from ...twin.places.families.objects import ObjectMoved
-from . import elsewhere, policy, search, taps
+from . import elsewhere, foretold, policy, search, taps
 from .ears import ear, told_of
 from .fit import Model, applied, deviations, evaluated, fitted, without_effects
 from .next_position import where_to_sound
@@ -99,8 +99,8 @@ def _told(place: Place, found: search.Found, ears: tuple, vault: tuple, pathless
     model = found.model
     view = View(ears, model, place.unknown)
     alike = [_alike(found, number, ears, vault, model.base) for number in range(len(model.effects))]
-    foretold = _is_foretold(view, [one for one in vault if one.has_responses])
-    clean = found.deviations < policy.CLEAN_DEVIATIONS and not pathless and foretold
+    predicted = foretold.holds(view, [one for one in vault if one.has_responses])
+    clean = found.deviations < policy.CLEAN_DEVIATIONS and not pathless and predicted
     there = evaluated(vault, model.base, model.effects) if vault else None
     covariances = [
         _doubt(found, ears, clean) * own + _over_wells(model.effects[number], search.wells(ears, vault, model, number))
@@ -119,7 +119,7 @@ def _told(place: Place, found: search.Found, ears: tuple, vault: tuple, pathless
         )
         for cause in made_of
     ]
-    return _Told(effects=effects, causes=made_of, open=_ambiguous(alike, ears, place), is_clean=clean, is_foretold=foretold)
+    return _Told(effects=effects, causes=made_of, open=_ambiguous(alike, ears, place), is_clean=clean, is_foretold=predicted)
 
 
 def _as_taps(ears, through, base) -> search.Found | None:
@@ -130,24 +130,6 @@ def _as_taps(ears, through, base) -> search.Found | None:
         return None
     model = evaluated(through, base, ())
     return replace(plain, model=model, start=model) if taps.explain(plain.model, model, count) else None
-
-
-def _is_foretold(view: View, vault: list) -> bool:
-    """Whether the vault is predicted as well as its noise lets one know, with or without what may have been there for once, and
-    wherever what was added ends: that the soundings of one campaign do not show."""
-    if not vault:
-        return True
-    model, count = view.model, sum(one.count for one in vault)
-    lasting = [one for one in model.effects if one.family.lasts]
-    told, other, twin = (evaluated(vault, model.base, effects) for effects in (model.effects, lasting, ()))
-    sizes = zip(*(one.family.sizes(view, one) for one in model.effects), strict=True)
-    resized = [evaluated(vault, model.base, effects) for effects in sizes]
-    ended = sum(
-        float((one.row_nats(fits[0]) - np.minimum.reduce([one.row_nats(fit) for fit in fits])).sum())
-        for one, *fits in zip(vault, told.fits, *(each.fits for each in resized), strict=True)
-    )
-    after = min(told.left_nats(count) - ended, other.left_nats(count))
-    return after < max(policy.UNTOLD_NOISE * count, policy.UNTOLD_SHARE * twin.left_nats(count))
 
 
 def _verdict(told: _Told) -> str:

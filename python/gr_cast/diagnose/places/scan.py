@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import minimum_filter
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from .ears import ResponseEar, evenly
@@ -23,6 +24,10 @@ class Row:
     y: np.ndarray
     weight: np.ndarray
     is_free: bool  # its phase is unknown
+
+    def turned(self, axis: int, by: float) -> "Row":
+        """The same where one of the numbers is `by` more."""
+        return replace(self, base=self.base * np.exp(-1j * by * self.rates[axis]))
 
 
 def rows(ear: ResponseEar, fit: Fitted, world, rates_of) -> list[Row]:
@@ -119,13 +124,8 @@ def minima(grid: np.ndarray, energies: np.ndarray, best: int) -> list:
     return [float(grid[i]) for i in inner[np.argsort(energies[inner])][:best]]
 
 
-def minima_2d(x: np.ndarray, y: np.ndarray, energies: np.ndarray, best: int) -> list[tuple[float, float]]:
-    padded = np.pad(energies, 1, constant_values=np.inf)
-    low = np.ones(energies.shape, bool)
-    for dx in (-1, 0, 1):
-        for dy in (-1, 0, 1):
-            if dx or dy:
-                low &= energies <= padded[1 + dx : padded.shape[0] - 1 + dx, 1 + dy : padded.shape[1] - 1 + dy]
-    i, j = np.nonzero(low)
-    order = np.argsort(energies[i, j])[:best]
-    return [(float(x[a]), float(y[b])) for a, b in zip(i[order], j[order], strict=True)]
+def minima_of(axes: Sequence[np.ndarray], energies: np.ndarray, best: int) -> list[tuple[float, ...]]:
+    """Places on a grid over several axes at the lowest local minima, the lowest first."""
+    places = np.argwhere(energies <= minimum_filter(energies, 3, mode="nearest"))
+    order = np.argsort(energies[tuple(places.T)])[:best]
+    return [tuple(float(axis[number]) for axis, number in zip(axes, place, strict=True)) for place in places[order]]

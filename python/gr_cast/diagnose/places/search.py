@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...twin.places.families.base import Effect
-from . import elsewhere, policy
+from . import elsewhere, foretold, policy
 from .ears import thinned
-from .fit import Ear, Model, evaluated, fitted, normal_equations, replaced, shows_in, with_effect, without_effects
+from .fit import Ear, Model, evaluated, fitted, replaced, shows_in, with_effect, without_effects
 from .view import View
 
 
@@ -80,9 +80,11 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
             crowd[name] = crowd.get(name, 0) + 1
             chosen.append((promise(one), one if heard is ears else evaluated(ears, model.base, one.effects)))
     final: list[Model] = []
+    chosen.sort(key=lambda pair: _has_shape(pair[1]))  # what has a shape takes long, and may have to wait for what has none
     for promised, one in chosen:
         is_far_behind = final and promised < policy.BEHIND_SHARE * max(worth(done, model, count, tried) for done in final)
-        final.append(fitted(ears, one, rounds=policy.SCREEN_ROUNDS) if is_far_behind else _settled(ears, one, unknown, budget))
+        waits = is_far_behind or _has_shape(one) and _explains_most(_plain(final), model, count)
+        final.append(fitted(ears, one, rounds=policy.SCREEN_ROUNDS) if waits else _settled(ears, one, unknown, budget))
     return sorted(final, key=lambda one: -worth(one, model, count, tried)), tried
 
 
@@ -207,9 +209,9 @@ def run(
     barred: set = set()
     while True:
         model, tried = _explored(ears, model, unknown, budget, others, barred, progress)
-        refused = _refused(vault, model)
+        refused = foretold.refused(vault, model)
         if refused and (other := _otherwise(ears, vault, model, refused[0], others)):
-            model, refused = other, _refused(vault, other)
+            model, refused = other, foretold.refused(vault, other)
         if not refused:
             break
         barred |= {model.effects[number].key for number in refused}
@@ -231,7 +233,8 @@ def _explored(ears, model: Model, unknown: dict, budget: Budget, others: dict, b
     best, tried = _grown(ears, model, unknown, budget, others, barred, open_, expanded, progress)
     while open_ and not budget.is_spent and not _is_told(best, count):
         open_.sort(key=lambda pair: pair[0])
-        other, tried = _grown(ears, open_.pop(0)[1], unknown, budget, others, barred, open_, expanded, progress)
+        other = _settled(ears, open_.pop(0)[1], unknown, budget)
+        other, tried = _grown(ears, other, unknown, budget, others, barred, open_, expanded, progress)
         best = max(best, other, key=lambda one: evidence(one, count, tried))
     return best, tried
 
@@ -272,7 +275,8 @@ def _grown(
         hidden = [one for one in elsewhere.instead(ears, model, budget) if one.effects[-1].key not in barred]
         worths |= {id(one): worth(one, model, count, tried) for one in hidden}
         found, paying = (sorted([*some, *hidden], key=lambda one: -worths[id(one)]) for some in (found, paying))
-        best, good = _stiff_first(paying, model, count), _good_stiff(paying, model, count)
+        good = _good_stiff(paying, model, count)
+        best = _stiff_first(paying, good, model, count)
         known = {best.effects[-1].key}
         for one in paying:
             effect = one.effects[-1]
@@ -309,15 +313,28 @@ def _asked_again(ears, model: Model, count: float, tried: float, others: dict, b
     return model
 
 
-def _stiff_first(paying: list[Model], model: Model, count: float) -> Model:
-    """The candidate to go on with: the best, but something stiff that explains a good part before random fields and what has a
+def _stiff_first(paying: list[Model], good: Model | None, model: Model, count: float) -> Model:
+    """The candidate to go on with: the best, but something stiff that explains a `good` part before random fields and what has a
     shape to choose, which explain much that they are not, unless they leave nothing where it leaves the most: then little is left
     to look for."""
-    best, good = paying[0], _good_stiff(paying, model, count)
+    best = paying[0]
     if not good or good is best:
         return best
-    leaves_the_most = model.energy - good.energy < policy.MOST_SHARE * (model.energy - model.offset - count)
-    return best if leaves_the_most and _excess(best, count) < policy.CLEAN_DEVIATIONS else good
+    return best if not _explains_most(good, model, count) and _excess(best, count) < policy.CLEAN_DEVIATIONS else good
+
+
+def _has_shape(model: Model) -> bool:
+    return model.effects[-1].family.shape_axes > 0
+
+
+def _plain(models: list[Model]) -> Model | None:
+    """The one with the least energy whose last effect is no random field and has no shape."""
+    plain = [one for one in models if not one.effects[-1].family.is_flexible and not _has_shape(one)]
+    return min(plain, key=lambda one: one.energy, default=None)
+
+
+def _explains_most(one: Model | None, model: Model, count: float) -> bool:
+    return one is not None and model.energy - one.energy >= policy.MOST_SHARE * (model.energy - model.offset - count)
 
 
 def _good_stiff(paying: list[Model], model: Model, count: float) -> Model | None:
@@ -325,22 +342,12 @@ def _good_stiff(paying: list[Model], model: Model, count: float) -> Model | None
     that explains less than half, and it leaves far less."""
     here = model.energy - model.offset - count
     stiff = [one for one in paying if not one.effects[-1].family.is_flexible]
-    plain = next((one for one in stiff if not one.effects[-1].family.shape_axes), None)
+    plain = next((one for one in stiff if not _has_shape(one)), None)
     told = model.energy - plain.energy if plain else 0.0
     is_far_less = stiff and here - (model.energy - stiff[0].energy) < policy.FAR_LESS_SHARE * (here - told)
-    if told < policy.MOST_SHARE * here and is_far_less:
+    if not _explains_most(plain, model, count) and is_far_less:
         return stiff[0]
     return plain if told > policy.STIFF_SHARE * here else None
-
-
-def _refused(vault: Sequence[Ear], model: Model) -> list[int]:
-    """Numbers of effects that make the vault less likely, by more than what the model leaves there can account for."""
-    nats = told_nats(vault, model)
-    if min(nats, default=0.0) > -policy.REFUSED_NATS:
-        return []
-    told = evaluated(vault, model.base, model.effects)
-    left = max(0.0, told.left_nats(sum(ear.count for ear in vault)))
-    return [number for number, one in enumerate(nats) if one < -policy.REFUSED_NATS - policy.REFUSED_SHARE * left]
 
 
 def _otherwise(ears, vault: Sequence[Ear], model: Model, number: int, others: dict) -> Model | None:
@@ -350,7 +357,7 @@ def _otherwise(ears, vault: Sequence[Ear], model: Model, number: int, others: di
     known = [replaced(ears, model, number, one) for one in others.get(key, ()) if one.key == key]
     for one in (*known, *_restarted(ears, model, number, policy.WELLS)):
         other = fitted(ears, one, rounds=4)
-        if other.energy < model.energy + policy.RIVAL_NATS and number not in _refused(vault, other):
+        if other.energy < model.energy + policy.RIVAL_NATS and number not in foretold.refused(vault, other):
             return other
     return None
 
@@ -367,22 +374,11 @@ def wells(ears, vault: Sequence[Ear], model: Model, number: int) -> list[tuple[f
         for one in tried
         if one.effects[number].choice is own.choice
         and one.energy - model.energy < policy.RIVAL_NATS
-        and number not in _refused(vault, one)
+        and number not in foretold.refused(vault, one)
     ]
     apart = _distinct(model.base, [own, *(one.effects[number] for one in open_)])[1:]
     rows = [(one.energy - model.energy, one.effects[number]) for one in open_]
     return [(max(behind, 0.0), effect.values) for behind, effect in rows if effect in apart]
-
-
-def told_nats(vault: Sequence[Ear], model: Model) -> list[float]:
-    """Nats by which each effect predicts soundings that it was not fitted to; 0 of what does not last from one to the next."""
-    if not vault or not model.effects:
-        return [0.0] * len(model.effects)
-    told = evaluated(vault, model.base, model.effects)
-    return [
-        without_effects(vault, told, [number]).energy - told.energy if effect.family.lasts else 0.0
-        for number, effect in enumerate(model.effects)
-    ]
 
 
 def exchanged(ears, model: Model, others: dict, count: float, tried: float, budget: Budget, vault: Sequence[Ear] = ()):
@@ -390,7 +386,7 @@ def exchanged(ears, model: Model, others: dict, count: float, tried: float, budg
     alike, it is the one that predicts the vault. What tells of the vault is nothing that was there for once."""
     rivals: dict = {}
     for number, effect in enumerate(model.effects):
-        trials, stays = [], told_nats(vault, model)[number] > policy.REFUSED_NATS
+        trials, stays = [], foretold.told_nats(vault, model)[number] > policy.REFUSED_NATS
         for other in others.get(effect.key, ()):
             if other.key in {e.key for e in model.effects} or budget.is_spent or stays and not other.family.lasts:
                 continue
@@ -413,22 +409,7 @@ def foreseen_nats(ears, vault: Sequence[Ear], rival: Model, model: Model, number
     lasts = rival.effects[number].family.lasts and model.effects[number].family.lasts
     if not vault or not lasts or behind_nats(rival, model, number) > policy.RIVAL_NATS:
         return 0.0
-    return foreseen(ears, vault, rival) - foreseen(ears, vault, model)
-
-
-def foreseen(ears, vault: Sequence[Ear], model: Model) -> float:
-    """Energy of the vault as it is predicted by all that lasts, whose numbers are as open as the fitted soundings leave them: of
-    the mean likelihood over them, where it is a Gaussian's."""
-    effects = tuple(effect for effect in model.effects if effect.family.lasts)
-    told, fitted_to = (evaluated(some, model.base, effects) for some in (vault, ears))
-    numbers = np.arange(sum(len(effect.values) for effect in effects))
-    if not len(numbers):
-        return told.energy
-    (there, side), (here, _) = normal_equations(vault, told, numbers), normal_equations(ears, fitted_to, numbers)
-    scale = 1 / np.sqrt(np.diag(here + there) + 1e-300)
-    both, here = ((one * scale[:, None] * scale) for one in (here + there, here))
-    step = np.linalg.lstsq(both, side * scale, rcond=1e-10)[0]
-    return told.energy - float(step @ (side * scale))
+    return foretold.foreseen(ears, vault, rival) - foretold.foreseen(ears, vault, model)
 
 
 def behind_nats(rival: Model, model: Model, number: int) -> float:

@@ -13,11 +13,8 @@ from . import planes
 _WAYS = np.arange(1, 8) / 8  # along a leg: where something may stand
 _LEAST_NATS = 20.0  # that a path's absence must be worth, all instants together
 _STRONGEST = 3  # paths whose legs are looked along
-_KEPT, _BEGUN, _APART_M = (
-    3,
-    6,
-    0.5,
-)  # boxes that are returned, that are looked for near a first guess, and how far apart these are
+_KEPT, _BEGUN = 3, 6  # boxes that are returned, and that are looked for near a first guess
+_APART_M = 0.5  # of one first guess from another
 _COUNTS_NATS = 1.0  # of a path: less is no reason for a box, nor against one
 _FIRST = (np.arange(6) * np.pi / 6, (0.5, 2.0, 5.0), (0.1, 1.0, 3.0), (0.2, 1.5))  # yaw, widths, height above the leg
 _BOX_STEPS = (1.0, 1.0, 0.4, 1.0, 1.0, 0.5)  # of its numbers
@@ -71,11 +68,10 @@ def _upon_the_floor(view, begin_m: np.ndarray, end_m: np.ndarray) -> np.ndarray:
     """Boxes (n, 6) that stand as what is there stands, wherever a leg goes over the floor."""
     share = (np.arange(_POINTS) + 0.5)[:, None, None] / _POINTS
     points_m = (begin_m + share * (end_m - begin_m)).reshape(-1, 3)
-    step_m, cells = _CELL_M, ()
-    while not len(cells) or len(cells) > _CELLS:
-        cells, member = np.unique(np.floor(points_m[:, :2] / step_m), axis=0, return_inverse=True)
+    step_m = _CELL_M
+    while len(np.unique(np.floor(points_m[:, :2] / step_m), axis=0)) > _CELLS:
         step_m *= _COARSER
-    step_m /= _COARSER
+    cells, member = np.unique(np.floor(points_m[:, :2] / step_m), axis=0, return_inverse=True)
     over_m = np.full(len(cells), np.inf)
     np.minimum.at(over_m, member.ravel(), points_m[:, 2])
     yaws = {round(float(np.arctan2(y, x) % (np.pi / 2)), 3) for x, y, z in planes.normals(view.world.faces) if not round(z)}

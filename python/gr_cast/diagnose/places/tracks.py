@@ -175,7 +175,7 @@ def _through(strip: _Strip) -> tuple[np.ndarray, np.ndarray]:
     pairs = [pair for pair in itertools.combinations(range(len(nats)), 2) if after_s[pair[1]] - after_s[pair[0]] >= apart_s]
     out = []
     for first, last in sorted(pairs, key=lambda pair: -tops[list(pair)].min())[:_PAIRS]:
-        ends = [scan.minima_2d(strip.axis_m, strip.axis_m, -nats[step], _PEAKS) for step in (first, last)]
+        ends = [scan.minima_of((strip.axis_m, strip.axis_m), -nats[step], _PEAKS) for step in (first, last)]
         a, b = np.moveaxis(np.array(list(itertools.product(*ends))), 1, 0)
         turn = (b - a) / (after_s[last] - after_s[first])
         out.append((a - after_s[first] * turn, turn))

@@ -262,8 +262,8 @@ class View:
             shown = lengths - (lengths * weight).sum(axis=1, keepdims=True) / max(weight.sum(), 1e-300)
         return np.stack([lengths, shown], axis=2)
 
-    def scan_node(self, name: str, grid_m: np.ndarray, best: int) -> list[tuple[float, float]]:
-        """Level offsets of a node that would explain its links best."""
+    def scan_node(self, name: str, grid_m: np.ndarray, up_m: np.ndarray, best: int) -> list[tuple[float, float, float]]:
+        """Offsets of a node, on a level grid and some way up, that would explain its links best."""
 
         def rates(ear, index):
             link = ear.predictor.links[index]
@@ -272,12 +272,13 @@ class View:
             table = ear.predictor.path_table(self.world, index)
             gain, way = table.gain, table.way
             along = -way.direction[:, 0] if link[0] == name else way.direction[:, -1]
-            return self._in_band(along[:, :2].T, gain)
+            return self._in_band(along.T, gain)
 
         rows = self._scanned(rates)
         if not rows:
             return []
-        return scan.minima_2d(grid_m, grid_m, scan.energy(rows, grid_m, grid_m), best)
+        energies = [scan.energy([row.turned(2, float(up)) for row in rows], grid_m, grid_m) for up in up_m]
+        return scan.minima_of((grid_m, grid_m, up_m), np.stack(energies, axis=2), best)
 
     def scan_object(self, name: str, normal: np.ndarray, grid_m: np.ndarray, best: int) -> list[float]:
         """Shifts of an object along a normal that would explain best."""

@@ -73,23 +73,30 @@ def is_flat(solid: Solid) -> bool:
 
 
 _LOOK = np.array([[0.6112, 0.5437, 0.5752], [-0.7071, 0.6189, -0.3420], [0.1830, -0.7431, 0.6437]])  # along no usual wall
+_AT_ONCE = 100_000  # points times faces in memory
 
 
-def is_inside(solid: Solid, point_m: np.ndarray) -> bool:
-    """Whether a point lies inside a closed object: rays from it meet an odd number of faces, whichever way they are wound.
+def inside(solid: Solid, points_m: np.ndarray) -> np.ndarray:
+    """(n,) whether points (n, 3) lie inside a closed object: rays from them meet an odd number of faces, however these are wound.
 
     Intersections after Möller & Trumbore 1997; two of three rays decide, for one may run through an edge.
     """
+    points_m = np.asarray(points_m, np.float64).reshape(-1, 1, 3)
+    parts = np.array_split(points_m, 1 + len(points_m) * len(solid.faces) // _AT_ONCE)
+    return np.concatenate([_inside(solid, part) for part in parts])
+
+
+def _inside(solid: Solid, points_m: np.ndarray) -> np.ndarray:
     a, b, c = (solid.vertices_m[solid.faces[:, corner]] for corner in range(3))
-    ab, ac, back = b - a, c - a, np.asarray(point_m, np.float64) - a
+    ab, ac, back = b - a, c - a, points_m - a
     across = np.cross(back, ab)
-    odd = 0
+    odd = np.zeros(len(back), int)
     for look in _LOOK:
         normal = np.cross(look, ac)
-        dots = (back * normal).sum(axis=1), across @ look, (ac * across).sum(axis=1)
+        dots = (back * normal).sum(axis=2), across @ look, (ac * across).sum(axis=2)
         with np.errstate(divide="ignore", invalid="ignore"):  # a ray along a face does not meet it
             u, v, way = (dot / (ab * normal).sum(axis=1) for dot in dots)
-            odd += int(((u >= 0) & (v >= 0) & (u + v <= 1) & (way > 0)).sum()) % 2
+            odd += ((u >= 0) & (v >= 0) & (u + v <= 1) & (way > 0)).sum(axis=1) % 2
     return odd >= 2
 
 

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .geometry import Solid, areas_m2, is_closed, is_inside, planes
+from .geometry import Solid, areas_m2, inside, is_closed, planes
 
 NO_POINTS = np.zeros((0, 3))
 _ON_PLANE_M = 1e-6  # nearer to a plane than this is on it: legs begin and end on faces
@@ -81,7 +81,7 @@ def faces_of(solids: Sequence[Solid], points_m: np.ndarray = NO_POINTS, *, thick
         closed = is_closed(solid)
         if closed:
             normals = _outward(solid, normals, corners_m)
-        hollow = not thick and closed and not any(is_inside(solid, point) for point in points_m)
+        hollow = not thick and closed and not inside(solid, points_m).any()
         if not closed:  # a sheet is one face, however its triangles are wound
             normals = normals * np.where(_first_sign(normals) < 0, -1.0, 1.0)[:, None]
         keys = np.round(np.column_stack([normals * 1e6, (normals * anchors_m).sum(axis=1) * 1e5])).astype(np.int64)
@@ -184,9 +184,8 @@ def _groups(keys: np.ndarray) -> list[np.ndarray]:
 
 
 def _outward(solid: Solid, normals: np.ndarray, corners_m: np.ndarray) -> np.ndarray:
-    middles_m = corners_m.mean(axis=1)
-    turned = [is_inside(solid, middle + 1e-4 * normal) for middle, normal in zip(middles_m, normals, strict=True)]
-    return np.where(np.array(turned)[:, None], -normals, normals)
+    turned = inside(solid, corners_m.mean(axis=1) + 1e-4 * normals)
+    return np.where(turned[:, None], -normals, normals)
 
 
 def on_face(faces: Faces, face: np.ndarray, point_m: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.errors import CastError, Faults
-from .geometry import Solid, is_closed, is_inside
+from .geometry import Solid, inside, is_closed
 
 ANTENNAS = ("iso", "dipole", "hw_dipole", "tr38901")
 MIN_DISTANCE_M = 0.01
@@ -125,4 +125,4 @@ def check(nodes: list[Node], solids: list[Solid], time_s: np.ndarray, step_s: fl
 def _instants_inside(solid: Solid, way_m: np.ndarray) -> list[int]:
     low, high = solid.vertices_m.min(axis=0), solid.vertices_m.max(axis=0)
     near = np.flatnonzero(((way_m >= low) & (way_m <= high)).all(axis=1))
-    return [int(index) for index in near if is_inside(solid, way_m[index])]
+    return near[inside(solid, way_m[near])].tolist()

@@ -108,6 +108,8 @@ class Predictor:
     def _ends_m(self, world: World, index: int) -> tuple[np.ndarray, np.ndarray]:
         """Both ends (P, 3) at all instants, or at one where nothing moves."""
         tx_m, rx_m = (self._node_m(world.radios[name]) for name in self.links[index])
+        if len(tx_m) == len(rx_m):
+            return tx_m, rx_m
         many = max(len(tx_m), len(rx_m))
         return np.broadcast_to(tx_m, (many, 3)), np.broadcast_to(rx_m, (many, 3))
 
@@ -291,13 +293,13 @@ def surface_key(surface: fields.Surface, which=slice(None)) -> bytes:
 
 def _remembered(memory: OrderedDict, keys: Sequence, make) -> list:
     """Values by keys; `make(numbers of the missing ones)` gives those that the memory lacks, all at once."""
-    if missing := [number for number, key in enumerate(keys) if key not in memory]:
+    found = [memory.get(key) for key in keys]  # before `make`, which may remember more in the same place, and forget these
+    if missing := [number for number, value in enumerate(found) if value is None]:
         for number, value in zip(missing, make(missing), strict=True):
-            memory[keys[number]] = value
-    found = []
-    for key in keys:
+            found[number] = value
+    for key, value in zip(keys, found, strict=True):
+        memory[key] = value
         memory.move_to_end(key)
-        found.append(memory[key])
     while len(memory) > _KEPT:
         memory.popitem(last=False)
     return found

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from ...scenario.create.geometry import is_closed, is_inside
+from ...scenario.create.geometry import inside, is_closed
 from .world import World
 
 APART_M = 0.3  # from nodes
@@ -14,6 +14,6 @@ def standing(world: World, points_m: np.ndarray) -> np.ndarray:
     nodes_m = np.concatenate([radio.node.waypoints_m for radio in world.radios.values()])
     apart = np.linalg.norm(points_m[:, None] - nodes_m, axis=2).min(axis=1) > APART_M
     hulls = [solid for solid in world.mesh.solids if is_closed(solid)]
-    rooms = [all(is_inside(solid, point) for point in nodes_m) for solid in hulls]
-    good = [all(is_inside(solid, point) == room for solid, room in zip(hulls, rooms, strict=True)) for point in points_m]
-    return apart & np.array(good, bool)
+    rooms = [inside(solid, nodes_m).all() for solid in hulls]
+    good = np.all([inside(solid, points_m) == room for solid, room in zip(hulls, rooms, strict=True)], axis=0)
+    return apart & good

@@ -151,13 +151,12 @@ class MissingObject(Family):
         seen = near + [begun(sheet, made) for sheet in sheets for made in _MATERIALS]
         dark = [begun(box, _DARK) for box in view.shades()]
         sides = [begun(box, made) for effect in dark[:1] for box in view.mirrors(effect)[:2] for made in _MATERIALS]
-        return [*ended, *seen, *dark, *sides, *self._faced(view, dark[:1], begun)]
+        faced = self._faced(view, begun, dark[0]) if dark and view.explains_much(dark[0]) else []
+        return [*ended, *seen, *dark, *sides, *faced]
 
-    def _faced(self, view, dark, begun) -> list[Effect]:
+    def _faced(self, view, begun, dark: Effect) -> list[Effect]:
         """What stands in the way of much, with one of its sides where it reflects best, as large as is best then."""
-        if not dark or not view.explains_much(dark[0]):
-            return []
-        boxes, fine_m = [dark[0].choice.side(number) for number in range(4)], _fine_m(view.world)
+        boxes, fine_m = [dark.choice.side(number) for number in range(4)], _fine_m(view.world)
 
         def near(effects):
             sides = [(one, one.choice.nearer(float(m))) for one in effects for m in fine_m if one.choice.depth_m + m > _LEAST_M]
@@ -182,14 +181,14 @@ class MissingObject(Family):
 
     def restarts(self, world, effect):
         made = [(1.0, 1e7), _DARK, *((permittivity, 0.03) for permittivity in _PERMITTIVITIES)]
-        wells_m = effect.values[0] + world.wavelength_m / 4 * np.arange(-_BOX_WELLS, _BOX_WELLS + 1)
+        many = _BOX_WELLS if effect.choice.depth_m else _WELLS
+        wells_m = effect.values[0] + world.wavelength_m / 4 * np.arange(-many, many + 1)
         if effect.choice.depth_m:  # the sides of boxes are looked for when these are shaped as well
             sheet, tops_m = effect.choice, effect.choice.high_m[1] + np.array(_TOPS_M)
             tops = [sheet, *(replace(sheet, high_m=(sheet.high_m[0], float(m))) for m in tops_m if m > sheet.low_m[1] + _LEAST_M)]
             elsewhere = [replace(effect, choice=top, values=np.array([m, *effect.values[1:]])) for m in wells_m for top in tops]
             return elsewhere + [effect.moved(np.array([*effect.values[:2], *np.log(one)])) for one in made]
-        near_m = wells_m[_BOX_WELLS - _WELLS : _BOX_WELLS + _WELLS + 1]
-        return [effect.moved(np.array([m, effect.values[1], *np.log(one)])) for m in near_m for one in made]
+        return [effect.moved(np.array([m, effect.values[1], *np.log(one)])) for m in wells_m for one in made]
 
     def reshaped(self, world, effect, axis):
         is_dark = effect.values[2] <= 0.1 and effect.values[3] < 0.0  # what sends nothing back has no phase

@@ -13,6 +13,7 @@ _FAR_M = 0.7  # farthest offset that is looked for on the grid
 _FARTHEST_M = 10.0  # that a fit may go
 _GRID = 90  # points of the grid across, at most
 _BEST = 4  # maxima of a grid that are fitted
+_UP = np.arange(-4, 5) / 3  # wavelengths up that are looked at: floors and ceilings show them
 _WELLS = 10  # minima of a grid of places that are fitted: a deep well is narrow, and lies between two points of the grid
 _YAWS_RAD = np.linspace(-np.pi, np.pi, 24, endpoint=False)
 _PITCHES_RAD = (-0.6, -0.25, 0.0, 0.25, 0.6)
@@ -47,11 +48,11 @@ class NodePosition(_OfNode):
         step_m = view.world.wavelength_m / 5
         reach = min(_GRID // 2, int(np.ceil(_FAR_M / step_m)))
         grid_m = step_m * np.arange(-reach, reach + 1)
-        found = view.scan_node(owner, grid_m, best=_WELLS)
-        return [zero, *(Effect(family=self, owner=owner, values=np.array([x, y, 0.0])) for x, y in found)]
+        found = view.scan_node(owner, grid_m, view.world.wavelength_m * _UP, best=_WELLS)
+        return [zero, *(Effect(family=self, owner=owner, values=np.array(offset_m)) for offset_m in found)]
 
     def restarts(self, world, effect):
-        # The next wells of its phase, upwards too, where the scan did not look.
+        # The next wells of its phase, higher and lower too than the scan looked.
         steps = [step for step in itertools.product((-1, 0, 1), repeat=3) if any(step)]
         return [effect.moved(effect.values + world.wavelength_m / 2 * np.array(step)) for step in steps]
 

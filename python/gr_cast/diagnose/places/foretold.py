@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What soundings that nothing was fitted to say of what was found: which effects they refuse, and whether they are predicted."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from . import policy
+from .fit import Ear, Model, evaluated, normal_equations, without_effects
+from .view import View
+
+
+def refused(vault: Sequence[Ear], model: Model) -> list[int]:
+    """Numbers of effects that make the vault less likely, by more than what the model leaves there can account for."""
+    nats = told_nats(vault, model)
+    if min(nats, default=0.0) > -policy.REFUSED_NATS:
+        return []
+    told = evaluated(vault, model.base, model.effects)
+    left = max(0.0, told.left_nats(sum(ear.count for ear in vault)))
+    return [number for number, one in enumerate(nats) if one < -policy.REFUSED_NATS - policy.REFUSED_SHARE * left]
+
+
+def told_nats(vault: Sequence[Ear], model: Model) -> list[float]:
+    """Nats by which each effect predicts soundings that it was not fitted to; 0 of what does not last from one to the next."""
+    if not vault or not model.effects:
+        return [0.0] * len(model.effects)
+    told = evaluated(vault, model.base, model.effects)
+    return [
+        without_effects(vault, told, [number]).energy - told.energy if effect.family.lasts else 0.0
+        for number, effect in enumerate(model.effects)
+    ]
+
+
+def holds(view: View, vault: Sequence[Ear]) -> bool:
+    """Whether the vault is predicted as well as its noise lets one know, with or without what may have been there for once, and
+    wherever what was added ends: that the soundings of one campaign do not show."""
+    if not vault:
+        return True
+    model, count = view.model, sum(one.count for one in vault)
+    lasting = [one for one in model.effects if one.family.lasts]
+    told, other, twin = (evaluated(vault, model.base, effects) for effects in (model.effects, lasting, ()))
+    sizes = zip(*(one.family.sizes(view, one) for one in model.effects), strict=True)
+    resized = [evaluated(vault, model.base, effects) for effects in sizes]
+    ended = sum(
+        float((one.row_nats(fits[0]) - np.minimum.reduce([one.row_nats(fit) for fit in fits])).sum())
+        for one, *fits in zip(vault, told.fits, *(each.fits for each in resized), strict=True)
+    )
+    after = min(told.left_nats(count) - ended, other.left_nats(count))
+    return after < max(policy.UNTOLD_NOISE * count, policy.UNTOLD_SHARE * twin.left_nats(count))
+
+
+def foreseen(ears: Sequence[Ear], vault: Sequence[Ear], model: Model) -> float:
+    """Energy of the vault as it is predicted by all that lasts, whose numbers are as open as the fitted soundings leave them: of
+    the mean likelihood over them, where it is a Gaussian's."""
+    effects = tuple(effect for effect in model.effects if effect.family.lasts)
+    told, fitted_to = (evaluated(some, model.base, effects) for some in (vault, ears))
+    numbers = np.arange(sum(len(effect.values) for effect in effects))
+    if not len(numbers):
+        return told.energy
+    (there, side), (here, _) = normal_equations(vault, told, numbers), normal_equations(ears, fitted_to, numbers)
+    scale = 1 / np.sqrt(np.diag(here + there) + 1e-300)
+    both, here = ((one * scale[:, None] * scale) for one in (here + there, here))
+    step = np.linalg.lstsq(both, side * scale, rcond=1e-10)[0]
+    return told.energy - float(step @ (side * scale))
