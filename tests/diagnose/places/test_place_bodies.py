@@ -255,8 +255,8 @@ def test_paths_after_a_change_are_those_of_a_search_from_the_beginning():
             np.testing.assert_array_equal(one, other)
 
 
-def begun(monkeypatch, left: dict, first: str = "extra_object"):
-    """What is chosen where lists of owners leave `left` nats; `field` is of the family `first`."""
+def begun(monkeypatch, left: dict, first: str = "extra_object", settled=lambda one: one):
+    """What is chosen where lists of owners leave `left` nats; `field` is of the family `first`, `settled` what is then."""
     ears = heard(theirs(), 30.0)
 
     def model(owners) -> Model:
@@ -271,8 +271,9 @@ def begun(monkeypatch, left: dict, first: str = "extra_object"):
         return sorted(found, key=lambda one: one.energy), 4
 
     monkeypatch.setattr(search, "candidates", candidates)
-    monkeypatch.setattr(search, "_settled", lambda ears, one, *rest: one)
+    monkeypatch.setattr(search, "_settled", lambda ears, one, *rest: settled(one))
     monkeypatch.setattr(search, "pruned", lambda ears, one, count, tried: one)
+    monkeypatch.setattr(search, "_shaped", lambda ears, one, *rest: one)
     monkeypatch.setattr(search, "_asked_again", lambda ears, one, *rest: one)
     monkeypatch.setattr(search, "_by_shape", lambda ears, one: 0.0)
     monkeypatch.setattr(search.elsewhere, "instead", lambda ears, one, budget: [])
@@ -283,6 +284,14 @@ def begun(monkeypatch, left: dict, first: str = "extra_object"):
 def test_where_the_best_first_step_leads_nowhere_the_next_best_is_gone_on_with(monkeypatch):
     left = {(): 10_000.0, ("a",): 3000.0, ("b",): 3100.0, ("a", "c"): 2500.0, ("b", "d"): 0.0}
     assert begun(monkeypatch, left) == ["b", "d"]
+
+
+@pytest.mark.parametrize(("family", "again"), [("missing_object", [["field"]]), ("extra_object", [])])
+def test_a_shape_that_had_to_wait_is_settled_when_it_is_gone_on_with_and_nothing_else_is(monkeypatch, family, again):
+    left, settled = {(): 10_000.0, ("a",): 3000.0, ("field",): 3100.0, ("a", "c"): 2500.0, ("field", "d"): 0.0}, []
+    note = lambda one: settled.append([effect.owner for effect in one.effects]) or one  # noqa: E731
+    assert begun(monkeypatch, left, family, note) == ["field", "d"]
+    assert settled == again
 
 
 @pytest.mark.parametrize("family", ["missing_scattering", "missing_object"])
@@ -364,10 +373,8 @@ def test_a_wall_that_leaves_far_less_waits_only_for_what_explains_half(told, fir
 
     before, wall, node = model("ground", 10_100.0), model("missing_object", 600.0), model("node_position", 10_100.0 - told)
     paying = [model("missing_scattering", 300.0), wall, node]
-    assert (
-        search._stiff_first(paying, search._good_stiff(paying, before, 100.0), before, 100.0)
-        is {"wall": wall, "node": node}[first]
-    )
+    good = search._good_stiff(paying, before, 100.0)
+    assert search._stiff_first(paying, good, before, 100.0) is {"wall": wall, "node": node}[first]
 
 
 def test_a_node_is_looked_for_higher_and_lower_too():
@@ -388,20 +395,17 @@ def test_shapes_wait_unsettled_where_something_plain_explains_most(monkeypatch, 
     effects = {"node_gain": (np.zeros(1), None), "missing_object": (np.zeros(4), None)}
     effects = {name: Effect(family=BY_NAME[name], owner="place", values=v, choice=c) for name, (v, c) in effects.items()}
 
-    def guess(_, one):
-        return one
-
     def with_one(_, before, effect):
         left = left_by_node if effect.family.name == "node_gain" else 50.0
         return replace(before, effects=(effect,), energy=left + ears[0].count)
 
     class Families(View):
-        families = [replace_starts(effects[name]) for name in ("missing_object", "node_gain")]
+        families = [alone(effects[name]) for name in ("missing_object", "node_gain")]
 
     monkeypatch.setattr(search, "View", Families)
     monkeypatch.setattr(search, "_overheard", lambda view: (view.ears, model, 1.0))
     monkeypatch.setattr(search, "with_effect", with_one)
-    monkeypatch.setattr(search, "_quick", guess)
+    monkeypatch.setattr(search, "_quick", lambda ears, one: one)
     monkeypatch.setattr(search, "fitted", lambda ears, one, **_: one)
     monkeypatch.setattr(search, "_settled", lambda ears, one, *_: settled.append(one.effects[-1].family.name) or one)
     found, _ = search.candidates(ears, model, KNOWN, search.Budget.of(60.0), set())
@@ -409,7 +413,7 @@ def test_shapes_wait_unsettled_where_something_plain_explains_most(monkeypatch, 
     assert settled == (["node_gain"] if left_by_node == 100.0 else ["node_gain", "missing_object"])
 
 
-def replace_starts(effect: Effect):
+def alone(effect: Effect):
     """Its family, begun with it alone."""
     own = type(effect.family)()
     own.owners, own.starts = lambda view: [effect.owner], lambda view, owner: [effect]

@@ -83,7 +83,8 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
     chosen.sort(key=lambda pair: _has_shape(pair[1]))  # what has a shape takes long, and may have to wait for what has none
     for promised, one in chosen:
         is_far_behind = final and promised < policy.BEHIND_SHARE * max(worth(done, model, count, tried) for done in final)
-        waits = is_far_behind or _has_shape(one) and _explains_most(_plain(final), model, count)
+        is_hopeless = _has_shape(one) and any(_is_plain(done) and _explains_most(done, model, count) for done in final)
+        waits = is_far_behind or is_hopeless
         final.append(fitted(ears, one, rounds=policy.SCREEN_ROUNDS) if waits else _settled(ears, one, unknown, budget))
     return sorted(final, key=lambda one: -worth(one, model, count, tried)), tried
 
@@ -233,7 +234,9 @@ def _explored(ears, model: Model, unknown: dict, budget: Budget, others: dict, b
     best, tried = _grown(ears, model, unknown, budget, others, barred, open_, expanded, progress)
     while open_ and not budget.is_spent and not _is_told(best, count):
         open_.sort(key=lambda pair: pair[0])
-        other = _settled(ears, open_.pop(0)[1], unknown, budget)
+        other = open_.pop(0)[1]
+        if _has_shape(other):  # which may have had to wait
+            other = _settled(ears, other, unknown, budget)
         other, tried = _grown(ears, other, unknown, budget, others, barred, open_, expanded, progress)
         best = max(best, other, key=lambda one: evidence(one, count, tried))
     return best, tried
@@ -327,14 +330,13 @@ def _has_shape(model: Model) -> bool:
     return model.effects[-1].family.shape_axes > 0
 
 
-def _plain(models: list[Model]) -> Model | None:
-    """The one with the least energy whose last effect is no random field and has no shape."""
-    plain = [one for one in models if not one.effects[-1].family.is_flexible and not _has_shape(one)]
-    return min(plain, key=lambda one: one.energy, default=None)
+def _is_plain(model: Model) -> bool:
+    """Whether the last effect is no random field and has no shape."""
+    return not model.effects[-1].family.is_flexible and not _has_shape(model)
 
 
-def _explains_most(one: Model | None, model: Model, count: float) -> bool:
-    return one is not None and model.energy - one.energy >= policy.MOST_SHARE * (model.energy - model.offset - count)
+def _explains_most(one: Model, model: Model, count: float) -> bool:
+    return model.energy - one.energy >= policy.MOST_SHARE * (model.energy - model.offset - count)
 
 
 def _good_stiff(paying: list[Model], model: Model, count: float) -> Model | None:
@@ -342,10 +344,10 @@ def _good_stiff(paying: list[Model], model: Model, count: float) -> Model | None
     that explains less than half, and it leaves far less."""
     here = model.energy - model.offset - count
     stiff = [one for one in paying if not one.effects[-1].family.is_flexible]
-    plain = next((one for one in stiff if not _has_shape(one)), None)
+    plain = next((one for one in paying if _is_plain(one)), None)
     told = model.energy - plain.energy if plain else 0.0
     is_far_less = stiff and here - (model.energy - stiff[0].energy) < policy.FAR_LESS_SHARE * (here - told)
-    if not _explains_most(plain, model, count) and is_far_less:
+    if is_far_less and not (plain and _explains_most(plain, model, count)):
         return stiff[0]
     return plain if told > policy.STIFF_SHARE * here else None
 

@@ -69,9 +69,9 @@ def _upon_the_floor(view, begin_m: np.ndarray, end_m: np.ndarray) -> np.ndarray:
     share = (np.arange(_POINTS) + 0.5)[:, None, None] / _POINTS
     points_m = (begin_m + share * (end_m - begin_m)).reshape(-1, 3)
     step_m = _CELL_M
-    while len(np.unique(np.floor(points_m[:, :2] / step_m), axis=0)) > _CELLS:
+    while len((grid := np.unique(np.floor(points_m[:, :2] / step_m), axis=0, return_inverse=True))[0]) > _CELLS:
         step_m *= _COARSER
-    cells, member = np.unique(np.floor(points_m[:, :2] / step_m), axis=0, return_inverse=True)
+    cells, member = grid
     over_m = np.full(len(cells), np.inf)
     np.minimum.at(over_m, member.ravel(), points_m[:, 2])
     yaws = {round(float(np.arctan2(y, x) % (np.pi / 2)), 3) for x, y, z in planes.normals(view.world.faces) if not round(z)}
