@@ -49,6 +49,7 @@ if multiprocessing.parent_process() is not None or _IS_PROGRAM:
 
 os.environ.setdefault("GR_CONF_LOG_LOG_LEVEL", "warn")  # GNU Radio's own lines about every flowgraph; before it is loaded
 LOST = 3
+_COMMAND = "_command"  # the parser of the command that was given
 PATIENCE_S = 10.0  # that a run may take without a word
 _NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?[kMG]?$")
 
@@ -61,13 +62,18 @@ def parse(parser: argparse.ArgumentParser, argv=None, namespace=None) -> argpars
             import argcomplete
 
             argcomplete.autocomplete(parser)
-    return settled(parser).parse_args(argv, namespace)
+    args, unknown = settled(parser).parse_known_args(argv, namespace)
+    command = vars(args).pop(_COMMAND)
+    if unknown:  # argparse itself would name the help of the program, where the command's options are not
+        command.error(f"unrecognized arguments: {' '.join(unknown)}")
+    return args
 
 
 def settled(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
     """The parser of a program and those of its commands as all programs have them: every default told, -2e6 a number."""
     for one in _parsers(parser):
         one.error = partial(_refuse, one)
+        one.set_defaults(**{_COMMAND: one})
         one._negative_number_matcher = _NEGATIVE  # argparse's own takes -2e6 for an option
         for action in one._actions:
             action.help = _with_default(action)

@@ -41,13 +41,16 @@ CHECKS = 3  # instants at which all stations are heard at once
 def _scenarios(args, duration_s: float) -> tuple[list[tuple[str, sc.Scenario]], list[Cell], tuple[str, ...]]:
     """The scenarios to compare, each with its name, the cells on them, and all nodes of the place."""
     texts = args.cells or CELLS[args.stations]
+    spec = read_spec(sc.examples_folder() / "arena.yaml")
+    nodes = tuple(node.name for node in spec.nodes)
     if args.scenario:
         made = sc.load(args.scenario)
         if args.radios:
             made = sc.with_radios(made, args.radios, args.tx_power_dbm, args.noise_figure_db)
+        if not args.cells and made.nodes != nodes:
+            fitting = " ".join(experiment.suggested_cells(made, args.stations))
+            raise CastError(f"{args.scenario}: which nodes are stations? They are told as in: --cells {fitting}")
         return [(made.name, made)], experiment.parse_cells(texts, made.nodes), made.nodes
-    spec = read_spec(sc.examples_folder() / "arena.yaml")
-    nodes = tuple(node.name for node in spec.nodes)
     cells = experiment.parse_cells(texts, nodes)
     pairs = [(cell.station, node) for cell in cells for other in cells for node in other.terminals]
     place, twin = (room.scenario(spec, pairs, duration_s, four_taps=four_taps) for four_taps in (False, True))

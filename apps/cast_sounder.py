@@ -488,19 +488,17 @@ def _heatmap(args, paths) -> None:
     rows = [[float(value) if np.isfinite(value) else None for value in row] for row in matrix]
     heard = matrix[np.isfinite(matrix)]
     mean = float(np.mean(heard)) if len(heard) else None
-    std = float(np.std(heard)) if len(heard) else None
+    std = float(np.std(heard)) if len(heard) > 1 else None
     about = {"mean_db": mean, "std_db": std, "largest_error_db": error_db}
     write_json(folder / "heatmap.json", {"nodes": nodes, "path_loss_db": rows, **about})
     print(path_loss.matrix_text(nodes, matrix))
-    print(
-        f"mean {fixed(mean, 2)} dB, SD {fixed(std, 2)} dB over {len(heard)} links, each known to {max(error_db, 0.01):.2f} dB or"
-        " better" if len(heard) else "no link was heard"
-    )  # fmt: skip
+    known = f"each known to {max(error_db, path_loss.LEAST_ERROR_DB):.2f} dB or better"
+    print(f"{path_loss.average_text(heard, error_db)}, {known}" if len(heard) else "no link was heard")
     print(f"written: {folder}/heatmap.json, heatmap.csv, heatmap.png, results/")
 
 
 def _calibrate(args) -> None:
-    losses, _, results = _losses(args, args.recordings)
+    losses, error_db, results = _losses(args, args.recordings)
     nodes, matrix = path_loss.loss_matrix(losses)
     unheard = [f"{tx}>{rx}" for tx, rx in losses if not np.isfinite(matrix[nodes.index(tx), nodes.index(rx)])]
     if unheard:
@@ -513,7 +511,7 @@ def _calibrate(args) -> None:
         {"recordings": [str(path) for path in args.recordings]},
     )
     values = np.array(list(measured.values()))
-    print(f"base loss {values.mean():.2f} dB, SD {values.std():.2f} dB over {len(values)} links; stored as {path}")
+    print(f"base loss: {path_loss.average_text(values, error_db)}; stored as {path}")
     if delays_s:
         late_us = 1e6 * np.array(list(delays_s.values()))
         print(

@@ -3,6 +3,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -283,3 +284,10 @@ def test_an_option_that_the_stack_does_not_know_is_told_in_its_own_words(tmp_pat
     done = run("--output", tmp_path / "out", *arguments, before=APART, env=environment)
     assert done.returncode == 2
     assert "with status 1 (unrecognised option 'general.metrics_csv_enable')" in done.stderr
+
+
+def test_a_scenario_without_its_cells_is_told_a_line_that_can_be_typed(tmp_path):
+    about = ("--output", tmp_path, "--scenario", "1009", "--duration", 0.2, "--blocks", 6)
+    told = run(*about)
+    assert told.returncode == 2 and (typed := re.search(r"1009: which nodes are stations\? .*(--cells 1:2,3,4)\n", told.stderr))
+    assert run(*about, *typed[1].split()).returncode == 0

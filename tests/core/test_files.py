@@ -3,6 +3,7 @@
 
 import errno
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -47,12 +48,37 @@ def test_what_fails_while_it_is_written_leaves_nothing(tmp_path):
 
 
 def test_only_what_dead_writers_left_is_swept(tmp_path):
-    living, dead = tmp_path / f".aside-{os.getpid()}.x", tmp_path / ".aside-4194999.x"
-    living.touch()
-    dead.touch()
-    (tmp_path / "x").touch()
+    with files.written_aside(tmp_path / "x") as living:
+        mine = living.name.removesuffix(f"{os.getpid()}.x")
+        dead = tmp_path / f"{mine}4194999.x"
+        for path in (living, dead, tmp_path / "x"):
+            path.touch()
+        files.sweep_dead(tmp_path)
+        assert living.exists() and not dead.exists() and (tmp_path / "x").exists()
+
+
+@pytest.mark.parametrize("place", [("unshare", "--uts", "sh", "-c", 'hostname other && exec "$@"', "-"), ("unshare", "-pf")])
+def test_what_another_machine_or_container_writes_aside_in_a_shared_folder_is_not_swept(place, tmp_path):
+    """Their process numbers are not ours: who is 4 there may be nobody here."""
+    code = """if True:
+        import sys
+        from gr_cast.core.files import written_aside
+        with written_aside(sys.argv[1]) as aside:
+            aside.touch()
+            print(flush=True)
+            input()
+            print(aside.exists())"""
+    about = os.environ | {"PYTHONPATH": str(files.Path(files.__file__).parents[2])}
+    words = [*place, sys.executable, "-c", code, str(tmp_path / "x")]
+    there = subprocess.Popen(words, env=about, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    if there.stdout.readline() != "\n":
+        pytest.skip(f"no namespaces: {there.communicate()[1]}")
+    (aside,) = tmp_path.iterdir()
+    with_dead_number = aside.rename(tmp_path / re.sub(r"\d+(?=\.x$)", "4194999", aside.name))
     files.sweep_dead(tmp_path)
-    assert living.exists() and not dead.exists() and (tmp_path / "x").exists()
+    assert with_dead_number.exists()
+    with_dead_number.rename(aside)
+    assert there.communicate("\n")[0] == "True\n"
 
 
 def test_a_folder_for_a_while_goes_with_its_process_or_with_the_next_one(tmp_path, monkeypatch):

@@ -5,6 +5,7 @@ import fcntl
 import hashlib
 import json
 import os
+import platform
 import re
 import shutil
 import tempfile
@@ -19,6 +20,17 @@ _PASSING = "gr-cast-"
 _NAME = re.compile(r"\w[^/\\>]*")
 LONGEST_NAME = 128  # bytes in UTF-8: suffixes and marks still fit into the 255 of a file system
 NAME_RULE = f"a letter, digit or _ first, then any character but / \\ >, at most {LONGEST_NAME} bytes"
+
+
+def _here() -> str:
+    """Whose process numbers are meant, as 8 hex digits: those of this machine, in this namespace of processes."""
+    machine = Path("/etc/machine-id").read_bytes() if is_file(Path("/etc/machine-id")) else b""
+    return hashlib.sha256(machine + f"{platform.node()} {os.stat('/proc/self/ns/pid').st_ino}".encode()).hexdigest()[:8]
+
+
+def _mine() -> str:
+    """How what this process writes aside is marked."""
+    return f"{_ASIDE}{_here()}-{os.getpid()}"
 
 
 def is_name(text: str) -> bool:
@@ -44,7 +56,7 @@ def written_aside(path: str | Path):
     """Gives a path beside `path` to write a file or folder to; puts it in the place of `path` when all went well,
     removes it otherwise."""
     path = Path(path)
-    aside = path.with_name(f"{_ASIDE}{os.getpid()}.{path.name}")  # the suffix stays: writers go by it
+    aside = path.with_name(f"{_mine()}.{path.name}")  # the suffix stays: writers go by it
     _remove(aside)  # of a killed process that had the same number
     try:
         yield aside
@@ -64,7 +76,7 @@ def _put(aside: Path, path: Path) -> None:
     if not (aside.is_dir() and path.is_dir()):
         os.replace(aside, path)
         return
-    before = path.with_name(f"{_ASIDE}{os.getpid()}.before.{path.name}")  # nothing replaces a folder in one step
+    before = path.with_name(f"{_mine()}.before.{path.name}")  # nothing replaces a folder in one step
     os.replace(path, before)
     try:
         os.replace(aside, path)
@@ -102,8 +114,9 @@ def sweep(folder: Path) -> None:
 
 def sweep_dead(folder: Path) -> None:
     """Remove what writers left aside that were killed and are gone; others may be at work in `folder`."""
-    for left in folder.glob(f"{_ASIDE}*"):
-        number = left.name.removeprefix(_ASIDE).partition(".")[0]
+    begins = f"{_ASIDE}{_here()}-"  # of another machine that shares the folder nothing is known
+    for left in folder.glob(f"{begins}*"):
+        number = left.name.removeprefix(begins).partition(".")[0]
         if number.isdigit() and not Path(f"/proc/{number}").exists():
             _remove(left)
 

@@ -8,8 +8,11 @@ import re
 import numpy as np
 
 from ..core.errors import CastError
+from ..core.figures import fixed
 from ..core.units import db_from_power, power_from_db
 from ..signals.recording import Recording
+
+LEAST_ERROR_DB = 0.01  # that is claimed of a mean path loss
 
 
 def natural_order(name: str):
@@ -57,3 +60,11 @@ def matrix_text(nodes: list[str], matrix: np.ndarray) -> str:
             f"{node:>{width}}" + "".join(f"{value:>{width}.1f}" if np.isfinite(value) else f"{'–':>{width}}" for value in row)
         )
     return "\n".join(rows)
+
+
+def average_text(loss_db: np.ndarray, error_db: float) -> str:
+    """Mean and SD over links; no SD where there is one link, or where they differ by no more than each is uncertain."""
+    std_db = np.std(loss_db)
+    over = "1 link" if len(loss_db) == 1 else f"{len(loss_db)} links"
+    spread = f", SD {fixed(std_db, 2)} dB" if std_db > max(error_db, LEAST_ERROR_DB) else ""
+    return f"mean {fixed(np.mean(loss_db), 2)} dB{spread} over {over}"

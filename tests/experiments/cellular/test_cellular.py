@@ -166,3 +166,14 @@ def test_cells_are_named_by_number_or_name_and_refused_with_reason():
             experiment.parse_cells([bad], nodes)
     with pytest.raises(CastError, match="no link a>c"):
         Downlink(static({("a", "b"): [(0.0, 1.0)]}), [Cell(station="a", terminals=("c",))], RADIO, play)
+
+
+def test_cells_that_are_suggested_are_of_nodes_that_hear_their_station_and_are_read_as_they_stand():
+    heard = {"bs": ["car", "bike", "tram", "van"], "car": ["bs"], "rsu": ["van", "bus", "car"]}
+    scenario = static({(a, b): [(0.0, 1.0)] for a, others in heard.items() for b in others})
+    cells = experiment.parse_cells(experiment.suggested_cells(scenario, 2), scenario.nodes)
+    assert [cell.station for cell in cells] == ["bs", "rsu"]
+    assert all((cell.station, node) in scenario.links for cell in cells for node in cell.terminals)
+    assert [len(cell.terminals) for cell in cells] == [3, 1 + ("van" not in cells[0].terminals)]
+    with pytest.raises(CastError, match="no links for 2 stations"):
+        experiment.suggested_cells(static({("a", "b"): [(0.0, 1.0)]}), 2)

@@ -20,6 +20,7 @@ MODEL = (
     "modelled: SINR is measured by sounding the emulated channels; rates come from LTE's CQI table with an effective SINR "
     "(EESM), a scheduler of equal air time and fluid sources, not from a protocol stack"
 )
+TERMINALS = 3  # of a station that is suggested, as in the paper
 QUANTITIES = {"sinr_db": "SINR (dB)", "udp_bps": "UDP (bit/s)", "tcp_bps": "TCP (bit/s)"}
 
 
@@ -58,6 +59,20 @@ def parse_cells(texts: list[str], nodes: tuple[str, ...]) -> list[Cell]:
     if twice:
         raise CastError(f"cells: node {', '.join(twice)} is there twice")
     return cells
+
+
+def suggested_cells(scenario: Scenario, stations: int) -> list[str]:
+    """Cells that `parse_cells` reads, of so many stations: nodes that most others hear, each with up to three of these."""
+    free, texts = list(scenario.nodes), []
+    for _ in range(stations):
+        heard = {node: [other for other in free if (node, other) in scenario.links] for node in free}
+        station = max(free, key=lambda node: len(heard[node]), default=None)
+        if not station or not heard[station]:
+            raise CastError(f"{scenario.name}: has no links for {stations} stations and their terminals")
+        terminals = heard[station][:TERMINALS]
+        texts.append(f"{station}:{','.join(terminals)}")
+        free = [node for node in free if node not in (station, *terminals)]
+    return texts
 
 
 def restricted(scenario: Scenario, cells: list[Cell]) -> Scenario:
