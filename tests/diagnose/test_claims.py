@@ -56,6 +56,16 @@ def test_held_out_samples_contradict_what_loses_there_what_the_fitted_ones_promi
     assert (claims.broken(SimpleNamespace(fit=fit, worth_of=lambda i: worth)) is not None) == is_broken
 
 
+@pytest.mark.parametrize("ripple, is_broken", [(0.018, True), (0.18, False)])
+def test_a_filter_that_is_hardly_one_and_brings_little_is_not_claimed(part, monkeypatch, ripple, is_broken):
+    _, data, model = part
+    filtering = start(FAMILIES["front_end_filter"], [0.001, 0.0], aux={"low": 0, "high": 1, "side": "tx", "source": 0})
+    fit = SimpleNamespace(data=data, model=model.adding(filtering))
+    monkeypatch.setattr(claims, "numbers", lambda f, i: ({"ripple_db": {"value": ripple, "std": 0.009}}, {}))
+    finding = SimpleNamespace(fit=fit, worth_of=lambda i: Worth(evidence=60.0, held_out=15.0))
+    assert (claims.broken(finding) is not None) == is_broken
+
+
 @pytest.mark.parametrize("compression, is_broken", [(0.004, True), (0.4, False)])
 def test_an_amplifier_that_hardly_compresses_and_brings_little_is_not_claimed(part, monkeypatch, compression, is_broken):
     _, data, model = part

@@ -74,6 +74,9 @@ DELAY_GROWTH = 4  # how much longer the pieces of the next length are
 LINE_BINS, LINE_DECILE, LEAST_WITHOUT_LINES = 64, 0.9, 0.01
 BEHIND = 64  # samples behind the last path that a link's response is followed
 
+# evenness
+OF_ROUNDING = 0.6  # 2 − E|r|⁴/(E|r|²)² of an error that is even over a square, as rounding's is
+
 # finding
 LEAST_TOLD = 20.0  # nats of an effect without a curvature: a search found it
 

@@ -9,7 +9,7 @@ import numpy as np
 from ..twin.effects import FAMILIES, Role, plays, stage_of
 from ..twin.effects.base import RX_FILTER
 from ..twin.effects.noise_family import profile
-from . import align, ambiguity, claims, flatness, floor, gate, noise, offsets, presence, residual, slips, slow
+from . import align, ambiguity, claims, evenness, flatness, floor, gate, noise, offsets, presence, residual, slips, slow
 from .exchange import exchanged
 from .finding import Finding, nmse, numbers, worth
 from .fit import Fit, of_even_noise, off_the_rails, solve
@@ -344,7 +344,7 @@ def _look_for_rest(finding: Finding) -> None:
     explained = max(0.0, finding.twin.sigma2 / fit.sigma2 - 1) * fit.data.count
     beyond = [_beyond(finding, i) for i, e in enumerate(fit.model.effects) if FAMILIES[e.family].beyond]
     inside = of_even_noise(fit)
-    finding.tested = [*residual.leftovers(fit, inside), *flatness.left(fit, inside)]
+    finding.tested = [*residual.leftovers(fit, inside), *flatness.left(fit, inside), *evenness.left(fit, inside)]
     # What is fitted, and no cause, is measured as causes are: in nats.
     told = fit.data.count * float(np.log1p(explained / fit.data.count))
     for rest, against in [*((r, explained) for r in finding.tested), *((r, told) for r in beyond)]:

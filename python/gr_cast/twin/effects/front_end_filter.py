@@ -44,6 +44,7 @@ class FrontEndFilter(Family):
     stage = RX_FILTER
     linear = True
     row_of_taps = True
+    telling = "ripple_db"
 
     def impulse_response(self, effect, p):
         low, high = effect.aux["low"], effect.aux["high"]
