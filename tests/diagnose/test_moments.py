@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from conftest_world import RATE_HZ
+from conftest_world import RATE_HZ, noise, sent_once
 from gr_cast.diagnose import align, diagnose, read_case
 from gr_cast.diagnose.search import refit, search
 from gr_cast.signals import codes
@@ -86,3 +86,18 @@ def test_samples_that_were_miscounted_beside_a_wrong_clock_are_counted_again(wor
     found = {e.family: e.p for e in best.model.found}
     assert found["sample_loss"].tolist() == [at, samples]
     assert set(found) == {"sample_loss", "carrier_frequency_offset"}
+
+
+def test_samples_lost_soon_after_a_burst_begins_are_found_beside_a_strong_tone(tmp_path):
+    """The tone makes some delays in the end likelier, alone, than the true one is in the few samples before the joint."""
+    rng, count, begins, at, samples = np.random.default_rng(3), 26_000, 1100, 1450, -46
+    chips = rng.choice([1, 1j, -1, -1j], 8000)
+    shaped = np.convolve(np.kron(chips, [1, 0, 0, 0]), np.hanning(9), "same")
+    time = np.arange(count) + samples * (np.arange(count) >= at) - begins - min(samples, 0)
+    sent = np.concatenate([shaped[:27_000], np.zeros(count)])
+    y = np.where(time >= 0, sent[np.maximum(time, 0)], 0)
+    y = y + 0.12 * np.exp(2j * np.pi * 0.130014 * time) + noise(rng, count, 0.01)
+    found = diagnose(sent_once(tmp_path, y, shaped[:27_000]), budget_s=3000).document
+    assert sorted(e["family"] for e in found["effects"]) == ["sample_loss", "tone_interference"]
+    ((place, number),) = losses(found).items()
+    assert abs(place - at) <= RUN and number == samples

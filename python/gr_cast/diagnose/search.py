@@ -402,14 +402,14 @@ def _on_either_side(data: Data, fit: Fit, trial: Fit) -> Fit:
 
 
 def _all_at_once(fit: Fit) -> list[Model]:
-    """The model of a fit with everything that happens in leaps, where that is more than one: taken one by one, each hides in
-    the others."""
+    """The model of a fit with everything that happens in leaps: taken one by one, each hides in the others, and one alone may be
+    hidden by what another family adds (a tone makes other delays likelier)."""
     models, data = [], replace(fit.data, variance=None, spectrum=None, impulses=None)
     for family in FAMILIES.values():
         if not family.leaps or data.late:
             continue
         later, found = family.at_once(View(fit))
-        if len(found) < 2:
+        if not found:
             continue
         base = fit.model.base + later * np.eye(len(fit.model.base))[0]
         best = at_their_moments(data, solve(data, functools.reduce(_put, found, replace(fit.model, base=base))))
