@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gr_cast.diagnose.confidence import Figures, confidence, is_whole, unseen_rest
-from gr_cast.diagnose.policy import OPEN, SUREST, TEMPER_NATS, UNEXPLAINED_NATS
+from gr_cast.diagnose.policy import CLAIMED, OPEN, SUREST, TEMPER_NATS, UNEXPLAINED_NATS
 from scipy import stats
 
 CLEAR = Figures(evidence=3000.0, held_out=400.0, lead=600.0, left=0.0, flexible=False, complete=True, proven=True, open=False)
@@ -69,6 +69,12 @@ def test_what_the_time_left_unproven_is_hardly_likelier_right_than_not_and_with_
     unproven = confidence(replace(cut, held_out=None, proven=False))
     assert 0.5 < unproven < 0.65 < confidence(cut)
     assert not is_whole([unproven] * 2)
+
+
+def test_what_the_time_left_unproven_is_no_claim_where_it_brings_little():
+    """A hum of seven errors' size, in the rest of what a search that was cut short had no time to explain."""
+    cut = replace(CLEAR, held_out=None, lead=None, complete=False, proven=False)
+    assert confidence(replace(cut, evidence=60.0)) < CLAIMED < confidence(replace(cut, evidence=400.0))
 
 
 def test_six_effects_that_are_each_sure_are_a_whole_list_random_courses_among_them():

@@ -41,7 +41,8 @@ def confidence(figures: Figures) -> float:
     if f.flexible:
         sure *= 1 - FREEDOM * unseen_rest(nats)
     if not f.complete:
-        sure *= HURRIED if f.proven else UNPROVEN
+        # What was not explained any more may be what this explains: no test of the residual sees so little.
+        sure *= HURRIED if f.proven else UNPROVEN * nats / (nats + UNEXPLAINED_NATS)
     return float(min(sure, OPEN) if f.open else sure)
 
 
