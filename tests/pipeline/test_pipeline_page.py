@@ -7,6 +7,7 @@ import shutil
 import subprocess
 from html import unescape
 
+import numpy as np
 import pytest
 from gr_cast.pipeline.stages import histories
 from gr_cast.report import commits
@@ -77,3 +78,13 @@ def test_a_browser_shows_every_commit_at_every_site_with_its_verdict(storage, tm
 
 def test_a_storage_without_commits_has_a_page_that_says_so(tmp_path):
     assert "No commit has been judged yet" in commits.render(histories(tmp_path))
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_sites_of_one_commit_stand_together_over_its_name(count):
+    lines = {site: [(place, [1.0, 2.0]) for place in range(count)] for site in ("twin", "testbed")}
+    (axes,) = commits._trend(("short", "2 loss"), lines, ["abc"] * count).axes
+    left, right = axes.get_xlim()
+    for container in axes.containers:
+        away = np.abs(container[0].get_xdata() - np.arange(count)) / (right - left)
+        assert away.max() < 0.05

@@ -3,6 +3,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from gr_cast.comparing import responses
 from gr_cast.report import labels, plot
 from matplotlib.text import Text
 
@@ -82,6 +83,13 @@ def test_no_cell_of_a_heat_map_is_minus_zero():
     assert sorted(text.get_text() for text in figure.axes[0].texts) == ["0.0", "0.0", "0.0", "–"]
 
 
+def test_cells_of_one_figure_have_one_colour_of_text():
+    cells = plot.heatmap_figure(np.array([[20.01, 19.99], [20.02, 19.98]]), ["1", "2"], "alike").axes[0].texts
+    assert {text.get_text() for text in cells} == {"20.0"} and len({text.get_color() for text in cells}) == 1
+    cells = plot.heatmap_figure(np.array([[20.0, 60.0]]), ["1", "2"], "apart").axes[0].texts
+    assert [text.get_color() for text in cells] == ["k", "w"]
+
+
 def test_the_strongest_are_labelled_first():
     figure = plot.new_figure(9, 6.5)
     axes = figure.subplots()
@@ -89,3 +97,13 @@ def test_the_strongest_are_labelled_first():
     texts = [f"tap number {index}" for index in range(40)]
     rest = labels.label(figure, axes, np.full(40, 0.5), np.full(40, 0.5), texts)
     assert texts[0] not in rest and rest
+
+
+def test_who_stands_alone_is_labelled_within_the_picture():
+    a = responses.Response(name="A", delay_s=np.array([1e-7, 7e-7]), gain_db=np.array([-70.0, -94.0]))
+    b = responses.Response(name="B", delay_s=np.array([1e-7]), gain_db=np.array([-70.0]))
+    figure = plot.response_comparison_figure(responses.compare_responses(a, b, 1e-8))
+    (axes,) = figure.axes
+    frame = axes.get_window_extent()
+    (found,) = [box for text, box in boxes(figure, axes) if text == "only in A"]
+    assert frame.x0 < found.x0 and found.x1 < frame.x1

@@ -74,6 +74,14 @@ def test_losses_are_those_of_every_instant_over_the_band():
     np.testing.assert_allclose(losses_db(1e4)[:-1], 60 - 20 * np.log10(np.abs(1 + turns))[:-1], atol=0.06)
 
 
+def test_colours_span_a_scale_where_all_losses_are_one():
+    both = {key: LinkTaps(delay_s=[[0.0]], gain=[[1e-3]]) for key in (("a", "b"), ("b", "a"))}
+    low, high = re.search(
+        r"chosen\.\s+([\d.]+) dB <.*> ([\d.]+) dB; white", plan.page(replace(place(), links=both), []), re.S
+    ).groups()
+    assert float(low) < 60 < float(high)
+
+
 def test_nodes_without_a_place_are_named():
     links = {("a", "b"): LinkTaps(delay_s=[[0.0]], gain=[[1.0]])}
     with pytest.raises(CastError, match="no position of a, b"):

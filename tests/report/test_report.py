@@ -67,6 +67,15 @@ def test_a_page_needs_nothing_else_and_says_what_the_diagnosis_says(found):
     assert "gain / dB" in text and re.search(r"receiver rx1", text)
 
 
+def test_a_delay_of_next_to_nothing_is_told_without_an_exponent(found):
+    for finding in found.findings:
+        base = finding.fit.model.base
+        kept, base[0] = base[0], 1e-8 - finding.scene.anchor
+        shown = " ".join("".join(Page(render(found)).text).split())
+        base[0] = kept
+        assert not re.search(r"\de-\d", shown)
+
+
 def test_an_open_question_is_followed_by_the_recording_that_answers_it(found):
     why = "dc_offset and lo_leakage explain this recording equally well."
     entry = {"families": ["dc_offset", "lo_leakage"], "why": why, "record_next": "offset_carrier"}

@@ -12,6 +12,7 @@ from html import escape
 import numpy as np
 from matplotlib.figure import Figure
 
+from ..core.figures import fixed
 from ..core.programs import called
 from ..core.units import db_from_amplitude, db_from_power
 from ..diagnose.maps import power_of
@@ -277,7 +278,7 @@ def _recordings(diagnosis) -> str:
         told = "–" if not f.data.noise_power else f"{db_from_power(f.data.noise_power / power):.2f}"
         delay_us = 1e6 * (f.scene.anchor + base[0]) / f.scene.sample_rate_hz
         gain_db = db_from_amplitude(abs(complex(*base[1:3])))
-        cells = [f"{1e3 * f.scene.duration_s:.4g}", f"{db_from_power(power):.1f}", f"{gain_db:.2f}", f"{delay_us:.4g}"]
+        cells = [f"{1e3 * f.scene.duration_s:.4g}", f"{db_from_power(power):.1f}", f"{gain_db:.2f}", fixed(delay_us, 4)]
         cells += [before, after, told]
         link = f"{', '.join(o.on_air)} → {o.receiver}"
         rows.append(

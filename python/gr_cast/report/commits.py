@@ -115,11 +115,12 @@ def _trend(key: tuple[str, str], lines: dict, names: list[str]) -> Figure:
     figure = Figure(figsize=(5.2, 2.6), layout="constrained")
     axes = figure.add_subplot()
     for number, (site, points) in enumerate(lines.items()):
-        place = np.array([at for at, _ in points]) + 0.08 * number
+        place = np.array([at for at, _ in points]) + 0.08 * (number - (len(lines) - 1) / 2)
         mean = np.array([np.mean(values) for _, values in points])
         reach = np.array([[m - min(v), max(v) - m] for m, (_, v) in zip(mean, points, strict=True)]).T
         axes.errorbar(place, mean, reach, marker="os^v"[number % 4], markersize=4, linewidth=1, capsize=2, label=site)
     step = max(1, len(names) // 8)
+    axes.set_xlim(-0.5, len(names) - 0.5)  # sites of one commit stand together, however few commits there are
     axes.set_xticks(range(0, len(names), step), names[::step], fontsize=7, rotation=30, ha="right")
     node, _, metric = key[1].rpartition(" ")
     axes.set_title(f"{metric} of node {node}, {key[0]}: mean, smallest and largest", fontsize=8)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..core.errors import CastError
 from ..scenario import Scenario, band_hz, path_gain_over_time_db
+from .plot import colour_scale
 
 MOST_INSTANTS = 400  # of a track: the slider's steps
 MOST_LOSSES = 200_000  # of all links at all of them: a page of a megabyte
@@ -64,14 +65,14 @@ def page(scenario: Scenario, outlines: list[dict], bandwidth_hz: float | None = 
 
     width_hz = bandwidth_hz or band_hz(scenario)
     loss_db = -path_gain_over_time_db(scenario, chosen[:1] if scenario.is_static else chosen, width_hz)
-    heard = loss_db[np.isfinite(loss_db)]
+    ends = colour_scale(loss_db)
     data = {
         "names": scenario.nodes,
         "tracks": [place(track) for track in tracks_m],
         "time_s": scenario.time_s[chosen].tolist(),
         "loss_db": [[[float(round(v, 1)) if np.isfinite(v) else None for v in row] for row in rows] for rows in loss_db],
-        "low": float(heard.min()) if heard.size else 0.0,
-        "high": float(heard.max()) if heard.size else 1.0,
+        "low": ends.get("vmin", 0.0),
+        "high": ends.get("vmax", 1.0),
     }
     width, height = ((high - low) * per_m).round(1)
     slider = (

@@ -155,7 +155,8 @@ def heatmap_figure(loss_db: np.ndarray, nodes: list[str], title: str, error_db: 
     if len(nodes) <= 16:
         for (row, column), value in np.ndenumerate(loss_db):
             text = fixed(value, 1) if np.isfinite(value) else "–"
-            axes.text(column, row, text, ha="center", va="center", fontsize=8, color="w" if value > middle else "k")
+            colour = "w" if round(value, 1) > round(middle, 1) else "k"  # of one figure, one colour
+            axes.text(column, row, text, ha="center", va="center", fontsize=8, color=colour)
     figure.colorbar(image, label="path loss (dB)", shrink=0.85)
     return figure
 
@@ -289,18 +290,21 @@ def response_comparison_figure(comparison: ResponseComparison) -> Figure:
     figure = new_figure(9, 4.5)
     axes = figure.subplots()
     floor_db = min(c.a.gain_db.min(), c.b.gain_db.min()) - 6
+    lone: list[tuple[float, float, str]] = []
     for response, alone, color, marker, name in (
         (c.a, c.only_a, MEASURED, "o", "A"), (c.b, c.only_b, MODELLED, "s", "B"),
     ):  # fmt: skip
         delay_us = response.delay_s * 1e6
         axes.vlines(delay_us, floor_db, response.gain_db, color=color, lw=1.2, alpha=0.7)
         axes.plot(delay_us, response.gain_db, marker, color=color, mfc="none", ms=8, mew=1.6, label=f"{name}: {response.name}")
-        for k in alone:
-            axes.annotate(f"only in {name}", (delay_us[k], response.gain_db[k]), (6, 5), textcoords="offset points", fontsize=8)
+        lone += [(response.gain_db[k], delay_us[k], f"only in {name}") for k in alone]
     axes.set(xlabel="delay (µs)", ylabel="gain (dB)", ylim=(floor_db, None))
     axes.set_title(f"path loss A {-c.a.path_gain_db:.2f} dB, B {-c.b.path_gain_db:.2f} dB", loc="left", fontsize=11)
     axes.legend(fontsize=8)
     axes.grid(alpha=0.25)
+    if lone:
+        gain_db, late_us, texts = zip(*sorted(lone, reverse=True), strict=True)  # the strongest first
+        labels.label(figure, axes, late_us, gain_db, texts)
     return figure
 
 
