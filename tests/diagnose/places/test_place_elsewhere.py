@@ -18,7 +18,7 @@ from gr_cast.twin.places.families.objects import ObjectMoved
 from gr_cast.twin.places.world import Mesh
 
 sys.path.insert(0, str(Path(__file__).parent))
-from test_place_edges import CARRIER_HZ, MADE, NODES, heard, ours
+from test_place_edges import CARRIER_HZ, MADE, NODES, SIDES, heard, ours
 
 SHIFT_M = 1.43
 
@@ -68,10 +68,21 @@ def test_an_object_from_where_no_link_looks_may_as_well_be_new(is_fenced, shift_
     model = evaluated(ears, world, (_moved(shift_m),))
     found = Found(model=model, start=model, rivals={}, tried=1, count=ears[0].count, spent=False)
     assert {name for name, *_ in run._alike(found, 0, ears, (), world)} == families
-    both = elsewhere.one_more(world, model.effects, 0)
+    both = elsewhere.one_more(ears, world, model.effects, 0)
     assert set(both.mesh.names) == {*MADE, "board", "new_board"}
 
 
 def test_an_object_a_hand_from_its_place_is_no_second_one():
     world = _yard(True)
-    assert elsewhere.one_more(world, (_moved(0.1),), 0) is None
+    assert elsewhere.one_more(_sounded(world, SHIFT_M), world, (_moved(0.1),), 0) is None
+
+
+@pytest.mark.parametrize("is_fenced", [True, False])
+def test_of_an_object_that_no_link_saw_nobody_knows_whether_a_new_one_would_stand_in_it(is_fenced):
+    world = _yard(is_fenced)
+    board = world.mesh.solids[world.mesh.index("board")]
+    deep = replace(board, vertices_m=np.vstack([board.vertices_m, board.vertices_m - [0.0, 3.0, 0.0]]), faces=SIDES)
+    solids = [deep if solid is board else solid for solid in world.mesh.solids]
+    thick = replace(world, mesh=Mesh.of(tuple(solids), np.array(list(NODES.values()))))
+    both = elsewhere.one_more(_sounded(world, SHIFT_M), thick, (_moved(0.9),), 0)
+    assert (both is not None) == is_fenced

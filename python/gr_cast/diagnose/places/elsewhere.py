@@ -76,22 +76,26 @@ def _shown(ears: Sequence, here: Model, other: World) -> float:
 def hidden(here: Model, ears: Sequence) -> list[str]:
     """Objects of the mesh without which the soundings would be as they are."""
     moved = {effect.owner for effect in here.effects}
-    return [
-        name
-        for name in here.base.mesh.names
-        if name not in moved
-        and abs(with_effect(ears, here, Effect(family=_GONE, owner=name, values=np.zeros(0))).energy - here.energy) < 1e-6
-    ]
+    return [name for name in here.base.mesh.names if name not in moved and _is_unseen(ears, here, name)]
 
 
-def one_more(base: World, effects: Sequence, number: int) -> World | None:
-    """The world where an object that was found elsewhere is a new one, and the old one is at its place; None of other effects."""
+def _is_unseen(ears: Sequence, here: Model, owner: str) -> bool:
+    gone = with_effect(ears, here, Effect(family=_GONE, owner=owner, values=np.zeros(0)))
+    return abs(gone.energy - here.energy) < 1e-6
+
+
+def one_more(ears: Sequence, base: World, effects: Sequence, number: int) -> World | None:
+    """The world where an object that was found elsewhere is a new one, and the old one is at its place; None of other effects.
+    An object that was seen at its place is not said to hide in a new one around it; of one that never was, nothing is known."""
     effect = effects[number]
     if not isinstance(effect.family, ObjectMoved) or effect.owner not in base.mesh.names:
         return None
     world, index = applied(base, effects), base.mesh.index(effect.owner)
     offset_m, size_m = np.abs(effect.values[0] * np.array(effect.choice)), np.ptp(base.mesh.solids[index].vertices_m, axis=0)
-    if (offset_m < np.maximum(size_m, _SHIFTS_M[0])).all():  # two would stand in one another
+    if (offset_m < _SHIFTS_M[0]).all():  # a hand from its place
+        return None
+    rest = [one for one in effects if one is not effect]
+    if (offset_m < size_m).all() and not _is_unseen(ears, evaluated(ears, base, rest), effect.owner):
         return None
     name = f"new_{effect.owner}"
     surface = {key: values[index] for key, values in vars(world.surface).items()}

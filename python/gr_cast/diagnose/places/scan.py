@@ -12,6 +12,7 @@ from .ears import ResponseEar, evenly
 from .likelihood import Fitted
 
 _ROWS, _TONES = 40, 12  # of a sounding that a scan looks at: a guess needs no more
+_SOUNDED, _FINER = 4, 8  # wells whose bottoms are looked for, for each that is wanted; how much finer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,6 +123,17 @@ def minima(grid: np.ndarray, energies: np.ndarray, best: int) -> list:
     inner = np.flatnonzero((energies[1:-1] <= energies[:-2]) & (energies[1:-1] <= energies[2:])) + 1
     inner = inner if len(inner) else np.array([int(np.argmin(energies))])
     return [float(grid[i]) for i in inner[np.argsort(energies[inner])][:best]]
+
+
+def wells(rows_: Sequence[Row], grid: np.ndarray, best: int) -> list:
+    """Bottoms of the lowest minima of `energy_along` a grid, the lowest first: its steps turn phases so far that they do not tell
+    which well is the deepest."""
+    step = (grid[1] - grid[0]) * np.linspace(-1, 1, 2 * _FINER + 1)
+    found = []
+    for near in minima(grid, energy_along(rows_, grid), _SOUNDED * best):
+        energies = energy_along(rows_, near + step)
+        found.append((float(energies.min()), near + float(step[np.argmin(energies)])))
+    return [value for _, value in sorted(found)[:best]]
 
 
 def minima_of(axes: Sequence[np.ndarray], energies: np.ndarray, best: int) -> list[tuple[float, ...]]:

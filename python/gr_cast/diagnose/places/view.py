@@ -13,7 +13,7 @@ from ...twin.places.families import FAMILIES
 from . import fringes, imaging, planes, policy, scan, shades, tracks
 from .coherent import Phased
 from .ears import thinned, without_phase
-from .fit import applied, evaluated, with_effect
+from .fit import applied, evaluated, fitted, with_effect
 
 _SCANNED_CARRIERS = 100_000
 _AROUND = 0.3  # change of a link's direction, as a share of its length, from which antennas show from several sides
@@ -38,6 +38,15 @@ class View:
     def ranked(self, starts: list) -> list:
         """First guesses by their energy on a thinned sounding."""
         return sorted(starts, key=lambda start: evaluated(self.thin, self.model.base, (*self.model.effects, start)).energy)
+
+    def sharpened(self, starts: list) -> list:
+        """First guesses, each at the bottom of its well on a thinned sounding, the lowest first."""
+        number, before = len(self.model.effects), self._thin_model
+        found = [
+            fitted(self.thin, with_effect(self.thin, before, start), rounds=policy.SCREEN_ROUNDS, free=[number])
+            for start in starts
+        ]
+        return [one.effects[-1] for one in sorted(found, key=lambda one: one.energy)]
 
     def explains_much(self, start) -> bool:
         """Whether it takes a good part of what is left above noise."""
@@ -300,7 +309,7 @@ class View:
             return self._in_band(change[None], gain) if np.any(change[gain != 0]) else None
 
         rows = self._scanned(rates)
-        return scan.minima(grid_m, scan.energy_along(rows, grid_m), best) if rows else []
+        return scan.wells(rows, grid_m, best) if rows else []
 
     def scan_carrier(self, octaves: float, best: int) -> list[float]:
         """Carriers that would turn the phases of all paths as they are, and weaken them as wavelengths get shorter. A phase that
@@ -344,6 +353,12 @@ class View:
     def scan_ground(self) -> list[tuple[float, float]]:
         """Heights under all nodes, and permittivities, of level planes that would explain powers."""
         return fringes.grounds(self.ears, self.world, self.lowest_m)
+
+    @property
+    def resolution_m(self) -> float:
+        """Length by which paths differ that the band tells apart."""
+        heard = [ear.heard for ear, _ in self.wideband]
+        return max((SPEED_OF_LIGHT_M_PER_S / (len(one.frequency_hz) * one.spacing_hz) for one in heard), default=0.0)
 
     def heights_m(self) -> list[float]:
         """Under all nodes, where level planes would send what is left."""

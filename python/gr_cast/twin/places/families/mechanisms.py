@@ -14,8 +14,9 @@ from .base import Effect, Family, OfThings, std_of, value
 _WIDE_M = 3000.0  # of a ground
 _GROUND_CONDUCTIVITY = 0.01  # S/m, where it cannot be told
 _USUAL_GROUND, _UP = 8.0, np.array([0.0, 0.0, 1.0])  # permittivity with which heights are looked for
+_GROUNDS, _SHARPENED = (3.0, 7.0, 18.0), 16  # permittivities that are tried there; wells whose bottoms are compared
 _HEIGHTS = 14  # other heights about one that was found, either way
-_ABOUT_M, _STRIP_M, _PER_STRIP = 1.0, 0.1, 2  # of an echo's height by its delay; that are looked at at a time
+_ABOUT_M, _STRIP_M, _PER_STRIP = (1.0, 6.0), 0.1, 2  # of an echo's height by its delay, as the band is; looked at at a time
 _OCTAVES = 1.3  # that a carrier may be off, up or down
 _BEST = 3
 _BEAT_M, _WELLS = 40.0, 30  # between paths: whose beats are tried about a carrier that was found, so many either way
@@ -169,17 +170,21 @@ class Ground(Family):
         if not view.has_responses:
             return [ground(*guess) for guess in view.scan_ground()]
         wide_m = max(_STRIP_M, 2 * view.world.wavelength_m)  # within it a change of height turns phases alone
-        strip_m = np.arange(-wide_m / 2, wide_m / 2, view.world.wavelength_m / 8)
-        centres = np.unique(
-            [near_m + shift_m for near_m in view.heights_m() for shift_m in np.arange(-_ABOUT_M, _ABOUT_M + wide_m, wide_m)]
-        )
-        found = [
-            centre_m + shift_m
-            for centre_m in centres
-            if centre_m < view.lowest_m
-            for shift_m in view.beside(ground(centre_m, _USUAL_GROUND)).scan_object("ground", _UP, strip_m, best=_PER_STRIP)
+        half_m = wide_m / 2 + view.world.wavelength_m / 4  # beyond its ends: a well on them is a well
+        strip_m = np.arange(-half_m, half_m, view.world.wavelength_m / 8)
+        near_m, about_m = np.array(view.heights_m()), np.clip(view.resolution_m / 2, *_ABOUT_M) + wide_m
+        middles_m = np.arange(view.lowest_m - wide_m / 2, near_m.min() - about_m, -wide_m)
+        found_m = [
+            middle_m + shift_m
+            for middle_m in middles_m[(np.abs(middles_m[:, None] - near_m) < about_m).any(axis=1)]
+            for shift_m in view.beside(ground(middle_m, _USUAL_GROUND)).scan_object("ground", _UP, strip_m, best=_PER_STRIP)
         ]
-        return [ground(height_m, e) for height_m in found if height_m < view.lowest_m - 0.02 for e in (4.0, 15.0)]
+        tried = [ground(height_m, e) for height_m in found_m if height_m < view.lowest_m - 0.02 for e in _GROUNDS]
+        out: list[Effect] = []
+        for one in view.ranked(tried):  # one of each well
+            if all(abs(one.values[0] - other.values[0]) > view.world.wavelength_m / 4 for other in out):
+                out.append(one)
+        return view.sharpened(out[:_SHARPENED])[:_BEST]
 
     def restarts(self, world, effect):
         # The next wells of its phase.

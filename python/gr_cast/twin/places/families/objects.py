@@ -10,12 +10,19 @@ from ....scenario.create.media import ITU, Medium
 from .base import Effect, OfThings, std_of, value
 
 _FAR_M = 3.0  # farthest move that is looked for
-_NEAR_M = 0.6  # within which every well is tried
+_NEAR_M, _STRIP_M, _PER_STRIP = 0.6, 0.1, 3  # within which wells are looked for strip by strip; of each
+_ALONG_M = (-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4)  # moves of an object along what is seen of it
 _BEST = 3  # maxima of a scan that are fitted
 _WELLS = 8  # of the phase, either way, that are tried beside one that was found
 _PERMITTIVITIES, _CONDUCTIVITIES = np.geomspace(1.15, 30, 14), (0.003, 0.05, 0.5)  # relative; S/m
 _FRINGES, _DENSEST = 10, 6.0  # either way, of a slab that holds many waves; refractive index
 _ROUGH = (1 / 60, 1 / 25, 1 / 12, 1 / 6)  # of a wavelength: first guesses of the roughness
+
+
+def _grid_m(world, far_m: float) -> np.ndarray:
+    """Moves either way, in steps that turn the phase of an echo by less than half a turn."""
+    step_m = world.wavelength_m / 8
+    return step_m * np.arange(-int(far_m / step_m), int(far_m / step_m) + 1)
 
 
 class _OfObject(OfThings):
@@ -53,19 +60,29 @@ class ObjectMoved(_OfObject):
         return view.seen_objects if view.has_responses else []
 
     def starts(self, view, owner):
-        step_m = view.world.wavelength_m / 8
-        grid_m = step_m * np.arange(-int(_FAR_M / step_m), int(_FAR_M / step_m) + 1)
+        def moved(shift_m, normal):
+            return Effect(family=self, owner=owner, values=np.array([shift_m]), choice=tuple(normal))
+
+        strip_m = max(_STRIP_M, view.world.wavelength_m / 2)
+        middles_m = np.arange(-_NEAR_M, _NEAR_M + strip_m / 2, strip_m)
         out = []
         for normal in view.axes(owner):
-            for shift_m in (0.0, *view.scan_object(owner, normal, grid_m, best=_BEST)):
-                out.append(Effect(family=self, owner=owner, values=np.array([shift_m]), choice=tuple(normal)))
+            far_m = view.scan_object(owner, normal, _grid_m(view.world, _FAR_M), best=_BEST)
+            near_m = [  # far moves bend lengths: each strip is scanned from its middle
+                middle_m + shift_m
+                for middle_m in (middles_m if far_m else ())
+                for shift_m in view.beside(moved(middle_m, normal)).scan_object(
+                    owner, normal, _grid_m(view.world, strip_m / 2 + view.world.wavelength_m / 4), best=_PER_STRIP
+                )
+            ]  # fmt: skip
+            # along what is seen of it, its ends meet other paths and few phases turn
+            out += [moved(shift_m, normal) for shift_m in (0.0, *_ALONG_M, *far_m, *near_m)]
         return out
 
     def restarts(self, world, effect):
-        # The next wells of its phase, a quarter of a wave apart or more: far moves bend lengths, and the scan is led astray.
-        quarter_m, many = world.wavelength_m / 4, int(_NEAR_M / world.wavelength_m * 4)
-        near = [effect.moved(effect.values + quarter_m * step) for step in range(-_WELLS, _WELLS + 1) if step]
-        return near + [effect.moved(np.array([quarter_m * step])) for step in range(-many, many + 1)]
+        # The next wells of its phase, a quarter of a wave apart.
+        quarter_m = world.wavelength_m / 4
+        return [effect.moved(effect.values + quarter_m * step) for step in range(-_WELLS, _WELLS + 1) if step]
 
     def apply(self, world, effect):
         return replace(world, mesh=world.mesh.moved(effect.owner, effect.values[0] * np.array(effect.choice)))

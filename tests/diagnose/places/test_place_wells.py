@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What turns phases is begun in its own well, not in a neighbour: a ground, an object that stands elsewhere."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gr_cast.diagnose.places import policy, scan
+from gr_cast.diagnose.places.ears import ResponseEar
+from gr_cast.diagnose.places.fit import evaluated, fitted, with_effect
+from gr_cast.diagnose.places.likelihood import Heard
+from gr_cast.diagnose.places.view import View
+from gr_cast.scenario.create.fields import surface_of
+from gr_cast.scenario.create.geometry import Solid
+from gr_cast.twin.places.families import FAMILIES
+from gr_cast.twin.places.predict import Predictor
+from gr_cast.twin.places.world import Mesh
+
+from tests.diagnose.places.test_place_edges import SIDES, box
+from tests.diagnose.places.test_place_search import LINKS, TIME_S, UNKNOWN, ours, response, theirs
+
+CARRIER_HZ = 17e9  # a wavelength of 18 mm
+BY_NAME = {family.name: family for family in FAMILIES}
+
+
+def twin(*without: str):
+    """The room without some of its objects, its surfaces at the carrier."""
+    world = ours()
+    solids = [solid for solid in world.mesh.solids if solid.name not in without]
+    mesh = Mesh.of(tuple(solids), np.array([radio.node.waypoints_m[0] for radio in world.radios.values()]))
+    media = {name: world.media[name] for name in mesh.names}
+    surface = surface_of([media[name] for name in mesh.names], CARRIER_HZ)
+    return replace(world, mesh=mesh, media=media, surface=surface, carrier_hz=CARRIER_HZ)
+
+
+def sounded(name: str, offset_m, band_hz: float, tris=None) -> list[ResponseEar]:
+    """The room of the other tracer with one object elsewhere, `tris` if it looks otherwise; 30 dB over the noise."""
+    world = theirs() | {"carrier_hz": CARRIER_HZ, "bandwidth_hz": band_hz}
+    own = world["objects"][name]
+    world["objects"] = world["objects"] | {name: own | {"tris": (own["tris"] if tris is None else tris) + np.asarray(offset_m)}}
+    frequency_hz = np.linspace(-band_hz / 2, band_hz / 2, 20)
+    clean, random = response(world, LINKS, TIME_S, frequency_hz), np.random.default_rng(3)
+    noise = (np.abs(clean) ** 2).mean() / 1e3
+    y = clean + np.sqrt(noise / 2) * (random.normal(size=clean.shape) + 1j * random.normal(size=clean.shape))
+    told = Heard(links=tuple(LINKS), y=y, weight=np.full(y.shape, 1 / noise), frequency_hz=frequency_hz, **UNKNOWN)
+    return [ResponseEar(Predictor(*zip(*LINKS, strict=True), TIME_S, frequency_hz), told)]
+
+
+def first(ears, world, family: str, owner: str):
+    """The best of those of a family's first guesses that a search fits."""
+    view = View(ears, evaluated(ears, world, ()), UNKNOWN)
+    best = view.ranked(BY_NAME[family].starts(view, owner))[: policy.FULL_STARTS]
+    return min((fitted(ears, with_effect(ears, view.model, one)) for one in best), key=lambda one: one.energy)
+
+
+@pytest.mark.parametrize("band_hz", [2e8, 2e7])
+@pytest.mark.parametrize("height_m", [0.0, -0.437, -1.913])
+def test_a_ground_is_begun_at_its_own_height(height_m, band_hz):
+    found = first(sounded("floor", [0, 0, height_m], band_hz), twin("floor"), "ground", "place")
+    assert found.effects[0].values[0] == pytest.approx(height_m, abs=1e-3)
+
+
+@pytest.mark.parametrize("shift_m", [-0.431, -0.253, 0.1234, 0.377])
+def test_an_object_is_begun_where_it_stands_though_it_moved_by_many_waves(shift_m):
+    world = twin()
+    normal = world.axes(world.mesh.index("board"))[0]
+    found = first(sounded("board", shift_m * normal, 2e8), world, "object_moved", "board")
+    assert found.effects[0].values[0] == pytest.approx(shift_m, abs=1e-3)
+
+
+def test_a_box_that_moved_along_what_is_seen_of_it_is_found_by_what_its_ends_meet():
+    corners_m, along = box((2.2, 2.5, 0.3), (3.1, 2.7, 2.0), 0.0), np.array([1.0, 0.0, 0.0])
+    world = twin()
+    solid = Solid(name="board", vertices_m=corners_m, faces=SIDES)
+    solids = [solid if one.name == "board" else one for one in world.mesh.solids]
+    world = replace(world, mesh=Mesh.of(tuple(solids), np.array([radio.node.waypoints_m[0] for radio in world.radios.values()])))
+    ears = sounded("board", 0.4 * along, 2e8, corners_m[np.array(SIDES)])
+    found = first(ears, world, "object_moved", "board")
+    assert np.abs(found.effects[0].choice) == pytest.approx(along)
+    assert found.energy - ears[0].count < 5 * np.sqrt(ears[0].count) < evaluated(ears, world, ()).energy - ears[0].count
+
+
+def test_the_deepest_well_is_told_by_its_bottom(monkeypatch):
+    random = np.random.default_rng(1)
+    rates = 2 * np.pi * random.uniform(0.9, 1.1, (1, 6, 1)).repeat(5, axis=2)
+    base = random.normal(size=(6, 5)) + 1j * random.normal(size=(6, 5))
+    at = 3.317
+    y = (base * np.exp(-1j * at * rates[0])).sum(axis=0)
+    row = scan.Row(base=base, rates=rates, rest=np.zeros(5), y=y, weight=np.ones(5), is_free=False)
+    grid = np.arange(-6, 6, 1 / 4)
+    assert scan.wells([row], grid, 1) == pytest.approx([at], abs=1 / 32)
+    assert scan.minima(grid, scan.energy_along([row], grid), 1) != pytest.approx([at], abs=1 / 8)
