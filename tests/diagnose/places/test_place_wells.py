@@ -80,7 +80,7 @@ def test_a_box_that_moved_along_what_is_seen_of_it_is_found_by_what_its_ends_mee
     assert found.energy - ears[0].count < 5 * np.sqrt(ears[0].count) < evaluated(ears, world, ()).energy - ears[0].count
 
 
-def test_the_deepest_well_is_told_by_its_bottom(monkeypatch):
+def test_the_deepest_well_is_told_by_its_bottom():
     random = np.random.default_rng(1)
     rates = 2 * np.pi * random.uniform(0.9, 1.1, (1, 6, 1)).repeat(5, axis=2)
     base = random.normal(size=(6, 5)) + 1j * random.normal(size=(6, 5))

@@ -311,6 +311,20 @@ class View:
         rows = self._scanned(rates)
         return scan.wells(rows, grid_m, best) if rows else []
 
+    def moves_m(self, most_m: float) -> np.ndarray:
+        """Either way, in steps that turn the phase of an echo by half a turn at most."""
+        step_m = self.world.wavelength_m / 8
+        return step_m * np.arange(-int(most_m / step_m), int(most_m / step_m) + 1)
+
+    def scan_strips(self, at_m, middles_m, strip_m: float, name: str, normal: np.ndarray, best: int) -> list[float]:
+        """The same where moves are so far that they bend lengths: each strip is scanned from the effect `at_m` its middle."""
+        grid_m = self.moves_m(strip_m / 2 + self.world.wavelength_m / 4)  # beyond its ends: a well on them is a well
+        return [
+            middle_m + shift_m
+            for middle_m in middles_m
+            for shift_m in self.beside(at_m(middle_m)).scan_object(name, normal, grid_m, best)
+        ]
+
     def scan_carrier(self, octaves: float, best: int) -> list[float]:
         """Carriers that would turn the phases of all paths as they are, and weaken them as wavelengths get shorter. A phase that
         is known turns with every wavelength of a path, one that is not with every wavelength between two."""

@@ -170,15 +170,10 @@ class Ground(Family):
         if not view.has_responses:
             return [ground(*guess) for guess in view.scan_ground()]
         wide_m = max(_STRIP_M, 2 * view.world.wavelength_m)  # within it a change of height turns phases alone
-        half_m = wide_m / 2 + view.world.wavelength_m / 4  # beyond its ends: a well on them is a well
-        strip_m = np.arange(-half_m, half_m, view.world.wavelength_m / 8)
         near_m, about_m = np.array(view.heights_m()), np.clip(view.resolution_m / 2, *_ABOUT_M) + wide_m
         middles_m = np.arange(view.lowest_m - wide_m / 2, near_m.min() - about_m, -wide_m)
-        found_m = [
-            middle_m + shift_m
-            for middle_m in middles_m[(np.abs(middles_m[:, None] - near_m) < about_m).any(axis=1)]
-            for shift_m in view.beside(ground(middle_m, _USUAL_GROUND)).scan_object("ground", _UP, strip_m, best=_PER_STRIP)
-        ]
+        middles_m = middles_m[(np.abs(middles_m[:, None] - near_m) < about_m).any(axis=1)]
+        found_m = view.scan_strips(lambda m: ground(m, _USUAL_GROUND), middles_m, wide_m, "ground", _UP, best=_PER_STRIP)
         tried = [ground(height_m, e) for height_m in found_m if height_m < view.lowest_m - 0.02 for e in _GROUNDS]
         out: list[Effect] = []
         for one in view.ranked(tried):  # one of each well

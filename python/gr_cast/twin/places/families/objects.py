@@ -2,6 +2,7 @@
 """What may be wrong with an object of the mesh: that it is there, where it is, what it is made of, how rough it is."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -17,12 +18,6 @@ _WELLS = 8  # of the phase, either way, that are tried beside one that was found
 _PERMITTIVITIES, _CONDUCTIVITIES = np.geomspace(1.15, 30, 14), (0.003, 0.05, 0.5)  # relative; S/m
 _FRINGES, _DENSEST = 10, 6.0  # either way, of a slab that holds many waves; refractive index
 _ROUGH = (1 / 60, 1 / 25, 1 / 12, 1 / 6)  # of a wavelength: first guesses of the roughness
-
-
-def _grid_m(world, far_m: float) -> np.ndarray:
-    """Moves either way, in steps that turn the phase of an echo by less than half a turn."""
-    step_m = world.wavelength_m / 8
-    return step_m * np.arange(-int(far_m / step_m), int(far_m / step_m) + 1)
 
 
 class _OfObject(OfThings):
@@ -67,14 +62,10 @@ class ObjectMoved(_OfObject):
         middles_m = np.arange(-_NEAR_M, _NEAR_M + strip_m / 2, strip_m)
         out = []
         for normal in view.axes(owner):
-            far_m = view.scan_object(owner, normal, _grid_m(view.world, _FAR_M), best=_BEST)
-            near_m = [  # far moves bend lengths: each strip is scanned from its middle
-                middle_m + shift_m
-                for middle_m in (middles_m if far_m else ())
-                for shift_m in view.beside(moved(middle_m, normal)).scan_object(
-                    owner, normal, _grid_m(view.world, strip_m / 2 + view.world.wavelength_m / 4), best=_PER_STRIP
-                )
-            ]  # fmt: skip
+            far_m, near_m = view.scan_object(owner, normal, view.moves_m(_FAR_M), best=_BEST), []
+            if far_m:
+                at_m = partial(moved, normal=normal)
+                near_m = view.scan_strips(at_m, middles_m, strip_m, owner, normal, best=_PER_STRIP)
             # along what is seen of it, its ends meet other paths and few phases turn
             out += [moved(shift_m, normal) for shift_m in (0.0, *_ALONG_M, *far_m, *near_m)]
         return out
