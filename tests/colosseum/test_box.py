@@ -162,6 +162,15 @@ def test_a_job_that_ends_before_any_state_is_told_is_reported_all_the_same(boxes
     assert (boxes / "cut" / "report.html").is_file() and left_behind(boxes, "cut") == []
 
 
+def test_an_interrupt_before_the_first_container_leaves_nothing(boxes):
+    def say(_):
+        raise KeyboardInterrupt
+
+    played = player(boxes, team_with(boxes, {"wire": {}}), ["wire"])
+    played.say = say
+    assert played.run()["outcome"] == "interrupted" and left_behind(boxes, played.box.name) == []
+
+
 def test_a_container_has_its_names_and_no_more_than_it_needs(boxes):
     team = team_with(boxes, {"wire": {}})
     here = storage.Storage(folder=team)

@@ -70,6 +70,7 @@ class Box:
         self.interactive = interactive
         self.name, self.folder = _claimed(name)
         self._stack = ExitStack()
+        self._stack.callback(host.sweep, self.folder, self.name)
         self.containers: dict[int, Container] = {}
         self.ends: dict[int, Namespace] = {}
         self.emulator: Emulator | None = None
@@ -84,7 +85,6 @@ class Box:
         try:
             os.environ[host.MARK] = str(self.folder)
             self._stack.callback(os.environ.pop, host.MARK, None)
-            self._stack.callback(host.sweep, self.folder, self.name)
             self._up()
         except BaseException:
             self.__exit__()

@@ -42,9 +42,9 @@ class Player:
         self.job, self.storage, self.clock, self.channel, self.output, self.say = job, storage, clock, channel, output, say
         self._changes = changes
         srns = [Srn(number=node.srn, image=node.image_path, is_gateway=node.is_gateway) for node in job.nodes]
+        self.scenario = sc.load(str(job.rf_scenario))
         self.box = Box(name, storage, srns, channel, program, interactive=False)
         self.record = Record()
-        self.scenario = sc.load(str(job.rf_scenario))
         self._generators: traffic.Generators | None = None
         self._ended: set[int] = set()
         self._discontinuities = 0
@@ -55,6 +55,7 @@ class Player:
         self._began = time.monotonic()
         try:
             with contextlib.ExitStack() as stack:
+                stack.push(self.box)  # its folder is there before it is entered
                 self._event("containers load and boot")
                 stack.enter_context(self.box)
                 self.box.write_state(job=self.job.name)
