@@ -18,6 +18,7 @@ CAPABILITIES = (
 _DEVICES = ("c 1:3 rwm", "c 1:5 rwm", "c 1:7 rwm", "c 1:8 rwm", "c 1:9 rwm", "c 5:0 rwm", "c 5:1 rwm", "c 5:2 rwm", "c 136:* rwm")
 _ETHERNET = "02:10"
 _WAIT_S = 60.0
+_STOP_S = 15.0
 INIT = "#!/bin/sh\ntrap 'exit 0' TERM PWR\nwhile :; do sleep 3600 & wait $!; done\n"
 
 
@@ -135,10 +136,10 @@ class Container:
     def stop(self) -> None:
         if self._process is None:
             return
-        if self._process.poll() is None:
-            subprocess.run(self._words("lxc-stop", "-k"), capture_output=True, check=False, timeout=30)
-            try:
-                self._process.wait(10)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
+        try:
+            if self._process.poll() is None:
+                subprocess.run(self._words("lxc-stop", "-k"), capture_output=True, check=False, timeout=_STOP_S)
+            self._process.wait(_STOP_S)
+        except subprocess.TimeoutExpired:  # LXC waits until all are reaped, which not every machine's first process does
+            self._process.kill()
+            self._process.wait()
