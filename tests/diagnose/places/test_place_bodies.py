@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.places import foretold, run, search
+from gr_cast.diagnose.places import foretold, run, search, tracks
 from gr_cast.diagnose.places.ears import ResponseEar
 from gr_cast.diagnose.places.fit import Model, applied, evaluated, fitted, with_effect
 from gr_cast.diagnose.places.likelihood import Heard
@@ -127,6 +127,34 @@ def test_what_passes_is_followed_by_the_phases_of_its_echo_as_fast_as_it_may_be(
     found = best_of("moving_scatterer", ears)
     assert found.effects[-1].values[:4] == pytest.approx([*place_m, *velocity], abs=0.02)
     assert found.energy < 0.1 * evaluated(ears, ours(), ()).energy
+
+
+def test_a_passer_whose_shadow_says_more_than_its_echo_is_where_the_echo_comes_from(monkeypatch):
+    monkeypatch.setattr(sys.modules[__name__], "CARRIER_HZ", 15e9)
+    place_m, velocity = [0.38, -2.9], [0.35, 0.96]
+    walk = {
+        "position_m": [*place_m, 0.0],
+        "velocity_m_per_s": [*velocity, 0.0],
+        "radius_m": 0.26,
+        "height_m": 1.8,
+        "rcs_m2": 1.3,
+    }
+    ears = heard(theirs(person=walk, carrier_hz=15e9), 30.0, band_hz=3e7)
+    found = best_of("moving_scatterer", ears)
+    assert found.effects[-1].values[:4] == pytest.approx([*place_m, *velocity], abs=0.005)
+
+
+def test_what_is_shadowed_for_a_while_leaves_nothing_that_stands_there_at_other_times():
+    ear = heard(theirs(), 30.0)[0]
+    fit = evaluated([ear], ours(), ()).fits[0]
+    shadowed = np.zeros_like(fit.residual)
+    still = LINKS.index(("n0", "n2"))
+    shadowed[still, :2] = -fit.model[still, :2]
+    moving = tracks._moving(ear, replace(fit, residual=shadowed), ours()).residual
+    np.testing.assert_allclose(moving, shadowed, atol=1e-12)
+    stands = replace(fit, residual=shadowed + 0.3 * fit.model * (np.arange(len(LINKS)) == still)[:, None, None])
+    left = tracks._moving(ear, stands, ours()).residual
+    np.testing.assert_allclose(left, shadowed, atol=1e-12)  # what stands there all the time is taken off
 
 
 def test_what_does_not_predict_the_vault_is_not_all_there_is():

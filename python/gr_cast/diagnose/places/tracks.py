@@ -21,7 +21,7 @@ _FINE = 16  # steps of a wavelength: an echo's phase turns twice as fast as a pl
 _SMOOTH = 8  # steps between which lengths and strengths are interpolated
 _FINER = 16  # of the grid of delays over the resolution of the band
 _INSTANTS = 9  # that are looked at, at most
-_PAIRS, _PEAKS = 4, 12  # of instants, and places at each, through which lines are drawn
+_PEAKS = 40  # of each instant, through which lines are drawn: echoes of few links are in phase at many places
 _WITHIN, _WITHIN_STEPS = 2, 4  # cells about a line that is looked at more finely still, and steps of such a cell
 _APART = 0.25  # of the time of a campaign, between the instants of a pair
 _SLID, _TURNS = 60, 4  # lines that are moved cell by cell to where they explain most, so many times
@@ -41,14 +41,17 @@ def passers(view, height_m: float):
 
 
 def _moving(ear, fit, world):
-    """A fit with what is left that changes: what stays the same between ends that stay is no passer's."""
+    """A fit with what is left that changes: what stays the same between ends that stay is no passer's. Its median, not its mean:
+    a shadow at some instants would leave its share at all others, as something that stands there."""
     residual = fit.residual.copy()
     for index in range(len(ear.heard.links)):
         if not any(np.ptp(end_m, axis=0).any() for end_m in ear.predictor.ends_m(world, index)):
-            factor, weight = fit.factor[index], ear.heard.weight[index]
-            power = (np.abs(factor) ** 2 * weight).sum(axis=0)
-            mean = (residual[index] * factor.conj() * weight).sum(axis=0) / np.maximum(power, 1e-300)
-            residual[index] -= np.where(weight > 0, factor * mean, 0)
+            factor, known = fit.factor[index], ear.heard.weight[index] > 0
+            own = np.where(known, residual[index] / np.where(known, factor, 1), np.nan)
+            some = known.any(axis=0)
+            stays = np.zeros(len(some), complex)
+            stays[some] = np.nanmedian(own[:, some].real, axis=0) + 1j * np.nanmedian(own[:, some].imag, axis=0)
+            residual[index] -= np.where(known, factor * stays, 0)
     return replace(fit, residual=residual)
 
 
@@ -169,16 +172,15 @@ def _between(axis_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _through(strip: _Strip) -> tuple[np.ndarray, np.ndarray]:
-    """Lines through two peaks each of two maps, some time apart."""
+    """Lines through a peak each of any two maps that are some time apart."""
     nats, after_s = np.maximum(strip.cross, 0) ** 2 / strip.power, strip.after_s
-    tops, apart_s = nats.max(axis=(1, 2)), np.ptp(after_s) * _APART
-    pairs = [pair for pair in itertools.combinations(range(len(nats)), 2) if after_s[pair[1]] - after_s[pair[0]] >= apart_s]
+    peaks = [np.array(scan.minima_of((strip.axis_m, strip.axis_m), -one, _PEAKS)) for one in nats]
     out = []
-    for first, last in sorted(pairs, key=lambda pair: -tops[list(pair)].min())[:_PAIRS]:
-        ends = [scan.minima_of((strip.axis_m, strip.axis_m), -nats[step], _PEAKS) for step in (first, last)]
-        a, b = np.moveaxis(np.array(list(itertools.product(*ends))), 1, 0)
-        turn = (b - a) / (after_s[last] - after_s[first])
-        out.append((a - after_s[first] * turn, turn))
+    for first, last in itertools.combinations(range(len(nats)), 2):
+        apart_s = after_s[last] - after_s[first]
+        if apart_s >= np.ptp(after_s) * _APART:
+            a, b = (one.reshape(-1, 2) for one in np.broadcast_arrays(peaks[first][:, None], peaks[last][None]))
+            out.append((a - after_s[first] * (b - a) / apart_s, (b - a) / apart_s))
     return tuple(np.concatenate(part) for part in zip(*out, strict=True))
 
 

@@ -364,6 +364,10 @@ class View:
         """A look at the thinned soundings with this effect among the model's."""
         return View(self.thin, evaluated(self.thin, self.model.base, (*self.model.effects, effect)), self.unknown)
 
+    def among(self, effect) -> "View":
+        """The same on all of the soundings."""
+        return View(self.ears, with_effect(self.ears, self.model, effect), self.unknown)
+
     def scan_ground(self) -> list[tuple[float, float]]:
         """Heights under all nodes, and permittivities, of level planes that would explain powers."""
         return fringes.grounds(self.ears, self.world, self.lowest_m)
@@ -459,7 +463,7 @@ class View:
 
     def mirrors(self, effect):
         """The box of an effect with one of its sides where echoes have it that show once the box blocks what it does."""
-        return planes.mirrors(View(self.ears, with_effect(self.ears, self.model, effect), self.unknown), effect.choice)
+        return planes.mirrors(self.among(effect), effect.choice)
 
     def shaded(self, effect) -> np.ndarray:
         """Points (n, 3) on the legs that an added object stands in the way of."""

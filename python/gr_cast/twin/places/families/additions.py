@@ -34,6 +34,10 @@ _STEPS_M, _LEAST_M = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0), 0.05
 _TURNS_RAD = np.radians([-45, -25, -12, -5, 5, 12, 25, 45, 90])
 _COARSE, _BETWEEN, _ENDED = 10, 9, 2  # steps to a wavelength in which a plane is looked for, in how many then; ends looked for
 _WELLS, _BOX_WELLS = 3, 6  # of the phase of an echo, either way
+_FOLLOWED, _AREA = (
+    4,
+    4,
+)  # passers whose shadow is looked at before their echoes; the cross-section's place among a passer's numbers
 _WIDER = (0.75, 0.87, 1.15, 1.33)  # than the radius that was found
 _RADII_M, _HEIGHT_M = (0.4, 0.2, 0.9), 1.8  # of a person or a vehicle: how wide a shadow is; height to begin with
 
@@ -283,6 +287,15 @@ class MovingScatterer(Family):
         return ["place"] if view.world.person is None and view.has_responses else []
 
     def starts(self, view, owner):
+        seen = self._seen(view, owner)
+        best = view.sharpened(view.ranked(seen)[:_FOLLOWED])[:1]
+        if not best or not view.explains_much(best[0]):
+            return seen
+        # Its shadow hides where its echoes come from: beside the shadow they are looked for again.
+        silent = replace(best[0], values=self.bounded(np.where(np.arange(6) == _AREA, -np.inf, best[0].values)))
+        return [*best, *self._seen(view.among(silent), owner), *seen]
+
+    def _seen(self, view, owner) -> list[Effect]:
         return [
             Effect(family=self, owner=owner, values=np.array([*place, *speed, np.log(area), _HEIGHT_M]), choice=(radius_m, False))
             for place, speed, told in view.passers(CENTRE * _HEIGHT_M)
