@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.places import diffuse, fit, likelihood, scan, search
+from gr_cast.diagnose.places import diffuse, fit, likelihood, policy, scan, search
 from gr_cast.diagnose.places.fit import evaluated, fitted, with_effect
 from gr_cast.diagnose.places.view import View
 from gr_cast.twin.places.families.base import Effect
@@ -129,3 +129,15 @@ def test_what_nuisances_span_is_taken_away_once_however_often_they_say_it():
     others = np.vstack([others, others[0] - others[1], 1e-6 * others[2], np.zeros(40)])
     wanted = rows - rows @ np.linalg.pinv(others, rcond=1e-9) @ others
     assert fit._apart(others, rows) == pytest.approx(wanted, abs=1e-7)
+
+
+@pytest.mark.parametrize("links", [1, 8])
+def test_what_fills_few_of_a_fields_modes_is_no_field(links, monkeypatch):
+    """Powers of a random field's modes over what they should be are exponential; a strong echo of one link of many is not."""
+    random, noise = np.random.default_rng(3), 0.1
+    strength = np.geomspace(50.0, 1e-3, 12)
+    drawn = [random.exponential(size=(4, 12)) * (noise + strength) for _ in range(links)]
+    loud = [power * (8.0 if index == 0 else 0.05) for index, power in enumerate(drawn)]
+    for powers, is_field in ((drawn, True), (loud, links == 1)):  # one link alone is as loud as it is
+        monkeypatch.setattr(diffuse, "_along_modes", lambda *_, powers=powers: ((noise, one, strength) for one in powers))
+        assert (diffuse.unevenness([None], [None], None) < policy.UNEVEN_DEVIATIONS) == is_field

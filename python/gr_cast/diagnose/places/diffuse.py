@@ -16,6 +16,7 @@ _COSINES = np.linspace(0, 1, 25)  # of incidence, between which reflections are 
 _COARSE_M = 0.1  # of positions: patches are half a metre wide
 _INSTANTS = 6  # of a moving link at which its profile is computed
 _FAINT = 1e-10  # of the strongest mode: less is none
+_HEARD, _FEW = 3.0, 12  # times the noise: modes that tell what fills them; fewer of these tell nothing
 _MODES_KEPT = 1024  # of 150 kB at most each
 _LARGEST = 2.0**15  # of a half-precision number, to its smallest: 90 dB
 
@@ -24,10 +25,22 @@ def gain(ear, fit, world) -> tuple[float, float, float]:
     """(nats, energy, count): what the profile that `world` scatters is worth against white noise on this fit's residual, how much
     less energy the residual has when it is whitened by it, and how many numbers are scattered rather than noise. Static links
     count once: patches keep their phases."""
-    if not ear.has_responses or not (world.surface.scattering > 0).any():
-        return 0.0, 0.0, 0.0
-    unit = _unit(fit)
     nats = saved = scattered = 0.0
+    for noise, power, strength in _along_modes(ear, fit, world):
+        share = strength / (noise + strength)
+        explained = (power * share).sum() / noise
+        nats += float(explained - len(power) * np.log1p(strength / noise).sum())
+        saved += float(explained)
+        scattered += float(len(power) * share.sum())
+    return nats, saved, scattered
+
+
+def _along_modes(ear, fit, world):
+    """Of each link and each step of its way: the noise, what the residual has (instants, modes) along the modes of the field that
+    `world` scatters, and the power of each mode."""
+    if not ear.has_responses or not (world.surface.scattering > 0).any():
+        return
+    unit = _unit(fit)
     for index in range(len(ear.heard.links)):
         known = ear.heard.weight[index] > 0
         if not known.any():
@@ -37,13 +50,20 @@ def gain(ear, fit, world) -> tuple[float, float, float]:
         if is_still:  # all instants say the same
             rows = rows.sum(axis=0, keepdims=True) / np.sqrt(max(len(rows), 1))
         for which, strength, modes in fields_:
-            power = np.abs(rows[which] @ modes.conj()) ** 2
-            share = strength / (noise + strength)
-            explained = (power * share).sum() / noise
-            nats += float(explained - len(power) * np.log1p(strength / noise).sum())
-            saved += float(explained)
-            scattered += float(len(power) * share.sum())
-    return nats, saved, scattered
+            yield noise, np.abs(rows[which] @ modes.conj()) ** 2, strength
+
+
+def unevenness(ears, fits, world) -> float:
+    """By how many standard deviations what modes have over what they should have is spread more than a random field's, which is
+    exponential: its logarithm has the variance π²/6 and the kurtosis 5.4. What is none fills a few modes, and others not."""
+    over = [np.zeros(0)]
+    for ear, fit in zip(ears, fits, strict=True):
+        for noise, power, strength in _along_modes(ear, fit, world):
+            over.append((power / (noise + strength))[:, strength > _HEARD * noise].ravel())
+    logs = np.log(np.maximum(np.concatenate(over), 1e-12))
+    if len(logs) < _FEW:
+        return 0.0
+    return float((logs.var() / (np.pi**2 / 6) - 1) * np.sqrt(len(logs) / 4.4))
 
 
 def whitened(ear, fit, world, rows: np.ndarray) -> np.ndarray:

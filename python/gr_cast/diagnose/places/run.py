@@ -13,7 +13,7 @@ from ...core.units import db_from_power
 from ...twin.places.believed import believed
 from ...twin.places.document import Place
 from ...twin.places.families.objects import ObjectMoved
-from . import elsewhere, foretold, policy, search, taps
+from . import diffuse, elsewhere, foretold, policy, search, taps
 from .ears import ear, told_of
 from .fit import Model, applied, deviations, evaluated, fitted, without_effects
 from .next_position import where_to_sound
@@ -63,6 +63,8 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
         numbers = [number for cause, entry in zip(told.causes, told.effects, strict=True) if entry in unsure for number in cause]
         found = replace(found, model=fitted(ears, without_effects(ears, found.model, numbers), rounds=4))
         told = _told(place, found, ears, vault, pathless)
+    if not told.is_field:
+        warnings.append("What scattering was to explain is no random field: something else is there.")
     if not told.is_foretold:
         warnings.append("What was found does not predict the soundings of the vault: something else is there.")
     model = found.model
@@ -86,12 +88,13 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
 @dataclass(frozen=True, kw_only=True)
 class _Told:
     """Entries of causes, the numbers of the effects that each is made of, what is open; whether nothing is left on what was
-    fitted, and whether the vault is predicted."""
+    fitted, whether scattering explains none of it that is no random field, and whether the vault is predicted."""
 
     effects: list[dict]
     causes: list[list[int]]
     open: list[dict]
     is_clean: bool
+    is_field: bool
     is_foretold: bool
 
 
@@ -100,7 +103,8 @@ def _told(place: Place, found: search.Found, ears: tuple, vault: tuple, pathless
     view = View(ears, model, place.unknown)
     alike = [_alike(found, number, ears, vault, model.base) for number in range(len(model.effects))]
     predicted = foretold.holds(view, [one for one in vault if one.has_responses])
-    clean = found.deviations < policy.CLEAN_DEVIATIONS and not pathless and predicted
+    field = diffuse.unevenness(ears, model.fits, model.world) < policy.UNEVEN_DEVIATIONS
+    clean = found.deviations < policy.CLEAN_DEVIATIONS and not pathless and field and predicted
     there = evaluated(vault, model.base, model.effects) if vault else None
     covariances = [
         _doubt(found, ears, clean) * own + _over_wells(model.effects[number], search.wells(ears, vault, model, number))
@@ -119,7 +123,14 @@ def _told(place: Place, found: search.Found, ears: tuple, vault: tuple, pathless
         )
         for cause in made_of
     ]
-    return _Told(effects=effects, causes=made_of, open=_ambiguous(alike, ears, place), is_clean=clean, is_foretold=predicted)
+    return _Told(
+        effects=effects,
+        causes=made_of,
+        open=_ambiguous(alike, ears, place),
+        is_clean=clean,
+        is_field=field,
+        is_foretold=predicted,
+    )
 
 
 def _as_taps(ears, through, base) -> search.Found | None:
