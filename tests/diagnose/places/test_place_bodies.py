@@ -252,6 +252,25 @@ def test_of_two_that_explain_alike_the_one_that_foretells_the_vault_is_told(is_n
     assert rivals[told][0][1] > 10
 
 
+@pytest.mark.parametrize("pattern", ["iso", "hw_dipole"])
+def test_of_two_patterns_that_one_link_leaves_open_the_one_that_foretells_the_vault_is_told(pattern):
+    """One link at one angle shows a pattern's gain alone; the links of the vault, how it goes on."""
+    known = theirs()
+    other = known["nodes"] | {"n4": known["nodes"]["n4"] | {"antenna": pattern}}
+    whole = heard(theirs(nodes=other), 30.0)
+    part = lambda links: louder(whole, "n4", 0.0, links)  # noqa: E731
+    row = LINKS.index(("n4", "n2"))
+    ears, vault = part(slice(row, row + 1)), part(slice(row + 1, None))
+    kinds = {
+        one: Effect(family=BY_NAME["antenna_pattern"], owner="n4", values=np.zeros(0), choice=one) for one in ("iso", "hw_dipole")
+    }
+    wrong = next(one for one in kinds if one != pattern)
+    model = evaluated(ears, ours(), [kinds[wrong]])
+    model = replace(model, energy=evaluated(ears, ours(), [kinds[pattern]]).energy - 0.5)  # which the soundings leave open
+    best, _ = search.exchanged(ears, model, {model.effects[0].key: [kinds[pattern]]}, 100, 10, search.Budget.of(60.0), vault)
+    assert best.effects[0].choice == pattern
+
+
 @pytest.mark.parametrize("ratio", [0.42, 0.9, 2.3])
 @pytest.mark.parametrize("unknown", [{}, {"delay": "link"}, {"phase": "snapshot", "gain": "node"}])
 def test_another_carrier_is_found_within_two_and_a_half_octaves(ratio, unknown):

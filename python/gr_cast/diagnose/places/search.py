@@ -387,7 +387,9 @@ def exchanged(ears, model: Model, others: dict, count: float, tried: float, budg
     """What came close when an effect was found, in its place now: the better one stays, the other is a rival; of two that explain
     alike, it is the one that predicts the vault. What tells of the vault is nothing that was there for once."""
     rivals: dict = {}
-    for number, effect in enumerate(model.effects):
+    for number in range(len(model.effects)):
+        model = _of_its_kinds(ears, vault, model, number, others)
+        effect = model.effects[number]
         trials, stays = [], foretold.told_nats(vault, model)[number] > policy.REFUSED_NATS
         for other in others.get(effect.key, ()):
             if other.key in {e.key for e in model.effects} or budget.is_spent or stays and not other.family.lasts:
@@ -403,6 +405,17 @@ def exchanged(ears, model: Model, others: dict, count: float, tried: float, budg
             ((one.effects[number], behind_nats(one, model, number) + apart[id(one)]) for one in trials), key=lambda pair: pair[1]
         )
     return model, rivals
+
+
+def _of_its_kinds(ears, vault: Sequence[Ear], model: Model, number: int, others: dict) -> Model:
+    """The model with that fit of an effect which, of those that explain the soundings alike, predicts the vault best: a pattern
+    of a node, or a wall, that the fitted soundings leave open."""
+    key = model.effects[number].key
+    for one in (replaced(ears, model, number, one) for one in others.get(key, ()) if one.key == key):
+        other = fitted(ears, one, rounds=4)
+        if behind_nats(other, model, number) + foreseen_nats(ears, vault, other, model, number) < -1.0:
+            model = other
+    return model
 
 
 def foreseen_nats(ears, vault: Sequence[Ear], rival: Model, model: Model, number: int) -> float:
