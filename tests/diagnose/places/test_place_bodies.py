@@ -211,6 +211,29 @@ def test_where_a_wall_ends_is_not_foretold_and_where_it_stands_is(aside_m, is_fo
     assert foretold.holds(View(ears, model, KNOWN), vault) == is_foretold
 
 
+def post(x_m: float) -> np.ndarray:
+    """Corners (8, 3) of a thin post on the ground, halfway between n4 and n5."""
+    ring = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * 0.06 + [x_m, 0.2]
+    return np.array([[x, y, z] for z in (-0.05, 3.0) for x, y in ring])
+
+
+def test_what_only_stands_in_the_way_may_stand_beside_it():
+    """A post that the mesh has between two nodes, and that reflects nothing to anybody, stands aside."""
+    aside = theirs()
+    aside["objects"]["post"], aside["materials"]["post"] = {"tris": post(1.05)[SIDES], "surface": None}, "metal"
+    ears, plain = heard(aside, 30.0), ours()
+    solid, medium = Solid(name="post", vertices_m=post(0.65), faces=SIDES), Medium(material="metal")
+    media = plain.media | {"post": medium}
+    mesh = Mesh.of((*plain.mesh.solids, solid), np.array(POSTS))
+    base = replace(plain, mesh=mesh, media=media, surface=surface_of([media[name] for name in mesh.names], CARRIER_HZ))
+    model = evaluated(ears, base, ())
+    view, family = View(ears, model, KNOWN), BY_NAME["object_moved"]
+    assert "post" not in view.seen_objects and model.energy > 2 * ears[0].count
+    best = min((with_effect(ears, model, one) for one in family.starts(view, "post")), key=lambda one: one.energy)
+    assert "post" in family.owners(view) and best.energy < 1.1 * ears[0].count
+    assert abs(best.effects[0].choice[0]) > 0.99  # across the link
+
+
 def loss(link: str) -> Effect:
     return Effect(family=ExcessLoss(), owner=link, values=np.zeros(1))
 

@@ -52,7 +52,7 @@ class ObjectMoved(_OfObject):
     price_nats = float(np.log(3))  # axes
 
     def owners(self, view):
-        return view.seen_objects if view.has_responses else []
+        return view.near_objects if view.has_responses else []  # what stands in the way may stand in another
 
     def starts(self, view, owner):
         def moved(shift_m, normal):
