@@ -27,7 +27,7 @@ FULL_STARTS = 3  # first guesses of one family and owner that are fitted
 DIFFUSE_SHARE, DIFFUSE_NUMBERS = 0.01, 0.02  # of the energy of scattered fields, of the numbers that they make: the less of both;
 # their law is no nearer to what patches do
 UNEVEN_DEVIATIONS = 3.5  # of the spread of a random field's modes: above, what it is to explain is something else. On the bench
-# five fields that were there had 0.6 at most, three that were not 3.8, 8 and 12
+# five fields that were there had 0.5 at most, three that were told and were others or none 3.8, 8 and 12
 BESIDE_FIELDS_NATS = 30.0  # of an effect beside scattering: its patches are no Gaussian noise, up to 26 came from nothing
 STIFF_SHARE = 0.25  # of the excess energy that one deterministic effect explains: then random fields wait
 MOST_SHARE = 0.5  # of that excess: then they wait even where one of them leaves nothing

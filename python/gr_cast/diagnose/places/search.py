@@ -355,13 +355,17 @@ def _good_stiff(paying: list[Model], model: Model, count: float) -> Model | None
 def _otherwise(ears, vault: Sequence[Ear], model: Model, number: int, others: dict) -> Model | None:
     """The model with another fit of a refused effect that explains the soundings as well and is not refused: the same wall, or
     another, elsewhere, or the same in another well of its phase."""
-    key = model.effects[number].key
-    known = [replaced(ears, model, number, one) for one in others.get(key, ()) if one.key == key]
-    for one in (*known, *_restarted(ears, model, number, policy.WELLS)):
+    for one in (*_kinds(ears, model, number, others), *_restarted(ears, model, number, policy.WELLS)):
         other = fitted(ears, one, rounds=4)
         if other.energy < model.energy + policy.RIVAL_NATS and number not in foretold.refused(vault, other):
             return other
     return None
+
+
+def _kinds(ears, model: Model, number: int, others: dict) -> list[Model]:
+    """The model with each other fit of one family and owner that came close to an effect."""
+    key = model.effects[number].key
+    return [replaced(ears, model, number, one) for one in others.get(key, ()) if one.key == key]
 
 
 def wells(ears, vault: Sequence[Ear], model: Model, number: int) -> list[tuple[float, np.ndarray]]:
@@ -410,8 +414,7 @@ def exchanged(ears, model: Model, others: dict, count: float, tried: float, budg
 def _of_its_kinds(ears, vault: Sequence[Ear], model: Model, number: int, others: dict) -> Model:
     """The model with that fit of an effect which, of those that explain the soundings alike, predicts the vault best: a pattern
     of a node, or a wall, that the fitted soundings leave open."""
-    key = model.effects[number].key
-    for one in (replaced(ears, model, number, one) for one in others.get(key, ()) if one.key == key):
+    for one in _kinds(ears, model, number, others):
         other = fitted(ears, one, rounds=4)
         if behind_nats(other, model, number) + foreseen_nats(ears, vault, other, model, number) < -1.0:
             model = other

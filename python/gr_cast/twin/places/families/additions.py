@@ -34,10 +34,8 @@ _STEPS_M, _LEAST_M = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0), 0.05
 _TURNS_RAD = np.radians([-45, -25, -12, -5, 5, 12, 25, 45, 90])
 _COARSE, _BETWEEN, _ENDED = 10, 9, 2  # steps to a wavelength in which a plane is looked for, in how many then; ends looked for
 _WELLS, _BOX_WELLS = 3, 6  # of the phase of an echo, either way
-_FOLLOWED, _AREA = (
-    4,
-    4,
-)  # passers whose shadow is looked at before their echoes; the cross-section's place among a passer's numbers
+_FOLLOWED = 4  # passers whose shadow is looked at before their echoes
+_AREA = 4  # the cross-section's place among a passer's numbers
 _WIDER = (0.75, 0.87, 1.15, 1.33)  # than the radius that was found
 _RADII_M, _HEIGHT_M = (0.4, 0.2, 0.9), 1.8  # of a person or a vehicle: how wide a shadow is; height to begin with
 
@@ -292,7 +290,7 @@ class MovingScatterer(Family):
         if not best or not view.explains_much(best[0]):
             return seen
         # Its shadow hides where its echoes come from: beside the shadow they are looked for again.
-        silent = replace(best[0], values=self.bounded(np.where(np.arange(6) == _AREA, -np.inf, best[0].values)))
+        silent = best[0].moved(np.where(np.arange(6) == _AREA, -np.inf, best[0].values))
         return [*best, *self._seen(view.among(silent), owner), *seen]
 
     def _seen(self, view, owner) -> list[Effect]:
