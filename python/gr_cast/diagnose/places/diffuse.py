@@ -9,7 +9,6 @@ import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from ...scenario.create import fields, patches
-from ...twin.places.predict import surface_key
 
 _FINER = 8  # delays per bin of the band
 _COSINES = np.linspace(0, 1, 25)  # of incidence, between which reflections are interpolated
@@ -134,7 +133,7 @@ def profiles(world, predictor, index: int, count: int, spacing_hz: float) -> tup
     static = not (tx.node.is_moving or rx.node.is_moving)
     every = max(1, -(-len(tx_m) // _INSTANTS))
     number = np.zeros(1, int) if static else np.arange(len(tx_m)) // every
-    kept = predictor.remembered(("reflected", world.carrier_hz, surface_key(world.surface)), lambda: _kept(world))
+    kept = predictor.remembered(("reflected", world.carrier_hz, world.surface.key), lambda: _kept(world))
     made = world.mesh.coarse.key, world.surface.standing
     tx_m, rx_m = (np.round(end_m / _COARSE_M) * _COARSE_M for end_m in (tx_m, rx_m))
     power = []

@@ -98,7 +98,7 @@ def one_more(ears: Sequence, base: World, effects: Sequence, number: int) -> Wor
     if (offset_m < size_m).all() and not _is_unseen(ears, evaluated(ears, base, rest), effect.owner):
         return None
     name = f"new_{effect.owner}"
-    surface = {key: values[index] for key, values in vars(world.surface).items()}
+    surface = {key: values[index] for key, values in world.surface.numbers.items()}
     stays = world.with_object(replace(base.mesh.solids[index], name=name), **surface)
     return replace(stays, media={**world.media, name: world.media[effect.owner]})
 

@@ -5,8 +5,10 @@ The residual is circular noise of known power, so that −ln p is the energy E =
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.fft import ifft
 from scipy.special import ive
 
 _ROUNDS = 4  # of gains and delays, which are Gauss-Newton steps near the optimum
@@ -30,6 +32,24 @@ class Heard:
     def count(self) -> int:
         return int((self.weight > 0).sum())
 
+    @cached_property
+    def weighted(self) -> np.ndarray:
+        """(L, T, K): what was heard, over its noise."""
+        return self.y * self.weight
+
+    @cached_property
+    def omega(self) -> np.ndarray:
+        return 2 * np.pi * self.frequency_hz
+
+    @cached_property
+    def powers_of_omega(self) -> np.ndarray:
+        """(K, 3): 1, ω, ω²."""
+        return np.stack([np.ones_like(self.omega), self.omega, self.omega**2], axis=1)
+
+    @cached_property
+    def design(self) -> np.ndarray:
+        return incidence(self.links)
+
     @property
     def spacing_hz(self) -> float:
         """Of neighbouring frequencies; 1 where there is but one."""
@@ -50,48 +70,45 @@ class Fitted:
 
 def profiled(heard: Heard, h: np.ndarray) -> Fitted:
     """The least energy over unknown phases, delays and gains."""
-    links, (shape_l, shape_t, _) = heard.links, h.shape
-    delay_s = np.zeros(shape_l)
+    cross = h.conj() * heard.weighted  # (L, T, K)
+    size = h.real**2 + h.imag**2
+    moments = (size * heard.weight) @ heard.powers_of_omega  # (L, T, 3)
+    delay_s, omega = np.zeros(len(h)), heard.omega
     if heard.delay != "none":
-        delay_s = _shared(_delays(heard, h), heard, heard.delay, (np.abs(h) ** 2 * heard.weight).sum(axis=(1, 2)))
-    log_gain = np.zeros(shape_l)
-    omega = 2 * np.pi * heard.frequency_hz
-    factor = np.ones((shape_l, shape_t, 1), complex)
-    rounds = _ROUNDS if heard.gain != "none" or heard.delay != "none" else 1
-    turned = h
-    for number in range(rounds):
-        turned = h if heard.delay == "none" else h * np.exp(-1j * delay_s[:, None, None] * omega)
-        cross = (turned.conj() * heard.y * heard.weight).sum(axis=2)  # (L, T)
-        factor = _phases(cross, heard.phase)[:, :, None]
-        power = (np.abs(turned) ** 2 * heard.weight).sum(axis=2)
+        delay_s = _shared(_delays(heard, cross), heard, moments[:, :, 0].sum(axis=1))
+    log_gain = np.zeros(len(h))
+    for number in range(_ROUNDS if heard.gain != "none" or heard.delay != "none" else 1):
+        turn = np.exp(1j * delay_s[:, None] * omega) if heard.delay != "none" else np.ones((len(h), len(omega)))
+        sums = cross @ (turn[:, :, None] * heard.powers_of_omega[:, :2])  # (L, T, 2): over frequencies, and times them
+        factor = _phases(sums[:, :, 0], heard.phase)
         if heard.gain != "none":
-            wanted = (cross * factor[:, :, 0].conj()).real.sum(axis=1)
-            have = power.sum(axis=1)
+            wanted = (sums[:, :, 0] * factor.conj()).real.sum(axis=1)
+            have = moments[:, :, 0].sum(axis=1)
             ratio = np.where(
                 have > 0, np.maximum(wanted, 1e-6 * have) / np.where(have > 0, have, 1), 1
             )  # 1: nothing is predicted
             if heard.gain == "common":
-                log_gain = np.full(shape_l, np.log(max(wanted.sum(), 1e-6 * have.sum(), 1e-300) / max(have.sum(), 1e-300)))
+                log_gain = np.full(len(h), np.log(max(wanted.sum(), 1e-6 * have.sum(), 1e-300) / max(have.sum(), 1e-300)))
             else:
-                log_gain = _gains(ratio, have, log_gain if number else None, links)
-        if heard.delay != "none" and number + 1 < rounds:
-            delay_s = delay_s + _delay_step(heard, turned * factor * np.exp(log_gain)[:, None, None], omega)
-    factor = factor * np.exp(log_gain)[:, None, None]
+                log_gain = _gains(ratio, have, log_gain if number else None, heard)
+        if heard.delay != "none" and number + 1 < _ROUNDS:
+            delay_s = delay_s + _delay_step(heard, sums, moments, factor * np.exp(log_gain)[:, None])
+    factor = (factor * np.exp(log_gain)[:, None])[:, :, None]
     if heard.delay != "none":
-        factor = factor * np.exp(-1j * delay_s[:, None, None] * omega)
+        factor = factor * turn.conj()[:, None]
     model = h * factor
     residual = np.where(heard.weight > 0, heard.y - model, 0)
-    turns = _turns_nats(heard, model)
-    energy = float((np.abs(residual) ** 2 * heard.weight).sum()) + turns
+    turns = _turns_nats(heard, sums[:, :, 0] * np.exp(log_gain)[:, None])
+    energy = float(((residual.real**2 + residual.imag**2) * heard.weight).sum()) + turns
     return Fitted(model=model, residual=residual, energy=energy, factor=np.broadcast_to(factor, h.shape), offset=turns)
 
 
-def _turns_nats(heard: Heard, model: np.ndarray) -> float:
-    """What the unknown phases took: −ln p is the mean over all that a phase may be, not of the best of them. Without it, a faint
-    echo where the twin has nothing would gain from noise in every snapshot."""
+def _turns_nats(heard: Heard, cross: np.ndarray) -> float:
+    """What the unknown phases took, by `cross` (L, T) of model and sounding: −ln p is the mean over all that a phase may be, not
+    of the best of them. Without it, a faint echo where the twin has nothing would gain from noise in every snapshot."""
     if heard.phase == "none":
         return 0.0
-    cross = np.abs((model.conj() * heard.y * heard.weight).sum(axis=2 if heard.phase == "snapshot" else (1, 2)))
+    cross = np.abs(cross if heard.phase == "snapshot" else cross.sum(axis=1))
     near, far = np.minimum(2 * cross, _FAR), np.maximum(2 * cross, _FAR)
     return float(np.where(2 * cross < _FAR, -np.log(ive(0, near)), 0.5 * np.log(2 * np.pi * far)).sum())
 
@@ -114,9 +131,9 @@ def incidence(links) -> np.ndarray:
     return out
 
 
-def _gains(ratio: np.ndarray, have: np.ndarray, before: np.ndarray | None, links) -> np.ndarray:
+def _gains(ratio: np.ndarray, have: np.ndarray, before: np.ndarray | None, heard: Heard) -> np.ndarray:
     """Log gains per node, summed per link: weighted least squares of ln(ratio), then Gauss-Newton in amplitude."""
-    design = incidence(links)
+    design = heard.design
     if before is None:
         root = np.sqrt(have) * np.minimum(ratio, 1 / np.maximum(ratio, 1e-12))
         return design @ np.linalg.lstsq(root[:, None] * design, root * np.log(ratio), rcond=1e-9)[0]
@@ -126,45 +143,37 @@ def _gains(ratio: np.ndarray, have: np.ndarray, before: np.ndarray | None, links
     return before + np.clip(design @ step, -1, 1)
 
 
-def _shared(delay_s: np.ndarray, heard: Heard, kind: str, weight: np.ndarray) -> np.ndarray:
-    if kind == "link":
+def _shared(delay_s: np.ndarray, heard: Heard, weight: np.ndarray) -> np.ndarray:
+    """Delays (L,) of links as the sums of their nodes', where it is those that are unknown."""
+    if heard.delay == "link":
         return delay_s
-    design, root = incidence(heard.links), np.sqrt(weight)
+    design, root = heard.design, np.sqrt(weight)
     return design @ np.linalg.lstsq(root[:, None] * design, root * delay_s, rcond=1e-9)[0]
 
 
-def _delays(heard: Heard, h: np.ndarray) -> np.ndarray:
+def _delays(heard: Heard, cross: np.ndarray) -> np.ndarray:
     """The best delay per link from the whole range that the steps of frequency tell apart."""
     count = len(heard.frequency_hz)
     size = 1 << int(np.ceil(np.log2(_FINER * count)))
-    profile = np.fft.ifft(h.conj() * heard.y * heard.weight, size, axis=2)
-    if heard.phase == "snapshot":
-        score = np.abs(profile).sum(axis=1)
-    else:
-        score = np.abs(profile.sum(axis=1)) if heard.phase == "link" else profile.sum(axis=1).real
-        if heard.phase == "none":  # the grid starts at the first frequency
-            grid_s = np.fft.fftfreq(size, heard.spacing_hz)
-            ramp = np.exp(2j * np.pi * heard.frequency_hz[0] * grid_s)
-            score = (profile.sum(axis=1) * ramp).real
-    return np.fft.fftfreq(size, heard.spacing_hz)[np.argmax(score, axis=1)]
+    profile = ifft(cross if heard.phase == "snapshot" else cross.sum(axis=1), size)
+    score = np.abs(profile).sum(axis=1) if heard.phase == "snapshot" else np.abs(profile)
+    if heard.phase == "none":  # the grid starts at the first frequency
+        grid_s = np.fft.fftfreq(size, heard.spacing_hz)
+        score = (profile * np.exp(2j * np.pi * heard.frequency_hz[0] * grid_s)).real
+    return np.fft.fftfreq(size, heard.spacing_hz)[np.argmax(score, axis=-1)]
 
 
-def _delay_step(heard: Heard, model: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    power = np.abs(model) ** 2 * heard.weight
-    residual = np.where(heard.weight > 0, heard.y - model, 0)
-    if heard.phase == "none":
-        centred = np.broadcast_to(omega, model.shape)
-    else:
-        axes = (2,) if heard.phase == "snapshot" else (1, 2)
-        total = power.sum(axis=axes, keepdims=True)
-        centred = omega - (power * omega).sum(axis=axes, keepdims=True) / np.maximum(total, 1e-300)
-    tangent = -1j * centred * model
-    top = ((tangent.conj() * residual).real * heard.weight).sum(axis=(1, 2))
-    bottom = np.maximum((centred**2 * power).sum(axis=(1, 2)), 1e-300)
-    if heard.delay == "link":
-        return top / bottom
-    design, root = incidence(heard.links), np.sqrt(bottom)
-    return design @ np.linalg.lstsq(root[:, None] * design, root * top / bottom, rcond=1e-9)[0]
+def _delay_step(heard: Heard, sums: np.ndarray, moments: np.ndarray, gain: np.ndarray) -> np.ndarray:
+    """One Gauss-Newton step of the delays (L,) from `sums` of model and sounding, `moments` of the model's power over frequency,
+    and what it is multiplied by (L, T); what an unknown phase makes up for is none of it."""
+    sums, moments = sums * gain.conj()[:, :, None], moments * (np.abs(gain) ** 2)[:, :, None]
+    if heard.phase == "link":
+        sums, moments = (values.sum(axis=1, keepdims=True) for values in (sums, moments))
+    middle = moments[:, :, 1] / np.maximum(moments[:, :, 0], 1e-300) if heard.phase != "none" else np.zeros(moments.shape[:2])
+    top = -(sums[:, :, 1] - middle * sums[:, :, 0]).imag.sum(axis=1)
+    spread = moments[:, :, 2] - 2 * middle * moments[:, :, 1] + middle**2 * moments[:, :, 0]
+    bottom = np.maximum(spread.sum(axis=1), 1e-300)
+    return _shared(top / bottom, heard, bottom)
 
 
 def tangents(heard: Heard, model: np.ndarray) -> list[np.ndarray]:
@@ -179,7 +188,7 @@ def tangents(heard: Heard, model: np.ndarray) -> list[np.ndarray]:
                 column[row] = derivative[row]
                 out.append(column)
         elif kind == "node":
-            for weights in incidence(heard.links).T:
+            for weights in heard.design.T:
                 out.append(derivative * weights[:, None, None])
     return out
 

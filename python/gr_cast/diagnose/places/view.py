@@ -200,7 +200,7 @@ class View:
     @cached_property
     def near_objects(self) -> list[str]:
         """Objects that reflect a path or stand in the way of one."""
-        return self._names({number for _, traced in self._tables for number in traced.touched.tolist()})
+        return self._names({number for _, traced in self._tables for number in traced.touched})
 
     @cached_property
     def blocking_objects(self) -> list[str]:

@@ -3,14 +3,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from dataclasses import fields as numbers_of
+from functools import cached_property
 
 import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S, amplitude_from_db
-from .images import Faces, Paths, chosen, unfold
+from .images import Faces, Paths, chosen, tracing, unfold
 from .media import VACUUM_PERMITTIVITY, Medium
 
 _TINY = 1e-12
+_MET = "faces", "crossing_path", "crossing_leg", "crossing_face"
+PATTERNS = "iso", "dipole", "hw_dipole", "tr38901"
 OHM_60 = 59.9584916  # 1/(ε0·ω) over the wavelength in m
 
 
@@ -31,9 +35,27 @@ class Surface:
     clear: np.ndarray
 
     @property
+    def numbers(self) -> dict[str, np.ndarray]:
+        return {one.name: getattr(self, one.name) for one in numbers_of(self)}
+
+    @property
     def standing(self) -> bytes:
         """Of what is there, and what blocks."""
         return self.present.tobytes() + self.clear.tobytes()
+
+    @cached_property
+    def is_clear(self) -> bool:
+        """Whether legs go through anything at all."""
+        return bool(self.clear.any())
+
+    @cached_property
+    def keys(self) -> list[bytes]:
+        """One of each object: of its numbers."""
+        return [row.tobytes() for row in np.column_stack([values.astype(float) for values in self.numbers.values()])]
+
+    @cached_property
+    def key(self) -> bytes:
+        return b"".join(self.keys)
 
 
 def surface_of(media: Sequence[Medium], carrier_hz: float, *, clear: bool = False, scatters: bool = True) -> Surface:
@@ -71,6 +93,9 @@ class Optics:
 
 def optics(faces: Faces, met: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray) -> Optics:
     """From `unfold`; an unused leg points along the one before."""
+    if tracing:
+        points, direction, length_m = faces.compiled.optics(met, tx_m, rx_m)
+        return Optics(points_m=points, direction=direction, length_m=length_m)
     points = unfold(faces, met, tx_m, rx_m)
     legs = np.diff(points, axis=1)
     lengths = np.linalg.norm(legs, axis=2)
@@ -98,6 +123,21 @@ def turned(orientation_rad) -> np.ndarray:
 
 def far_field(antenna: Antenna, direction: np.ndarray) -> np.ndarray:
     """Field (n, 3) that an antenna sends along `direction` (n, 3), or takes from it: along its own theta, gain as amplitude."""
+    return far_fields([antenna], np.zeros(len(direction), np.int64), direction)
+
+
+def far_fields(antennas: Sequence[Antenna], which: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """The same of several antennas: number `which` (n,) of them along direction i."""
+    if tracing:
+        shapes = [PATTERNS.index(one.pattern) for one in antennas]
+        return tracing.far_fields(shapes, [turned(one.orientation_rad) for one in antennas], which, direction)
+    out = np.empty(direction.shape)
+    for number, antenna in enumerate(antennas):
+        out[which == number] = _far_field(antenna, direction[which == number])
+    return out
+
+
+def _far_field(antenna: Antenna, direction: np.ndarray) -> np.ndarray:
     rotation = turned(antenna.orientation_rad)
     own = direction @ rotation
     across = np.hypot(own[:, 0], own[:, 1])
@@ -165,6 +205,11 @@ def gains(
     wavelength_m = SPEED_OF_LIGHT_M_PER_S / carrier_hz
     omega = 2 * np.pi * carrier_hz
     eta = surface.permittivity - 1j * surface.conductivity / (VACUUM_PERMITTIVITY * omega)
+    if tracing:
+        return tracing.gains(
+            faces.normal, faces.owner, *(vars(paths)[name] for name in _MET), way.direction, way.length_m,
+            eta, surface.thickness_m, surface.height_rms_m, surface.scattering, surface.present, start, end, wavelength_m,
+        )  # fmt: skip
     field = start.astype(complex)
     through = np.flatnonzero(surface.present[faces.owner[paths.crossing_face]])
     for leg in range(paths.faces.shape[1] + 1):

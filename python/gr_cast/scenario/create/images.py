@@ -3,6 +3,8 @@
 
 Every path of the image law is found, also those that meet two faces millimetres from a corner (Borish 1984). What blocks a leg is
 kept as a crossing and not thrown away: an object that is taken away, or let through, needs no new search.
+
+Where the compiled kernels (lib/tracing) were built they do the same, some ten times as fast.
 """
 
 from collections.abc import Sequence
@@ -12,6 +14,11 @@ from functools import cached_property
 import numpy as np
 
 from .geometry import Solid, areas_m2, inside, is_closed, planes
+
+try:
+    from . import tracing
+except ImportError:
+    tracing = None
 
 NO_POINTS = np.zeros((0, 3))
 _ON_PLANE_M = 1e-6  # nearer to a plane than this is on it: legs begin and end on faces
@@ -51,13 +58,21 @@ class Faces:
         sides = np.stack([cc[:, None] * ab - bc[:, None] * ac, bb[:, None] * ac - bc[:, None] * ab], axis=1)
         return sides / (bb * cc - bc * bc)[:, None, None]
 
+    @cached_property
+    def compiled(self):
+        """The same faces as compiled kernels have them."""
+        return tracing.Mesh(self.normal, self.level_m, self.sided, self.start, self.triangles_m)
+
+    def __getstate__(self):
+        return {key: value for key, value in vars(self).items() if key != "compiled"}
+
     @property
     def triangle_areas_m2(self) -> np.ndarray:
         """(M,)."""
         return areas_m2(self.triangles_m.reshape(-1, 3), np.arange(3 * len(self.triangles_m)).reshape(-1, 3))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Paths:
     """n paths of image law; `pair` (n,) says between which of the pairs of points. Unused places of `faces` (n, D) are −1.
 
@@ -225,6 +240,12 @@ def search(faces: Faces, tx_m: np.ndarray, rx_m: np.ndarray, max_depth: int, amo
 
     With `among` (F,) bool, those over at least one of these faces alone.
     """
+    if tracing:
+        step = max(1, _AT_ONCE // max(len(faces.level_m) ** max_depth, 1))  # between which an interrupt is heard
+        counts = [min(step, len(tx_m) - first) for first in range(0, len(tx_m), step)] or [0]
+        ends = [slice(first, first + count) for first, count in zip(range(0, len(tx_m) + 1, step), counts, strict=False)]
+        parts = [Paths(*faces.compiled.search(tx_m[own], rx_m[own], max_depth, among)) for own in ends]
+        return parts[0] if len(parts) == 1 else joined_paths(parts, counts)
     pair, met = [], []
     for order in range(max_depth + 1):
         chains = sequences(faces, order, among) if order or among is None else np.zeros((0, 0), np.int64)
@@ -245,6 +266,8 @@ def search(faces: Faces, tx_m: np.ndarray, rx_m: np.ndarray, max_depth: int, amo
 
 def search_again(faces: Faces, known: Paths, tx_m: np.ndarray, rx_m: np.ndarray, max_depth: int, changed: np.ndarray) -> Paths:
     """What `search` finds, where all but the faces `changed` (F,) bool are as they were when `known` was found."""
+    if tracing:
+        return Paths(*faces.compiled.search_again(*vars(known).values(), tx_m, rx_m, max_depth, changed))
     kept = chosen(known, ~((known.faces >= 0) & changed[known.faces]).any(axis=1))
     kept = crossed(faces, kept, tx_m, rx_m, changed)
     new = search(faces, tx_m, rx_m, max_depth, changed)
@@ -327,6 +350,8 @@ def crossed(faces: Faces, paths: Paths, tx_m: np.ndarray, rx_m: np.ndarray, amon
 
 def crossings(faces: Faces, points: np.ndarray, met: np.ndarray, among: np.ndarray | None = None):
     """Path, leg, face and share of the way (c,) wherever a leg of `points` (n, D + 2, 3) goes through a face."""
+    if tracing:
+        return faces.compiled.crossings(points, met, among)
     wanted = np.arange(len(faces.level_m)) if among is None else np.flatnonzero(among)
     found = []
     used = np.concatenate([np.ones((len(met), 1), bool), met >= 0], axis=1)  # leg i ends at bounce i or at the receiver

@@ -54,9 +54,6 @@ def run(solids: Sequence[Solid], settings: Settings, task: Task) -> Traced:
 
 def _sent(task: Task, nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """Field (n, 3) of each node's antenna along its direction."""
-    out = np.zeros((len(nodes), 3))
-    for node in np.unique(nodes):
-        own = nodes == node
-        antenna = fields.Antenna(pattern=task.antennas[node], orientation_rad=tuple(task.orientation_rad[node]))
-        out[own] = fields.far_field(antenna, direction[own])
-    return out
+    turns = zip(task.antennas, task.orientation_rad, strict=True)
+    antennas = [fields.Antenna(pattern=pattern, orientation_rad=tuple(turn)) for pattern, turn in turns]
+    return fields.far_fields(antennas, nodes, direction)

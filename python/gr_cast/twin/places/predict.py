@@ -21,7 +21,7 @@ class Traced:
     """Paths of one link, blocked ones too: the pairs of points are its instants, or one where nothing moves."""
 
     paths: images.Paths
-    touched: np.ndarray  # objects that its paths meet or cross
+    touched: list[int]  # objects that its paths meet or cross
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,11 +76,12 @@ class Predictor:
 
     def _keys(self, world: World, which: Sequence[int]) -> list:
         """Of what the gains of links' paths depend on: their ends, and the surfaces that they touch."""
-        law = world.mesh.key, world.carrier_hz, world.exponent, world.exponent_of, world.loss_db_per_m
-        keys = []
+        made_of, keys = world.surface.keys, []
         for index, traced in zip(which, self._traced_of(world, which), strict=True):
-            ends = tuple(world.radios[name].end_key for name in self.links[index])
-            keys.append((self._geometry_key(world, index), ends, law, surface_key(world.surface, traced.touched)))
+            tx, rx = self.links[index]
+            surfaces = b"".join([made_of[number] for number in traced.touched])
+            ends = world.radios[tx].end_key, world.radios[rx].end_key
+            keys.append((self._geometry_key(world, index), ends, world.law, surfaces))
         return keys
 
     def remembered(self, key, make):
@@ -142,7 +143,8 @@ class Predictor:
     def cables(self, world: World, index: int) -> np.ndarray:
         """(K,) what both ends' cables and the link's own loss do to a response."""
         tx, rx = (world.radios[name] for name in self.links[index])
-        return world.link_amplitude(self.links[index]) * np.exp(-2j * np.pi * self.frequency_hz * (tx.delay_s + rx.delay_s))
+        delay_s, amplitude = tx.delay_s + rx.delay_s, world.link_amplitude(self.links[index])
+        return amplitude * (np.exp(-2j * np.pi * self.frequency_hz * delay_s) if delay_s else np.ones(len(self.frequency_hz)))
 
     def path_table(self, world: World, index: int) -> Table:
         """Paths of a link that are there, with instant, gain, optics."""
@@ -199,8 +201,9 @@ class Predictor:
         return self._bent_of(world, [index])[0]
 
     def _bent_of(self, world: World, which: Sequence[int]) -> list[Bent]:
-        law = world.mesh.key, world.carrier_hz, surface_key(world.surface), world.exponent, world.exponent_of, world.loss_db_per_m
-        keys = [(index, *(world.radios[name].end_key for name in self.links[index]), law) for index in which]
+        keys = [
+            (index, *(world.radios[name].end_key for name in self.links[index]), world.law, world.surface.key) for index in which
+        ]
         return _remembered(self._bent, keys, lambda missing: self._diffracted(world, [which[one] for one in missing]))
 
     def _diffracted(self, world: World, which: Sequence[int]) -> list[Bent]:
@@ -225,10 +228,7 @@ class Predictor:
         where that end is, `counts` of links `which` after each other."""
         radios = [world.radios[self.links[index][side]] for index in which]
         link = np.repeat(np.arange(len(which)), counts)[pair]
-        out = np.empty(direction.shape)
-        for antenna in {radio.antenna for radio in radios}:
-            own = np.array([radio.antenna == antenna for radio in radios])[link]
-            out[own] = fields.far_field(antenna, direction[own])
+        out = fields.far_fields([radio.antenna for radio in radios], link, direction)
         first = np.concatenate([[0], np.cumsum(counts)])
         for number, radio in enumerate(radios):
             if radio.body is not None:
@@ -245,12 +245,18 @@ def _by_distance(world: World, length_m: np.ndarray, apart_m: np.ndarray) -> np.
     return far_m ** ((2.0 - world.exponent) / 2) * amplitude_from_db(-world.loss_db_per_m * length_m)
 
 
-def _touched(faces: images.Faces, paths: images.Paths) -> np.ndarray:
-    return np.unique(faces.owner[np.concatenate([paths.faces[paths.faces >= 0], paths.crossing_face])])
+def _touched(faces: images.Faces, paths: images.Paths) -> list[int]:
+    found = np.zeros(len(faces.level_m) + 1, bool)
+    found[paths.faces.ravel()] = True
+    found[paths.crossing_face] = True
+    return np.unique(faces.owner[found[:-1]]).tolist()  # the last face is none: unused places
 
 
 def summed(instant, gain, length_m, many: int, carrier_hz: float, frequency_hz: np.ndarray) -> np.ndarray:
     """Sum of paths per instant, (many, K). Frequencies in equal steps go on from one to the next."""
+    if images.tracing:
+        step_hz = frequency_hz[1] - frequency_hz[0] if len(frequency_hz) > 1 else 0.0
+        return images.tracing.summed(instant, gain, length_m, many, carrier_hz + frequency_hz[0], step_hz, len(frequency_hz))
     out = np.zeros((many, len(frequency_hz)), complex)
     rows = np.flatnonzero(gain)
     rows = rows[np.argsort(instant[rows], kind="stable")]
@@ -282,13 +288,8 @@ def phasors(gain: np.ndarray, length_m: np.ndarray, carrier_hz: float, frequency
 def _others_key(world: World) -> bytes:
     """Of objects that no specular path touches: edges see what they are made of, echoes whether they stand in the way."""
     if world.diffraction:
-        return surface_key(world.surface)
+        return world.surface.key
     return world.surface.standing if world.person else b""
-
-
-def surface_key(surface: fields.Surface, which=slice(None)) -> bytes:
-    """Of the numbers of objects `which`."""
-    return b"".join(values[which].tobytes() for values in vars(surface).values())
 
 
 def _remembered(memory: OrderedDict, keys: Sequence, make) -> list:

@@ -23,6 +23,18 @@ from .meters import Fading, Meter
 
 _COARSE_M = 0.25
 _numbers = itertools.count()
+_MOST_KNOWN = 100_000  # of interned keys, before they are forgotten
+_known: dict = {}
+
+
+def interned(key) -> int:
+    """A number for a key, the same for keys that are equal: what is long is hashed once and not wherever it is looked up."""
+    number = _known.get(key)
+    if number is None:
+        if len(_known) >= _MOST_KNOWN:
+            _known.clear()  # a key that comes again then gets a new number: computed anew, and never wrong
+        number = _known[key] = next(_numbers)
+    return number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,13 +61,15 @@ class Radio:
         return position_m(self.node, (time_s + self.time_offset_s) * self.speed_factor) + np.array(self.offset_m)
 
     @cached_property
-    def end_key(self):
+    def end_key(self) -> int:
         """Of what a link's end depends on, the cable aside."""
-        return self.track_key, self.node.orientation_rad, self.node.antenna, self.body
+        return interned((self.track_key, self.node.orientation_rad, self.node.antenna, self.body))
 
     @cached_property
-    def track_key(self):
-        return self.node.waypoints_m.tobytes(), self.node.speed_m_per_s, self.offset_m, self.speed_factor, self.time_offset_s
+    def track_key(self) -> int:
+        """Of where the node is over time."""
+        where = self.node.waypoints_m.tobytes(), self.node.speed_m_per_s
+        return interned((*where, self.offset_m, self.speed_factor, self.time_offset_s))
 
 
 class Mesh:
@@ -156,9 +170,14 @@ class World:
     def faces(self) -> Faces:
         return self.mesh.thick if self.is_clear else self.mesh.thin
 
+    @cached_property
+    def law(self) -> int:
+        """A key of what paths' gains depend on beyond their ends and the surfaces that they touch."""
+        return interned((self.mesh.key, self.carrier_hz, self.exponent, self.exponent_of, self.loss_db_per_m))
+
     @property
     def is_clear(self) -> bool:
-        return bool(self.surface.clear.any())
+        return self.surface.is_clear
 
     @property
     def wavelength_m(self) -> float:
@@ -193,7 +212,7 @@ class World:
         return replace(self, radios={**self.radios, name: replace(self.radios[name], **changes)})
 
     def with_surface(self, index, **changes) -> "World":
-        arrays = {key: vars(self.surface)[key].copy() for key in changes}
+        arrays = {key: getattr(self.surface, key).copy() for key in changes}
         for key, value in changes.items():
             arrays[key][index] = value
         return replace(self, surface=replace(self.surface, **arrays))
@@ -201,7 +220,7 @@ class World:
     def with_object(self, solid: Solid, **surface) -> "World":
         """One more object; what is not said of its surface is a smooth slab of 0.1 m."""
         values = {"thickness_m": 0.1, "height_rms_m": 0.0, "scattering": 0.0, "present": True, "clear": self.is_clear} | surface
-        arrays = {key: np.append(vars(self.surface)[key], value) for key, value in values.items()}
+        arrays = {key: np.append(own, values[key]) for key, own in self.surface.numbers.items()}
         return replace(self, mesh=self.mesh.joined(solid), surface=Surface(**arrays))
 
 

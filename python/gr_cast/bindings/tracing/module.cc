@@ -1,0 +1,259 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The kernels of the tracer for Python, without GNU Radio: scenario/create/images.py and fields.py
+// have the same in NumPy.
+#include "tracing/fields.h"
+#include "tracing/mesh.h"
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <stdexcept>
+#include <string>
+
+namespace py = pybind11;
+using namespace gr::cast::tracing;
+
+namespace
+{
+
+template <typename T> using array = py::array_t<T, py::array::c_style | py::array::forcecast>;
+
+// The rows of an array whose last axes are `per` numbers.
+template <typename T> size_t rows(const array<T>& values, size_t per, const char* name)
+{
+    const auto size = size_t(values.size());
+    if (per ? size % per != 0 : size != 0)
+        throw std::invalid_argument(std::string(name) + ": got " + std::to_string(size) +
+                                    " numbers, rows have " + std::to_string(per));
+    return per ? size / per : 0;
+}
+
+template <typename T> void expect(const array<T>& values, size_t wanted, const char* name)
+{
+    if (size_t(values.size()) != wanted)
+        throw std::invalid_argument(std::string(name) + ": got " + std::to_string(values.size()) +
+                                    " numbers, needs " + std::to_string(wanted));
+}
+
+void expect_below(const array<int64_t>& values, int64_t least, size_t end, const char* name)
+{
+    for (py::ssize_t i = 0; i < values.size(); i++)
+        if (values.data()[i] < least || values.data()[i] >= int64_t(end))
+            throw std::out_of_range(
+                std::string(name) + ": got " + std::to_string(values.data()[i]) + ", needs " +
+                std::to_string(least) + " to " + std::to_string(int64_t(end) - 1));
+}
+
+const vec* vectors(const array<double>& values)
+{
+    return reinterpret_cast<const vec*>(values.data());
+}
+
+template <typename T> std::vector<T> copied(const array<T>& values)
+{
+    return {values.data(), values.data() + values.size()};
+}
+
+std::vector<vec> copied_vectors(const array<double>& values)
+{
+    return {vectors(values), vectors(values) + values.size() / 3};
+}
+
+template <typename T> array<T> given(const std::vector<T>& values)
+{
+    return array<T>(py::ssize_t(values.size()), values.data());
+}
+
+py::tuple given(const path_list& found, unsigned depth)
+{
+    array<int64_t> faces = given(found.faces);
+    return py::make_tuple(
+        given(found.pair), faces.reshape({py::ssize_t(found.pair.size()), py::ssize_t(depth)}),
+        given(found.crossing_path), given(found.crossing_leg), given(found.crossing_face));
+}
+
+mesh make_mesh(const array<double>& normal, const array<double>& level_m, const array<bool>& sided,
+               const array<int64_t>& start, const array<double>& triangles_m)
+{
+    const size_t faces = rows(normal, 3, "normal"), triangles = rows(triangles_m, 9, "triangles_m");
+    expect(level_m, faces, "level_m");
+    expect(sided, faces, "sided");
+    expect(start, faces + 1, "start");
+    expect_below(start, 0, triangles + 1, "start");
+    return mesh(copied_vectors(normal), copied(level_m), {sided.data(), sided.data() + faces},
+                copied(start), copied_vectors(triangles_m));
+}
+
+size_t pairs_of(const array<double>& tx_m, const array<double>& rx_m)
+{
+    const size_t pairs = rows(tx_m, 3, "tx_m");
+    expect(rx_m, 3 * pairs, "rx_m");
+    return pairs;
+}
+
+py::tuple search(const mesh& faces, const array<double>& tx_m, const array<double>& rx_m,
+                 unsigned depth, py::object among)
+{
+    const size_t pairs = pairs_of(tx_m, rx_m);
+    if (among.is_none())
+        return given(faces.search(vectors(tx_m), vectors(rx_m), pairs, depth, nullptr), depth);
+    const auto wanted = among.cast<array<bool>>();
+    expect(wanted, faces.size(), "among");
+    const auto* mask = reinterpret_cast<const uint8_t*>(wanted.data());
+    return given(faces.search(vectors(tx_m), vectors(rx_m), pairs, depth, mask), depth);
+}
+
+py::tuple search_again(const mesh& faces, const array<int64_t>& pair, const array<int64_t>& met,
+                       const array<int64_t>& crossing_path, const array<int64_t>& crossing_leg,
+                       const array<int64_t>& crossing_face, const array<double>& tx_m,
+                       const array<double>& rx_m, unsigned depth, const array<bool>& changed)
+{
+    const size_t pairs = pairs_of(tx_m, rx_m);
+    expect(met, size_t(pair.size()) * depth, "faces");
+    expect(changed, faces.size(), "changed");
+    expect(crossing_leg, size_t(crossing_path.size()), "crossing_leg");
+    expect(crossing_face, size_t(crossing_path.size()), "crossing_face");
+    expect_below(pair, 0, pairs, "pair");
+    expect_below(met, -1, faces.size(), "faces");
+    expect_below(crossing_face, 0, faces.size(), "crossing_face");
+    const path_list known{copied(pair), copied(met), copied(crossing_path), copied(crossing_leg),
+                          copied(crossing_face)};
+    const auto* mask = reinterpret_cast<const uint8_t*>(changed.data());
+    return given(faces.search_again(known, vectors(tx_m), vectors(rx_m), pairs, depth, mask),
+                 depth);
+}
+
+py::tuple optics(const mesh& faces, const array<int64_t>& met, const array<double>& tx_m,
+                 const array<double>& rx_m)
+{
+    const size_t paths = pairs_of(tx_m, rx_m);
+    if (met.ndim() != 2 || size_t(met.shape(0)) != paths)
+        throw std::invalid_argument("met: needs one row of faces for each path");
+    expect_below(met, -1, faces.size(), "met");
+    const auto depth = unsigned(met.shape(1));
+    array<double> points_m({py::ssize_t(paths), py::ssize_t(depth + 2), py::ssize_t(3)});
+    array<double> direction({py::ssize_t(paths), py::ssize_t(depth + 1), py::ssize_t(3)});
+    array<double> length_m{py::ssize_t(paths)};
+    auto* point = reinterpret_cast<vec*>(points_m.mutable_data());
+    auto* along = reinterpret_cast<vec*>(direction.mutable_data());
+    for (size_t path = 0; path < paths; path++, point += depth + 2, along += depth + 1) {
+        const int64_t* row = met.data() + path * depth;
+        faces.unfold(row, depth, vectors(tx_m)[path], vectors(rx_m)[path], point);
+        double whole_m = 0;
+        for (unsigned leg = 0; leg <= depth; leg++) {
+            const vec way_m = point[leg + 1] - point[leg];
+            const double leg_m = norm(way_m);
+            whole_m += leg_m;
+            along[leg] =
+                leg && row[leg - 1] < 0 ? along[leg - 1] : 1 / std::max(leg_m, 1e-12) * way_m;
+        }
+        length_m.mutable_data()[path] = whole_m;
+    }
+    return py::make_tuple(points_m, direction, length_m);
+}
+
+py::tuple crossings(const mesh& faces, const array<double>& points_m, const array<int64_t>& met,
+                    py::object among)
+{
+    if (met.ndim() != 2)
+        throw std::invalid_argument("met: needs one row of faces for each path");
+    const auto paths = size_t(met.shape(0));
+    const auto depth = unsigned(met.shape(1));
+    expect(points_m, 3 * paths * (depth + 2), "points");
+    const auto wanted = among.is_none() ? array<bool>() : among.cast<array<bool>>();
+    if (!among.is_none())
+        expect(wanted, faces.size(), "among");
+    const auto found = faces.crossings(
+        vectors(points_m), met.data(), paths, depth,
+        among.is_none() ? nullptr : reinterpret_cast<const uint8_t*>(wanted.data()));
+    return py::make_tuple(given(found.path), given(found.leg), given(found.face),
+                          given(found.share));
+}
+
+array<double> far_fields(const array<int64_t>& shape, const array<double>& rotation,
+                         const array<int64_t>& antenna, const array<double>& direction)
+{
+    const size_t count = rows(direction, 3, "direction"), antennas = size_t(shape.size());
+    expect(rotation, 9 * antennas, "rotation");
+    expect(antenna, count, "antenna");
+    expect_below(shape, 0, 4, "shape");
+    expect_below(antenna, 0, antennas, "antenna");
+    array<double> out({py::ssize_t(count), py::ssize_t(3)});
+    auto* field = reinterpret_cast<vec*>(out.mutable_data());
+    for (size_t i = 0; i < count; i++) {
+        const int64_t one = antenna.data()[i];
+        field[i] = far_field(pattern(shape.data()[one]), vectors(rotation) + 3 * one,
+                             vectors(direction)[i]);
+    }
+    return out;
+}
+
+array<complex> path_gains(const array<double>& normal, const array<int64_t>& owner,
+                          const array<int64_t>& met, const array<int64_t>& crossing_path,
+                          const array<int64_t>& crossing_leg, const array<int64_t>& crossing_face,
+                          const array<double>& direction, const array<double>& length_m,
+                          const array<complex>& permittivity, const array<double>& thickness_m,
+                          const array<double>& height_rms_m, const array<double>& scattering,
+                          const array<bool>& present, const array<double>& start,
+                          const array<double>& end, double wavelength_m)
+{
+    const auto count = size_t(length_m.size()), objects = size_t(permittivity.size()),
+               faces = size_t(owner.size());
+    if (met.ndim() != 2 || size_t(met.shape(0)) != count)
+        throw std::invalid_argument("faces: needs one row for each path");
+    const auto depth = unsigned(met.shape(1));
+    expect(normal, 3 * faces, "normal");
+    expect_below(owner, 0, objects, "owner");
+    expect_below(met, -1, faces, "faces");
+    expect_below(crossing_face, 0, faces, "crossing_face");
+    expect(crossing_leg, size_t(crossing_path.size()), "crossing_leg");
+    expect(crossing_face, size_t(crossing_path.size()), "crossing_face");
+    expect(direction, 3 * count * (depth + 1), "direction");
+    expect(thickness_m, objects, "thickness_m");
+    expect(height_rms_m, objects, "height_rms_m");
+    expect(scattering, objects, "scattering");
+    expect(present, objects, "present");
+    expect(start, 3 * count, "start");
+    expect(end, 3 * count, "end");
+    array<complex> out{py::ssize_t(count)};
+    gains({count, depth, met.data(), size_t(crossing_path.size()), crossing_path.data(),
+           crossing_leg.data(), crossing_face.data(), vectors(direction), length_m.data(),
+           vectors(start), vectors(end)},
+          vectors(normal), owner.data(),
+          {permittivity.data(), thickness_m.data(), height_rms_m.data(), scattering.data(),
+           reinterpret_cast<const uint8_t*>(present.data())},
+          wavelength_m, out.mutable_data());
+    return out;
+}
+
+array<complex> path_sums(const array<int64_t>& instant, const array<complex>& gain,
+                         const array<double>& length_m, size_t instants, double begin_hz,
+                         double step_hz, size_t steps)
+{
+    const auto count = size_t(instant.size());
+    expect(gain, count, "gain");
+    expect(length_m, count, "length_m");
+    expect_below(instant, 0, instants, "instant");
+    array<complex> out({py::ssize_t(instants), py::ssize_t(steps)});
+    std::fill_n(out.mutable_data(), instants * steps, complex(0));
+    summed(count, instant.data(), gain.data(), length_m.data(), begin_hz, step_hz, steps,
+           out.mutable_data());
+    return out;
+}
+
+} // namespace
+
+PYBIND11_MODULE(tracing, m)
+{
+    py::class_<mesh>(m, "Mesh")
+        .def(py::init(&make_mesh), py::arg("normal"), py::arg("level_m"), py::arg("sided"),
+             py::arg("start"), py::arg("triangles_m"))
+        .def("search", &search, py::arg("tx_m"), py::arg("rx_m"), py::arg("depth"),
+             py::arg("among") = py::none())
+        .def("search_again", &search_again)
+        .def("crossings", &crossings, py::arg("points"), py::arg("met"),
+             py::arg("among") = py::none())
+        .def("optics", &optics, py::arg("met"), py::arg("tx_m"), py::arg("rx_m"));
+    m.def("far_fields", &far_fields, py::arg("shape"), py::arg("rotation"), py::arg("antenna"),
+          py::arg("direction"));
+    m.def("gains", &path_gains);
+    m.def("summed", &path_sums);
+}

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The compiled kernels of the tracer do what its NumPy does, in rooms and yards drawn at random."""
+
+import pickle
+from dataclasses import fields as numbers_of
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gr_cast.scenario.create import fields, images
+from gr_cast.scenario.create.geometry import Solid
+from gr_cast.twin.places import predict
+
+pytest.importorskip("gr_cast.scenario.create.tracing", reason="the compiled kernels were not built")
+CARRIER_HZ, BOX = 3.5e9, [[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6], [0, 4, 1], [1, 4, 5], [1, 5, 2], [2, 5, 6], [2, 6, 3],
+                          [3, 6, 7], [3, 7, 0], [0, 7, 4]]  # fmt: skip
+CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)], float)
+
+
+def solids(random, count=7):
+    """Boxes and sheets, some inside a room of one closed box, some turned."""
+    found = [Solid(name="room", vertices_m=CORNERS * [12, 9, 4], faces=BOX)]
+    for number in range(count):
+        turn = random.uniform(0, 2 * np.pi) * (number % 2)
+        rotation = [[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
+        at, size = random.uniform([1, 1, 0], [9, 6, 1.5]), random.uniform(0.5, 2.5, 3)
+        corners, faces = (CORNERS, BOX) if number % 3 else (CORNERS[[0, 1, 5, 4]], [[0, 1, 2], [0, 2, 3]])
+        found.append(Solid(name=f"thing_{number}", vertices_m=corners * size @ rotation + at, faces=faces))
+    return found
+
+
+def surface(random, count):
+    return fields.Surface(
+        permittivity=random.uniform(1.5, 8, count),
+        conductivity=random.uniform(0, 0.2, count),
+        thickness_m=np.where(random.random(count) < 0.2, np.inf, random.uniform(0.01, 0.3, count)),
+        height_rms_m=random.uniform(0, 0.005, count),
+        scattering=random.uniform(0, 0.5, count),
+        present=random.random(count) < 0.8,
+        clear=random.random(count) < 0.7,
+    )
+
+
+@pytest.fixture(params=range(6))
+def drawn(request):
+    random = np.random.default_rng(request.param)
+    things = solids(random)
+    ends_m = random.uniform([0.5, 0.5, 0.3], [11.5, 8.5, 3.5], (2, 9, 3))
+    faces = images.faces_of(things, ends_m.reshape(-1, 3), thick=bool(request.param % 2))
+    return random, faces, ends_m[0], ends_m[1], surface(random, len(things))
+
+
+def both(monkeypatch, make):
+    """What the compiled kernels make, and what NumPy makes."""
+    compiled = make()
+    for module in (images, fields):
+        monkeypatch.setattr(module, "tracing", None)
+    return compiled, make()
+
+
+def same_paths(one, other):
+    for part in numbers_of(images.Paths):
+        np.testing.assert_array_equal(getattr(one, part.name), getattr(other, part.name))
+
+
+@pytest.mark.parametrize("depth", [0, 1, 2, 3])
+@pytest.mark.parametrize("some", [False, True])
+def test_the_same_paths_are_found_in_the_same_order(drawn, monkeypatch, depth, some):
+    random, faces, tx_m, rx_m, _ = drawn
+    among = random.random(len(faces.level_m)) < 0.1 if some else None
+    one, other = both(monkeypatch, lambda: images.search(faces, tx_m, rx_m, depth, among))
+    assert some or len(one.pair) >= len(tx_m) and len(one.crossing_path)
+    same_paths(one, other)
+
+
+def test_the_same_paths_are_found_again_after_an_object_moved(drawn, monkeypatch):
+    _, faces, tx_m, rx_m, _ = drawn
+    moved = images.shifted(faces, 3, np.array([0.2, -0.4, 0.1]))
+    known = images.search(faces, tx_m, rx_m, 2)
+    one, other = both(monkeypatch, lambda: images.search_again(moved, known, tx_m, rx_m, 2, moved.owner == 3))
+    same_paths(one, other)
+    same_paths(one, images.search(moved, tx_m, rx_m, 2))
+
+
+def test_a_long_list_of_pairs_is_searched_piece_by_piece(drawn, monkeypatch):
+    _, faces, tx_m, rx_m, _ = drawn
+    whole = images.search(faces, tx_m, rx_m, 2)
+    monkeypatch.setattr(images, "_AT_ONCE", 2 * len(faces.level_m) ** 2)
+    same_paths(images.search(faces, tx_m, rx_m, 2), whole)
+    assert not len(images.search(faces, tx_m[:0], rx_m[:0], 2).pair)
+
+
+def test_crossings_are_the_same(drawn, monkeypatch):
+    random, faces, tx_m, rx_m, _ = drawn
+    points, met = np.stack([tx_m, rx_m, rx_m[::-1]], axis=1), np.where(random.random((len(tx_m), 1)) < 0.5, 0, -1)
+    one, other = both(monkeypatch, lambda: images.crossings(faces, points, met))
+    for a, b in zip(one, other, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-12)
+
+
+def test_gains_and_their_geometry_are_the_same(drawn, monkeypatch):
+    random, faces, tx_m, rx_m, made_of = drawn
+    paths = fields.unblocked(faces, images.search(faces, tx_m, rx_m, 2), made_of)
+    antennas = [fields.Antenna(pattern=name, orientation_rad=tuple(random.uniform(-2, 2, 3))) for name in fields.PATTERNS]
+    which = random.integers(len(antennas), size=len(paths.pair))
+
+    def make():
+        way = fields.optics(faces, paths.faces, tx_m[paths.pair], rx_m[paths.pair])
+        sent, taken = (fields.far_fields(antennas, which, d) for d in (way.direction[:, 0], -way.direction[:, -1]))
+        return way, sent, taken, fields.gains(faces, paths, way, made_of, sent, taken, CARRIER_HZ)
+
+    (way, *one), (their_way, *other) = both(monkeypatch, make)
+    assert len(paths.crossing_path) and (paths.faces[:, 1] >= 0).any()
+    for a, b in zip([*vars(way).values(), *one], [*vars(their_way).values(), *other], strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
+    assert np.abs(one[-1]).max() > 0
+
+
+@pytest.mark.parametrize("steps", [1, 2, 7, 64])
+def test_sums_over_paths_are_the_same(drawn, monkeypatch, steps):
+    random = drawn[0]
+    instant, length_m = random.integers(5, size=40), random.uniform(1, 900, 40)
+    gain = (random.normal(size=(40, 2)) @ [1, 1j]) * (random.random(40) < 0.8)
+    band_hz = np.linspace(-2e8, 2e8, steps)
+    one, other = both(monkeypatch, lambda: predict.summed(instant, gain, length_m, 6, CARRIER_HZ, band_hz))
+    np.testing.assert_allclose(one, other, atol=1e-9)
+    written_out = np.exp(-2j * np.pi * (CARRIER_HZ + band_hz) * length_m[:, None] / 299_792_458.0)
+    expected = [(gain[:, None] * written_out)[instant == number].sum(axis=0) for number in range(6)]
+    np.testing.assert_allclose(one, expected, atol=1e-7)
+
+
+def test_faces_go_to_other_processes_without_what_was_compiled(drawn):
+    _, faces, tx_m, rx_m, _ = drawn
+    found = images.search(faces, tx_m, rx_m, 1)
+    same_paths(images.search(pickle.loads(pickle.dumps(faces)), tx_m, rx_m, 1), found)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda f: replace(f, level_m=f.level_m[:-1]),
+        lambda f: replace(f, start=f.start[:-1]),
+        lambda f: replace(f, start=f.start + 1),
+        lambda f: replace(f, normal=f.normal.ravel()[:-1]),
+    ],
+)
+def test_faces_whose_arrays_do_not_belong_together_are_refused(drawn, wrong):
+    _, faces, tx_m, rx_m, _ = drawn
+    with pytest.raises((ValueError, IndexError), match=r"got .*needs|got .*rows have"):
+        images.search(wrong(faces), tx_m, rx_m, 1)
+
+
+def test_paths_over_faces_that_are_not_there_are_refused(drawn):
+    _, faces, tx_m, rx_m, _ = drawn
+    for met in ([[len(faces.level_m)]], [[-2]]):
+        with pytest.raises(IndexError, match="met: got"):
+            fields.optics(faces, np.array(met), tx_m[:1], rx_m[:1])
