@@ -307,6 +307,21 @@ def test_another_carrier_is_found_within_two_and_a_half_octaves(ratio, unknown):
     assert np.exp(best.effects[-1].values[0]) == pytest.approx(ratio * CARRIER_HZ, rel=1e-4)
 
 
+@pytest.mark.parametrize("late_s, ratio", [(0.21, 0.993), (0.4, 0.97), (0.6, 1.012)])
+def test_a_carrier_is_found_although_a_late_walker_spoils_half_of_the_links_and_then_the_walker(late_s, ratio, monkeypatch):
+    monkeypatch.setattr(sys.modules[__name__], "LINKS", [link for link in LINKS if link[0] in ("n1", "n4")])
+    world = theirs(carrier_hz=ratio * CARRIER_HZ)
+    world["nodes"]["n1"]["time_offset_s"] = late_s
+    ears = heard(world, 30.0, 3e7)
+    begun = evaluated(ears, ours(), ())
+    for name, owner, number in (("carrier", "place", np.log(ratio * CARRIER_HZ)), ("track_timing", "n1", late_s)):
+        starts = BY_NAME[name].starts(View(ears, begun, KNOWN), owner)
+        tried = [fitted(ears, with_effect(ears, begun, one)) for one in starts]
+        begun = min(tried, key=lambda one: one.tempered)
+        assert begun.effects[-1].values[0] == pytest.approx(number, abs=1e-3)
+    assert begun.left_nats(ears[0].count) < 5 * np.sqrt(ears[0].count)
+
+
 def test_paths_after_a_change_are_those_of_a_search_from_the_beginning():
     random, mesh = np.random.default_rng(4), ours().mesh
     tx_m, rx_m = (np.array(POSTS)[random.integers(len(POSTS), size=8)] + off for off in (0.0, 0.01))
@@ -333,7 +348,7 @@ def begun(monkeypatch, left: dict, first: str = "extra_object", settled=lambda o
         families = [BY_NAME[first if owner == "field" else "extra_object"] for owner in owners]
         effects = tuple(Effect(family=one, owner=owner, values=np.zeros(0)) for one, owner in zip(families, owners, strict=True))
         nats = left[owners] + ears[0].count
-        return Model(base=None, effects=effects, energy=nats, whitened=nats, slack=0.0, loose=0.0, fits=())
+        return Model(base=None, effects=effects, energy=nats, whitened=nats, slack=0.0, loose=0.0, tempered=nats, fits=())
 
     def candidates(ears, before, *rest):
         have = tuple(effect.owner for effect in before.effects)
@@ -439,7 +454,7 @@ def test_what_the_vault_refuses_is_looked_for_in_the_next_wells(monkeypatch):
 def test_a_wall_that_leaves_far_less_waits_only_for_what_explains_half(told, first):
     def model(family: str, left: float) -> Model:
         effect = Effect(family=BY_NAME[family], owner=family, values=np.zeros(0))
-        return Model(base=None, effects=(effect,), energy=left, whitened=left, slack=0.0, loose=0.0, fits=())
+        return Model(base=None, effects=(effect,), energy=left, whitened=left, slack=0.0, loose=0.0, tempered=left, fits=())
 
     before, wall, node = model("ground", 10_100.0), model("missing_object", 600.0), model("node_position", 10_100.0 - told)
     paying = [model("missing_scattering", 300.0), wall, node]
@@ -461,13 +476,14 @@ def test_a_node_is_looked_for_higher_and_lower_too():
 def test_shapes_wait_unsettled_where_something_plain_explains_most(monkeypatch, left_by_node):
     """They could not be chosen: looking for their ends and wells would take most of the time."""
     ears, settled = heard(theirs(), 30.0), []
-    model = replace(evaluated(ears, ours(), ()), energy=10_000.0 + ears[0].count)
+    here = 10_000.0 + ears[0].count
+    model = replace(evaluated(ears, ours(), ()), energy=here, tempered=here)
     effects = {"node_gain": (np.zeros(1), None), "missing_object": (np.zeros(4), None)}
     effects = {name: Effect(family=BY_NAME[name], owner="place", values=v, choice=c) for name, (v, c) in effects.items()}
 
     def with_one(_, before, effect):
         left = left_by_node if effect.family.name == "node_gain" else 50.0
-        return replace(before, effects=(effect,), energy=left + ears[0].count)
+        return replace(before, effects=(effect,), energy=left + ears[0].count, tempered=left + ears[0].count)
 
     class Families(View):
         families = [alone(effects[name]) for name in ("missing_object", "node_gain")]

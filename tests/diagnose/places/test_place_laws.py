@@ -12,6 +12,7 @@ from gr_cast.diagnose.places.view import View
 from gr_cast.twin.places.families.base import Effect
 from gr_cast.twin.places.families.nodes import NodePosition, TrackTiming
 from gr_cast.twin.places.families.objects import ExtraObject, Material, Roughness
+from scipy.optimize import minimize_scalar
 
 from tests.diagnose.places import test_place_search
 from tests.diagnose.places.test_place_search import UNKNOWN, heard, ours, theirs
@@ -34,13 +35,25 @@ def test_energies_along_a_grid_are_those_of_the_paths_summed_one_by_one(scale):
     ]
     grid = np.arange(-1, 1, 0.0013)
     scale = np.linspace(0.5, 2, len(grid)) if scale == "grows" else scale
-    wanted = np.zeros(len(grid))
+    wanted = np.zeros((2, len(grid)))
     for row in rows:
         model = (np.exp(-1j * grid[:, None, None] * row.rates[0]) * row.base).sum(axis=1) + row.rest
         cross, power = (row.y.conj() * model * row.weight).sum(axis=1), (np.abs(model) ** 2 * row.weight).sum(axis=1)
         along = np.abs(cross) if row.is_free else cross.real
-        wanted += -(np.maximum(along, 0) ** 2) / power if scale is None else scale**2 * power - 2 * scale * along
+        left = -(np.maximum(along, 0) ** 2) / power if scale is None else scale**2 * power - 2 * scale * along
+        left += (np.abs(row.y) ** 2 * row.weight).sum()
+        noisier = np.maximum(left / len(row.y), 1)  # by whatever suits the row
+        wanted += left / noisier + len(row.y) * np.log(noisier), left
     assert scan.energy_along(rows, grid, scale) == pytest.approx(wanted, abs=1e-5 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("energy", [0.0, 3.0, 11.9, 12.1, 40.0, 1e7])
+def test_a_response_may_have_as_much_more_noise_as_suits_it(energy):
+    count = 12
+    best = minimize_scalar(
+        lambda log: energy / np.exp(log) + count * log, bounds=(0, 30), method="bounded", options={"xatol": 1e-9}
+    )
+    assert likelihood.tempered(np.array(energy), np.array(count)) == pytest.approx(best.fun, abs=1e-4)
 
 
 @pytest.mark.parametrize("level", [0.05, 1.0, 30.0])

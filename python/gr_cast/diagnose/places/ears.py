@@ -9,7 +9,7 @@ import numpy as np
 from ...twin.places.predict import Predictor
 from ...twin.places.soundings import Sounding
 from ...twin.places.world import World
-from .likelihood import Fitted, Heard, profiled, tangents, without_phases
+from .likelihood import Fitted, Heard, profiled, tangents, tempered, without_phases
 from .power import PowerEar
 
 _MOST_READINGS = 2400  # of powers in a campaign that are heard: a search in seconds
@@ -50,6 +50,11 @@ class ResponseEar:
         return self.row_nats(fit).sum(axis=1)
 
     left = nats
+
+    def tempered_nats(self, fit: Fitted) -> float:
+        """By which `tempered` is less than the energy of all responses."""
+        energy = self.row_nats(fit)
+        return float((energy - tempered(energy, (self.heard.weight > 0).sum(axis=2))).sum())
 
     def rows(self, fit: Fitted) -> np.ndarray:
         return _real(fit.residual * self.root)

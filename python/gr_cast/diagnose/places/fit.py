@@ -28,7 +28,9 @@ Ear = ResponseEar | PowerEar
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Model:
     """A twin with effects, fitted. `energy` is −ln p, `whitened` what noise keeps at its count but for `slack`: scattered fields
-    may be off their law. `loose`: nats that edges gain by bending more or less than the theory has it."""
+    may be off their law. `loose`: nats that edges gain by bending more or less than the theory has it. `tempered`: −ln p where
+    each response may have more noise than it is known to have: what a model leaves of causes that it lacks is no reason for or
+    against those that it has. Random fields are such noise, and are not given it twice."""
 
     base: World
     effects: tuple[Effect, ...]
@@ -36,6 +38,7 @@ class Model:
     whitened: float
     slack: float
     loose: float
+    tempered: float
     fits: tuple[Fitted, ...]
 
     @property
@@ -78,8 +81,11 @@ def evaluated(ears: Sequence[Ear], base: World, effects: Sequence[Effect]) -> Mo
     scattered = [diffuse.gain(ear, fit, world) for ear, fit in zip(ears, fits, strict=True)]
     nats, saved, count = (sum(one[part] for one in scattered) for part in range(3))
     slack = min(policy.DIFFUSE_SHARE * saved, policy.DIFFUSE_NUMBERS * count)
+    noisier = not any(effect.family.is_flexible for effect in effects)
+    more = sum(ear.tempered_nats(fit) for ear, fit in zip(ears, fits, strict=True)) if noisier else 0.0
     return Model(
-        base=base, effects=tuple(effects), energy=plain - nats, whitened=plain - saved, slack=slack, loose=loose, fits=fits
+        base=base, effects=tuple(effects), energy=plain - nats, whitened=plain - saved, slack=slack, loose=loose,
+        tempered=plain - nats - more, fits=fits,
     )  # fmt: skip
 
 

@@ -103,6 +103,13 @@ def profiled(heard: Heard, h: np.ndarray) -> Fitted:
     return Fitted(model=model, residual=residual, energy=energy, factor=np.broadcast_to(factor, h.shape), offset=turns)
 
 
+def tempered(energy: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Energy of responses of `count` numbers where each may have as much more noise as suits it: n + n·ln(E/n) above n. What
+    another cause spoils beyond repair then hides no cause that explains the rest."""
+    least = np.maximum(count, 1)
+    return np.where(energy > count, least * (1 + np.log(np.maximum(energy, least) / least)), energy)
+
+
 def _turns_nats(heard: Heard, cross: np.ndarray) -> float:
     """What the unknown phases took, by `cross` (L, T) of model and sounding: −ln p is the mean over all that a phase may be, not
     of the best of them. Without it, a faint echo where the twin has nothing would gain from noise in every snapshot."""

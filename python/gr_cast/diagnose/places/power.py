@@ -175,6 +175,10 @@ class PowerEar:
         """(L,) energy of each link, with what its fading costs."""
         return self.left(fit) + np.array([one.nats if one else 0.0 for one in fit.spread])
 
+    def tempered_nats(self, fit: PowerFit) -> float:
+        """None: a reading is one number, whose noise says nothing of the next."""
+        return 0.0
+
     def left(self, fit: PowerFit) -> np.ndarray:
         """(L,) energy of each link that is a residual's."""
         return (fit.rows**2).sum(axis=1)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Coarse searches over numbers whose energy has a minimum every wavelength: paths keep strengths, phases turn."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -9,7 +10,7 @@ from scipy.ndimage import minimum_filter
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from .ears import ResponseEar, evenly
-from .likelihood import Fitted
+from .likelihood import Fitted, tempered
 
 _ROWS, _TONES = 40, 12  # of a sounding that a scan looks at: a guess needs no more
 _SOUNDED, _FINER = 4, 8  # wells whose bottoms are looked for, for each that is wanted; how much finer
@@ -85,11 +86,11 @@ def _mean(heard, fit: Fitted, index: int, step: int, columns):
 
 
 def energy(rows_: Sequence[Row], first: np.ndarray, second: np.ndarray, scale: np.ndarray | float | None = 1.0) -> np.ndarray:
-    """Energy of all rows (len(first), len(second)) over the grid; `scale`: by which all paths grow along it, None: by whatever
-    suits each row."""
-    total = np.zeros((len(first), len(second)), np.float32)
+    """Energy of all rows (2, len(first), len(second)) over the grid, tempered, for other causes may spoil some of them, and as it
+    is; `scale`: by which all paths grow along it, None: by whatever suits each row."""
+    total = np.zeros((2, len(first), len(second)), np.float32)
     for row in rows_:
-        cross, power = np.zeros(total.shape, np.complex64), np.zeros(total.shape, np.float32)
+        cross, power = np.zeros(total.shape[1:], np.complex64), np.zeros(total.shape[1:], np.float32)
         for k in range(len(row.y)):
             root = np.sqrt(row.weight[k])  # first: powers of amplitudes alone are less than single precision holds
             left = root * row.base[:, k] * np.exp(-1j * np.multiply.outer(first, row.rates[0][:, k]))
@@ -98,46 +99,58 @@ def energy(rows_: Sequence[Row], first: np.ndarray, second: np.ndarray, scale: n
             cross += np.complex64(root * row.y[k].conj()) * model
             power += model.real**2 + model.imag**2
         along = np.abs(cross) if row.is_free else cross.real
+        heard = np.float32((np.abs(row.y) ** 2 * row.weight).sum())
         if scale is None:
-            total -= np.maximum(along, 0) ** 2 / np.maximum(power, np.float32(1e-30))
+            left = heard - np.maximum(along, 0) ** 2 / np.maximum(power, np.float32(1e-30))
         else:
-            total += scale**2 * power - 2 * scale * along
+            left = heard + scale**2 * power - 2 * scale * along
+        total += tempered(left, np.float32((row.weight > 0).sum())), left
     return total
 
 
 def energy_along(rows_: Sequence[Row], grid: np.ndarray, scale: np.ndarray | float | None = 1.0) -> np.ndarray:
-    """`energy` over one grid of equal steps (len(grid),), `scale` of its length too: many steps at once are turned, then
-    by those in between."""
+    """`energy` over one grid of equal steps (2, len(grid)), `scale` of its length too: many steps at once are turned, then by
+    those in between."""
     between = int(np.ceil(np.sqrt(len(grid))))
     step = grid[1] - grid[0] if len(grid) > 1 else 1.0
     twice = [replace(row, rates=row.rates[[0, 0]]) for row in rows_]
     coarse, fine = grid[::between], step * np.arange(between)
     if np.ndim(scale):
         scale = np.resize(scale, len(coarse) * between).reshape(len(coarse), between)
-    return energy(twice, coarse, fine, scale).ravel()[: len(grid)]
+    return energy(twice, coarse, fine, scale).reshape(2, -1)[:, : len(grid)]
 
 
-def minima(grid: np.ndarray, energies: np.ndarray, best: int) -> list:
-    """Values of the grid at the lowest local minima, the lowest first."""
-    energies = energies.ravel()
-    inner = np.flatnonzero((energies[1:-1] <= energies[:-2]) & (energies[1:-1] <= energies[2:])) + 1
-    inner = inner if len(inner) else np.array([int(np.argmin(energies))])
-    return [float(grid[i]) for i in inner[np.argsort(energies[inner])][:best]]
+def minima(grid: np.ndarray, energies: np.ndarray, best: int) -> list[float]:
+    """Values of the grid at the lowest local minima, the lowest first; of several energies (..., n) by turns."""
+    found = []
+    for one in energies.reshape(-1, len(grid)):
+        inner = np.flatnonzero((one[1:-1] <= one[:-2]) & (one[1:-1] <= one[2:])) + 1
+        inner = inner if len(inner) else np.array([int(np.argmin(one))])
+        found.append([float(grid[i]) for i in inner[np.argsort(one[inner])]])
+    return by_turns(*found)[:best]
 
 
-def wells(rows_: Sequence[Row], grid: np.ndarray, best: int) -> list:
+def wells(rows_: Sequence[Row], grid: np.ndarray, best: int) -> list[float]:
     """Bottoms of the lowest minima of `energy_along` a grid, the lowest first: its steps turn phases so far that they do not tell
     which well is the deepest."""
     step = (grid[1] - grid[0]) * np.linspace(-1, 1, 2 * _FINER + 1)
-    found = []
-    for near in minima(grid, energy_along(rows_, grid), _SOUNDED * best):
-        energies = energy_along(rows_, near + step)
-        found.append((float(energies.min()), near + float(step[np.argmin(energies)])))
-    return [value for _, value in sorted(found)[:best]]
+    found: tuple[list, list] = [], []
+    for near in minima(grid, energy_along(rows_, grid), 2 * _SOUNDED * best):
+        for one, energies in zip(found, energy_along(rows_, near + step), strict=True):
+            one.append((float(energies.min()), near + float(step[np.argmin(energies)])))
+    return by_turns(*([value for _, value in sorted(one)] for one in found))[:best]
 
 
 def minima_of(axes: Sequence[np.ndarray], energies: np.ndarray, best: int) -> list[tuple[float, ...]]:
-    """Places on a grid over several axes at the lowest local minima, the lowest first."""
-    places = np.argwhere(energies <= minimum_filter(energies, 3, mode="nearest"))
-    order = np.argsort(energies[tuple(places.T)])[:best]
-    return [tuple(float(axis[number]) for axis, number in zip(axes, place, strict=True)) for place in places[order]]
+    """Places on a grid over several axes at the lowest local minima, the lowest first; of several energies by turns."""
+    found = []
+    for one in energies.reshape(-1, *map(len, axes)):
+        places = np.argwhere(one <= minimum_filter(one, 3, mode="nearest"))
+        places = places[np.argsort(one[tuple(places.T)])]
+        found.append([tuple(float(axis[number]) for axis, number in zip(axes, place, strict=True)) for place in places])
+    return by_turns(*found)[:best]
+
+
+def by_turns(*lists: Sequence) -> list:
+    """The first of each list, the second of each, and so on; what stands in several of them once."""
+    return list(dict.fromkeys(one for rank in itertools.zip_longest(*lists) for one in rank if one is not None))

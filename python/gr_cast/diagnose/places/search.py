@@ -35,8 +35,8 @@ def numbers_price_nats(effect: Effect, count: float) -> float:
 
 
 def evidence(model: Model, count: float, tried: float) -> float:
-    """Nats for a model: −energy less the price of its effects, each out of `tried` owners and families."""
-    return -model.energy - sum(numbers_price_nats(e, count) + np.log(max(tried, 1)) for e in model.effects)
+    """Nats for a model: its ln p less the price of its effects, each out of `tried` owners and families."""
+    return -model.tempered - sum(numbers_price_nats(e, count) + np.log(max(tried, 1)) for e in model.effects)
 
 
 def worth(model: Model, before: Model, count: float, tried: float) -> float:
@@ -69,7 +69,7 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
 
     def promise(one: Model) -> float:
         effect = one.effects[-1]
-        gain = here.energy - one.energy - max(0.0, one.loose - here.loose)
+        gain = here.tempered - one.tempered - max(0.0, one.loose - here.loose)
         return more * gain - numbers_price_nats(effect, count)
 
     screened.sort(key=promise, reverse=True)

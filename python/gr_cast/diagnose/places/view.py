@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What families ask of the state of a search: who is there, what is seen, where coarse searches point."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -13,10 +14,21 @@ from ...twin.places.families import FAMILIES
 from . import fringes, imaging, planes, policy, scan, shades, tracks
 from .coherent import Phased
 from .ears import thinned, without_phase
-from .fit import applied, evaluated, fitted, with_effect
+from .fit import Model, applied, evaluated, fitted, with_effect
 
 _SCANNED_CARRIERS = 100_000
 _AROUND = 0.3  # change of a link's direction, as a share of its length, from which antennas show from several sides
+
+
+def _order(models: Sequence[Model]) -> list[int]:
+    """Numbers of models by what they explain: the best where other causes spoil what they spoil, the best where nothing does, the
+    second best, and so on. Guesses that are not fitted leave much of their own, too."""
+    keys = (lambda number: models[number].tempered), (lambda number: models[number].energy)
+    return scan.by_turns(*(sorted(range(len(models)), key=key) for key in keys))
+
+
+def _pays(model: Model, before: Model) -> bool:
+    return max(before.energy - model.energy, before.tempered - model.tempered) > policy.LEAST_EVIDENCE_NATS
 
 
 class View:
@@ -36,8 +48,8 @@ class View:
         return max(float(ear.predictor.time_s[-1]) for ear in self.ears) or 1.0
 
     def ranked(self, starts: list) -> list:
-        """First guesses by their energy on a thinned sounding."""
-        return sorted(starts, key=lambda start: evaluated(self.thin, self.model.base, (*self.model.effects, start)).energy)
+        """First guesses by how well they explain a thinned sounding."""
+        return [starts[number] for number in _order([with_effect(self.thin, self._thin_model, start) for start in starts])]
 
     def sharpened(self, starts: list) -> list:
         """First guesses, each at the bottom of its well on a thinned sounding, the lowest first."""
@@ -46,7 +58,7 @@ class View:
             fitted(self.thin, with_effect(self.thin, before, start), rounds=policy.SCREEN_ROUNDS, free=[number])
             for start in starts
         ]
-        return [one.effects[-1] for one in sorted(found, key=lambda one: one.energy)]
+        return [found[number].effects[-1] for number in _order(found)]
 
     def explains_much(self, start) -> bool:
         """Whether it takes a good part of what is left above noise."""
@@ -74,10 +86,9 @@ class View:
     def promising(self, starts: list) -> list:
         """Those of the first guesses that explain something even where no phase is believed, the best first."""
         ears = [without_phase(ear) for ear in self.thin]
-        here = evaluated(ears, self.model.base, self.model.effects).energy
-        energies = [evaluated(ears, self.model.base, (*self.model.effects, start)).energy for start in starts]
-        order = np.argsort(energies)
-        return [starts[index] for index in order if energies[index] < here - policy.LEAST_EVIDENCE_NATS]
+        here = evaluated(ears, self.model.base, self.model.effects)
+        models = [with_effect(ears, here, start) for start in starts]
+        return [starts[number] for number in _order(models) if _pays(models[number], here)]
 
     @cached_property
     def is_quiet(self) -> bool:
@@ -287,7 +298,26 @@ class View:
         if not rows:
             return []
         energies = [scan.energy([row.turned(2, float(up)) for row in rows], grid_m, grid_m) for up in up_m]
-        return scan.minima_of((grid_m, grid_m, up_m), np.stack(energies, axis=2), best)
+        return scan.minima_of((grid_m, grid_m, up_m), np.stack(energies, axis=3), best)
+
+    def scan_timing(
+        self, name: str, middle_s: float, later_s: np.ndarray, faster: np.ndarray, best: int
+    ) -> list[tuple[float, float]]:
+        """How much later, and faster about the middle of its way, on two grids a node would go that explains its links best."""
+        radio = self.world.radios[name]
+
+        def rates(ear, index):
+            link = ear.predictor.links[index]
+            if name not in link:
+                return None
+            table, time_s = ear.predictor.path_table(self.world, index), ear.predictor.time_s
+            along = -table.way.direction[:, 0] if link[0] == name else table.way.direction[:, -1]
+            speed = (radio.velocity_m_per_s(time_s)[table.instant] * along).sum(axis=1)
+            ahead_s = radio.speed_factor, (time_s - middle_s)[table.instant]
+            return self._in_band(np.stack([speed * one for one in ahead_s]), table.gain)
+
+        rows = self._scanned(rates)
+        return scan.minima_of((later_s, faster), scan.energy(rows, later_s, faster), best) if rows else []
 
     def scan_object(self, name: str, normal: np.ndarray, grid_m: np.ndarray, best: int) -> list[float]:
         """Shifts of an object along a normal that would explain best."""

@@ -13,7 +13,7 @@ from ...scenario.create.fields import Antenna, Surface, surface_of
 from ...scenario.create.geometry import Solid
 from ...scenario.create.images import Faces, faces_of, joined, shifted
 from ...scenario.create.media import Medium
-from ...scenario.create.nodes import Node, position_m
+from ...scenario.create.nodes import Node, position_m, velocity_m_per_s
 from ...scenario.create.patches import patches_of
 from ...scenario.create.spec import Spec
 from ...scenario.create.wedges import Edges, edges_of
@@ -59,6 +59,10 @@ class Radio:
         if not self.node.is_moving:
             return self.node.waypoints_m[:1] + np.array(self.offset_m)
         return position_m(self.node, (time_s + self.time_offset_s) * self.speed_factor) + np.array(self.offset_m)
+
+    def velocity_m_per_s(self, time_s: np.ndarray) -> np.ndarray:
+        """(T, 3) along its way, over its own timing."""
+        return velocity_m_per_s(self.node, (time_s + self.time_offset_s) * self.speed_factor, "right")
 
     @cached_property
     def end_key(self) -> int:
@@ -212,7 +216,7 @@ class World:
         return replace(self, radios={**self.radios, name: replace(self.radios[name], **changes)})
 
     def with_surface(self, index, **changes) -> "World":
-        arrays = {key: getattr(self.surface, key).copy() for key in changes}
+        arrays = {key: self.surface.numbers[key].copy() for key in changes}
         for key, value in changes.items():
             arrays[key][index] = value
         return replace(self, surface=replace(self.surface, **arrays))

@@ -14,7 +14,7 @@ from .base import Effect, Family, OfThings, std_of, value
 _WIDE_M = 3000.0  # of a ground
 _GROUND_CONDUCTIVITY = 0.01  # S/m, where it cannot be told
 _USUAL_GROUND, _UP = 8.0, np.array([0.0, 0.0, 1.0])  # permittivity with which heights are looked for
-_GROUNDS, _SHARPENED = (3.0, 7.0, 18.0), 16  # permittivities that are tried there; wells whose bottoms are compared
+_GROUNDS, _SHARPENED = (3.0, 7.0, 18.0), 40  # permittivities that are tried there; wells whose bottoms are compared
 _HEIGHTS = 14  # other heights about one that was found, either way
 _ABOUT_M, _STRIP_M, _PER_STRIP = (1.0, 6.0), 0.1, 2  # of an echo's height by its delay, as the band is; looked at at a time
 _OCTAVES = 1.3  # that a carrier may be off, up or down

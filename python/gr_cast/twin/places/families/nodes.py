@@ -20,7 +20,9 @@ _PITCHES_RAD = (-0.6, -0.25, 0.0, 0.25, 0.6)
 _FACTOR_STEP, _OFFSET_STEP_S = 0.02, 0.1
 _SPEED_FACTORS = np.arange(0.8, 1.2001, _FACTOR_STEP)
 _TIME_OFFSETS_S = np.arange(-0.8, 0.8001, _OFFSET_STEP_S)
-_LATE, _BETWEEN_S = 2, 0.05  # of those that are looked at by phase, so far either way
+_LATE_S, _FASTER = 0.8, 0.2  # that a track is looked for late or early, faster or slower
+_LATE = 2  # of those that are late alone, or faster alone, that are fitted
+_STRIP = 8  # steps of a strip of such timings, either way: within a wavelength phases turn evenly
 _ASIDE_SHARE = 0.05  # of a displacement that is no move along the track
 _FINE = 30, 12  # steps of the fine grid of speeds, and of its times, either way, at most
 _COARSE_FACTORS, _COARSE_OFFSETS_S = (0.87, 1.0, 1.13), (-0.4, 0.0, 0.4)  # where power alone is known
@@ -175,11 +177,6 @@ class AntennaPattern(_OfNode):
         return f"The antenna of {effect.owner} is rather a {effect.choice} than what the twin says."
 
 
-def _centred(last_s: float, change: np.ndarray) -> np.ndarray:
-    """Offsets of time that undo a change of speed in the middle of a recording, to first order."""
-    return -change * last_s / 2
-
-
 def _holds_most(view, owner: str) -> bool:
     """Whether links of a node hold most of what is left above noise: its track leaves nothing on others, what does goes first."""
     own = every = 0.0
@@ -207,23 +204,29 @@ class TrackTiming(_OfNode):
         near = [wrong(offset_s, 1.0 + step) for step in (-0.003, 0.003) for offset_s in (-0.01, 0.01)]
         if view.is_quiet or not _holds_most(view, owner):
             return near
+        still = np.zeros(1)
+        step_s = view.world.wavelength_m / 8 / view.world.radios[owner].node.speed_m_per_s
+        step = step_s / view.last_s  # of the factor: at the end of the soundings a step as long
+        late = [wrong(s) for s in _middles(_LATE_S, step_s, _STRIP)]
+        faster = [wrong(0.0, 1.0 + one) for one in _middles(_FASTER, step, _STRIP)]
+        strip = np.arange(-_STRIP, _STRIP + 1)
+        out = view.ranked([one for begun in late for one in self._beside(view, begun, step_s * strip, still, 1)])[:_LATE]
+        out += view.ranked([one for begun in faster for one in self._beside(view, begun, still, step * strip, 1)])[:_LATE]
         coarse = [wrong(offset_s, factor) for factor in _SPEED_FACTORS for offset_s in _TIME_OFFSETS_S]
-        radio, last_s = view.world.radios[owner], view.last_s
-        step_s = view.world.wavelength_m / 5 / radio.node.speed_m_per_s
-        fine_s = step_s * np.arange(-int(_BETWEEN_S / step_s) - 1, int(_BETWEEN_S / step_s) + 2)
-        late = view.promising([wrong(offset_s) for offset_s in _TIME_OFFSETS_S])[:_LATE]
-        out = view.ranked([wrong(one.values[0] + shift_s) for one in late for shift_s in fine_s])[:_LATE]
-        for one in view.promising(coarse)[:_BEST]:
-            offset_s, factor = one.values
-            factors = factor + _up_to(_FACTOR_STEP / 2, step_s / last_s, _FINE[0])
-            shared = _centred(last_s, factors - factor)  # the middle of the track stays where it is
-            fine = [
-                wrong(offset_s + shift + later_s, f)
-                for f, shift in zip(factors, shared, strict=True)
-                for later_s in _up_to(_OFFSET_STEP_S / 2, step_s, _FINE[1])
-            ]
-            out += view.ranked(fine)[:1]
+        grids = _up_to(_OFFSET_STEP_S / 2, step_s, _FINE[1]), _up_to(_FACTOR_STEP / 2, step, _FINE[0])
+        for begun in view.promising(coarse)[:_BEST]:
+            out += view.ranked(self._beside(view, begun, *grids, _BEST))[:1]
         return [*out, *near]
+
+    def _beside(self, view, begun: Effect, later_s: np.ndarray, faster: np.ndarray, best: int) -> list[Effect]:
+        """Timings on a grid about one that would explain best; the middle of the track stays while the speed is another."""
+        offset_s, factor = _timing(begun)
+        middle_s = view.last_s / 2 if len(later_s) > 1 else 0.0
+        found = view.beside(begun).scan_timing(begun.owner, middle_s, later_s, faster, best)
+        if len(begun.values) == 1:
+            return [begun.moved(np.array([offset_s + s])) for s, _ in found]
+        ahead_s = (middle_s + offset_s) * factor
+        return [begun.moved(np.array([(ahead_s + factor * s) / (factor + more) - middle_s, factor + more])) for s, more in found]
 
     def restarts(self, world, effect):
         # The next wells of its phase.
@@ -260,6 +263,11 @@ class TrackTiming(_OfNode):
     def sentence(self, effect, told):
         offset_s, factor = _timing(effect)
         return f"{effect.owner} goes {factor:.3f} times as fast as in the twin and is {offset_s:+.3f} s ahead on its track."
+
+
+def _middles(reach: float, step: float, half: int) -> np.ndarray:
+    """Middles of strips of so many steps either way, from −reach to reach."""
+    return _up_to(reach, 2 * half * step, int(reach / step))
 
 
 def _up_to(reach: float, step: float, most: int) -> np.ndarray:
