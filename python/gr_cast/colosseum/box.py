@@ -229,15 +229,16 @@ def is_held(folder: Path) -> bool:
 
 def remove(name: str, folder: Path) -> list[str]:
     """End a box: ask the process that holds it, then remove what is left. What was found, in words."""
+    state = state_of(folder)
     if is_held(folder):
-        pid = state_of(folder)["pid"]
+        pid, started = state["pid"], state["started"]
         os.kill(pid, signal.SIGTERM)
         until_s = time.monotonic() + _PATIENCE_S
-        while is_held(folder) and time.monotonic() < until_s:
+        while host.started_at(pid) == started and time.monotonic() < until_s:  # it removes box.json before it has ended
             time.sleep(0.05)
-        if is_held(folder):
+        if host.started_at(pid) == started:
             os.kill(pid, signal.SIGKILL)
-    storage = state_of(folder).get("storage")
+    storage = state.get("storage")
     removed = host.sweep(folder, name)
     for aside in (host.boxes_folder() / "images", *([Path(storage) / "images"] if storage else [])):
         sweep_dead(aside)  # images that were being unpacked, or taken of a container

@@ -108,9 +108,15 @@ def sweep(folder: Path, name: str) -> list[str]:
         with contextlib.suppress(OSError):
             group.parent.rmdir()
     if folder.exists():
-        shutil.rmtree(folder)
+        shutil.rmtree(folder, onerror=_unless_gone)
         removed.append("its files")
     return removed
+
+
+def _unless_gone(_function, _path, raised) -> None:
+    """What another `down` removes at the same time is gone."""
+    if not isinstance(raised[1], FileNotFoundError):
+        raise raised[1]
 
 
 def _remove_group(path: Path) -> None:
