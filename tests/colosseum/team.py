@@ -4,9 +4,12 @@
 import functools
 import io
 import json
+import os
 import re
 import shutil
 import subprocess
+import sys
+import sysconfig
 import tarfile
 from pathlib import Path
 
@@ -62,24 +65,33 @@ def make(folder: Path) -> Path:
     return team
 
 
-PROGRAMS = ("dash", "cat", "sleep", "mkdir", "mv", "cp", "ls", "date", "head", "ip")
+PROGRAMS = ("dash", "cat", "sleep", "mkdir", "mv", "cp", "ls", "date", "head", "ip", "pkill")
+
+
+def _libraries(*paths: Path | str) -> dict[str, bytes]:
+    """What these programs and libraries of this machine are linked with."""
+    listed = "".join(subprocess.run(["ldd", path], capture_output=True, text=True, check=True).stdout for path in paths)
+    return {f"/usr/{lib.removeprefix('/usr/').lstrip('/')}": Path(lib).read_bytes() for lib in set(re.findall(r"(/\S+)", listed))}
 
 
 @functools.cache
 def _programs() -> dict[str, bytes]:
-    """A few of this machine's programs with the libraries that they need: enough of a system for a container."""
-    files = {}
-    for name in PROGRAMS:
-        path = shutil.which(name)
-        listed = subprocess.run(["ldd", path], capture_output=True, text=True, check=True).stdout
-        files[f"/usr/bin/{name}"] = Path(path).read_bytes()
-        files |= {
-            f"/usr{lib}" if not lib.startswith("/usr") else lib: Path(lib).read_bytes() for lib in re.findall(r"(/\S+)", listed)
-        }
-    return files | {"/usr/bin/sh": files["/usr/bin/dash"]}
+    """A few of this machine's programs: enough of a system for a container."""
+    paths = {name: shutil.which(name) for name in PROGRAMS}
+    files = {f"/usr/bin/{name}": Path(path).read_bytes() for name, path in paths.items()}
+    return files | _libraries(*paths.values()) | {"/usr/bin/sh": files["/usr/bin/dash"]}
 
 
-def write_system(path: Path, files: dict[str, str]) -> Path:
+def python() -> dict[str, bytes]:
+    """The Python that runs this, with its standard library, as /usr/bin/python3."""
+    place, program = Path(sysconfig.get_path("stdlib")), os.path.realpath(sys.executable)
+    left_out = {"__pycache__", "dist-packages", "site-packages", "test", "idlelib", "lib2to3", "ensurepip", "tkinter"}
+    files = [path for path in place.rglob("*.*") if path.suffix in (".py", ".so") and not left_out & set(path.parts)]
+    linked = _libraries(program, *(path for path in files if path.suffix == ".so"))
+    return {str(path): path.read_bytes() for path in files} | linked | {"/usr/bin/python3": Path(program).read_bytes()}
+
+
+def write_system(path: Path, files: dict[str, str | bytes]) -> Path:
     """An image that boots: the programs above and these files."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with tarfile.open(path, "w") as tar:

@@ -9,7 +9,6 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from pathlib import Path
@@ -32,22 +31,6 @@ ip route add 192.168.10$OTHER.0/24 via 172.30.100.$OTHER dev col0
 cat /root/radio_api/radio.conf /root/radio_api/colosseum_config.ini > /logs/config
 echo ACTIVE > /tmp/state
 """
-
-
-@pytest.fixture
-def boxes(monkeypatch):
-    """A folder of boxes of its own. Skips where containers are not possible."""
-    if os.geteuid() != 0:
-        pytest.skip("NO ROOT: boxes of containers are tested as root")
-    missing = [tool for tool in ("lxc-start", "ip", "nsenter", "setpriv") if shutil.which(tool) is None]
-    if missing:
-        pytest.skip(f"NO LXC: apt install lxc iproute2 ({', '.join(missing)} missing)")
-    folder = Path(tempfile.mkdtemp(prefix="cb", dir="/tmp"))  # sockets have short names
-    monkeypatch.setenv("CAST_BOXES", str(folder / "b"))
-    yield folder
-    for name, path in box.boxes().items():
-        box.remove(name, path)
-    shutil.rmtree(folder)
 
 
 def team_with(folder: Path, images: dict[str, dict]) -> Path:
