@@ -142,9 +142,10 @@ def test_ansible_reads_the_playbook_and_its_inventory(tmp_path):
     inventory = ROOT / "docs" / "examples" / "hosts.yaml"
     told = subprocess.run([tool, "--syntax-check", "-i", inventory, PLAYBOOK], capture_output=True, text=True, timeout=120)
     assert told.returncode == 0, told.stdout + told.stderr
-    words = [tool, "-i", inventory, "--tags", "sites", "-e", f"sites={tmp_path} pipeline=none", PLAYBOOK]
+    sites = tmp_path / "not there yet"
+    words = [tool, "-i", inventory, "--tags", "sites", "-e", json.dumps({"sites": str(sites), "pipeline": "none"}), PLAYBOOK]
     told = subprocess.run(words, capture_output=True, text=True, timeout=120)
     assert told.returncode == 0, told.stdout + told.stderr
-    arena = site.read(tmp_path / "arena.yaml")
+    arena = site.read(sites / "arena.yaml")
     assert arena.program == "cast_pipeline radios" and arena.place("2").device == "addr=192.168.50.2,rx_gain=20,rx_antenna=RX2"
-    assert arena.place("1").interface == "eth2" != site.read(tmp_path / "box.yaml").place("1").interface
+    assert arena.place("1").interface == "eth2" != site.read(sites / "box.yaml").place("1").interface
