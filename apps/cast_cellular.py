@@ -19,10 +19,12 @@ from gr_cast.core import interrupts
 from gr_cast.core.errors import CastError
 from gr_cast.core.figures import fixed
 from gr_cast.core.files import passing_folder, write_json
+from gr_cast.core.units import db_from_power
 from gr_cast.experiments import paper
 from gr_cast.experiments.cellular import downlink as downlink_model
 from gr_cast.experiments.cellular import experiment, stack, stack_run, stack_script
 from gr_cast.experiments.cellular.downlink import Cell, Downlink, Radio
+from gr_cast.experiments.cellular.stack_clock import Clock
 from gr_cast.experiments.traffic.namespaces import run_with_rights
 from gr_cast.report import plot
 from gr_cast.scenario.create import room
@@ -34,7 +36,7 @@ COLOSSEUM_LOSS_DB = paper.figures()["base_loss"]["mean_db"]  # of the emulator i
 TX_POWER_DBM, NOISE_FIGURE_DB = 27.0, 5.0  # the least in whole dB with which standing terminals hold 5 Mbit/s
 SHORT_S, FULL_S = 15.0, 37.0
 STEP_S = {1: 0.1, 2: 0.2}  # by stations: every station is sounded at every terminal
-MODELLED = 8  # instants at which the model is set beside a stack
+MODELLED = 32  # instants at which the model is set beside a stack
 CHECKS = 3  # instants at which all stations are heard at once
 
 
@@ -182,28 +184,47 @@ def over_stack(args) -> int:
             attach_s=args.attach_timeout,
         )  # fmt: skip
         emulation = Emulation(leveled, ports, rate_hz, noise_power=10 ** (noise_db / 10), seed=args.seed)
-        failure, status = _run_stack(plan, emulation, rate_hz)
-    return _report_stack(args, output, plan, played, cells, failure, status)
+        clock = Clock(plan.of("srsue"))
+        failure, status = _run_stack(plan, emulation, rate_hz, clock)
+    return _report_stack(args, output, plan, played, cells, failure, status, clock)
 
 
-def _modelled_sinr_db(args, played, cells, duration_s: float) -> dict[str, float]:
-    """Mean of each terminal over some instants, as the model has it where no stack runs."""
+def _modelled_sinr_db(args, played, cells, heard_s: dict[str, np.ndarray]) -> dict[str, float]:
+    """Mean of each terminal over the instants of the scenario that it heard, as the model has it where no stack runs."""
     if args.blocks not in downlink_model.FFT_OF_BLOCKS:
         return {}
     radio = _radio(args)
     downlink = Downlink(sc.with_more_loss(played, args.setup_loss_db), cells, radio, play, seed=args.seed)
-    time_s = np.arange(MODELLED) * duration_s / MODELLED
-    course = experiment.course("model", cells, radio, time_s, list(experiment.sinr_over_time(downlink, time_s)), args.offered)
-    return dict(zip(course.terminals, course.sinr_db.mean(axis=0).tolist(), strict=True))
+    every_s = np.concatenate(list(heard_s.values()))
+    time_s = np.linspace(every_s.min(), every_s.max(), MODELLED)
+    power = [{node: sinr[node].mean() for node in heard_s} for sinr in experiment.sinr_over_time(downlink, time_s)]
+    return {
+        node: float(np.interp(instants_s, time_s, db_from_power(np.array([sinr[node] for sinr in power]))).mean())
+        for node, instants_s in heard_s.items()
+    }
 
 
-def _run_stack(plan, emulation, rate_hz: float) -> tuple[CastError | None, dict]:
+def _heard_s(clock: Clock, found: dict, played) -> dict[str, np.ndarray]:
+    """The instants of the scenario of every terminal's SINR; after its end its last one goes on."""
+    instants_s = {
+        node: np.minimum(clock.scenario_s(node, series.time_s), played.time_s[-1])[np.isfinite(series.value)]
+        for node, series in found["sinr_db"].items()
+    }
+    return {node: times_s for node, times_s in instants_s.items() if len(times_s) and np.isfinite(times_s).all()}
+
+
+def _run_stack(plan, emulation, rate_hz: float, clock: Clock) -> tuple[CastError | None, dict]:
     """What went wrong, if anything, and the emulator's status when the stack was last seen at work: powers, and how far it
     kept up with the wall clock while there was traffic."""
     ended, failure, seen = threading.Event(), None, []
 
+    def look() -> dict:
+        status = emulation.status()
+        clock.look(time.monotonic(), status["scenario_time_s"])
+        return status
+
     def tell(line: str) -> None:
-        seen[1:] = [(time.monotonic(), emulation.status())]
+        seen[1:] = [(time.monotonic(), look())]
         _program.show(line)
 
     playing = threading.Thread(target=emulation.run_until, args=(ended,), daemon=True)
@@ -217,7 +238,8 @@ def _run_stack(plan, emulation, rate_hz: float) -> tuple[CastError | None, dict]
         failure = CastError("interrupted")
     finally:
         print(file=sys.stderr)
-        seen = seen or [(time.monotonic(), emulation.status())]
+        seen = seen or [(time.monotonic(), look())]
+        look()
         ended.set()
         playing.join()
     (begin_s, first), (end_s, last) = seen[0], seen[-1]
@@ -226,7 +248,7 @@ def _run_stack(plan, emulation, rate_hz: float) -> tuple[CastError | None, dict]
     return failure, last | {"real_time_factor": factor}
 
 
-def _report_stack(args, output: Path, plan, played, cells, failure, status: dict) -> int:
+def _report_stack(args, output: Path, plan, played, cells, failure, status: dict, clock: Clock) -> int:
     found, missing = stack_run.collect(plan)
     files, rows = [], []
     for quantity, terminals in found.items():
@@ -252,15 +274,15 @@ def _report_stack(args, output: Path, plan, played, cells, failure, status: dict
         "real_time_factor": status["real_time_factor"], "sinr": [], "power": status["power"],
     }  # fmt: skip
     write_json(output / "cellular.json", document)  # the model takes its time, and may be stopped
-    modelled = {}
+    heard_s, modelled = {}, {}
     try:
         if found:
             plot.save(plot.stack_figure(found, f"{args.stack}, {plan.protocol}, over {played.name}"), output / "cellular.png")
-        if "sinr_db" in found:
-            modelled = _modelled_sinr_db(args, played, cells, plan.duration_s)
+        if heard_s := _heard_s(clock, found, played) if "sinr_db" in found else {}:
+            modelled = _modelled_sinr_db(args, played, cells, heard_s)
     except KeyboardInterrupt:
         failure = failure or CastError("interrupted before the model's SINR was there")
-    document["sinr"] = _beside_the_model(found, modelled)
+    document["sinr"] = _beside_the_model(found, modelled, heard_s)
     document |= {"complete": failure is None, "failure": str(failure) if failure else None}
     write_json(output / "cellular.json", document)
     if failure:
@@ -268,15 +290,16 @@ def _report_stack(args, output: Path, plan, played, cells, failure, status: dict
     return 0
 
 
-def _beside_the_model(found: dict, modelled: dict[str, float]) -> list[dict]:
-    """A row per terminal: its own SINR beside that of the model, both mean dB."""
+def _beside_the_model(found: dict, modelled: dict[str, float], heard_s: dict[str, np.ndarray]) -> list[dict]:
+    """A row per terminal: its own SINR beside that of the model, both mean dB, and which part of the scenario it heard."""
     rows = []
-    for terminal, series in found.get("sinr_db", {}).items():
-        known = series.value[np.isfinite(series.value)]
-        if known.size and terminal in modelled:
-            rows.append({"terminal": terminal, "stack_db": float(known.mean()), "model_db": modelled[terminal]})
-            print(f"{terminal:>10s} SINR: stack {known.mean():.2f} dB, model {modelled[terminal]:.2f} dB,"
-                  f" difference {known.mean() - modelled[terminal]:+.2f} dB")  # fmt: skip
+    for terminal, model_db in modelled.items():
+        values = found["sinr_db"][terminal].value
+        stack_db = float(values[np.isfinite(values)].mean())
+        first_s, last_s = float(heard_s[terminal].min()), float(heard_s[terminal].max())
+        rows.append({"terminal": terminal, "stack_db": stack_db, "model_db": model_db, "scenario_s": [first_s, last_s]})
+        print(f"{terminal:>10s} SINR from {first_s:.2f} to {last_s:.2f} s of the scenario: stack {stack_db:.2f} dB,"
+              f" model {model_db:.2f} dB, difference {stack_db - model_db:+.2f} dB")  # fmt: skip
     return rows
 
 

@@ -192,6 +192,27 @@ def test_a_stack_hears_the_emulated_channel_and_its_logs_become_series(tmp_path,
     assert (out / "cellular.png").is_file()
 
 
+def test_a_terminal_that_fades_is_held_against_the_model_at_the_instants_that_it_heard(tmp_path, stand_ins):
+    """Samples pass at a pace of their own, here and with the real stack, while metrics and traffic keep the wall's clock."""
+    environment, arguments = stand_ins
+    time_s = np.arange(0, 60.05, 0.1)
+    fades = LinkTaps(delay_s=np.zeros((len(time_s), 1)), gain=10 ** (-0.5 * time_s[:, None] / 20))  # half a decibel per second
+    stays = LinkTaps(delay_s=[[0.0]], gain=[[1.0]])
+    links = {("b", "near"): stays, ("b", "far"): fades}
+    place = Scenario(name="fading", nodes=("b", "near", "far"), links=links, time_s=time_s, base_loss_db=40)
+    zarr_file.write(tmp_path / "fading.zarr", place)
+    arguments[arguments.index("--scenario") + 1] = str(tmp_path / "fading.zarr")
+    done = run("--output", tmp_path / "out", "--duration", 8, *arguments, before=APART, env=environment)
+    assert done.returncode == 0, done.stderr
+    for row in json.loads((tmp_path / "out/cellular.json").read_text())["sinr"]:
+        assert row["stack_db"] == pytest.approx(row["model_db"], abs=0.5), done.stdout
+        first_s, last_s = row["scenario_s"]
+        assert last_s > first_s + 1
+    last_db = series.read(tmp_path / "out/series/sinr_db_far.csv").value[-1]
+    near_db = 20 - 57.55 - 40 + 174 - 10 * np.log10(6 * 180e3)
+    assert last_s == pytest.approx((near_db - last_db) / 0.5, abs=1.5)  # the fading itself says when it was
+
+
 def test_a_terminal_that_dies_ends_the_run_and_what_was_logged_stays(tmp_path, stand_ins):
     environment, arguments = stand_ins
     out = tmp_path / "out"

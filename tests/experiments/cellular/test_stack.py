@@ -12,6 +12,7 @@ from gr_cast.core.errors import CastError
 from gr_cast.core.processes import Processes
 from gr_cast.experiments.cellular import stack, stack_run
 from gr_cast.experiments.cellular.downlink import Cell
+from gr_cast.experiments.cellular.stack_clock import Clock
 
 RR = "cell_list =\n(\n  {\n    // rf_port = 0;\n    cell_id = 0x01;\n    tac = 0x0007;\n    pci = 1;\n  }\n);\n"
 UE = """\
@@ -93,6 +94,23 @@ def test_metrics_are_read_in_seconds_decibels_and_bits_while_the_terminal_hears_
         stack.read_terminal_metrics(tmp_path / "never.csv")
     with pytest.raises(CastError, match="wrote no metrics"):
         stack.read_station_metrics(tmp_path / "none.csv")
+
+
+def test_a_line_of_metrics_is_laid_to_the_scenarios_time_in_the_middle_of_its_period(tmp_path):
+    member = stack.Member(
+        node="u", program="srsue", config=tmp_path / "u.conf", sends="", receives="", metrics=tmp_path / "u.csv"
+    )
+    clock = Clock([member])
+    clock.look(100.0, 0.0)
+    assert np.isnan(clock.scenario_s("u", [1.0])).all()  # no file yet
+    lines = ["time;dl_snr"]
+    for wall_s in np.arange(100.2, 120.0, 0.2):  # from 110 s on the scenario plays at a quarter of the wall's pace
+        if len(lines) - 1 < int(wall_s - 103):  # a terminal that was started at 103 s writes a line every second
+            lines.append(f"{1000 * len(lines)};20")
+        member.metrics.write_text("\n".join(lines) + "\n2")  # the next is being written
+        clock.look(wall_s, max(wall_s - 110, 0) / 4)
+    # Its lines of 5 and 13 s are means over 107 to 108 s and 115 to 116 s of the wall.
+    assert clock.scenario_s("u", [5.0, 13.0]) == pytest.approx([0.0, 5.5 / 4], abs=0.06)
 
 
 def test_a_file_of_the_real_iperf3_is_read(tmp_path):

@@ -30,6 +30,7 @@ FULL_LOAD_DB = 10 * np.log10(12 * 0.05**2)
 SHORTEST_S = 0.1  # of an interval of iperf3 that is a measurement: the last may be a rest
 _KEY, _OPC, _FIRST_IMSI = "00112233445566778899aabbccddeeff", "63bfa50ee6523365ff14c1f45f88737d", 1010123456000
 _LONGEST_SOCKET = 107  # bytes, unix(7)
+_TAIL_BYTES = 4096  # of metrics, in which a whole line is
 _TEMPLATES = ("sib.conf", "rb.conf", "rr.conf")
 
 
@@ -162,6 +163,18 @@ def read_terminal_metrics(path: Path) -> dict[str, Series]:
     time_ms, sinr_db, dl_bps = _metrics(path, ("time", "dl_snr", "dl_brate"))
     values = {"sinr_db": sinr_db, "dl_bps": dl_bps}
     return {name: Series(name=f"{path}: {name}", time_s=time_ms / 1e3, value=value) for name, value in values.items()}
+
+
+def last_time_s(path: Path) -> float | None:
+    """The time of the last whole line of a terminal's metrics, which may still be written; None where there is none yet."""
+    try:
+        with open(path, "rb") as file:
+            file.seek(max(file.seek(0, os.SEEK_END) - _TAIL_BYTES, 0))
+            lines = file.read().split(b"\n")[1:-1]  # the first may be cut, or is the head
+    except FileNotFoundError:
+        return None
+    times = [line.partition(b";")[0] for line in lines]
+    return next((int(time) / 1e3 for time in reversed(times) if time.isdigit()), None)
 
 
 def read_station_metrics(path: Path) -> dict[str, Series]:
