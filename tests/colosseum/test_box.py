@@ -76,7 +76,7 @@ def left_behind(folder: Path, name: str) -> list[str]:
     links = subprocess.run(["ip", "-o", "link"], capture_output=True, text=True, check=True).stdout
     found += [line for line in links.splitlines() if ": tr" in line or ": col" in line]
     found += [place] if Path(place).exists() else []
-    return found + [str(path) for path in Path("/sys/fs/cgroup").glob(f"**/cast_box/{name}")]
+    return found + [str(path) for path in Path("/sys/fs/cgroup").glob(f"**/cast_box/{name}-*")]
 
 
 def mentions(path: Path, text: str) -> bool:
@@ -196,6 +196,18 @@ def test_a_container_has_its_names_and_no_more_than_it_needs(boxes):
 
     assert "/root/radio_api/start.sh" in image.read(team / "images" / "mine.tar.gz").entries
     assert left_behind(boxes, "names") == []
+
+
+def test_two_boxes_of_one_name_in_two_folders_do_not_meet(boxes):
+    here = storage.Storage(folder=team_with(boxes, {"wire": {}}))
+    with box.Box("twins", here, [box.Srn(number=1, image=here.images()["wire"])], Channel(), APPS / "cast_emulator.py",
+                 interactive=True) as made:  # fmt: skip
+        other = boxes / "elsewhere" / "twins"
+        other.mkdir(parents=True)
+        assert box.remove("twins", other) == ["its files"]
+        assert made.containers[1].is_running
+        assert made.containers[1].run("/bin/cat", "/proc/sys/kernel/hostname") == "team-srn001\n"
+    assert left_behind(boxes, "twins") == []
 
 
 def ask(path: Path, **request) -> dict:

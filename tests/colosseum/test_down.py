@@ -60,3 +60,10 @@ def test_what_cannot_be_removed_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(host.os, "rmdir", denied)
     with pytest.raises(PermissionError):
         host.sweep(tmp_path / "box", "box")
+
+
+def test_a_process_that_has_no_number_here_is_none_that_could_be_killed(tmp_path, monkeypatch):
+    """In a namespace of processes of its own a control group lists those outside as 0, and kill(0) ends the caller's group."""
+    (tmp_path / "cgroup.procs").write_text("0\n")
+    monkeypatch.setattr(host, "groups_of", lambda _: [tmp_path])
+    assert host.processes_of(tmp_path / "box") == set()

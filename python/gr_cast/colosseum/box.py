@@ -129,7 +129,7 @@ class Box:
         (lxc / name).mkdir(parents=True)
         self.place(number, "upper", "etc").mkdir(mode=0o755)
         self.place(number, "upper", "etc", "hostname").write_text(f"{name}\n")  # systemd would take the image's
-        group = f"{host.GROUP}/{self.name}/{srn.tag}"
+        group = f"{host.group_of(self.folder)}/{srn.tag}"
         text = configuration(name=name, root=root, folder=self.place(number), wires=wires, mounts=mounts, group=group)
         (lxc / name / "config").write_text(text)
         self.containers[number] = Container(name, lxc, self._network.command)

@@ -10,6 +10,7 @@ import os
 import shutil
 import signal
 import time
+import zlib
 from pathlib import Path
 
 from ..core.errors import CastError
@@ -54,42 +55,41 @@ def started_at(pid: int) -> str:
     return ""
 
 
-def groups_of(name: str) -> list[Path]:
+def group_of(folder: Path) -> str:
+    """The control group of a box, below every hierarchy's root: boxes in two folders may have one name."""
+    return f"{GROUP}/{folder.name}-{zlib.crc32(bytes(folder.resolve())):08x}"
+
+
+def groups_of(folder: Path) -> list[Path]:
     """The control groups of a box, in every hierarchy."""
     roots = [
         Path(line.split()[1])
         for line in Path("/proc/mounts").read_text().splitlines()
         if line.split()[2] in ("cgroup", "cgroup2")
     ]
-    found = []
-    for root in roots:
-        found += [
-            path
-            for path in (root / GROUP / name, *root.glob(f"*/{GROUP}/{name}"), *root.glob(f"*/*/{GROUP}/{name}"))
-            if path.is_dir()
-        ]
-    return found
+    name = group_of(folder)
+    return [path for root in roots for path in (root / name, *root.glob(f"*/{name}"), *root.glob(f"*/*/{name}")) if path.is_dir()]
 
 
-def processes_of(folder: Path, name: str) -> set[int]:
-    """Every process of a box but this one."""
+def processes_of(folder: Path) -> set[int]:
+    """Every process of a box but this one, and but those that have no number here: 0 would stand for this one's whole group."""
     found, mark = set(), f"{MARK}={folder}".encode()
     for path in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
             if mark in (path / "environ").read_bytes().split(b"\0"):
                 found.add(int(path.name))
-    for group in groups_of(name):
+    for group in groups_of(folder):
         for listing in group.rglob("cgroup.procs"):
             with contextlib.suppress(OSError):
                 found |= {int(pid) for pid in listing.read_text().split()}
-    return found - {os.getpid()}
+    return found - {os.getpid(), 0}
 
 
 def sweep(folder: Path, name: str) -> list[str]:
     """End and remove all that is left of a box; what was found, in words."""
     removed = []
     until_s = time.monotonic() + _PATIENCE_S
-    while left := processes_of(folder, name):
+    while left := processes_of(folder):
         if not removed:
             removed.append(f"{len(left)} processes")
         for pid in left:
@@ -98,7 +98,7 @@ def sweep(folder: Path, name: str) -> list[str]:
         if time.monotonic() > until_s:
             raise CastError(f"{name}: processes {sorted(left)} do not end")
         time.sleep(0.02)
-    groups = groups_of(name)
+    groups = groups_of(folder)
     if groups:
         removed.append(f"{len(groups)} control groups")
     for group in groups:
