@@ -20,10 +20,12 @@ from gr_cast.colosseum.desk import Desk, RfScenario, World
 SEQUENCES = int(os.environ.get("CAST_SEQUENCES", 200))  # 500 and more by hand
 
 
+@pytest.mark.timeout(600 + SEQUENCES)
 def test_random_sequences_of_commands_follow_the_documented_states():
     play(Documented, SEQUENCES, 25)
 
 
+@pytest.mark.timeout(600 + SEQUENCES)
 def test_the_unmodified_client_tells_of_random_sequences_what_the_documented_states_are(tmp_path_factory):
     base = tmp_path_factory.mktemp("client")
     here = {}
