@@ -129,6 +129,15 @@ def test_sums_over_paths_are_the_same(drawn, monkeypatch, steps):
     np.testing.assert_allclose(one, expected, atol=1e-7)
 
 
+def test_a_convex_body_shows_its_outside_however_its_triangles_are_wound(drawn):
+    random, *_ = drawn
+    flipped = [face[:: 1 if random.random() < 0.5 else -1] for face in BOX]
+    faces = images.faces_of([Solid(name="box", vertices_m=CORNERS * [3, 2, 1] + 5, faces=flipped)])
+    inside_m = np.array([6.5, 6.0, 5.5])
+    assert len(faces.level_m) == 6 and faces.sided.all()
+    assert (faces.normal @ inside_m < faces.level_m).all()
+
+
 def test_faces_go_to_other_processes_without_what_was_compiled(drawn):
     _, faces, tx_m, rx_m, _ = drawn
     found = images.search(faces, tx_m, rx_m, 1)

@@ -387,6 +387,22 @@ def test_a_random_field_or_shape_that_leaves_nothing_stands_only_where_nothing_s
     assert begun(monkeypatch, left, family) == ["field"]
 
 
+def test_what_was_found_first_is_looked_for_anew_beside_what_was_found_then():
+    world = theirs(node_gain_db={"n0": 4.0})
+    normal = np.array([-1.0, 18.0, 0.0]) / np.hypot(1, 18)
+    world["objects"]["wall"]["tris"] = world["objects"]["wall"]["tris"] + MOVED_M * normal
+    ears = heard(world, 30.0)
+    wrong = Effect(family=BY_NAME["object_moved"], owner="wall", values=np.array([MOVED_M - 0.8]), choice=tuple(normal))
+    gain = Effect(family=BY_NAME["node_gain"], owner="n0", values=np.array([4.0]))
+    model = fitted(ears, evaluated(ears, ours(), [wrong, gain]))
+    assert model.left_nats(ears[0].count) > 1000
+    found = search._looked_for_anew(ears, model, KNOWN, search.Budget.of(60.0), 4)
+    moved = next(one for one in found.effects if one.owner == "wall")
+    assert moved.values @ (np.array(moved.choice) @ normal)[None] == pytest.approx(MOVED_M, abs=2e-3)
+    assert found.left_nats(ears[0].count) < 5 * np.sqrt(ears[0].count)
+    assert search._looked_for_anew(ears, found, KNOWN, search.Budget.of(60.0), 4) is found
+
+
 def test_what_a_few_patches_of_a_field_send_alike_accuses_nothing_beside_it(monkeypatch):
     left = {(): 10_000.0, ("field",): 100.0, ("field", "a"): 75.0}
     assert begun(monkeypatch, left, "missing_scattering") == ["field"]

@@ -31,7 +31,6 @@ UNEVEN_DEVIATIONS = 3.5  # of the spread of a random field's modes: above, what 
 BESIDE_FIELDS_NATS = 30.0  # of an effect beside scattering: its patches are no Gaussian noise, up to 26 came from nothing
 STIFF_SHARE = 0.25  # of the excess energy that one deterministic effect explains: then random fields wait
 MOST_SHARE = 0.5  # of that excess: then they wait even where one of them leaves nothing
-FAR_LESS_SHARE = 0.2  # of what the best without a shape leaves: then what has a shape, as a wall, need not wait for it
 CLOSE_REGRET = 0.3  # of the best candidate's evidence, by which another is behind and still tried where the best led nowhere
 FLEXIBLE_REGRET = 0.15  # of random fields, whatever they explain, and of something stiff that explains a good part beside them
 QUIET_DEVIATIONS = 1.5  # of the energy of noise: below, wide searches for what moves by wavelengths are spared

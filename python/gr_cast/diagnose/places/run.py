@@ -21,7 +21,7 @@ from .view import View
 
 BUDGET_S = 240.0
 _MOVED = ObjectMoved.name
-_SEARCH_SHARE = 0.6  # of the budget: telling what was found takes its time too
+_SEARCH_SHARE = 0.75  # of the budget: telling what was found takes its time too
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

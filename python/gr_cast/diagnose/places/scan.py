@@ -126,7 +126,7 @@ def minima(grid: np.ndarray, energies: np.ndarray, best: int) -> list[float]:
     for one in energies.reshape(-1, len(grid)):
         inner = np.flatnonzero((one[1:-1] <= one[:-2]) & (one[1:-1] <= one[2:])) + 1
         inner = inner if len(inner) else np.array([int(np.argmin(one))])
-        found.append([float(grid[i]) for i in inner[np.argsort(one[inner])]])
+        found.append([float(grid[i]) for i in inner[np.argsort(one[inner])][:best]])
     return by_turns(*found)[:best]
 
 
@@ -146,7 +146,7 @@ def minima_of(axes: Sequence[np.ndarray], energies: np.ndarray, best: int) -> li
     found = []
     for one in energies.reshape(-1, *map(len, axes)):
         places = np.argwhere(one <= minimum_filter(one, 3, mode="nearest"))
-        places = places[np.argsort(one[tuple(places.T)])]
+        places = places[np.argsort(one[tuple(places.T)])][:best]
         found.append([tuple(float(axis[number]) for axis, number in zip(axes, place, strict=True)) for place in places])
     return by_turns(*found)[:best]
 

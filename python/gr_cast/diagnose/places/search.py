@@ -61,10 +61,7 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
             if budget.is_spent:
                 return [], tried
             tried += 1
-            starts = family.starts(view, owner)
-            if len(starts) > policy.FULL_STARTS and family.ranks_unfitted:
-                starts = list({id(one): one for one in (*view.ranked(starts)[: policy.FULL_STARTS], starts[0])}.values())
-            screened += [_quick(heard, with_effect(heard, here, start)) for start in starts]
+            screened += _screened(view, heard, here, family, owner)
     count = sum(ear.count for ear in ears)
 
     def promise(one: Model) -> float:
@@ -87,6 +84,14 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
         waits = is_far_behind or is_hopeless
         final.append(fitted(ears, one, rounds=policy.SCREEN_ROUNDS) if waits else _settled(ears, one, unknown, budget))
     return sorted(final, key=lambda one: -worth(one, model, count, tried)), tried
+
+
+def _screened(view: View, heard: Sequence[Ear], here: Model, family, owner: str) -> list[Model]:
+    """Models with one effect more, from the most promising of its family's first guesses, that effect alone fitted."""
+    starts = family.starts(view, owner)
+    if len(starts) > policy.FULL_STARTS and family.ranks_unfitted:
+        starts = list({id(one): one for one in (*view.ranked(starts)[: policy.FULL_STARTS], starts[0])}.values())
+    return [_quick(heard, with_effect(heard, here, start)) for start in starts]
 
 
 def _overheard(view: View) -> tuple[Sequence[Ear], Model, float]:
@@ -274,7 +279,10 @@ def _grown(
             if worths[id(one)] >= max(policy.LEAST_EVIDENCE_NATS, model.slack, unshaped, _beside_fields(model))
         ]
         if not paying:
-            break
+            model, before = _looked_for_anew(ears, model, unknown, budget, tried), model
+            if model is before:
+                break
+            continue
         hidden = [one for one in elsewhere.instead(ears, model, budget) if one.effects[-1].key not in barred]
         worths |= {id(one): worth(one, model, count, tried) for one in hidden}
         found, paying = (sorted([*some, *hidden], key=lambda one: -worths[id(one)]) for some in (found, paying))
@@ -300,6 +308,27 @@ def _grown(
             model = pruned(ears, model, count, tried)
         model = _asked_again(ears, model, count, tried, others, budget)
     return model, tried
+
+
+def _looked_for_anew(ears, model: Model, unknown: dict, budget: Budget, tried: float) -> Model:
+    """The model with one of its effects looked for anew beside all others, where something is left and that explains more of it:
+    what was found first was found while the others hid part of it."""
+    count = sum(ear.count for ear in ears)
+    for number, own in enumerate(model.effects):
+        if budget.is_spent or _excess(model, count) < policy.CLEAN_DEVIATIONS:
+            break
+        if len(model.effects) < 2 or not len(own.values):
+            continue
+        view = View(ears, fitted(ears, without_effects(ears, model, [number]), rounds=4), unknown)
+        heard, here, _ = _overheard(view)
+        near = sorted(_screened(view, heard, here, own.family, own.owner), key=lambda one: one.tempered)[
+            : policy.FITTED_PER_FAMILY
+        ]
+        settled = [_settled(ears, evaluated(ears, model.base, one.effects), unknown, budget) for one in near]
+        best = min(settled, key=lambda one: one.tempered, default=model)
+        if worth(best, model, count, tried) > policy.SHAPE_NATS:
+            return pruned(ears, best, count, tried)
+    return model
 
 
 def _asked_again(ears, model: Model, count: float, tried: float, others: dict, budget: Budget) -> Model:
@@ -340,16 +369,15 @@ def _explains_most(one: Model, model: Model, count: float) -> bool:
 
 
 def _good_stiff(paying: list[Model], model: Model, count: float) -> Model | None:
-    """The best that is no random field and has no shape, if it explains a good part of what is left; something with a shape where
-    that explains less than half, and it leaves far less."""
+    """The best that is no random field, if it explains a good part of what is left: of what has a shape and what has none the
+    latter, if it explains the most of that or hardly less than the other."""
     here = model.energy - model.offset - count
-    stiff = [one for one in paying if not one.effects[-1].family.is_flexible]
+    stiff = next((one for one in paying if not one.effects[-1].family.is_flexible), None)
     plain = next((one for one in paying if _is_plain(one)), None)
-    told = model.energy - plain.energy if plain else 0.0
-    is_far_less = stiff and here - (model.energy - stiff[0].energy) < policy.FAR_LESS_SHARE * (here - told)
-    if is_far_less and not (plain and _explains_most(plain, model, count)):
-        return stiff[0]
-    return plain if told > policy.STIFF_SHARE * here else None
+    if plain and stiff is not plain:
+        told, other = model.energy - plain.energy, model.energy - stiff.energy
+        stiff = plain if told >= min(policy.MOST_SHARE * here, (1 - policy.CLOSE_REGRET) * other) else stiff
+    return stiff if stiff and model.energy - stiff.energy > policy.STIFF_SHARE * here else None
 
 
 def _otherwise(ears, vault: Sequence[Ear], model: Model, number: int, others: dict) -> Model | None:

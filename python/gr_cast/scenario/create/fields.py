@@ -4,7 +4,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import fields as numbers_of
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -109,7 +109,8 @@ def rows_of(way: Optics, rows) -> Optics:
     return Optics(points_m=way.points_m[rows], direction=way.direction[rows], length_m=way.length_m[rows])
 
 
-def turned(orientation_rad) -> np.ndarray:
+@lru_cache(maxsize=4096)
+def turned(orientation_rad: tuple[float, float, float]) -> np.ndarray:
     """Rotation (3, 3): yaw about z, then pitch about y, then roll about x of the antenna's own axes."""
     (cy, cp, cr), (sy, sp, sr) = np.cos(orientation_rad), np.sin(orientation_rad)
     return np.array(

@@ -32,10 +32,11 @@ class Solid:
             raise CastError(f"object {self.name}: a coordinate is not finite or beyond {MAX_COORDINATE_M:g} m")
         if faces.min() < 0 or faces.max() >= len(vertices_m):
             raise CastError(f"object {self.name}: a face names a vertex that is not there")
-        if (areas_m2(vertices_m, faces) == 0).all():
+        area_m2 = areas_m2(vertices_m, faces)
+        if not area_m2.any():
             raise CastError(f"object {self.name}: all its faces are of zero area")
         object.__setattr__(self, "vertices_m", vertices_m)
-        object.__setattr__(self, "faces", faces[areas_m2(vertices_m, faces) > 0])
+        object.__setattr__(self, "faces", faces[area_m2 > 0])
 
 
 def areas_m2(vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -62,7 +63,7 @@ def open_edges_m(solid: Solid) -> np.ndarray:
 
 
 def is_closed(solid: Solid) -> bool:
-    return not len(open_edges_m(solid))
+    return len(solid.faces) > 3 and not len(open_edges_m(solid))  # fewer close nothing
 
 
 def is_flat(solid: Solid) -> bool:

@@ -199,6 +199,10 @@ def _groups(keys: np.ndarray) -> list[np.ndarray]:
 
 
 def _outward(solid: Solid, normals: np.ndarray, corners_m: np.ndarray) -> np.ndarray:
+    height_m = np.einsum("fi,fvi->fv", normals, solid.vertices_m - corners_m[:, :1])  # of all corners over each face
+    is_out, is_in = height_m.max(axis=1) < _ON_PLANE_M, height_m.min(axis=1) > -_ON_PLANE_M
+    if (is_out | is_in).all():  # convex
+        return np.where(is_out[:, None], normals, -normals)
     turned = inside(solid, corners_m.mean(axis=1) + 1e-4 * normals)
     return np.where(turned[:, None], -normals, normals)
 

@@ -10,9 +10,10 @@ import numpy as np
 from ...core.units import SPEED_OF_LIGHT_M_PER_S, amplitude_from_db
 from ...scenario.create import fields, images, wedges
 from . import carrying, passer
-from .world import Radio, World
+from .ends import Ends
+from .world import World, interned
 
-_KEPT = 4000  # links in memory
+_KEPT, _ENDS_KEPT = 4000, 64  # links in memory; sets of radios
 _AT_ONCE = 2_000_000  # phasors in memory at the same time
 
 
@@ -58,31 +59,41 @@ class Predictor:
         self._known: OrderedDict = OrderedDict()
         self._tables: OrderedDict = OrderedDict()
         self._bent: OrderedDict = OrderedDict()
-        self._places: OrderedDict = OrderedDict()
+        self._ends: OrderedDict = OrderedDict()  # by number in memory, with what has it
 
     def response(self, world: World) -> np.ndarray:
-        return np.stack(self._responses(world, range(len(self.links))))
+        return self._responses(world, range(len(self.links)))
 
     def link_response(self, world: World, index: int) -> np.ndarray:
         """(T, K) of one link."""
         return self._responses(world, [index])[0]
 
-    def _responses(self, world: World, which: Sequence[int]) -> list[np.ndarray]:
-        law = world.diffraction, world.person, _others_key(world)
+    def _responses(self, world: World, which: Sequence[int]) -> np.ndarray:
+        law = interned((world.diffraction, world.person, _others_key(world)))
         keys = [(key, law) for key in self._keys(world, which)]
         heard = _remembered(self._known, keys, lambda missing: self._compute(world, [which[one] for one in missing]))
-        shape = len(self.time_s), len(self.frequency_hz)
-        return [np.broadcast_to(h * self.cables(world, index), shape) for index, h in zip(which, heard, strict=True)]
+        whole = np.empty((len(which), len(self.time_s), len(self.frequency_hz)), complex)
+        for number, (index, h) in enumerate(zip(which, heard, strict=True)):
+            np.multiply(h, self.cables(world, index), out=whole[number])
+        return whole
 
     def _keys(self, world: World, which: Sequence[int]) -> list:
         """Of what the gains of links' paths depend on: their ends, and the surfaces that they touch."""
-        made_of, keys = world.surface.keys, []
-        for index, traced in zip(which, self._traced_of(world, which), strict=True):
-            tx, rx = self.links[index]
-            surfaces = b"".join([made_of[number] for number in traced.touched])
-            ends = world.radios[tx].end_key, world.radios[rx].end_key
-            keys.append((self._geometry_key(world, index), ends, world.law, surfaces))
-        return keys
+        made_of, ends, law = world.surface.keys, self._ends_of(world).keys, world.law
+        traced = self._traced_of(world, which)
+        geometry = self._geometry_keys(world, which)
+        return [
+            (where, ends[index], law, b"".join([made_of[number] for number in one.touched]))
+            for where, index, one in zip(geometry, which, traced, strict=True)
+        ]
+
+    def _ends_of(self, world: World) -> Ends:
+        key = id(world.radios)
+        if key not in self._ends:
+            self._ends[key] = Ends(radios=world.radios, links=self.links, time_s=self.time_s, tracked=self.tracked)
+            if len(self._ends) > _ENDS_KEPT:
+                self._ends.popitem(last=False)
+        return self._ends[key]
 
     def remembered(self, key, make):
         """What others compute of a link and want to keep."""
@@ -97,34 +108,20 @@ class Predictor:
         return self._traced_of(world, [index])[0]
 
     def _traced_of(self, world: World, which: Sequence[int]) -> list[Traced]:
-        keys = [self._geometry_key(world, index) for index in which]
-        base = world.frozen or world
+        base, keys = world.frozen or world, self._geometry_keys(world, which)
         return _remembered(self._traced, keys, lambda missing: self._trace(base, [which[one] for one in missing]))
 
-    def _geometry_key(self, world: World, index: int):
+    def _geometry_keys(self, world: World, which: Sequence[int]) -> list:
         base = world.frozen or world
-        tx, rx = (base.radios[name] for name in self.links[index])
-        return index, base.mesh.key, base.max_depth, base.is_clear, tx.track_key, rx.track_key
-
-    def _ends_m(self, world: World, index: int) -> tuple[np.ndarray, np.ndarray]:
-        """Both ends (P, 3) at all instants, or at one where nothing moves."""
-        tx_m, rx_m = (self._node_m(world.radios[name]) for name in self.links[index])
-        if len(tx_m) == len(rx_m):
-            return tx_m, rx_m
-        many = max(len(tx_m), len(rx_m))
-        return np.broadcast_to(tx_m, (many, 3)), np.broadcast_to(rx_m, (many, 3))
-
-    def _node_m(self, radio: Radio) -> np.ndarray:
-        if radio.node.name in self.tracked:
-            return self.tracked[radio.node.name] + np.array(radio.offset_m)
-        return _remembered(self._places, [radio.track_key], lambda _: [radio.position_m(self.time_s)])[0]
+        tracks, trace = self._ends_of(base).track_keys, base.trace
+        return [(tracks[index], trace) for index in which]
 
     def ends_m(self, world: World, index: int) -> tuple[np.ndarray, np.ndarray]:
         """Both ends (T, 3)."""
-        return tuple(np.broadcast_to(end, (len(self.time_s), 3)) for end in self._ends_m(world, index))
+        return tuple(np.broadcast_to(end, (len(self.time_s), 3)) for end in self._ends_of(world).at_m[index])
 
     def _trace(self, world: World, which: Sequence[int]) -> list[Traced]:
-        faces, (tx_m, rx_m, counts) = world.faces, self._pairs(world, which)
+        faces, (tx_m, rx_m, counts) = world.faces, self._ends_of(world).joined_m(which)
         if world.mesh.origin:  # one object changed: paths that have nothing to do with it are as they were
             mesh, number = world.mesh.origin
             known = [one.paths for one in self._traced_of(replace(world, mesh=mesh), which)]
@@ -134,17 +131,11 @@ class Predictor:
             paths = images.search(faces, tx_m, rx_m, world.max_depth)
         return [Traced(paths=part, touched=_touched(faces, part)) for part in images.parted_paths(paths, counts)]
 
-    def _pairs(self, world: World, which: Sequence[int]) -> tuple[np.ndarray, np.ndarray, list[int]]:
-        """Ends (P, 3) of links one after the other, and how many pairs each has."""
-        ends = [self._ends_m(world, index) for index in which]
-        tx_m, rx_m = (np.concatenate(side) for side in zip(*ends, strict=True))
-        return tx_m, rx_m, [len(one) for one, _ in ends]
-
     def cables(self, world: World, index: int) -> np.ndarray:
         """(K,) what both ends' cables and the link's own loss do to a response."""
-        tx, rx = (world.radios[name] for name in self.links[index])
-        delay_s, amplitude = tx.delay_s + rx.delay_s, world.link_amplitude(self.links[index])
-        return amplitude * (np.exp(-2j * np.pi * self.frequency_hz * delay_s) if delay_s else np.ones(len(self.frequency_hz)))
+        ends = self._ends_of(world)
+        turned = self.remembered(("cables", id(ends)), lambda: (ends, ends.cables(self.frequency_hz)))[1]
+        return world.link_amplitude(self.links[index]) * turned[index]
 
     def path_table(self, world: World, index: int) -> Table:
         """Paths of a link that are there, with instant, gain, optics."""
@@ -157,7 +148,7 @@ class Predictor:
     def _tabled(self, world: World, which: Sequence[int]) -> list[Table]:
         base = world.frozen or world
         faces = world.mesh.thick if base.is_clear else world.mesh.thin
-        tx_m, rx_m, counts = self._pairs(world, which)
+        tx_m, rx_m, counts = self._ends_of(world).joined_m(which)
         known = images.joined_paths([traced.paths for traced in self._traced_of(world, which)], counts)
         paths = fields.unblocked(faces, known, world.surface)
         way = fields.optics(faces, paths.faces, tx_m[paths.pair], rx_m[paths.pair])
@@ -201,13 +192,12 @@ class Predictor:
         return self._bent_of(world, [index])[0]
 
     def _bent_of(self, world: World, which: Sequence[int]) -> list[Bent]:
-        keys = [
-            (index, *(world.radios[name].end_key for name in self.links[index]), world.law, world.surface.key) for index in which
-        ]
+        ends = self._ends_of(world).keys
+        keys = [(ends[index], world.law, world.surface.key) for index in which]
         return _remembered(self._bent, keys, lambda missing: self._diffracted(world, [which[one] for one in missing]))
 
     def _diffracted(self, world: World, which: Sequence[int]) -> list[Bent]:
-        tx_m, rx_m, counts = self._pairs(world, which)
+        tx_m, rx_m, counts = self._ends_of(world).joined_m(which)
         send, take = (
             lambda at, direction, s=s: self.fields(world, which, s, (tx_m, rx_m)[s], counts, at, direction) for s in (0, 1)
         )
@@ -249,7 +239,7 @@ def _touched(faces: images.Faces, paths: images.Paths) -> list[int]:
     found = np.zeros(len(faces.level_m) + 1, bool)
     found[paths.faces.ravel()] = True
     found[paths.crossing_face] = True
-    return np.unique(faces.owner[found[:-1]]).tolist()  # the last face is none: unused places
+    return sorted(set(faces.owner[found[:-1]].tolist()))  # the last face is none: unused places
 
 
 def summed(instant, gain, length_m, many: int, carrier_hz: float, frequency_hz: np.ndarray) -> np.ndarray:

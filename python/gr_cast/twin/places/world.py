@@ -175,6 +175,11 @@ class World:
         return self.mesh.thick if self.is_clear else self.mesh.thin
 
     @cached_property
+    def trace(self) -> int:
+        """A key of what paths depend on beyond their ends."""
+        return interned((self.mesh.key, self.max_depth, self.is_clear))
+
+    @cached_property
     def law(self) -> int:
         """A key of what paths' gains depend on beyond their ends and the surfaces that they touch."""
         return interned((self.mesh.key, self.carrier_hz, self.exponent, self.exponent_of, self.loss_db_per_m))

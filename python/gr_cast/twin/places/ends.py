@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Both ends of a sounding's links, worked out once for all worlds that have the same radios."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .world import Radio, interned
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Ends:
+    """Of `links` (tx, rx names) between `radios` at `time_s` (T,); nodes that were `tracked`, name → (T, 3), are there and not
+    where their SPEC has them."""
+
+    radios: Mapping[str, Radio]
+    links: Sequence[tuple[str, str]]
+    time_s: np.ndarray
+    tracked: Mapping[str, np.ndarray]
+
+    @cached_property
+    def track_keys(self) -> list[int]:
+        """Of each link: which one it is, and where its ends are over time."""
+        return [interned((index, *(one.track_key for one in pair))) for index, pair in enumerate(self._pairs)]
+
+    @cached_property
+    def keys(self) -> list[int]:
+        """Of each link: which one it is, and what paths' gains depend on at its ends."""
+        return [interned((index, *(one.end_key for one in pair))) for index, pair in enumerate(self._pairs)]
+
+    @cached_property
+    def _pairs(self) -> list[tuple[Radio, Radio]]:
+        return [(self.radios[tx], self.radios[rx]) for tx, rx in self.links]
+
+    @cached_property
+    def at_m(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Both ends (P, 3) of each link at all instants, or at one where nothing moves."""
+        nodes = {name: self._node_m(self.radios[name]) for link in self.links for name in link}
+        many = [max(len(nodes[name]) for name in link) for link in self.links]
+        return [tuple(np.broadcast_to(nodes[name], (n, 3)) for name in link) for n, link in zip(many, self.links, strict=True)]
+
+    def _node_m(self, radio: Radio) -> np.ndarray:
+        if radio.node.name in self.tracked:
+            return self.tracked[radio.node.name] + np.array(radio.offset_m)
+        return radio.position_m(self.time_s)
+
+    def joined_m(self, which: Sequence[int]) -> tuple[np.ndarray, np.ndarray, list[int]]:
+        """Ends (P, 3) of links one after the other, and how many pairs each has."""
+        if list(which) == list(range(len(self.links))):
+            return self._all_m
+        return self._joined_m(which)
+
+    @cached_property
+    def _all_m(self) -> tuple[np.ndarray, np.ndarray, list[int]]:
+        return self._joined_m(range(len(self.links)))
+
+    def _joined_m(self, which: Sequence[int]) -> tuple[np.ndarray, np.ndarray, list[int]]:
+        tx_m, rx_m = (np.concatenate([self.at_m[index][side] for index in which]) for side in (0, 1))
+        return tx_m, rx_m, [len(self.at_m[index][0]) for index in which]
+
+    def cables(self, frequency_hz: np.ndarray) -> list[np.ndarray]:
+        """(K,) of each link: what both ends' cables do to a response."""
+        delays_s = [tx.delay_s + rx.delay_s for tx, rx in self._pairs]
+        return [np.exp(-2j * np.pi * frequency_hz * delay_s) if delay_s else np.ones(len(frequency_hz)) for delay_s in delays_s]
