@@ -1,10 +1,11 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How many small faults the tests see: mutants of the code, drawn at random, each run against the tests of its own part.
+"""How many small faults the tests see: mutants of the code, drawn at random, each run against the tests that meet it.
 
 A mutant is killed when a test fails, or hangs. Works on a copy; nothing here is touched. Python is mutated by Cosmic Ray
 (apps/requirements/mutants.lock), C++ by the few rules below. Places are drawn first, then one of the faults that fit there, so
-that a sum, which has twelve, counts as much as a comparison.
+that a sum, which has twelve, counts as much as a comparison. Of a Python part those tests are run that called the mutated
+function, the quickest first, then those that start programs: no other can tell (mutants/runner.py).
 
     python3 -m venv --system-site-packages build/mutants
     build/mutants/bin/python -m pip install --require-hashes -r apps/requirements/mutants.lock
@@ -13,6 +14,7 @@ that a sum, which has twelve, counts as much as a comparison.
 
 import argparse
 import ast
+import json
 import os
 import random
 import re
@@ -21,24 +23,25 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = Path("build/python/gr_cast")
+RUNNER = Path(__file__).resolve().parent / "mutants/runner.py"
 # Part: what is mutated, what is run. Of kernels the C++ tests run, too.
 PARTS = {
-    "sounder": (["sounding/*.py"], ["tests/sounding"]),
-    "emulator": (["emulation/*.py"], ["tests/emulation"]),
+    "sounder": (["sounding/*.py"], ["tests/sounding", "tests/apps/test_cast_sounder.py"]),
+    "emulator": (["emulation/*.py"], ["tests/emulation", "tests/blocks/test_emulator_kernel.py"]),
     "playback": (["twin/playback.py"], ["tests/twin/test_playback.py"]),
     "scenario": (
         ["scenario/model.py", "scenario/yaml_file.py", "scenario/colosseum.py", "scenario/mat_file.py", "scenario/catalogue.py"],
         [f"tests/scenario/test_{name}.py" for name in ("model", "yaml_file", "colosseum", "catalogue")],
     ),
-    "comparing": (["comparing/*.py"], ["tests/comparing"]),
+    "comparing": (["comparing/*.py"], ["tests/comparing", "tests/apps/test_cast_compare.py"]),
     "kernels": (["emulator.cc", "overlap_save.cc", "vector_kernels_body.h"], ["tests/blocks/test_emulator_kernel.py"]),
 }
+CONFIGURED = ("-DCMAKE_LINK_DEPENDS_NO_SHARED=ON",)  # bindings load what is new without being linked again
 FAULTS = [  # of C++: what is found, what stands there instead
     (r" < ", (" <= ",)),
     (r" <= ", (" < ",)),
@@ -135,54 +138,83 @@ def in_turns(streams):
                 streams.remove(stream)
 
 
+def functions(source: str) -> list[range]:
+    """Lines of every function that stands in no other, its decorators and all in it."""
+
+    def within(node):
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.FunctionDef):
+                yield range(min(n.lineno for n in (child, *child.decorator_list)), child.end_lineno + 1)
+            else:
+                yield from within(child)
+
+    return list(within(ast.parse(source)))
+
+
 class Part:
     """One part of the code in a copy, and whether its tests pass."""
 
     def __init__(self, copy: Path, name: str):
-        patterns, self.tests = PARTS[name]
+        patterns, tests = PARTS[name]
         self.copy, self.is_cpp = copy, name == "kernels"
         base = copy / ("lib/kernel" if self.is_cpp else PACKAGE)
         self.paths = [path for pattern in patterns for path in sorted(base.glob(pattern)) if path.name != "__init__.py"]
         if self.is_cpp:
-            self._run("cmake", "-S", ".", "-B", "build", "-G", "Ninja", check=True)
-            assert self._built(), "the copy does not build"
-        begin = time.monotonic()
-        assert self.passes(None), "tests fail without any mutant"
-        self.limit_s = 60 + 5 * (time.monotonic() - begin)
+            self._run("cmake", "-S", ".", "-B", "build", "-G", "Ninja", *CONFIGURED, check=True)
+            assert self._built("all") and self._run("ctest", "--test-dir", "build"), "the copy's own C++ tests fail"
+        self.runner = subprocess.Popen(
+            ["/usr/bin/python3", RUNNER, *tests, "--", *self.paths],
+            cwd=copy, env=self._environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        told = json.loads(self.runner.stdout.readline())
+        assert told and told["status"] == 0, "tests fail without any mutant"
+        self.tests = told["tests"]
 
-    def _run(self, *command, timeout=None, **about):
-        environment = os.environ | {"CAST_BUILD": str(self.copy / "build"), "PYTHONDONTWRITEBYTECODE": "1"}
-        environment |= {"OPENBLAS_NUM_THREADS": "1"}
+    def close(self):
+        self.runner.communicate()
+
+    def _environment(self):
+        return os.environ | {"CAST_BUILD": str(self.copy / "build"), "OPENBLAS_NUM_THREADS": "1"}
+
+    def _run(self, *command, timeout=None, check=False) -> bool:
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        with subprocess.Popen(command, cwd=self.copy, env=environment, start_new_session=True, **quiet) as process:
+        with subprocess.Popen(command, cwd=self.copy, env=self._environment(), start_new_session=True, **quiet) as process:
             try:
                 status = process.wait(timeout)
             except subprocess.TimeoutExpired:
                 os.killpg(process.pid, 9)
-                raise
-        if about.get("check") and status:
+                return False
+        if check and status:
             raise subprocess.CalledProcessError(status, command)
         return status == 0
 
-    def _built(self) -> bool:
-        return self._run("cmake", "--build", "build", "-j1")
+    def _built(self, *targets) -> bool:
+        return self._run("cmake", "--build", "build", "-j1", "--target", *targets)
 
-    def passes(self, limit_s: float | None) -> bool:
-        pytest = ["/usr/bin/python3", "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--hypothesis-seed=0", *self.tests]
-        try:
-            plain = not self.is_cpp or self._run("ctest", "--test-dir", "build", timeout=limit_s)
-            return plain and self._run(*pytest, timeout=limit_s)
-        except subprocess.TimeoutExpired:
-            return False
+    def meeting(self, mutant: Mutant) -> list[str]:
+        """The tests that can tell: the quickest first, those that start programs last."""
+        met = self.tests
+        defined = [] if self.is_cpp else functions(mutant.path.read_text())
+        lines = next((lines for lines in defined if mutant.line in lines), None)
+        if lines is not None:  # what runs as a file is loaded meets all
+            called = {name for name, t in met.items() if any(p == str(mutant.path) and k in lines for p, k in t["called"])}
+            met = {name: test for name, test in met.items() if name in called or test["starts"]}
+        return sorted(met, key=lambda name: (met[name]["starts"], met[name]["seconds"]))
 
     def survives(self, mutant: Mutant) -> bool | None:
         """None: no mutant, it does not compile."""
-        before = mutant.path.read_text()
+        before, met = mutant.path.read_text(), self.meeting(mutant)
         for compiled in mutant.path.parent.glob(f"__pycache__/{mutant.path.stem}.*"):
             compiled.unlink()
         mutant.path.write_text(mutant.text)
         try:
-            return None if self.is_cpp and not self._built() else self.passes(self.limit_s)
+            if self.is_cpp and not self._built("gnuradio-cast"):
+                return None
+            self.runner.stdin.write(json.dumps(met) + "\n")
+            self.runner.stdin.flush()
+            if json.loads(self.runner.stdout.readline()) != 0:
+                return False
+            return not self.is_cpp or (self._built("emulator_test") and self._run("build/lib/emulator_test", timeout=300))
         finally:
             mutant.path.write_text(before)
 
@@ -210,6 +242,7 @@ def main(argv=None) -> int:
         for name in args.parts:
             rng = random.Random(f"{args.seed} {name}")
             part = Part(copy, name)
+            print(f"{name}: {len(part.tests)} tests", flush=True)
             drawn = in_turns([(cpp_mutants if part.is_cpp else python_mutants)(path, rng) for path in part.paths])
             killed, tried = 0, 0
             for mutant in drawn:
@@ -220,6 +253,7 @@ def main(argv=None) -> int:
                 killed += survived is False
                 if survived:
                     print(f"survived: {change}", flush=True)
+            part.close()
             print(f"{name}: {killed} of {tried} killed, {100 * killed / max(1, tried):.0f} %", flush=True)
     return 0
 

@@ -102,3 +102,52 @@ def test_a_sounding_is_read_with_its_taps_and_what_is_none_is_left_to_others(tmp
     assert len(refused.value.faults) == 2
     path.write_text(json.dumps({"taps": taps}))
     assert responses.from_sounding(path) is None and responses.from_sounding(tmp_path / "series.csv") is None
+
+
+def test_a_tap_as_far_as_the_tolerance_has_a_partner_and_one_beyond_has_none():
+    for far_ns, pairs in ((20, 1), (20.001, 0)):
+        for base_ns in (0, 130, 4710):
+            found = responses.compare_responses(response((base_ns, 0)), response((base_ns + far_ns, 0)), 20e-9)
+            assert len(found.pairs) == pairs
+
+
+def test_the_nearer_tap_is_the_partner_however_unlike_their_gains():
+    found = responses.compare_responses(response((100, 0)), response((98, -60), (103, 0)), 20e-9)
+    assert found.pairs.tolist() == [[0, 0]] and found.only_b == (1,)
+
+
+@pytest.mark.parametrize(("delay_s", "gain_db", "faults"), [(1e6, -1e3, 0), (-1e6, 1e3, 0), (1e6 + 0.5, 0, 1), (0, 1000.5, 1)])
+def test_numbers_of_a_sounding_are_read_up_to_their_limits(tmp_path, delay_s, gain_db, faults):
+    path = tmp_path / "result.json"
+    path.write_text(json.dumps({"cast_sounding": 1, "taps": [{"delay_s": delay_s, "gain_db": gain_db}]}))
+    if not faults:
+        found = responses.from_sounding(path)
+        assert (found.delay_s[0], found.gain_db[0], found.name) == (delay_s, gain_db, str(path))
+    else:
+        with pytest.raises(CastError, match="needs a finite number of"):
+            responses.from_sounding(path)
+
+
+def test_a_sounding_of_another_version_or_without_a_list_of_taps_is_refused(tmp_path):
+    path = tmp_path / "result.json"
+    for wrong in ({"cast_sounding": 2, "taps": []}, {"cast_sounding": 1, "taps": 3}, {"cast_sounding": 1, "taps": [4]}):
+        path.write_text(json.dumps(wrong))
+        with pytest.raises(CastError):
+            responses.from_sounding(path)
+    path.write_text("no document at all")
+    assert responses.from_sounding(path) is None
+
+
+def test_the_table_tells_spread_k_factor_and_loss_of_both_and_a_dash_where_there_is_none():
+    document = responses.as_document(responses.compare_responses(response((0, -10), (800, -10)), response((0, -30)), 20e-9))
+    rows = [line.split() for line in responses.as_table(document).split("\n")[-3:]]
+    assert rows[0] == ["delay", "spread", "A", "400.00", "B", "0.00", "ns"]
+    assert rows[1] == ["K-factor", "A", "0.00", "B", "–", "dB"]
+    assert rows[2] == ["loss,", "Σ|tap|²", "A", "6.99", "B", "30.00", "dB"]  # 10 − 10·lg 2
+    assert document["path_loss_db"]["error"] == pytest.approx(30 - 10 + 10 * np.log10(2))
+
+
+def test_as_many_delays_as_gains_make_a_response():
+    for delay_s, gain_db in (([0.0, 1.0], [0.0]), (0.0, 0.0), ([[0.0]], [[0.0]])):
+        with pytest.raises(CastError, match="one tap or more"):
+            responses.Response(name="r", delay_s=delay_s, gain_db=gain_db)

@@ -2,6 +2,8 @@
 """Series as they come from files: every number in its place, and nothing where there was none."""
 
 import json
+import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -97,3 +99,58 @@ def test_what_is_no_series_is_refused_and_its_fault_is_named(tmp_path, text, say
         "time_s,value,note,note\n0,1,a,b\n1,2,c,d\n"
     )  # a name that nobody asks for may be there twice
     assert np.array_equal(read(tmp_path / "good.csv").value, [1, 2])
+
+
+def test_times_on_the_grid_fall_into_a_step_each_and_a_negative_step_is_refused():
+    tenths = Series(name="s", time_s=np.arange(1000) / 10, value=np.arange(1000.0))
+    found = resampled(tenths, 0.1)
+    assert np.array_equal(found.value, tenths.value) and np.allclose(found.time_s, tenths.time_s)
+    with pytest.raises(CastError, match="above 0"):
+        resampled(tenths, -0.1)
+
+
+def test_a_cell_beyond_any_number_is_no_csv(tmp_path):
+    (tmp_path / "s.csv").write_text(f"time_s,value\n0,{'1' * 200_000}\n")
+    with pytest.raises(CastError, match="not CSV"):
+        read(tmp_path / "s.csv")
+
+
+class NoParquet(Exception):
+    """What a reader of Parquet raises."""
+
+
+def parquet(monkeypatch, table):
+    """A library that knows one table, or raises it: Debian has none."""
+
+    def known(asked=None):
+        if isinstance(table, Exception):
+            raise table
+        return table if asked is None else {name: table[name] for name in asked}
+
+    files = SimpleNamespace(
+        read_schema=lambda path: SimpleNamespace(names=list(known())),
+        read_table=lambda path, columns: SimpleNamespace(to_pydict=lambda: known(columns)),
+    )
+    monkeypatch.setitem(sys.modules, "pyarrow", SimpleNamespace(ArrowException=NoParquet, parquet=files))
+
+
+def test_parquet_gives_the_columns_that_are_asked_for(monkeypatch):
+    parquet(monkeypatch, {"time_s": [0.0, 1.0], "value": [5.0, None], "note": ["a", "b"]})
+    assert np.array_equal(read("s.parquet").value, [5, np.nan], equal_nan=True)
+    with pytest.raises(CastError, match="no column loss; has time_s, value, note"):
+        read("s.parquet", "loss")
+
+
+@pytest.mark.parametrize(
+    ("fault", "says"), [(NoParquet("no magic bytes"), "not Parquet: no magic bytes"), (FileNotFoundError(), "no such file")]
+)
+def test_what_is_no_parquet_is_one_line(monkeypatch, fault, says):
+    parquet(monkeypatch, fault)
+    with pytest.raises(CastError, match=says):
+        read("s.parquet")
+
+
+def test_without_a_library_parquet_is_told_what_it_needs(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(CastError, match="needs pyarrow"):
+        read("s.parquet")

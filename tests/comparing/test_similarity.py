@@ -220,3 +220,174 @@ def test_the_interval_covers_the_true_correlation(memory, rho):
         (low, high), _ = cmp.rho_interval(a, b, rng, 300)
         held += low <= rho <= high
     assert 0.86 <= held / trials <= 0.99
+
+
+def spots(found):
+    return {line.split(":")[0] for line in found.blind_spots}
+
+
+def test_neither_unit_nor_offset_changes_what_is_said_of_similarity():
+    rng = np.random.default_rng(12)
+    a = autoregressive(rng, 0.8, 300)
+    b = 0.7 * a + autoregressive(rng, 0.8, 300)
+    plain = cmp.compare(series(a), series(b))
+    for scale, offset in ((1e-6, 0.0), (1e5, 0.0), (1.0, 40.0)):
+        found = cmp.compare(series(scale * a + offset), series(scale * b + offset))
+        assert found.rho_interval == pytest.approx(plain.rho_interval, abs=1e-9)
+        assert (found.block_samples, found.lag) == (plain.block_samples, plain.lag)
+        assert found.independent_samples == pytest.approx(plain.independent_samples, rel=1e-6)
+        assert found.slope == pytest.approx(plain.slope) and spots(found) == spots(plain)
+
+
+@pytest.mark.parametrize(("sigmas", "told"), [(1.9, False), (2.1, True), (-1.9, False), (-2.1, True)])
+def test_a_bias_is_told_from_two_standard_deviations_of_its_own_mean_on(sigmas, told):
+    """Of white differences the mean's deviation is σ/√n."""
+    rng = np.random.default_rng(13)
+    a, error = rng.normal(size=(2, N))
+    error = (error - error.mean()) / error.std()
+    assert cmp.independent_samples(error, error) == N
+    found = cmp.compare(series(10 * a), series(10 * a + error + sigmas / np.sqrt(N)))
+    assert ("bias" in spots(found)) == told
+
+
+@pytest.mark.parametrize(("share", "told"), [(2e-9, True), (0.5e-9, False)])
+def test_an_offset_alone_is_a_bias_unless_numbers_cannot_tell(share, told):
+    whole = np.round(1e4 * wave(5)) * 2.0**20  # sums of these are exact
+    offset = 2.0 ** np.round(np.log2(share * np.abs(whole).max()))
+    assert ("bias" in spots(cmp.compare(series(whole), series(whole + offset)))) == told
+
+
+@pytest.mark.parametrize(("slope", "told"), [(1.09, False), (0.91, False), (1.11, True), (0.89, True), (-1.0, True)])
+def test_a_slope_is_told_from_a_tenth_on(slope, told):
+    found = cmp.compare(series(wave(7)), series(slope * wave(7)), max_lag=0)
+    assert found.slope == pytest.approx(slope) and ("slope" in spots(found)) == told
+
+
+@pytest.mark.parametrize(("beside", "told"), [(1.009, False), (1 / 1.009, False), (1.011, True), (1 / 1.011, True)])
+def test_steps_of_two_series_may_differ_by_a_hundredth(beside, told):
+    pair = series(wave(5, 50), 0.1), series(wave(5, 50), 0.1 * beside)
+    if told:
+        with pytest.raises(CastError, match="needs one step"):
+            cmp.compare(*pair)
+    else:
+        assert cmp.compare(*pair).rho == pytest.approx(1)
+
+
+@pytest.mark.parametrize(("lag", "side"), [(3, "later"), (-3, "earlier")])
+def test_a_lag_is_told_in_samples_seconds_and_direction(lag, side):
+    long = np.random.default_rng(3).normal(size=N + 40)
+    found = cmp.compare(series(long[20:-20]), series(long[20 - lag : N + 20 - lag]))
+    assert f"lag: B is 3 samples (0.3 s) {side} than A where ρ is largest" in found.blind_spots
+    assert cmp.as_document(found)["lag_s"] == pytest.approx(0.1 * lag)
+
+
+def test_lengths_are_told_where_they_differ():
+    assert "length: 100 and 90 samples; the shorter is padded with its mean, which lowers ρ" in (
+        cmp.compare(series(wave(5, 100)), series(wave(5, 100)[:90])).blind_spots
+    )
+
+
+def test_a_correlogram_has_memory_up_to_the_last_lag_from_which_five_stay_within_chance():
+    """Politis and White 2004: the smallest m with |ρ(m + k)| < 2·√(lg n / n) for k = 1 … max(5, √lg n)."""
+    n = 1000
+    chance = 2 * np.sqrt(3 / n)
+    correlation = np.zeros(n)
+    assert cmp._memory(correlation) == 0
+    correlation[[1, 2, 3, 7]] = [0.9, -1.001 * chance, 0.999 * chance, 1.001 * chance]
+    assert cmp._memory(correlation) == 7  # lags 3 to 6 are four
+    correlation[[7, 8]] = 0, 1.001 * chance
+    assert cmp._memory(correlation) == 2
+    assert cmp._memory(np.ones(n)) == n // 4
+    assert cmp._memory(np.concatenate([[1, 0.66], np.zeros(7)])) == 0  # of nine samples lg counts as of ten: 2/3
+    assert cmp._memory(np.concatenate([[1, 0.67], np.zeros(7)])) == 1
+
+
+def test_independent_samples_are_between_two_and_all():
+    alternating = np.tile([1.0, -1.0], 50)
+    assert cmp.independent_samples(alternating, np.repeat([1.0, -1.0], 50)) == 100
+    slow = np.arange(100.0)
+    assert 2 <= cmp.independent_samples(slow, slow) < 5
+    assert cmp.independent_samples(np.ones(40), np.arange(40.0)) == 40  # what is constant tells nothing of memory
+
+
+@pytest.mark.parametrize("n", [12, 30, 100, 900])
+def test_blocks_are_no_longer_than_patton_politis_and_white_allow(n):
+    """min(3·√n, n/3), which slow waves reach."""
+    lengths = [cmp.block_length(wave(cycles, n)) for cycles in (0.5, 1, 3)]
+    assert max(lengths) == int(min(3 * np.sqrt(n), n / 3))
+    assert cmp.block_length(np.ones(n)) == 1
+
+
+def test_of_independent_pairs_the_interval_is_fishers():
+    """tanh(artanh ρ ± 1.96/√n) for a normal law."""
+    rng = np.random.default_rng(14)
+    edges, n = [], 1500
+    for _ in range(12):
+        a, other = rng.normal(size=(2, n))
+        b = 0.6 * a + 0.8 * other
+        (low, high), block = cmp.rho_interval(a, b, rng, 1000)
+        at = np.arctanh(np.corrcoef(a, b)[0, 1])
+        edges.append((np.arctanh([low, high]) - at) * np.sqrt(n))
+        assert 1 <= block <= 5
+    np.testing.assert_allclose(np.mean(edges, axis=0), [-1.96, 1.96], rtol=0.06)
+
+
+def levels(high, size=40, rho=0.0, seed=15):
+    """Two levels 30 apart, `high` of the samples at the upper one, in noise that correlates by `rho`."""
+    noise = np.random.default_rng(seed).normal(size=(2, size))
+    step = np.where(np.arange(size) < high, 30.0, 0.0)
+    return series(step + noise[0]), series(step + rho * noise[0] + np.sqrt(1 - rho**2) * noise[1])
+
+
+def test_levels_are_told_by_the_correlation_within_them_where_both_have_ten_samples():
+    a, b = levels(20)
+    halves = [(a.value[part], b.value[part]) for part in (slice(20), slice(20, None))]
+    x, y = (np.concatenate([half[k] - half[k].mean() for half in halves]) for k in (0, 1))
+    within = np.sum(x * y) / np.sqrt(np.sum(x**2) * np.sum(y**2))
+    found = cmp.compare(a, b, max_lag=0)
+    assert found.blind_spots[-1].startswith("levels: ") and found.blind_spots[-1].endswith(f"it is {within:.3f}")
+    assert "levels" in spots(cmp.compare(*levels(10), max_lag=0))
+    assert "levels" not in spots(cmp.compare(*levels(9), max_lag=0))
+    assert "levels" not in spots(cmp.compare(*levels(31), max_lag=0))
+    assert "levels" not in spots(cmp.compare(*levels(20, rho=0.999), max_lag=0))
+
+
+def test_document_and_table_tell_every_figure():
+    rng = np.random.default_rng(16)
+    a = autoregressive(rng, 0.5, 200)
+    b = 1 + 0.5 * a + 0.2 * rng.normal(size=200)
+    found = cmp.compare(series(a, name="first"), series(b, name="second"), max_lag=4)
+    document = cmp.as_document(found)
+    slope = np.cov(a, b)[0, 1] / np.var(a, ddof=1)
+    r = np.corrcoef(a, b)[0, 1]
+    told = {
+        "cast_comparison": 1, "kind": "series", "a": "first", "b": "second", "samples": [200, 200], "lag": 0, "lag_s": 0,
+        "max_lag": 4, "step_s": pytest.approx(0.1), "rho": pytest.approx(r), "rho_at_lag_0": pytest.approx(r),
+        "bias": pytest.approx(np.mean(b - a)), "rmse": pytest.approx(np.sqrt(np.mean((b - a) ** 2))),
+        "slope": pytest.approx(slope), "rho_interval": found.rho_interval, "block_samples": found.block_samples,
+        "independent_samples": found.independent_samples, "blind_spots": list(found.blind_spots),
+    }  # fmt: skip
+    assert {key: document[key] for key in told} == told
+    low, high = found.rho_interval
+    rows = [" ".join(line.split()) for line in cmp.as_table(document).split("\n")]
+    assert rows[:7] == [
+        f"similarity ρ {r:.4f} 95 %: {low:.4f} to {high:.4f}", "best lag 0 samples (0 s): B later than A", f"ρ at lag 0 {r:.4f}",
+        f"bias B − A {np.mean(b - a):.4g}", f"RMSE {found.rmse:.4g}", f"slope B over A {slope:.4g}",
+        f"independent samples {found.independent_samples:.1f} of 200",
+    ]  # fmt: skip
+    assert rows[7:] == [f"blind spot: {line}" for line in found.blind_spots]
+
+
+def test_what_is_not_defined_is_a_dash():
+    found = cmp.compare(series(np.ones(50)), series(wave(5, 50)))
+    rows = [" ".join(line.split()) for line in cmp.as_table(cmp.as_document(found)).split("\n")]
+    assert rows[:3] == ["similarity ρ –", "best lag –", "ρ at lag 0 –"]
+    assert rows[5:7] == ["slope B over A –", "independent samples –"]
+
+
+@pytest.mark.parametrize("size", [11, 12])
+def test_as_many_lags_as_the_shorter_series_has_are_too_many(size):
+    found = cmp.compare(series(wave(2, 40)), series(wave(2, 40)[:size]), max_lag=size - 1)
+    assert found.max_lag == size - 1 and len(found.rho_at_lag) == 2 * size - 1
+    with pytest.raises(CastError, match=f"the shorter series has {size}"):
+        cmp.compare(series(wave(2, 40)), series(wave(2, 40)[:size]), max_lag=size)

@@ -148,3 +148,116 @@ def test_the_exit_status_says_whether_the_limits_hold(tmp_path, monkeypatch, cap
     assert cast_scenario.main(["validate", "four_tap", "--links", "1"]) == 1
     with pytest.raises(CastError, match="1>9"):
         cast_scenario.main(["validate", "four_tap", "--link", "1>9"])
+
+
+def heard_with(taps, silent=False):
+    """What a sounding finds where the emulator plays `taps` (delay in 5 ns samples, gain), or nothing but noise."""
+    rng = np.random.default_rng(4)
+
+    def play(frozen, samples, rate):
+        if silent:
+            return 1e-3 * (rng.normal(size=len(samples)) + 1j * rng.normal(size=len(samples)))
+        return sum(gain * np.concatenate([np.zeros(late), samples])[: len(samples)] for late, gain in taps)
+
+    return play
+
+
+@pytest.mark.parametrize(
+    ("played", "missed", "extra"),
+    [
+        ([(0, 1.0), (200, 0.5)], 0, 0),
+        ([(0, 1.0)], 1, 0),
+        ([(0, 1.0), (200, 0.5), (300, 0.3)], 0, 1),
+        ([(1, 1.0), (200, 0.5)], 1, 1),  # a sample off is another tap
+        ([(0, 1.0), (201, 0.5)], 1, 1),
+    ],
+)
+def test_taps_that_are_not_heard_and_taps_that_are_none_are_counted(played, missed, extra):
+    found = validation.check_link(one_link([0, 100], [1.0, 0.5]), LINK, 0.0, play=heard_with(played))
+    assert (found.missed, found.extra, found.found) == (missed, extra, len(played))
+    assert found.holds == (missed == extra == 0)
+
+
+def test_where_nothing_is_played_every_tap_is_missed():
+    found = validation.check_link(one_link([0, 100], [1.0, 0.5]), LINK, 0.0, play=heard_with([], silent=True))
+    assert (found.missed, found.extra, found.found, found.worst_sigma) == (2, 0, 0, 0) and not found.holds
+
+
+def test_a_tap_below_what_can_be_heard_is_not_missed():
+    found = validation.check_link(one_link([0, 100], [1.0, 1e-4]), LINK, 0.0)
+    assert (found.taps, found.found, found.missed) == (2, 1, 0) and found.holds
+
+
+@pytest.mark.parametrize(("worst", "holds"), [(5.0, True), (5.01, False)])
+def test_a_deviation_of_five_sigma_holds_and_more_does_not(worst, holds):
+    found = validation.check_link(one_link([0], [1.0]), LINK, 0.0)
+    assert replace(found, worst_sigma=worst).holds == holds
+
+
+def test_the_worst_deviation_is_that_of_delay_or_gain_in_its_own_sigma():
+    found = validation._sounded(one_link([0, 100], [1.0, 0.5]), heard_with([(0, 1.0), (200, 0.5)]), 1)
+    taps = found.taps
+    delay_s = taps.delay_samples / validation.SAMPLE_RATE_HZ
+    for tap in (0, 1):
+        moved = delay_s.copy()
+        moved[tap] += 7 * taps.delay_std_samples[tap] / validation.SAMPLE_RATE_HZ
+        assert validation._deviations(found, moved, np.sqrt(taps.power))[2] == pytest.approx(7, rel=1e-6)
+        louder = np.sqrt(taps.power)
+        louder[tap] *= 10 ** (8 * taps.gain_std_db[tap] / 20)
+        missed, extra, worst = validation._deviations(found, delay_s, louder)
+        assert (missed, extra) == (0, 0) and worst == pytest.approx(8, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("count", "moving", "static"),
+    [(1, 0, 1), (2, 1, 1), (3, 1, 2), (4, 2, 2), (10, 7, 3), (7, 4, 3), (99, 8, 3)],
+)
+def test_half_of_the_links_looked_at_move_where_there_are_as_many(count, moving, static):
+    turning = sc.LinkTaps(delay_s=np.zeros((2, 1)), gain=np.array([[1.0], [1j]]))
+    still = one_link([0], [1.0]).links[LINK]
+    keys = [(str(a), "0") for a in range(1, 12)]
+    links = {key: turning if k < 8 else still for k, key in enumerate(keys)}
+    scenario = sc.Scenario(name="x", nodes=tuple(map(str, range(12))), links=links, time_s=np.arange(2.0))
+    chosen = validation.chosen_links(scenario, count)
+    assert len(set(chosen)) == len(chosen) == moving + static
+    assert [links[key].is_static for key in chosen] == [False] * moving + [True] * static
+    if moving > 1:
+        assert chosen[0] == keys[0] and chosen[moving - 1] == keys[7]
+
+
+def test_a_link_that_is_not_there_or_has_no_tap_then_is_refused():
+    scenario = one_link([0], [0.0])
+    with pytest.raises(CastError, match="link 1>2: has no taps at 0 s"):
+        validation.check_link(scenario, LINK, 0.0)
+    with pytest.raises(CastError, match="link 2>1: there is none"):
+        validation.check_link(scenario, ("2", "1"), 0.0)
+
+
+def test_delays_are_compared_where_the_hardware_has_them_on_10_ns():
+    found = validation.check_link(one_link([100.4], [1.0]), LINK, 0.0)
+    assert found.holds and found.found == 1
+    found = validation.check_link(one_link([100.4], [1.0]), LINK, 0.0, play=heard_with([(200, 1.0)]))
+    assert found.holds and not validation.check_link(one_link([100.6], [1.0]), LINK, 0.0, play=heard_with([(200, 1.0)])).holds
+
+
+def test_moves_without_a_list_of_seconds_are_told_and_an_empty_one_moves_nothing(tmp_path):
+    rng = np.random.default_rng(3)
+    arrays = {name: np.zeros((1, 1)) for name in ("rate_before", "rate_after")}
+    link = paths.LinkPaths(time_s=np.zeros(1), delay_s=np.array([[1e-7]]), gain=rng.normal(size=(1, 1)) + 0j, **arrays)
+    paths.write(tmp_path / "links.npz", {(0, 1): link})
+    scenario = sc.Scenario(name="x", nodes=("a", "b"), links={}, center_frequency_hz=1e9)
+    for moves, says in (
+        ([["a", "b", []]], None),
+        ([["a", "b", [1e-8]]], None),
+        ([["a", "b"]], "delays_moved_s"),
+        ([7], "delays_"),
+    ):
+        about = {"paths_file": str(tmp_path / "links.npz"), "hold_s": 2.0, "delays_moved_s": moves}
+        zarr_file.write(tmp_path / f"{len(list(tmp_path.iterdir()))}.zarr", scenario, **about)
+        path = max(tmp_path.glob("*.zarr"), key=lambda p: int(p.stem))
+        if says:
+            with pytest.raises(CastError, match=says):
+                validation.traced_rays(path, scenario)
+        else:
+            late_s = moves[0][2][0] if moves[0][2] else 0.0
+            assert validation.traced_rays(path, scenario)(("b", "a"), 0.0)[0][0, 0] == pytest.approx(1e-7 + late_s, abs=1e-15)

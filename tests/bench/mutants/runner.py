@@ -1,0 +1,135 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Runs tests again and again for bench_mutants.py, each time in a fork that has loaded SciPy already.
+
+Arguments: the test files, `--`, the files whose functions are watched. The first answer, a line of JSON, tells of every test how
+long it took, which of those functions it called, and whether it started a process, which may have called any. Then every line
+asked, a list of tests' names in order, is answered by 0 (all passed) or another status.
+"""
+
+import contextlib
+import json
+import os
+import select
+import signal
+import sys
+import threading
+import time
+
+import hypothesis
+import numpy
+import pytest
+import scipy.fft
+import scipy.io
+import scipy.optimize
+import scipy.signal
+import scipy.stats
+import yaml
+
+LOADED = (hypothesis, numpy, scipy, yaml)  # not GNU Radio: it has threads, which no fork keeps
+OPTIONS = ("-x", "-q", "-p", "no:cacheprovider", "--hypothesis-seed=0")
+LEAST_LIMIT_S, TIMES = 20, 10  # a test has hung after so long, or so many times as long as it took
+
+
+class Watch:
+    """Which functions of some files every test calls."""
+
+    def __init__(self, watched):
+        self.watched, self.tests, self.called, self.starts = frozenset(watched), {}, set(), False
+        sys.addaudithook(self._hear)
+
+    def _hear(self, event, _):
+        if event in ("subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn"):
+            self.starts = True
+
+    def _call(self, frame, *_):
+        code = frame.f_code
+        if code.co_filename in self.watched:
+            self.called.add((code.co_filename, code.co_firstlineno))
+
+    @pytest.hookimpl(hookwrapper=True)
+    def pytest_runtest_protocol(self, item):
+        self.called, self.starts, begin = set(), False, time.monotonic()
+        sys.settrace(self._call)
+        threading.settrace(self._call)
+        yield
+        sys.settrace(None)
+        threading.settrace(None)
+        self.tests[item.nodeid] = (time.monotonic() - begin, sorted(self.called), self.starts)
+
+    def report(self) -> dict:
+        """{test: {"seconds", "called": [(file, first line)], "starts"}}."""
+        return {name: dict(zip(("seconds", "called", "starts"), told, strict=True)) for name, told in self.tests.items()}
+
+
+class Chosen:
+    """These tests alone, in this order."""
+
+    def __init__(self, limits_s: dict[str, float]):
+        self.limits_s = limits_s
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_collection_modifyitems(self, items):
+        place = {name: k for k, name in enumerate(self.limits_s)}
+        items[:] = sorted((item for item in items if item.nodeid in place), key=lambda item: place[item.nodeid])
+        for item in items:
+            item.add_marker(pytest.mark.timeout(self.limits_s[item.nodeid]))
+
+
+def in_a_fork(work, limit_s=None):
+    """What `work()` returns there, as JSON; None where it hung or died."""
+    read, write = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.setsid()
+        nothing = os.open(os.devnull, os.O_RDWR)
+        for stream in (0, 1, 2):
+            os.dup2(nothing, stream)
+        try:
+            os.write(write, b"") if (told := work()) is None else _write_all(write, json.dumps(told).encode())
+        finally:
+            os._exit(0)
+    os.close(write)
+    told, end = b"", None if limit_s is None else time.monotonic() + limit_s
+    while select.select([read], [], [], None if end is None else max(end - time.monotonic(), 0))[0]:
+        if not (piece := os.read(read, 1 << 16)):
+            break
+        told += piece
+    os.close(read)
+    with contextlib.suppress(ProcessLookupError):  # what a test left running goes, too
+        os.killpg(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    return json.loads(told) if told else None
+
+
+def _write_all(pipe: int, told: bytes) -> None:
+    while told:
+        told = told[os.write(pipe, told) :]
+
+
+def main() -> None:
+    between = sys.argv.index("--")
+    files, watched = sys.argv[1:between], sys.argv[between + 1 :]
+
+    def look():
+        watch = Watch(watched)
+        status = int(pytest.main([*OPTIONS, *files], plugins=[watch]))
+        return {"status": status, "tests": watch.report()}
+
+    def run(names):
+        sys.dont_write_bytecode = True  # of a mutant
+        limits_s = {name: LEAST_LIMIT_S + TIMES * tests[name]["seconds"] for name in names}
+        return int(pytest.main([*OPTIONS, *dict.fromkeys(n.split("::")[0] for n in names)], plugins=[Chosen(limits_s)]))
+
+    told = in_a_fork(look)
+    print(json.dumps(told), flush=True)
+    tests = told["tests"] if told else {}
+    for line in sys.stdin:
+        names = json.loads(line)
+        limit_s = LEAST_LIMIT_S + TIMES * sum(tests[name]["seconds"] for name in names)
+        status = in_a_fork(lambda names=names: run(names), limit_s)
+        print(json.dumps(status), flush=True)
+
+
+if __name__ == "__main__":
+    main()
