@@ -116,3 +116,43 @@ def test_maps_and_coarser_steps_come_with_a_conversion(tmp_path, monkeypatch):
     monkeypatch.setattr(colosseum, "MAX_CELLS", 100)
     with pytest.raises(CastError, match="coarser"):
         cast_scenario.main(["convert", "walk.zarr", "walk.mat"])
+
+
+def test_an_installed_scenario_comes_before_a_shipped_one_and_hidden_files_are_none(tmp_path, monkeypatch):
+    monkeypatch.setenv("CAST_CATALOGUE", str(tmp_path))
+    quiet = sc.with_base_loss(sc.load("four_tap"), 77.0)
+    sc.save(tmp_path / "four_tap.yaml", quiet)
+    sc.save(tmp_path / ".hidden.yaml", quiet)
+    (tmp_path / "note.txt").write_text("no scenario")
+    assert sc.load("four_tap").base_loss_db == 77
+    assert sc.catalogue_entries()["four_tap"] == tmp_path / "four_tap.yaml"
+    assert not {".hidden", "hidden", "note"} & set(sc.catalogue_entries())
+
+
+def test_where_the_users_own_scenarios_lie_is_told_by_the_environment(tmp_path, monkeypatch):
+    monkeypatch.delenv("CAST_CATALOGUE", raising=False)
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    assert sc.catalogue.installed_folder() == tmp_path / "gr_cast/catalogue"
+    monkeypatch.delenv("XDG_DATA_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path / "me"))
+    assert sc.catalogue.installed_folder() == tmp_path / "me/.local/share/gr_cast/catalogue"
+    assert sc.load("four_tap")  # a folder that is not there holds none
+
+
+@pytest.mark.parametrize("suffix", [".yaml", ".yml", ".mat", ".zarr", ".YAML", ".Mat"])
+def test_a_scenario_is_written_and_read_by_its_suffix_however_it_is_spelt(tmp_path, suffix):
+    path = tmp_path / f"one{suffix}"
+    sc.save(path, sc.load("four_tap"))
+    assert sc.load(path).links["1", "2"].delay_s.max() == sc.load(str(path)).links["1", "2"].delay_s.max() == 4e-6
+
+
+def test_another_suffix_a_missing_folder_and_an_example_that_is_not_made_are_told(tmp_path):
+    scenario = sc.load("four_tap")
+    for ask in (lambda: sc.save(tmp_path / "a.txt", scenario), lambda: sc.catalogue.read(tmp_path / "a.txt")):
+        with pytest.raises(CastError, match="suffix: got '.txt', needs one of .yaml, .yml, .mat, .zarr"):
+            ask()
+    with pytest.raises(CastError, match="no such folder"):
+        sc.save(tmp_path / "none/a.yaml", scenario)
+    example = next(sc.catalogue.examples_folder().glob("*.yaml")).stem
+    with pytest.raises(CastError, match=f"{example}: not made yet: .*create {example}"):
+        sc.load(example)

@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 import pytest
+import yaml
 from gr_cast import scenario as sc
 from gr_cast.core.documents import Reader
 from gr_cast.core.errors import CastError
@@ -90,6 +91,7 @@ def test_a_file_that_cannot_be_meant_is_refused(tmp_path, text, says):
             "got 27000030 taps over all links and instants, limit 25000000",
         ),
     ],
+    ids=["nodes", "name", "aliases"],
 )  # fmt: skip
 def test_what_would_fill_the_memory_or_leave_a_folder_is_refused_before_it_is_built(tmp_path, text, says):
     began = time.process_time()
@@ -223,3 +225,155 @@ def test_any_text_is_read_or_refused_but_never_crashes(tmp_path_factory, data):
         yaml_file.read(path)
     except CastError as error:
         assert error.faults and all("fuzz.yaml" in fault for fault in error.faults)
+
+
+LINK = "all_links: {taps: [{delay_s: 0, gain_db: 0}]}\n"
+BESIDES = "time_s: is given besides duration_s or update_s, needs one or the other"
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("nodes: 0\n" + LINK, "nodes: got 0, needs 1 to 256"),
+        ("nodes: 257\n" + LINK, "nodes: got 257, needs 1 to 256"),
+        ("nodes: true\n" + LINK, "nodes: got True, needs a count, a list of names, or a mapping of names"),
+        ("nodes: [a, 3.5]\n" + LINK, "nodes[1]: got 3.5, needs text"),
+        ("nodes: {a: {place: 1}}\n" + LINK, "nodes.a: unknown key 'place', knows position_m"),
+        ("nodes: {a: {position_m: [1, 2, x]}}\n" + LINK, "nodes.a.position_m: got 'x', needs a finite number of m"),
+        ("nodes: 2\nreciprocal: 1\n" + LINK, "reciprocal: got 1, needs true or false"),
+        ("nodes: 2\nlinks: {}\n", "links: got {}, needs a list"),
+        ("nodes: 2\ntime_s: [0, 1]\nduration_s: 1\n" + LINK, BESIDES),
+        ("nodes: 2\ntime_s: [0, 1]\nupdate_s: 1\n" + LINK, BESIDES),
+        ("nodes: 2\ntime_s: [0, 1, 1]\n" + LINK, "time_s: needs seconds that ascend from 0"),
+        ("nodes: 2\ntime_s: [1, 2]\n" + LINK, "time_s: needs seconds that ascend from 0"),
+        ("nodes: 2\ntime_s: []\n" + LINK, "time_s: needs seconds that ascend from 0"),
+        ("nodes: 2\ntime_s: [0, -1]\n" + LINK, "time_s[1]: got -1, needs a finite number of s of 0 or more"),
+        ("nodes: 2\nduration_s: -1\n" + LINK, "duration_s: got -1, needs a finite number of s of 0 or more"),
+        ("nodes: 2\nduration_s: 1\nupdate_s: 0.9e-6\n" + LINK, "update_s: got 9e-07, needs a finite number of s of 1e-06"),
+        ("nodes: 2\nduration_s: 1000\n" + LINK, "duration_s: got 1000 s in steps of 0.001 s, limit 1000000 steps"),
+        ("nodes: 2\nall_links: {taps: [{delay_s: 0, gain_db: 0}], tx: 1}\n", "all_links: unknown key 'tx', knows taps"),
+        ("nodes: 2\nall_links: {taps: [{delay_s: 0, gain_db: 120.1}]}\n",
+         "all_links.taps[0].gain_db: got 120.1, needs a finite number of dB in -10000 to 120"),
+        ("nodes: 2\nall_links: {taps: [{delay_s: 0, gain_db: -10001}]}\n",
+         "all_links.taps[0].gain_db: got -10001, needs a finite number of dB in -10000 to 120"),
+        ("nodes: 2\nall_links: {taps: [{delay_s: -.inf, gain_db: 0}]}\n",
+         "all_links.taps[0].delay_s: got -inf, needs a finite number of s"),
+        ("nodes: 2\nall_links: {taps: [{delay_s: 0, gain_db: []}]}\n", "all_links.taps[0].gain_db: got 0 values, time_s has 1"),
+        ("nodes: 2\nduration_s: 1\nall_links: {taps: [{delay_s: 0, gain_db: 0, doppler_hz: 500.1}]}\n",
+         "all_links.taps[0].doppler_hz: got 500.1 Hz, limit +-500 Hz at these updates"),
+        ("nodes: 2\nduration_s: 1\nall_links: {taps: [{delay_s: 0, gain_db: 0, doppler_hz: -500.1}]}\n",
+         "all_links.taps[0].doppler_hz: got -500.1 Hz, limit +-500 Hz at these updates"),
+        ("nodes: 2\nall_links: {taps: [{delay_s: 0, gain_db: 0, doppler_hz: 1}]}\n",
+         "all_links.taps[0].doppler_hz: turns over time: the file needs duration_s or time_s"),
+        ("nodes: 2\ntime_s: [0, 1]\nall_links: {taps: [{delay_s: 0, gain_db: 0, doppler_hz: [0.1, 0.2]}]}\n",
+         "all_links.taps[0].doppler_hz: needs one number: a Doppler that changes is a phase_rad over time"),
+        ("nodes: 2\nlinks: [{tx: 1, rx: 2, base_loss_db: x, taps: [{delay_s: 0, gain_db: 0}]}]\n",
+         "links[0].base_loss_db: got 'x', needs a finite number of dB"),
+        ("nodes: 2\nlinks: [{tx: 1, rx: 2, taps: [{delay_s: 0, gain_db: 0}, {delay_s: 5.2e-6, gain_db: 0}]}]\n",
+         "links[0].taps[1]: link 1>2: tap 2: delay_s: got 5.2e-06 s (tap index 520 on the 10 ns grid)"),
+        ("nodes: 2\ncenter_frequency_hz: 2T\n" + LINK, "center_frequency_hz: "),
+        ("nodes: 2\ncenter_frequency_hz: 1.1e12\n" + LINK,
+         "center_frequency_hz: got 1100000000000.0, needs a frequency above 0, at most 1e+12 Hz"),
+    ],
+)  # fmt: skip
+def test_one_fault_is_one_line_at_its_place(tmp_path, text, fault):
+    with pytest.raises(CastError) as refused:
+        yaml_file.read(written(tmp_path, "cast_scenario: 1\n" + text))
+    (line,) = refused.value.faults
+    assert line.split("a.yaml: ")[1].startswith(fault)
+
+
+def test_clocks_come_as_instants_or_as_duration_and_steps_of_a_millisecond(tmp_path):
+    for text, clock_s in (
+        ("", [0.0]),
+        ("duration_s: 0\n", [0.0]),
+        ("duration_s: 0.003\n", [0, 1e-3, 2e-3, 3e-3]),
+        ("duration_s: 1\nupdate_s: 0.25\n", [0, 0.25, 0.5, 0.75, 1]),
+        ("duration_s: 1\nupdate_s: 0.3\n", [0, 0.3, 0.6, 0.9]),
+        ("time_s: [0, 0.1, 7]\n", [0, 0.1, 7]),
+    ):
+        np.testing.assert_allclose(yaml_file.read(written(tmp_path, HEAD + text + LINK)).time_s, clock_s, rtol=1e-12)
+
+
+def test_as_many_instants_and_taps_as_there_may_be_are_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(yaml_file, "MAX_INSTANTS", 10)
+    assert yaml_file.read(written(tmp_path, HEAD + "duration_s: 9\nupdate_s: 1\n" + LINK)).time_s.size == 10
+    with pytest.raises(CastError, match="limit 10 steps"):
+        yaml_file.read(written(tmp_path, HEAD + "duration_s: 10\nupdate_s: 1\n" + LINK))
+    still, turning = "{delay_s: 0, gain_db: 0}", "{delay_s: 0, gain_db: 0, doppler_hz: 0.1}"
+    links = f"links: [{{tx: 1, rx: 2, taps: [{still}, {turning}]}}, {{tx: 2, rx: 1, taps: [{still}]}}]\n"
+    text = HEAD + "time_s: [0, 1, 2]\n" + links  # two taps of three instants, and one
+    monkeypatch.setattr(yaml_file, "MAX_TAPS", 7)
+    assert len(yaml_file.read(written(tmp_path, text)).links) == 2
+    monkeypatch.setattr(yaml_file, "MAX_TAPS", 6)
+    for more in (text, text.replace("doppler_hz: 0.1", "phase_rad: [0, 1, 2]")):
+        with pytest.raises(CastError, match="got 7 taps over all links and instants, limit 6"):
+            yaml_file.read(written(tmp_path, more))
+
+
+def test_a_doppler_may_turn_half_a_cycle_in_the_longest_step(tmp_path):
+    text = "time_s: [0, 0.1, 0.3]\nall_links: {taps: [{delay_s: 0, gain_db: 0, phase_rad: [0, 1, 2], doppler_hz: 2.5}]}\n"
+    gain = yaml_file.read(written(tmp_path, HEAD + text)).links["1", "2"].gain[:, 0]
+    np.testing.assert_allclose(gain, np.exp(1j * (np.arange(3) + 2 * np.pi * 2.5 * np.array([0, 0.1, 0.3]))), atol=1e-12)
+
+
+def test_values_over_time_stand_beside_those_that_stay(tmp_path):
+    text = "time_s: [0, 1]\nall_links: {taps: [{delay_s: [0, 1e-6], gain_db: -6}, {delay_s: 2e-6, gain_db: [0, -.inf]}]}\n"
+    scenario = yaml_file.read(written(tmp_path, HEAD + text))
+    taps = scenario.links["2", "1"]
+    np.testing.assert_allclose(taps.delay_s, [[0, 2e-6], [1e-6, 2e-6]])
+    np.testing.assert_allclose(taps.gain, [[10**-0.3, 1], [10**-0.3, 0]])
+    assert set(scenario.links) == {("1", "2"), ("2", "1")} and scenario.nodes == ("1", "2")
+
+
+def test_a_named_link_stands_in_the_place_of_that_of_all(tmp_path):
+    text = "nodes: 3\n" + LINK + "links: [{tx: 1, rx: 2, base_loss_db: 3, taps: [{delay_s: 1e-6, gain_db: -9}]}]\n"
+    scenario = yaml_file.read(written(tmp_path, "cast_scenario: 1\n" + text))
+    assert len(scenario.links) == 6
+    delays = {key: taps.delay_s[0, 0] for key, taps in scenario.links.items()}
+    assert {key for key, delay in delays.items() if delay == 1e-6} == {("1", "2"), ("2", "1")}
+    assert scenario.link_base_loss_db == {("1", "2"): 3.0, ("2", "1"): 3.0}
+
+
+def test_losses_of_both_ways_may_differ(tmp_path):
+    taps = "taps: [{delay_s: 0, gain_db: 0}]"
+    text = f"links: [{{tx: 1, rx: 2, base_loss_db: 3, {taps}}}, {{tx: 2, rx: 1, base_loss_db: 4, {taps}}}]\n"
+    assert yaml_file.read(written(tmp_path, HEAD + text)).link_base_loss_db == {("1", "2"): 3.0, ("2", "1"): 4.0}
+
+
+def test_names_positions_and_words_are_kept(tmp_path):
+    text = "cast_scenario: 1\nname: hall\ndescription: ' - two halls\n - '\nnodes: {a: {position_m: [1, 2, 3]}, b: }\n" + LINK
+    scenario = yaml_file.read(written(tmp_path, text))
+    assert (scenario.name, scenario.description) == ("hall", "two halls")
+    assert scenario.position_m["a"].tolist() == [[1, 2, 3]] and list(scenario.position_m) == ["a"]
+    yaml_file.write(tmp_path / "again.yaml", scenario)
+    again = yaml_file.read(tmp_path / "again.yaml")
+    assert (again.name, again.description, again.nodes) == ("hall", "two halls", ("a", "b"))
+    assert again.position_m["a"].tolist() == [[1, 2, 3]] and list(again.position_m) == ["a"]
+    assert yaml_file.read(written(tmp_path, HEAD + LINK)).name == "a"  # the file's own, without one
+
+
+def test_one_file_is_written_for_people_one_number_where_nothing_changes(tmp_path):
+    taps = sc.LinkTaps(delay_s=[[0.0, 1e-6], [0.0, 2e-6]], gain=[[1.0, 0.1j], [1.0, 0.1j]])
+    scenario = sc.Scenario(
+        name="s", nodes=("1", "2"), links={("1", "2"): taps}, time_s=[0, 1], link_base_loss_db={("1", "2"): 4.0}
+    )
+    document = yaml.safe_load(yaml_file.to_text(scenario))
+    assert document["cast_scenario"] == 1 and document["time_s"] == [0, 1] and document["reciprocal"] is False
+    (entry,) = document["links"]
+    first, second = entry["taps"]
+    assert (entry["tx"], entry["rx"], entry["base_loss_db"]) == ("1", "2", 4.0)
+    assert first == {"delay_s": 0.0, "gain_db": 0.0, "phase_rad": 0.0}
+    assert second["delay_s"] == [1e-6, 2e-6] and second["gain_db"] == pytest.approx(-20)
+    assert second["phase_rad"] == pytest.approx(np.pi / 2)
+
+
+def test_a_scenario_of_more_numbers_than_are_read_again_is_not_written(tmp_path, monkeypatch):
+    taps = sc.LinkTaps(delay_s=np.zeros((2, 3)), gain=np.ones((2, 3)))
+    scenario = sc.Scenario(name="s", nodes=("1", "2"), links={("1", "2"): taps}, time_s=[0, 1])  # 3·6 and two instants
+    monkeypatch.setattr(yaml_file, "MAX_VALUES", 40)
+    yaml_file.write(tmp_path / "a.yaml", scenario)
+    monkeypatch.setattr(yaml_file, "MAX_VALUES", 38)
+    with pytest.raises(CastError, match="got 20 numbers, limit 19 in YAML: write it as .zarr"):
+        yaml_file.write(tmp_path / "b.yaml", scenario)
+    assert not (tmp_path / "b.yaml").exists()
