@@ -12,13 +12,18 @@ from gr_cast.emulation.reference import (
     emulate,
     filter_length,
     fir_taps,
+    has_taps_between_samples,
+    interpolator,
+    noise_power_from_snr,
     quantize,
     receiver_noise,
     scenario_bulk_delay,
     scenario_updates,
+    split_delay,
     sqnr_db,
 )
 from gr_cast.scenario.model import MAX_DELAY_S, LinkTaps, Scenario
+from scipy.interpolate import interp1d
 from scipy.signal import lfilter
 from scipy.stats import kstest
 
@@ -217,3 +222,167 @@ def test_windows_of_a_scenario_add_up_to_the_whole():
         x = complex_noise(3, 1, 2500)
         whole = emulate(x, scenario_updates(scenario, 1e5), 1)
         np.testing.assert_array_equal(emulate(x, sum(windows, []), 1), whole)
+
+
+@pytest.mark.parametrize("bad", [{"rx": -1}, {"ramp_samples": -1}, {"taps": [np.inf]}, {"taps": 1.0}])
+def test_an_update_that_says_nothing_is_refused_by_its_link(bad):
+    with pytest.raises(CastError, match=f"update of link {bad.get('tx', 3)}>{bad.get('rx', 4)}"):
+        LinkUpdate(**{"tx": 3, "rx": 4, "taps": [1]} | bad)
+    assert LinkUpdate(tx=0, rx=0, at_sample=0, ramp_samples=0).taps is None
+
+
+@pytest.mark.parametrize(("tx", "rx", "there"), [(1, 0, True), (2, 0, False), (0, 2, True), (0, 3, False)])
+def test_updates_name_nodes_that_are_there(tx, rx, there):
+    if there:
+        assert emulate(np.ones((2, 4)), [LinkUpdate(tx=tx, rx=rx, taps=[1])], 3)[rx].all()
+    else:
+        with pytest.raises(CastError, match="the network has 2 transmitters and 3 receivers"):
+            emulate(np.ones((2, 4)), [LinkUpdate(tx=tx, rx=rx, taps=[1])], 3)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "fits"),
+    [({"bits": 1}, False), ({"bits": 2}, True), ({"bits": 24}, True), ({"bits": 25}, False), ({"tap_bits": 1}, False),
+     ({"tap_bits": 2}, True), ({"tap_bits": 24}, True), ({"tap_bits": 25}, False), ({"input_full_scale": 0.0}, False),
+     ({"input_full_scale": np.inf}, False), ({"output_full_scale": 0.0}, False), ({"output_full_scale": np.nan}, False),
+     ({"output_full_scale": 1e-9, "input_full_scale": 1e9}, True)],
+)  # fmt: skip
+def test_arithmetic_has_2_to_24_bits_and_a_finite_full_scale(wrong, fits):
+    if fits:
+        FixedPoint(**wrong)
+    else:
+        with pytest.raises(CastError, match="fixed point"):
+            FixedPoint(**wrong)
+
+
+def test_by_default_samples_and_taps_have_16_bits_and_one_is_full_scale():
+    x = 0.4 * complex_noise(4, 1, 300)
+    taps = [0.3 + 0.1j, 1.0, -2.5]
+    y = emulate(x, [LinkUpdate(tx=0, rx=0, taps=taps)], 1, fixed_point=FixedPoint())
+    rounded = quantize(x[0], 1.0, 16)
+    want = quantize(lfilter(quantize(np.array(taps), 2.0, 16), 1, rounded), 1.0, 16)
+    np.testing.assert_array_equal(y[0], want)
+    assert np.abs(y.imag).max() == 1.0 and quantize(np.array(taps), 2.0, 16)[2] == -2.0
+
+
+def test_signal_over_quantisation_noise_is_that_of_input_output_and_taps_alone():
+    """Each of the three roundings is made to rule by fine steps of the other two."""
+    step = 2.0**-7
+    fine = dict(bits=24, tap_bits=24)
+    for bits, taps, law in (
+        (FixedPoint(bits=8, tap_bits=24, output_full_scale=1e-6), [0.5, 0.5j], 0.5 * 0.1 / (0.5 * step**2 / 6)),
+        (FixedPoint(bits=8, tap_bits=24, input_full_scale=1e-6), [0.5, 0.5j], 0.5 * 0.1 / (step**2 / 6)),
+        (FixedPoint(**fine | {"tap_bits": 8}), [0.503], 0.503**2 / (0.503 - round(0.503 * 64) / 64) ** 2),
+    ):
+        assert sqnr_db(0.1, taps, bits) == pytest.approx(10 * np.log10(law), abs=0.01)
+
+
+def test_noise_so_many_db_below_a_power_is_that_power_over_their_ratio():
+    assert noise_power_from_snr(13.0, 0.4) == pytest.approx(0.4 / 10**1.3)
+
+
+@pytest.mark.parametrize("fraction", [0.001, 0.3, 0.5, 0.999])
+def test_the_filter_between_samples_is_the_least_squares_one(fraction):
+    """Over 80 % of the band, on a fine grid of frequencies, by NumPy's own solver."""
+    frequency = np.linspace(-0.4, 0.4, 4001)
+    rows = np.exp(-2j * np.pi * np.outer(frequency, np.arange(INTERPOLATOR_TAPS)))
+    ideal = np.exp(-2j * np.pi * frequency * (INTERPOLATOR_TAPS / 2 - 1 + fraction))
+    best = np.linalg.lstsq(rows, ideal, rcond=1e-7)[0]
+    ours = interpolator(fraction)
+    errors = [np.sqrt(np.mean(np.abs(rows @ taps - ideal) ** 2)) for taps in (ours, best)]
+    assert errors[0] < 1.1 * errors[1] + 1e-6
+    assert np.abs(ours).sum() < 20  # the band alone leaves it nearly free
+
+
+def test_a_millionth_of_a_sample_is_none():
+    whole, rest = split_delay(np.array([3 - 0.9e-6, 3 + 0.9e-6, 3 - 1.1e-6, 3 + 1.1e-6, 2.75]))
+    assert whole.tolist() == [3, 3, 2, 3, 2] and (rest[:2] == 0).all()
+    np.testing.assert_allclose(rest[2:], [1 - 1.1e-6, 1.1e-6, 0.75], atol=1e-12)
+
+
+def test_filters_of_all_paths_add_and_end_with_their_last_tap():
+    late = bulk_delay_samples([2.5, 40.0])
+    assert late == INTERPOLATOR_TAPS // 2 - 1 - 2
+    taps = fir_taps(np.array([2.5, 40.0, 40.0, 300.0]), np.array([1.0, 0.5, 0.25j, 0.0]), late)
+    want = np.zeros(40 + late + 1, complex)
+    want[:INTERPOLATOR_TAPS] = interpolator(0.5)
+    want[40 + late] += 0.5 + 0.25j
+    np.testing.assert_allclose(taps, want, atol=1e-12)
+    assert fir_taps(np.array([5.5]), np.array([1.0]), 20)[20 + 5 - 13 :].size == INTERPOLATOR_TAPS
+    assert fir_taps(np.zeros(0), np.zeros(0)).size == 0
+
+
+def test_filters_are_512_taps_or_hold_the_longest_delay_and_two_interpolators():
+    assert filter_length(100e6) == int(np.ceil(MAX_DELAY_S * 100e6)) + 56 == 567
+    assert filter_length(1e6) == 512 and filter_length(184.32e6) == int(np.ceil(MAX_DELAY_S * 184.32e6)) + 56
+
+
+def moving(interpolation, links=None):
+    rng = np.random.default_rng(8)
+    instants = np.array([0.0, 1e-3, 2.5e-3, 4e-3])
+    taps = LinkTaps(delay_s=np.zeros((4, 1)), gain=rng.normal(size=(4, 1)) + 1j * rng.normal(size=(4, 1)))
+    return Scenario(name="s", nodes=("a", "b"), links=links or {("a", "b"): taps}, time_s=instants, interpolation=interpolation)
+
+
+@pytest.mark.parametrize("interpolation", ["hold", "linear"])
+def test_in_a_cycle_the_scenario_begins_again_whenever_it_ends(interpolation):
+    scenario, rate_hz, count = moving(interpolation), 1e5, 1050
+    gain = scenario.links["a", "b"].gain[:, 0]
+    when = (np.arange(count) / rate_hz) % 4e-3
+    kind = "previous" if interpolation == "hold" else "linear"
+    law = interp1d(scenario.time_s, gain, kind=kind)(when + 1e-9)
+    whole = scenario_updates(scenario, rate_hz, 0.0, count / rate_hz, cycle=True)
+    cut = [scenario_updates(scenario, rate_hz, a, b, cycle=True) for a, b in ((0, 3e-3), (3e-3, 9.5e-3), (9.5e-3, 10.5e-3))]
+    for updates in (whole, sum(cut, [])):
+        y = emulate(np.ones((2, count)), updates, 2)[1]
+        np.testing.assert_allclose(y, law, atol=1e-5)
+
+
+def test_updates_of_chosen_links_are_those_of_all_and_a_static_link_has_one():
+    still = LinkTaps(delay_s=np.array([[0.5e-5]]), gain=np.array([[1.0]]))
+    turning = moving("hold").links["a", "b"]
+    scenario = moving("hold", {("a", "b"): turning, ("b", "a"): still})
+    every = scenario_updates(scenario, 1e5)
+    assert [(u.tx, u.rx) for u in every] == [(0, 1)] * 4 + [(1, 0)]
+    assert [u.at_sample for u in every] == [0, 100, 250, 400, 0]
+    chosen = scenario_updates(scenario, 1e5, links={("b", "a")})
+    assert len(chosen) == 1 and np.array_equal(chosen[0].taps, every[-1].taps)  # as late as with all
+    assert [u.at_sample for u in scenario_updates(scenario, 1e5, 1e-3, 4e-3)] == [100, 250]
+    assert len(scenario_updates(scenario, 1e5, 4e-3)) == 1
+    again = scenario_updates(Scenario(name="s", nodes=("a", "b"), links={("b", "a"): still}), 1e5, cycle=True, until_s=9.0)
+    assert len(again) == 1  # what does not change never begins again
+
+
+def test_a_scenario_has_taps_between_samples_at_some_rates_and_unused_ones_are_none():
+    link = LinkTaps(delay_s=np.array([[1e-6, 1.5e-6]]), gain=np.array([[1.0, 0.5]]))
+    unused = LinkTaps(delay_s=np.array([[1e-6, 1.5e-6]]), gain=np.array([[1.0, 0.0]]))
+    for taps, rate_hz, between in ((link, 1e6, True), (link, 2e6, False), (unused, 1e6, False)):
+        scenario = Scenario(name="s", nodes=("a",), links={("a", "a"): taps})
+        assert has_taps_between_samples(scenario, rate_hz) == between
+    assert not has_taps_between_samples(Scenario(name="s", nodes=("a",), links={}), 1e6)
+    assert scenario_bulk_delay(Scenario(name="s", nodes=("a",), links={}), 1e6) == 0
+
+
+def test_ramps_begin_and_end_where_they_are_told_for_any_order_of_changes():
+    updates = [
+        LinkUpdate(tx=0, rx=0, at_sample=30, taps=[0, 2], ramp_samples=20),
+        LinkUpdate(tx=0, rx=0, taps=[1]),
+        LinkUpdate(tx=0, rx=0, at_sample=40, base_loss_db=20 * np.log10(4)),
+        LinkUpdate(tx=0, rx=0, at_sample=35, enabled=False),
+        LinkUpdate(tx=0, rx=0, at_sample=45, enabled=True),
+        LinkUpdate(tx=0, rx=0, at_sample=500, taps=[9]),
+    ]
+    n = np.arange(100)
+    share = np.clip((n - 30) / 20, 0, 1)
+    on = ((n < 35) | (n >= 45)) * np.where(n < 40, 1.0, 0.25)
+    x = np.arange(1.0, 101.0)
+    late = np.append(0, x[:-1])
+    want = on * ((1 - share) * x + 2 * share * late)
+    np.testing.assert_allclose(emulate(x[None], updates, 1)[0], want, atol=1e-12)
+
+
+def test_of_updates_of_one_sample_the_last_holds_and_shorter_taps_clear_longer_ones():
+    updates = [LinkUpdate(tx=0, rx=0, taps=taps) for taps in ([1, 0, 5], [3, 1])]
+    assert emulate(np.eye(1, 5), updates, 1)[0].tolist() == [3, 1, 0, 0, 0]
+    assert not emulate(np.ones((1, 5)), [LinkUpdate(tx=0, rx=0, enabled=True)], 1).any()
+    assert not emulate(np.ones((1, 3)), [LinkUpdate(tx=0, rx=0, taps=[0, 0, 0, 0, 1])], 1).any()  # later than all there is

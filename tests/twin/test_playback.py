@@ -257,6 +257,194 @@ def test_rails_and_quantiser_come_after_the_noise(tmp_path):
     assert np.abs(y.real).max() == 2.0 and np.allclose(y.real * 64, np.round(y.real * 64), atol=1e-4)
 
 
+SMALL = Grid(block=4096, end=512, margin=256)
+
+
+def small(path, count, conditions=SILENT) -> Playback:
+    case = read_twin(path)
+    return Playback(case, case.observations[0], count, conditions, SMALL)
+
+
+def test_a_tape_holds_what_was_pushed_and_not_yet_dropped():
+    tape = Tape()
+    assert (tape.first, tape.last) == (0, 0)
+    tape.push(np.arange(5))
+    tape.push(np.arange(5, 8))
+    assert (tape.first, tape.last) == (0, 8) and tape[2:6].tolist() == [2, 3, 4, 5]
+    tape.drop(3)
+    tape.drop(1)  # what is gone is gone
+    assert (tape.first, tape.last) == (3, 8) and tape[3:8].tolist() == [3, 4, 5, 6, 7] and tape[5:7].tolist() == [5, 6]
+    tape.drop(99)
+    assert (tape.first, tape.last) == (8, 8)
+    tape.push(np.array([8]))
+    assert tape[8:9].tolist() == [8]
+
+
+@pytest.mark.parametrize("first", [-1000, -3, 0, 95, 500, 1500])
+def test_outside_of_a_tape_or_a_waveform_sent_once_nothing_is_sent(first):
+    wave = np.arange(1, 101) * (1 + 0.5j)
+    tape = Tape()
+    tape.push(wave)
+    for waveform in (tape, Waveform(name="w", samples=wave, repeat=False, built_in=False)):
+        cut = Sent.of(waveform, 2.0).around(first, first + 10, 8)
+        n = np.arange(first - 4, first + 14)  # the outer half of the margin fades
+        assert cut.origin == first - 8 and cut.known.all() and not cut.repeat
+        want = np.where((n >= 0) & (n < 100), 2 * (n + 1) * (1 + 0.5j), 0)
+        np.testing.assert_allclose(cut.samples[4 : 4 + len(n)], want, atol=1e-12)
+
+
+def test_a_live_transmitter_has_power_one_as_far_as_anybody_knows():
+    source = Sent.of(Tape(), 0.5).source
+    assert (source.power, source.peak, source.repeat) == (pytest.approx(0.25), pytest.approx(0.5), False)
+
+
+@pytest.mark.parametrize("size", [LONGEST_PERIOD, LONGEST_PERIOD + 1])
+def test_a_period_up_to_the_longest_is_a_circle_and_a_longer_one_is_cut(size):
+    sent = Sent.of(Waveform(name="w", samples=np.ones(size), repeat=True, built_in=False), 1.0)
+    assert sent.around(0, 100, 40).repeat == (size == LONGEST_PERIOD)
+
+
+def test_samples_that_are_not_known_cannot_be_played():
+    for wrong in (np.nan, np.inf):
+        with pytest.raises(CastError, match="waveform w: holds unknown samples"):
+            Sent.of(Waveform(name="w", samples=np.array([1, wrong]), repeat=True, built_in=False), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("condition", "says"),
+    [
+        ({"seed": -1}, "seed: got -1"), ({"seed": 1 << 64}, "seed: got 18446744073709551616"),
+        ({"amplitude": {"tx1": -1e-9}}, "amplitude of tx1"), ({"amplitude": {"tx1": np.inf}}, "amplitude of tx1"),
+        ({"center_frequency_hz": 0.0}, "carrier: got 0.0 Hz"), ({"center_frequency_hz": np.inf}, "carrier: got inf Hz"),
+        ({"seed": (1 << 64) - 1}, None), ({"amplitude": {"tx1": 0.0}}, None), ({"center_frequency_hz": 1e-3}, None),
+    ],
+)  # fmt: skip
+def test_conditions_have_limits(condition, says):
+    if says is None:
+        Conditions(**condition)
+    else:
+        with pytest.raises(CastError, match=says):
+            Conditions(**condition)
+
+
+@pytest.mark.parametrize(("count", "fits"), [(0, False), (1, True), (1 << 53, True), ((1 << 53) + 1, False)])
+def test_a_stream_is_as_long_as_a_double_counts(tmp_path, count, fits):
+    if fits:
+        assert len(small(twin(tmp_path), count).samples(0, 3)) == min(count, 3)
+    else:
+        with pytest.raises(CastError, match="duration: got .* samples, needs 1 to"):
+            small(twin(tmp_path), count)
+
+
+def test_pieces_end_where_the_stream_does(tmp_path):
+    playback = small(twin(tmp_path), 10_000)
+    whole = playback.samples()
+    assert len(whole) == 10_000 and whole.dtype == np.complex64
+    assert np.array_equal(np.concatenate(list(playback.chunks(3000))), whole)
+    assert [len(piece) for piece in playback.chunks(3000)] == [3000, 3000, 3000, 1000]
+    assert np.array_equal(playback.samples(9990, 50), whole[9990:]) and len(playback.samples(10_000, 5)) == 0
+    assert len(playback.samples(20_000)) == 0
+
+
+@pytest.mark.parametrize("name", ["nothing", "sample_clock_offset", "sample_loss"])
+def test_a_block_needs_what_it_says_and_no_more_than_paths_clock_and_margin_ask_for(tmp_path, name):
+    """All else that is sent may be anything: what is live need not be known before."""
+    lost = {"time_s": 0.0045, "samples": 77}
+    effects = {"sample_clock_offset": {"offset_ppm": 500.0}, "sample_loss": lost}
+    owner = "rx1" if name == "sample_loss" else "tx1"
+    path = twin(tmp_path, [(name, owner, effects[name])] if name in effects else [])
+    count, k, size = 12_000, 1, SMALL.step
+    sent = np.tile(X, 40)
+
+    def sending(samples):
+        wave = Waveform(name="w", samples=samples, repeat=False, built_in=False)
+        return small(path, count, Conditions(noise_power_db=-np.inf, transmit={"tx1": wave}))
+
+    plain = sending(sent)
+    first, last = plain.needs(k)
+    begin, end = k * size - SMALL.end, k * size - SMALL.end + SMALL.block
+    late, early = 8, 0  # of the paths
+    moved = {"nothing": (0, 0), "sample_clock_offset": (end * 5e-4 + 1,) * 2, "sample_loss": (0, 77)}[name]
+    assert begin - late - SMALL.margin - moved[0] <= first <= begin - late - SMALL.margin + moved[0] + 1
+    assert end - early + SMALL.margin - 1 <= last <= end - early + SMALL.margin + moved[1] + 1
+    outside = np.arange(len(sent))
+    other = np.where((outside >= first) & (outside < last), sent, 1e3)
+    loud = sending(other)
+    loud.scene.rms = plain.scene.rms
+    assert np.abs(loud.block(k) - plain.block(k)).max() < 1e-4 * np.abs(plain.block(k)).max()
+
+
+def test_gain_carrier_offset_and_amplitude_of_the_conditions_are_heard(tmp_path):
+    path, count = twin(tmp_path), 9000
+    plain = small(path, count).samples()
+    n = np.arange(count)
+    for asked, law in (
+        ({"gain_db": -20.0}, 0.1),
+        ({"carrier_offset_hz": 120.0}, np.exp(2j * np.pi * 120 * n / RATE_HZ)),
+        ({"amplitude": {"tx1": 0.25}}, 0.25),
+    ):
+        got = small(path, count, Conditions(noise_power_db=-np.inf, **asked)).samples()
+        turned = np.vdot(plain * law, got)  # a carrier's phase is anybody's
+        assert np.abs(got - plain * law * turned / abs(turned)).max() < 2e-3 * np.abs(plain).max()
+        assert turned == pytest.approx(abs(turned)) or "carrier_offset_hz" in asked
+
+
+@pytest.mark.parametrize(
+    ("asked", "told", "measured", "power_db"),
+    [
+        (-30.0, -40.0, -50.0, -30.0),
+        (None, -40.0, -50.0, -40.0),
+        (None, None, -50.0, -50.0),
+        (None, None, None, None),
+        (0.0, -40.0, None, 0.0),
+    ],
+)
+def test_noise_is_what_is_asked_for_or_told_or_measured_or_none(tmp_path, asked, told, measured, power_db):
+    path = twin(
+        tmp_path,
+        [("carrier_frequency_offset", "rx1", {"offset_hz": 0.0})],
+        noise={} if told is None else {"rx1": {"power_db": told}},
+    )
+    document = yaml.safe_load(path.read_text())
+    if measured is not None:
+        document["effects"][0]["model"] = {"noise_power_db": {"recording": measured}}
+    path.write_text(yaml.safe_dump(document))
+    count = 20_000
+    noisy = small(path, count, Conditions(noise_power_db=asked))
+    assert noisy.noise_power_db == power_db
+    noise = noisy.samples() - small(path, count).samples()
+    power = np.mean(np.abs(noise) ** 2)
+    assert power == pytest.approx(10 ** (power_db / 10), rel=0.05) if power_db is not None else power == 0
+
+
+def test_a_carrier_that_the_twin_does_not_know_cannot_be_moved(tmp_path):
+    path = twin(tmp_path, center_frequency_hz=None)
+    document = {k: v for k, v in yaml.safe_load(path.read_text()).items() if v is not None}
+    path.write_text(yaml.safe_dump(document))
+    assert len(small(path, 100).samples()) == 100
+    with pytest.raises(CastError, match="recording: carrier: the twin does not say its own"):
+        small(path, 100, Conditions(center_frequency_hz=2e9))
+
+
+def test_receivers_hear_noise_of_their_own(tmp_path):
+    links = [{"tx": "tx1", "rx": rx, "taps": [{"delay_s": 0.0}]} for rx in ("rx1", "rx2")]
+    recordings = [{"file": f"recording{rx}", "receiver": f"rx{rx}", "transmitters": ["tx1"]} for rx in (1, 2)]
+    nodes = {"tx1": {"transmit": "w1", "amplitude": 1.0}, "rx1": {}, "rx2": {}}
+    tones = [("narrowband_interference", "environment", {"frequency_hz": -2e5, "bandwidth_hz": 5e4, "power_dbc": -20.0})]
+    noise = {rx: {"power_db": -20.0} for rx in ("rx1", "rx2")}
+    for effects in ([], tones):
+        case = read_twin(
+            twin(tmp_path / str(len(effects)), effects, links=links, recordings=recordings, nodes=nodes, noise=noise)
+        )
+        count = 40_000
+        heard = [Playback(case, o, count, Conditions(seed=3), SMALL).samples() for o in case.observations]
+        clean = [Playback(case, o, count, SILENT, SMALL).samples() for o in case.observations]
+        one, other = (a - b for a, b in zip(heard, clean, strict=True))
+        assert np.mean(np.abs(one) ** 2) > 0.009
+        own = np.mean(np.abs(one) ** 2)
+        assert abs(np.vdot(one, other)) / count < (0.05 if not effects else 1.0) * own
+
+
 class World:
     """Recordings made by closed formulas: amplifier on a grid eight times finer, two paths, receiver, noise."""
 
