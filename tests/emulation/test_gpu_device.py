@@ -59,7 +59,7 @@ def heard():
     rng = np.random.default_rng(1)
     samples = (rng.standard_normal(2500) + 1j * rng.standard_normal(2500)).astype(np.complex64)
     sent = Recording(samples=samples, sample_rate_hz=1e6)
-    return lambda device: emulate(scenario, {"a": sent}, device=device)["b"].samples
+    return lambda device, **about: emulate(scenario, {"a": sent}, device=device, **about)["b"].samples
 
 
 def need_compiler():
@@ -88,8 +88,9 @@ def test_a_card_that_fails_is_one_line_and_the_processor_goes_on_only_if_asked(m
 def test_what_a_node_hears_by_the_card_is_what_it_hears_by_the_processor(monkeypatch, heard):
     need_compiler()
     fake_cupy.install(monkeypatch)
-    by_card, by_processor = heard("cuda"), heard("cpu")
-    assert np.abs(by_card - by_processor).max() < 1e-6 * np.abs(by_processor).max()
+    for about in ({}, {"noise_power_db": -10.0, "seed": 3}):
+        by_card, by_processor = (heard(device, **about) for device in ("cuda", "cpu"))
+        assert np.abs(by_card - by_processor).max() < 1e-6 * np.abs(by_processor).max()
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)

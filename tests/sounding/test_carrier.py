@@ -3,9 +3,16 @@ import numpy as np
 import pytest
 from gr_cast.signals import codes
 from gr_cast.signals.recording import Recording
-from gr_cast.sounding.carrier import find_beyond, find_offset, find_offset_once
+from gr_cast.sounding.carrier import (
+    _noise_by_differences,
+    _window_energy,
+    find_beyond,
+    find_offset,
+    find_offset_once,
+    strongest_frequency,
+)
 from gr_cast.sounding.correlate import Template
-from gr_cast.sounding.receive import remove_offset, whole_periods
+from gr_cast.sounding.receive import Periods, remove_offset, whole_periods
 
 CODE = codes.glfsr(8)
 RATE_HZ = 10e6
@@ -88,3 +95,92 @@ def test_of_noise_and_of_a_carrier_within_the_range_none_beyond_is_named():
     for seed in range(5):
         assert find_beyond(periods_of(7000.0, 100, -300.0, seed).samples, Template(CODE)) is None
         assert find_beyond(periods_of(7000.0, 100, 0.0, seed).samples, Template(CODE)) is None
+
+
+@pytest.mark.parametrize("offset_hz", [150.0, -4000.0])
+@pytest.mark.parametrize(("count", "snr_db"), [(400, 0.0), (5, 20.0)])
+def test_an_offsets_deviation_is_rife_and_boorstyns(offset_hz, count, snr_db):
+    """√(6 / (S n³)) / 2π with S of the strongest tap, over n samples: all of the code's energy tells one frequency."""
+    found = [find_offset(periods_of(offset_hz, count, snr_db, seed), Template(CODE), max_offset=0.01) for seed in range(12)]
+    n = 255 * count
+    others = 0.25 if count < 8 else 0.0  # of few periods the second tap's chips are noise
+    bound = np.sqrt(6 * (10 ** (-snr_db / 10) + others) / n**3) / (2 * np.pi)
+    assert np.mean([one.std_cycles_per_sample for one in found]) == pytest.approx(bound, rel=0.2)
+    error = [one.cycles_per_sample - offset_hz / RATE_HZ for one in found]
+    assert np.std(error) < 2.5 * bound and all(one.searched >= 0.01 for one in found)
+
+
+def test_as_far_as_is_asked_for_is_searched_in_half_cycles_of_a_period():
+    periods = periods_of(0.0, 40, 20.0)
+    for asked in (0.0, 1e-4, 0.0049, 0.02):
+        searched = find_offset(periods, Template(CODE), max_offset=asked).searched
+        assert searched == pytest.approx(np.ceil(asked * 510) / 510)
+    assert find_offset(periods, Template(CODE), max_offset=0.0).cycles_per_sample == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.parametrize("offset", [0.0, 3e-5, -0.0017])
+def test_a_line_in_noise_is_found_with_its_deviation_whatever_its_steps(offset):
+    rng = np.random.default_rng(2)
+    time = np.cumsum(rng.choice([100, 100, 100, 700], 400))
+    z = []
+    for _ in range(30):
+        track = 2 * np.exp(2j * np.pi * (offset * time + 0.3)) + rng.normal(size=400) + 1j * rng.normal(size=400)
+        found, std = strongest_frequency(track * np.exp(-2j * np.pi * offset * time), time, 100, 20_000)
+        z.append(found / std)
+        law = np.sqrt(2 / (2 * 4 * np.sum((time - time.mean()) ** 2))) / (2 * np.pi)
+        assert std == pytest.approx(law, rel=0.25)
+    assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.5
+
+
+def test_a_line_without_noise_or_of_one_sample_has_a_deviation_that_is_a_number():
+    time = 10.0 * np.arange(50)
+    found, std = strongest_frequency(np.exp(2j * np.pi * 1e-4 * time), time, 10, 50)
+    assert found == pytest.approx(1e-4, rel=1e-4) and 0 < std < 1e-6
+    assert np.isfinite(strongest_frequency(np.ones(1, complex), np.zeros(1), 10, 10)).all()
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.5])
+def test_noise_is_what_changes_from_period_to_period_but_a_turn(noise):
+    rng = np.random.default_rng(4)
+    samples = np.exp(2j * np.pi * 0.1 * np.arange(200))[:, None] * CODE
+    samples = samples + np.sqrt(noise / 2) * (rng.normal(size=samples.shape) + 1j * rng.normal(size=samples.shape))
+    told = _noise_by_differences(Periods(samples=samples, start_sample=255 * np.arange(200)))
+    assert told == pytest.approx(noise, rel=0.02, abs=1e-20)
+    for count, is_told in ((3, False), (4, True)):
+        some = Periods(samples=samples[:count], start_sample=255 * np.arange(count))
+        assert (_noise_by_differences(some) is not None) == is_told
+    assert _noise_by_differences(Periods(samples=np.zeros((5, 7), complex), start_sample=np.arange(5))) == 0
+
+
+@pytest.mark.parametrize("fourfold", [3.5, 4.5])
+def test_a_carrier_beyond_stands_out_fourfold_over_what_is_here(fourfold):
+    """Two codes at once: one here, and one a whole number of cycles per period away with so many times its power."""
+    n = np.arange(255 * 50)
+    both = np.tile(CODE, 50) + np.sqrt(fourfold) * np.tile(np.roll(CODE, 60), 50) * np.exp(2j * np.pi * 20 / 255 * n)
+    found = find_beyond(both.reshape(50, 255), Template(CODE))
+    assert found == (None if fourfold < 4 else pytest.approx(20 / 255, abs=1e-6))
+
+
+def test_energy_of_every_stretch_is_its_sum():
+    x = np.random.default_rng(5).normal(size=(2, 40)).T @ [1, 1j]
+    want = [np.sum(np.abs(x[k : k + 7]) ** 2) for k in range(34)]
+    np.testing.assert_allclose(_window_energy(x, 7), want)
+
+
+@pytest.mark.parametrize("lead", [-300, 0, 900])
+def test_a_waveform_sent_once_may_begin_before_the_recording_and_is_told_where(lead):
+    random = np.random.default_rng(8)
+    known = (random.choice([-1, 1], 6000) + 1j * random.choice([-1, 1], 6000)) / np.sqrt(2)
+    known[:400] *= 0.1  # of more than 4096 samples the strongest are looked for
+    whole = np.concatenate([np.zeros(1000), known, np.zeros(1000)])[1000 - lead :]
+    whole = whole + 0.05 * (random.standard_normal(len(whole)) + 1j * random.standard_normal(len(whole)))
+    found, start = find_offset_once(whole, known, max_offset=0.001)
+    assert start == lead and found.found and found.cycles_per_sample == 0  # within its deviation of none, which it is
+
+
+def test_a_waveform_that_was_not_sent_is_not_found():
+    random = np.random.default_rng(9)
+    for _ in range(20):
+        noise, known = random.standard_normal((2, 3000)), random.choice([-1.0, 1.0], 500)
+        found, _ = find_offset_once(noise[0] + 1j * noise[1], known, max_offset=0.002)
+        assert not found.found and found.cycles_per_sample == 0

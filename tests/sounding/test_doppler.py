@@ -97,3 +97,44 @@ def test_taps_that_jump_within_a_period_leave_no_others_behind(seed):
     result = sound(moving(taps, 2000, seed=seed, hold_samples=10_000), WAVEFORM, SoundingOptions(carrier_offset_hz=0.0))
     assert np.rint(result.taps.delay_samples).tolist() == list(taps)
     assert 10 * np.log10(result.taps.power.min()) > result.smallest_path_gain_db
+
+
+def test_two_samples_tell_nothing_and_of_three_pairs_on_the_line_is_told():
+    steady = np.ones(3, complex)
+    assert tap_doppler(steady[:1], 1e-6, TIME[:1]) is None
+    assert tap_doppler(steady[:2], 1e-6, TIME[:2]) is None
+    turned = np.exp(2j * np.pi * 1e-3 * TIME[:3])
+    found = tap_doppler(turned, 1e-6, TIME[:3])
+    assert found.mean == pytest.approx(1e-3, rel=1e-6) and found.spread == 0
+    assert tap_doppler(turned, 1e-6, TIME[:3] * [1, 1, 3]) is None  # a gap leaves one pair
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.99, True), (1.01, False)])
+def test_power_is_five_deviations_of_the_noise_or_no_doppler_is_told(share, told):
+    noise = share * np.sqrt(TIME.size) / 5
+    track = np.sqrt(1 + noise) * np.exp(2j * np.pi * 1e-4 * TIME)
+    assert (tap_doppler(track, noise, TIME) is not None) == told
+
+
+@pytest.mark.parametrize(("noise", "lag"), [(2.0, 1), (0.1, 2)])
+def test_what_gaps_leave_few_pairs_of_is_looked_at_only_where_it_tells_the_phase_within_half_a_radian(noise, lag):
+    """Every other step is a gap but for three places, which alone have pairs two steps apart."""
+    step = np.where(np.arange(1999) % 2, 5000.0, 255.0)
+    step[[101, 901, 1501]] = 255.0
+    time = np.concatenate([[0.0], np.cumsum(step)])
+    pairs = {1: (step == 255).sum(), 2: ((step[1:] == 255) & (step[:-1] == 255)).sum()}[lag]
+    track = np.sqrt(1 + noise) * np.exp(2j * np.pi * 1e-5 * time)
+    found = tap_doppler(track, noise, time)
+    law = np.sqrt((noise**2 + 2 * noise) / pairs / 2) / (2 * np.pi * lag * 255)
+    assert found.std == pytest.approx(law, rel=1e-6) and found.mean == pytest.approx(1e-5, rel=1e-6)
+
+
+def test_a_lines_deviation_is_that_of_its_longest_lag():
+    """Without spread: √((n² + 2 p n) / 2 m) / p over 2π·lag·step, of the longest lag of powers of two up to half of all."""
+    track, noise = line(2e-5, 10, 5)
+    found = tap_doppler(track, noise, TIME)
+    lag, pairs = 512, 2000 - 512
+    lag, pairs = (lag, pairs) if lag * 2 > 1000 else (1024, 976)
+    power = np.mean(np.abs(track) ** 2) - noise
+    law = np.sqrt((noise**2 + 2 * power * noise) / pairs / 2) / power / (2 * np.pi * lag * 255)
+    assert found.std == pytest.approx(law, rel=1e-6) and found.spread == 0

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gr_cast.core.errors import CastError
@@ -6,7 +8,18 @@ from gr_cast.emulation.reference import interpolator
 from gr_cast.signals import codes, recording
 from gr_cast.signals.recording import Recording
 from gr_cast.signals.waveform import Waveform, waveform_from_file
-from gr_cast.sounding.sound import LinkBudget, SoundingOptions, sound
+from gr_cast.sounding.sound import (
+    LinkBudget,
+    SoundingOptions,
+    _averaging_loss_db,
+    _block_means,
+    _coherent_blocks,
+    _jump_warnings,
+    _longest_known_run,
+    _max_offset,
+    _noise_of_differences,
+    sound,
+)
 
 CODE = codes.glfsr(8)
 WAVEFORM = Waveform(samples=CODE.astype(np.complex64), name="glfsr:8")
@@ -265,3 +278,189 @@ def test_what_interpolating_filters_leave_is_no_tap_however_long_the_code(degree
     result = sound(air, Waveform(samples=code.astype("c8"), name="code"), SoundingOptions(band=0.8))
     assert result.taps.delay_samples == pytest.approx(delays, abs=1e-3)
     assert result.smallest_path_gain_db < -85
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"average": -1}, "average: got -1"), ({"false_alarm_rate": 0.0}, "false alarm rate"), ({"band": 1.01}, "band"),
+        ({"max_taps": 0}, "max taps"), ({"max_taps": 513}, "max taps"), ({"max_offset_hz": -1.0}, "max offset"),
+        ({"max_offset_hz": np.inf}, "max offset"), ({"carrier_offset_hz": np.nan}, "carrier offset"), ({"band": 0.0}, "band"),
+        ({"false_alarm_rate": 0.5}, "false alarm rate"),
+        ({"max_spread_s": 0.0}, "max spread"), ({"max_spread_s": np.inf}, "max spread"),
+        ({"average": 0, "max_taps": 512, "max_offset_hz": 0.0, "band": 1.0, "false_alarm_rate": 0.49}, None),
+        ({"max_taps": 1, "carrier_offset_hz": -5.0, "band": 1e-3, "max_spread_s": 1e-9, "false_alarm_rate": 1e-9}, None),
+    ],
+)  # fmt: skip
+def test_options_have_limits(wrong, says):
+    if says is None:
+        SoundingOptions(**wrong)
+    else:
+        with pytest.raises(CastError, match=says):
+            SoundingOptions(**wrong)
+
+
+def test_by_default_nothing_lies_between_the_samples_and_the_antennas():
+    assert LinkBudget().path_loss_db(-7.0) == 7.0
+    whole = LinkBudget(tx_power_dbm=1, tx_gain_db=2, rx_gain_db=4, rx_full_scale_dbm=8, base_loss_db=16)
+    assert whole.path_loss_db(-32.0) == (1 + 2) - (-32 + 8 - 4) - 16
+
+
+@pytest.mark.parametrize(("carrier_hz", "asked_hz", "searched_hz"), [
+    (None, None, 25e3), (1e9, None, 25e3), (5e9, None, 50e3), (-5e9, None, 50e3), (1e9, 123.0, 123.0), (1e9, 9e9, 25e6),
+])  # fmt: skip
+def test_a_carrier_is_searched_over_ten_millionths_of_it_and_25_khz_at_least(carrier_hz, asked_hz, searched_hz):
+    file = Recording(samples=np.ones(1, "c8"), sample_rate_hz=50e6, center_frequency_hz=carrier_hz)
+    options = SoundingOptions(max_offset_hz=asked_hz)
+    assert _max_offset(file, options) * 50e6 == pytest.approx(searched_hz)
+    assert _max_offset(file, replace(options, correct_offset=False)) == 0
+
+
+def test_a_carrier_that_cannot_all_be_searched_is_warned_of():
+    random = np.random.default_rng(1)
+    sent = Waveform(samples=random.choice([-1, 1], 4200).astype("c8"), repeat=False, name="long")
+    heard = sent.samples + 0.1 * random.standard_normal(4200)
+    for asked_hz, warned in ((3e5, True), (2e5, False)):  # 2000 half cycles over 4096 samples are 244 kHz
+        result = sound(Recording(samples=heard.astype("c8"), sample_rate_hz=1e6), sent, SoundingOptions(max_offset_hz=asked_hz))
+        assert any("carrier offset searched to ±" in warning for warning in result.warnings) == warned
+
+
+@pytest.mark.parametrize("count", [3, 4, 5, 40])
+@pytest.mark.parametrize("turn", [0.0, 0.3])
+def test_noise_is_what_second_differences_of_four_periods_or_more_leave(count, turn):
+    rng = np.random.default_rng(2)
+    found = []
+    for _ in range(400):
+        noise = 0.1 * (rng.normal(size=(count, 63)) + 1j * rng.normal(size=(count, 63)))
+        steady = (1 + turn * np.arange(count))[:, None] * CODE[:63]  # what turns steadily cancels, too
+        found.append(_noise_of_differences((steady + noise).astype(np.complex64)))
+    if count < 4:
+        assert set(found) == {None}
+    else:
+        assert np.mean(found) == pytest.approx(0.02, rel=0.02)
+
+
+def test_digital_silence_and_a_burst_are_no_noise_and_float32_has_some():
+    rng = np.random.default_rng(3)
+    noise = 0.1 * (rng.normal(size=(60, 63)) + 1j * rng.normal(size=(60, 63)))
+    noise[:20] = 0
+    noise[30] *= 100
+    assert _noise_of_differences(noise) == pytest.approx(0.02, rel=0.1)
+    assert _noise_of_differences(np.zeros((9, 63))) is None
+    assert _noise_of_differences(np.ones((9, 63), complex)) == 2.0**-48
+
+
+def test_blocks_are_as_many_as_keep_99_hundredths_of_every_track_and_one_where_nothing_moves():
+    n = np.arange(1024)
+    still, turning = np.ones(1024, complex), np.exp(2j * np.pi * 0.01 * n)
+    assert _coherent_blocks(np.stack([still], axis=1), 1e-6) == 1
+    blocks = _coherent_blocks(np.stack([still, turning], axis=1), 1e-6)
+
+    def kept(count):
+        size = 1024 // count
+        return (np.sin(np.pi * 0.01 * size) / (size * np.sin(np.pi * 0.01))) ** 2  # Dirichlet's kernel
+
+    assert kept(blocks) > 0.99 > kept(blocks // 2)
+    rng = np.random.default_rng(4)
+    noise = np.sqrt(0.5) * (rng.normal(size=(1024, 1)) + 1j * rng.normal(size=(1024, 1)))
+    weak = np.sqrt(0.1) * turning[:, None]  # 5 σ of the mean power are 0.16
+    assert _coherent_blocks(weak + noise, 1.0) == 1 and _coherent_blocks(noise, 1.0) == 1
+    assert _coherent_blocks(np.exp(2j * np.pi * 0.4 * n)[:, None], 1e-6) == 1024
+
+
+def test_means_over_blocks_leave_out_what_is_left_over():
+    samples = np.arange(22.0).reshape(11, 2)
+    assert np.array_equal(_block_means(samples, 3), [[2, 8, 14], [3, 9, 15]])
+
+
+@pytest.mark.parametrize("average", [2, 5, 10])
+def test_averaging_a_track_that_turns_loses_what_dirichlets_kernel_says(average):
+    track = np.exp(2j * np.pi * 0.03 * np.arange(1003))
+    law_db = -20 * np.log10(np.sin(np.pi * 0.03 * average) / (average * np.sin(np.pi * 0.03)))
+    assert _averaging_loss_db(track, average, 0.0) == pytest.approx(law_db, rel=1e-6)
+    rng = np.random.default_rng(5)
+    noise = np.sqrt(0.05) * (rng.normal(size=1003) + 1j * rng.normal(size=1003))
+    assert _averaging_loss_db(track + noise, average, 0.1) == pytest.approx(law_db, abs=0.15)
+    assert _averaging_loss_db(0.1 * track + np.sqrt(10) * noise, average, 1.0) == 0  # too weak to tell
+    assert _averaging_loss_db(np.tile([1.0, -1.0], 500), 2, 0.0) == 0
+
+
+@pytest.mark.parametrize(
+    ("known", "run"), [("....", (0, 4)), ("x..x...x.", (4, 7)), ("..x.", (0, 2)), ("xx.", (2, 3)), (".x.", (0, 1))]
+)
+def test_the_longest_stretch_without_a_hole_is_known(known, run):
+    samples = np.array([np.nan if c == "x" else 1.0 for c in known])
+    assert _longest_known_run(samples) == run
+
+
+@pytest.mark.parametrize("average", [0, 1, 7])
+def test_frames_are_so_many_periods_long_and_at_their_times(average):
+    record = air({30: -6.0}, 3200, -20.0)
+    result = sound(record, WAVEFORM, SoundingOptions(average=average))
+    each = average or 2  # some 1500 frames
+    assert result.periods_per_frame == each and result.frames == 3200 // each and result.period_samples == 255
+    np.testing.assert_allclose(result.frame_time_s, np.arange(3200 // each) * each * 255 / 50e6)
+    assert np.std(np.abs(result.frame_gain[:, 0])) == pytest.approx(np.sqrt(0.01 / 255 / 2 / each), rel=0.12)
+    assert np.mean(result.frame_power) == pytest.approx(10**-0.6, rel=2e-3)
+    with pytest.raises(CastError, match="average: got 3201 periods, the recording holds 3200 whole ones"):
+        sound(record, WAVEFORM, SoundingOptions(average=3201))
+
+
+def test_the_response_for_the_picture_is_the_papers_estimator_and_less_its_taps_what_is_left():
+    result = sound(air(FOUR_TAPS, 200, -40.0), WAVEFORM)
+    strongest = np.abs(result.response[list(FOUR_TAPS)])
+    heard = sum(10 ** (gain / 20) * np.roll(CODE, delay) for delay, gain in FOUR_TAPS.items())
+    want = [abs(heard @ np.roll(CODE, delay)) / 255 for delay in range(255)]
+    assert strongest == pytest.approx([want[delay] for delay in FOUR_TAPS], abs=1e-3) and len(result.response) == 255
+    assert np.mean(np.abs(result.residual_response) ** 2) == pytest.approx(result.response_noise_power, rel=0.4)
+    assert result.response_noise_power == pytest.approx(1e-4 / 200 / 255, rel=0.05) and result.response_start == 0
+
+
+def test_what_the_taps_leave_unexplained_is_told_in_db_of_what_was_received():
+    result = sound(air({30: 0.0}, 200, -10.0), WAVEFORM, SoundingOptions(average=1))
+    assert result.residual_db == pytest.approx(10 * np.log10(0.1 / 1.1), abs=0.05)
+    assert sound(air({30: 0.0}, 200, -400.0), WAVEFORM).residual_db < -100
+
+
+def test_a_jump_is_told_with_its_time_and_what_was_kept():
+    n = np.arange(255 * 300)
+    place = n - 40 * (n >= 255 * 100)
+    samples = CODE[place % 255] + 1e-2 * np.random.default_rng(1).normal(size=len(n))
+    result = sound(Recording(samples=samples.astype("c8"), sample_rate_hz=1e6), WAVEFORM)
+    (warning,) = [line for line in result.warnings if "jumps" in line]
+    assert warning.startswith("the code jumps by +40 samples at 0.0255") and "times more" not in warning
+    assert "Sounded the longest stretch without a jump, 0.05" in warning
+    assert result.frame_time_s[0] == pytest.approx(0.0255, abs=1e-3)
+    assert _jump_warnings([], 1.0) == []
+    (several,) = _jump_warnings([(0.5, -3), (0.6, 4), (0.7, 5)], 2.0)
+    assert several.startswith("the code jumps by -3 samples at 0.5 s, and 2 times more: ") and several.endswith("jump, 2 s")
+
+
+def test_taps_at_the_limit_of_their_number_are_warned_of():
+    for most, warned in ((4, True), (5, False)):
+        result = sound(air(FOUR_TAPS, 100, -30.0), WAVEFORM, SoundingOptions(max_taps=most))
+        assert any(f"more taps than the {most} that --max-taps allows" in warning for warning in result.warnings) == warned
+
+
+def test_repeated_samples_must_be_known_and_a_rate_may_differ_by_rounding():
+    holed = Waveform(samples=np.where(np.arange(255) == 3, np.nan, CODE).astype("c8"), name="w")
+    with pytest.raises(CastError, match="w: a repeated waveform needs all its samples known; it holds NaN"):
+        sound(air({0: 0.0}, 10), holed)
+    for off, fits in ((0.9e-9, True), (1.1e-9, False)):
+        rated = replace(WAVEFORM, sample_rate_hz=50e6 * (1 + off))
+        if fits:
+            assert len(sound(air({0: 0.0}, 10, -20.0), rated).taps.power) == 1
+        else:
+            with pytest.raises(CastError, match="resample one"):
+                sound(air({0: 0.0}, 10), rated)
+
+
+@pytest.mark.parametrize("known", [16, 15])
+def test_a_waveform_sent_once_is_told_from_sixteen_samples_that_meet_it(known):
+    sent = Waveform(samples=np.random.default_rng(7).choice([1, -1, 1j], 3000).astype("c8"), repeat=False, name="burst")
+    file = Recording(samples=sent.samples[:known], sample_rate_hz=1e6)
+    if known < 16:
+        with pytest.raises(CastError, match="recording: 15 samples meet known samples of burst, needs 16 or more"):
+            sound(file, sent)
+    else:
+        sound(file, sent)
