@@ -30,16 +30,20 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = Path("build/python/gr_cast")
 RUNNER = Path(__file__).resolve().parent / "mutants/runner.py"
 # Part: what is mutated, what is run. Of kernels the C++ tests run, too.
+VALUES = "tests/test_values.py"
 PARTS = {
-    "sounder": (["sounding/*.py"], ["tests/sounding", "tests/apps/test_cast_sounder.py"]),
-    "emulator": (["emulation/*.py"], ["tests/emulation", "tests/blocks/test_emulator_kernel.py"]),
-    "playback": (["twin/playback.py"], ["tests/twin/test_playback.py"]),
+    "sounder": (["sounding/*.py"], ["tests/sounding", "tests/apps/test_cast_sounder.py", VALUES]),
+    "emulator": (["emulation/*.py"], ["tests/emulation", "tests/blocks/test_emulator_kernel.py", VALUES]),
+    "playback": (["twin/playback.py"], ["tests/twin/test_playback.py", VALUES]),
     "scenario": (
         ["scenario/model.py", "scenario/yaml_file.py", "scenario/colosseum.py", "scenario/mat_file.py", "scenario/catalogue.py"],
-        [f"tests/scenario/test_{name}.py" for name in ("model", "yaml_file", "colosseum", "catalogue")],
+        [f"tests/scenario/test_{name}.py" for name in ("model", "yaml_file", "colosseum", "catalogue")] + [VALUES],
     ),
-    "comparing": (["comparing/*.py"], ["tests/comparing", "tests/apps/test_cast_compare.py"]),
-    "kernels": (["emulator.cc", "overlap_save.cc", "vector_kernels_body.h"], ["tests/blocks/test_emulator_kernel.py"]),
+    "comparing": (["comparing/*.py"], ["tests/comparing", "tests/apps/test_cast_compare.py", VALUES]),
+    "kernels": (
+        ["emulator.cc", "overlap_save.cc", "vector_kernels_body.h"],
+        [f"tests/blocks/test_{name}.py" for name in ("emulator_kernel", "channel_emulator", "levels")],
+    ),
 }
 CONFIGURED = ("-DCMAKE_LINK_DEPENDS_NO_SHARED=ON",)  # bindings load what is new without being linked again
 FAULTS = [  # of C++: what is found, what stands there instead

@@ -49,6 +49,8 @@ samples process(emulator& e, const samples& inputs)
                                     ", " + std::to_string(past) + " of the past and the new)");
     const py::ssize_t n = inputs.shape(1) - past;
     samples outputs = array_of(config.n_outputs, n);
+    if (n == 0) // no row of nothing has an address
+        return outputs;
     std::vector<const gr::cast::kernel::sample*> in;
     std::vector<gr::cast::kernel::sample*> out;
     for (int i = 0; i < config.n_inputs; i++)

@@ -101,16 +101,16 @@ def compare_responses(a: Response, b: Response, tolerance_s: float) -> ResponseC
 def as_document(c: ResponseComparison) -> dict:
     """The content of comparison.json."""
 
-    def taps(response, rows):
-        return [{"delay_s": float(response.delay_s[k]), "gain_db": float(response.gain_db[k])} for k in rows]
+    def tap(response, k):
+        return {"delay_s": float(response.delay_s[k]), "gain_db": float(response.gain_db[k])}
 
     def both(figure):
         return {"a": getattr(c.a, figure), "b": getattr(c.b, figure)}
 
     pairs = [
         {
-            "a": taps(c.a, [i])[0],
-            "b": taps(c.b, [j])[0],
+            "a": tap(c.a, i),
+            "b": tap(c.b, j),
             "delay_error_s": float(c.b.delay_s[j] - c.a.delay_s[i]),
             "gain_error_db": float(c.b.gain_db[j] - c.a.gain_db[i]),
         }
@@ -124,8 +124,8 @@ def as_document(c: ResponseComparison) -> dict:
         "b": c.b.name,
         "tolerance_s": c.tolerance_s,
         "taps": pairs,
-        "only_a": taps(c.a, c.only_a),
-        "only_b": taps(c.b, c.only_b),
+        "only_a": [tap(c.a, k) for k in c.only_a],
+        "only_b": [tap(c.b, k) for k in c.only_b],
         "delay_spread_s": both("delay_spread_s"),
         "k_factor_db": both("k_factor_db"),
         "path_loss_db": {"a": -c.a.path_gain_db, "b": -c.b.path_gain_db, "error": c.a.path_gain_db - c.b.path_gain_db},

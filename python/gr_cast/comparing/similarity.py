@@ -79,7 +79,7 @@ def _autocorrelation(x: np.ndarray) -> np.ndarray:
     x = x - np.mean(x)
     spectrum = np.fft.rfft(x, 2 * len(x))
     power = np.fft.irfft(np.abs(spectrum) ** 2)[: len(x)]
-    return power / power[0] if power[0] > 0 else np.eye(1, len(x))[0]
+    return power / power[0] if power[0] > 0 else np.eye(1, len(x)).ravel()
 
 
 def _memory(correlation: np.ndarray) -> int:
