@@ -417,6 +417,16 @@ def test_noise_is_what_is_asked_for_or_told_or_measured_or_none(tmp_path, asked,
     assert power == pytest.approx(10 ** (power_db / 10), rel=0.05) if power_db is not None else power == 0
 
 
+def test_noise_over_a_floor_that_nobody_knows_is_not_heard(tmp_path):
+    law = [("signal_dependent_noise", "rx1", {"slope_db": 3.0})]
+    noise = [
+        small(path, 9000, Conditions(seed=3)).samples() - small(path, 9000).samples()
+        for path in (twin(tmp_path / "a", law), twin(tmp_path / "b", law, noise={}))
+    ]
+    told, unknown = (np.mean(np.abs(one) ** 2) for one in noise)
+    assert told > 1e-4 and unknown < 1e-10
+
+
 def test_a_carrier_that_the_twin_does_not_know_cannot_be_moved(tmp_path):
     path = twin(tmp_path, center_frequency_hz=None)
     document = {k: v for k, v in yaml.safe_load(path.read_text()).items() if v is not None}
