@@ -71,3 +71,35 @@ def test_a_name_is_no_path(store):
     with pytest.raises(CastError, match="calibration name"):
         calibration.save(Calibration(name="../hall", base_loss_db={}), {})
     assert not list(store.parent.glob("hall"))
+
+
+def test_a_file_says_what_it_is_its_links_in_order_and_what_else_is_known(store):
+    losses_db = {("b", "a"): 2.0, ("a", "b"): 1.0}
+    path = calibration.save(Calibration(name="hall", base_loss_db=losses_db), {"note": "x"})
+    told = json.loads(path.read_text())
+    assert told == {
+        "cast_calibration": 1, "name": "hall", "version": 1, "note": "x", "base_loss_db": {"a>b": 1.0, "b>a": 2.0},
+        "base_delay_s": {},
+    }  # fmt: skip
+    assert list(told["base_loss_db"]) == ["a>b", "b>a"]
+    (store / "hall" / "vx.json").write_text("{}")  # none of its versions
+    assert calibration.load("hall").version == 1
+    del told["base_delay_s"]
+    path.write_text(json.dumps(told))
+    assert calibration.load("hall").base_delay_s == {}
+
+
+def test_calibrations_live_in_the_users_data_where_nothing_else_is_said(tmp_path, monkeypatch):
+    monkeypatch.delenv("CAST_CALIBRATIONS")
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    assert calibration.store_folder() == tmp_path / "data/gr_cast/calibrations"
+    monkeypatch.delenv("XDG_DATA_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert calibration.store_folder() == tmp_path / ".local/share/gr_cast/calibrations"
+    with pytest.raises(CastError, match="known: none"):
+        calibration.load("hall")
+
+
+def test_a_default_stands_in_for_links_that_were_not_measured():
+    some = Calibration(name="x", base_loss_db={("a", "b"): 1.0}, default_db=7.0)
+    assert (some.of(("a", "b")), some.of(("b", "a")), some.version) == (1.0, 7.0, 0)

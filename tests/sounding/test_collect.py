@@ -115,3 +115,78 @@ def test_a_link_that_was_never_heard_is_nothing_within_what_would_have_been(tmp_
     made = collect.campaign([collect.read(written(tmp_path / "x", one)) for one in documents], np.zeros(2))
     assert (made["response"][0, :2] == 0).all() and np.isnan(made["response"][0, 2]).all()
     assert made["noise_power"][0] == pytest.approx(10**-8.5)
+
+
+def test_the_variance_of_an_entry_is_that_of_taps_that_err_as_stated():
+    """Taps drawn anew with their deviations of delay, gain and phase: mean |ΔH|² over the band."""
+    rng = np.random.default_rng(2)
+    taps = {"delay_s": np.array([1e-7, 3e-7]), "gain": np.array([0.1, 0.05j])}
+    deviations = {"delay_std_s": np.array([2e-10, 1e-9]), "gain_std": np.array([0.02, 0.05])}
+    one = collect.Snapshot(transmitter="a", receiver="b", time_s=0.0, band_hz=8e7, unheard_power=0.0, **taps, **deviations)
+    frequency_hz = collect.frequencies_hz([one])
+    clean, variance = collect.response(one, frequency_hz)
+    errors = []
+    for _ in range(4000):
+        late = taps["delay_s"] + deviations["delay_std_s"] * rng.standard_normal(2)
+        wrong = deviations["gain_std"] / np.sqrt(2) * (rng.standard_normal(2) + 1j * rng.standard_normal(2))
+        heard = np.exp(-2j * np.pi * np.outer(frequency_hz, late)) @ (taps["gain"] * (1 + wrong))
+        errors.append(np.mean(np.abs(heard - clean) ** 2))
+    assert variance == pytest.approx(np.mean(errors), rel=0.05)
+    sure = collect.Snapshot(transmitter="a", receiver="b", time_s=0.0, band_hz=8e7, unheard_power=0.0, **taps,
+                            delay_std_s=np.zeros(2), gain_std=np.zeros(2))  # fmt: skip
+    assert collect.response(sure, frequency_hz)[1] == pytest.approx(1e-12 * 0.0125)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        (dict(set_up_db=400.1), "set_up_db"), (dict(set_up_db=-400.1), "set_up_db"), (dict(band_hz=0.9), "band_hz"),
+        (dict(band_hz=1.1e10), "band_hz"), (dict(smallest_detectable_gain_db=400.1), "smallest_detectable_gain_db"),
+        (dict(smallest_detectable_gain_db=-400.1), "smallest_detectable_gain_db"), (dict(begins_s="x"), "begins_s"),
+        (dict(receiver=3.5), "receiver"), (dict(taps=4), "taps"), (dict(taps=[4]), r"taps\[0\]"),
+        (dict(set_up_db=400, band_hz=1e10, smallest_detectable_gain_db=-400), None),
+        (dict(set_up_db=-400, band_hz=1.0, smallest_detectable_gain_db=400), None),
+    ],
+)  # fmt: skip
+def test_numbers_of_a_result_have_limits(changes, says):
+    if says is None:
+        assert collect.of_document(entry(**changes), "here").band_hz == changes["band_hz"]
+    else:
+        with pytest.raises(CastError, match=f"here: {says}"):
+            collect.of_document(entry(**changes), "here")
+
+
+def test_what_a_result_says_becomes_linear_numbers():
+    one = collect.of_document(entry(set_up_db=10.0, begins_s=2.5), "here")
+    assert (one.transmitter, one.receiver, one.time_s, one.band_hz) == ("a", "b", 2.5, 8e7)
+    assert one.gain[0] == pytest.approx(10**-2.5 * np.exp(0.3j)) and one.unheard_power == pytest.approx(1e-9)
+    assert one.gain_std[0] == pytest.approx(np.hypot(0.01 * np.log(10) / 20, 1e-3))
+    assert (one.delay_s[0], one.delay_std_s[0]) == (1e-7, 1e-11)
+    none = entry()
+    del none["begins_s"]
+    assert collect.of_document(none, "here").time_s == 0
+
+
+@pytest.mark.parametrize(("count", "fits"), [(1, False), (2, True), (65536, True), (65537, False)])
+def test_there_are_2_to_65536_frequencies_over_the_narrowest_band(count, fits):
+    wide, narrow = (collect.of_document(entry(band_hz=band_hz), "here") for band_hz in (8e7, 2e7))
+    if fits:
+        frequency_hz = collect.frequencies_hz([wide, narrow], count)
+        assert len(frequency_hz) == count and frequency_hz[-1] - frequency_hz[0] == pytest.approx(2e7 * (1 - 1 / count))
+        assert collect.frequencies_hz([wide, narrow], count, 2e7)[0] == frequency_hz[0]
+    else:
+        with pytest.raises(CastError, match=f"frequencies: got {count}, limit 2 to 65536"):
+            collect.frequencies_hz([wide], count)
+    for wrong_hz in (0.0, -1.0, 2.01e7):
+        with pytest.raises(CastError, match="the soundings have 2e.07 Hz"):
+            collect.frequencies_hz([wide, narrow], 64, wrong_hz)
+
+
+def test_the_noise_of_a_link_is_the_mean_over_its_times():
+    (tap,) = entry()["taps"]
+    stds_db = {2.0: 0.1, 1.0: 0.3}
+    ones = [collect.of_document(entry(begins_s=t, taps=[tap | {"gain_std_db": std}]), "here") for t, std in stds_db.items()]
+    frequency_hz = np.zeros(2)
+    made = collect.campaign(ones, frequency_hz)
+    assert made["time_s"].tolist() == [1.0, 2.0]
+    assert made["noise_power"][0] == pytest.approx(np.mean([collect.response(one, frequency_hz)[1] for one in ones]))
