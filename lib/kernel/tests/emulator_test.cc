@@ -145,10 +145,88 @@ void update_that_cannot_be_is_refused_whole()
     }
 }
 
+level seen_in(const sample* first, std::size_t count)
+{
+    level seen;
+    for (const sample* s = first; s < first + count; s++) {
+        seen.energy += std::norm(std::complex<double>(*s));
+        seen.peak = std::max(seen.peak, std::norm(*s));
+    }
+    seen.n = count;
+    return seen;
+}
+
+bool is_same(const level& a, const level& b)
+{
+    return a.n == b.n && std::abs(a.energy - b.energy) <= 1e-5 * b.energy &&
+           std::abs(a.peak - b.peak) <= 1e-5f * b.peak;
+}
+
+// Every sample once, whichever form meets it: the direct one, transforms, or a plain wire.
+void powers_of_ports_are_those_of_all_their_samples()
+{
+    const signal s(4);
+    for (const char* method : {"sparse", "dense", "auto"})
+        for (const std::string& set : instruction_sets())
+            for (std::size_t chunk : {1, 700, 3000}) {
+                emulator e({n_inputs, n_outputs, n_taps, 2, set, method});
+                for (const auto& update : network())
+                    if (update.output == 0) // the other hears one input, as it is
+                        e.schedule(update);
+                e.schedule({2, 1, std::nullopt, std::vector<tap>{{5, 1}}, {}, {}, 0});
+                e.set_noise_power(0, 0.5f);
+                emulator::levels measured{std::vector<level>(n_inputs),
+                                          std::vector<level>(n_outputs)};
+                std::vector<std::vector<sample>> y(n_outputs, std::vector<sample>(n));
+                for (std::size_t at = 0; at < n; at += chunk) {
+                    std::vector<const sample*> in;
+                    std::vector<sample*> out;
+                    for (auto* pointer : s.in)
+                        in.push_back(pointer + at);
+                    for (auto& samples : y)
+                        out.push_back(samples.data() + at);
+                    e.process(in.data(), out.data(), std::min(chunk, n - at), &measured);
+                }
+                for (int i = 0; i < n_inputs; i++)
+                    CHECK(is_same(measured.inputs[i], seen_in(s.in[i], n)));
+                for (int j = 0; j < n_outputs; j++)
+                    CHECK(is_same(measured.outputs[j], seen_in(y[j].data(), n)));
+            }
+}
+
+void what_comes_late_is_counted_and_what_is_cleared_is_gone()
+{
+    const signal s(6);
+    emulator e({n_inputs, n_outputs, n_taps, 1, "auto"});
+    e.schedule({0, 0, std::nullopt, std::vector<tap>{{0, 1}, {3, 2}}, {}, {}, 0});
+    e.schedule({1, 0, 0, std::vector<tap>{{1, 1}}, {}, {}, 0});
+    e.schedule({1, 1, 50, std::vector<tap>{{1, 1}}, {}, {}, 0}, 80);
+    CHECK(e.n_active_links() == 2 && e.n_active_taps() == 3 && e.n_late() == 1);
+    e.schedule({1, 0, 0, std::nullopt, false, {}, 0});
+    CHECK(e.n_active_links() == 1 && e.n_active_taps() == 2 && e.n_processed() == 0);
+    e.skip_to(79);
+    CHECK(e.n_active_links() == 1);
+    e.skip_to(81);
+    CHECK(e.n_active_links() == 2 && e.n_processed() == 81);
+    std::vector<int> delays(n_inputs * n_outputs, 2);
+    std::vector<sample> gains(n_inputs * n_outputs, sample(0.5f));
+    e.schedule_all(80, delays.data(), gains.data(), 1);
+    CHECK(e.n_late() == 1 + n_inputs * n_outputs);
+    CHECK(e.n_active_links() == n_inputs * n_outputs - 1 &&
+          e.n_active_taps() == n_inputs * n_outputs - 1);
+    e.schedule_all(200, delays.data(), gains.data(), 1);
+    e.clear();
+    CHECK(e.n_active_links() == 0 && e.n_active_taps() == 0);
+    e.skip_to(300);
+    CHECK(e.n_active_links() == 0 && e.n_late() == 1 + n_inputs * n_outputs);
+}
+
 } // namespace
 
 int main()
 {
+    powers_of_ports_are_those_of_all_their_samples();
+    what_comes_late_is_counted_and_what_is_cleared_is_gone();
     every_instruction_set_gives_the_sum_of_the_paths();
     result_does_not_depend_on_chunks_or_threads();
     far_into_a_stream_taps_change_at_their_sample();
