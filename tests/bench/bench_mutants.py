@@ -15,6 +15,7 @@ function, the quickest first, then those that start programs: no other can tell 
 import argparse
 import ast
 import json
+import math
 import os
 import random
 import re
@@ -65,6 +66,7 @@ FAULTS = [  # of C++: what is found, what stands there instead
     (r"\bfalse\b", ("true",)),
     (r"(?<![\w.])[0-9]+(?![\w.])", ("+1", "-1")),
 ]
+HINTS = ("#", "//", "UNROLL", "constexpr double", "double ")  # to the compiler, and costs of the planner: no law
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,7 @@ def cpp_mutants(path: Path, rng: random.Random):
     places = [
         (number, found, fault)
         for number, line in enumerate(lines, 1)
-        if not line.lstrip().startswith(("#", "//", "constexpr double", "double "))  # costs of the planner are no law
+        if not line.lstrip().startswith(HINTS)
         for pattern, others in FAULTS
         for found in re.finditer(pattern, line.split("//")[0])
         for fault in [rng.choice(others)]
@@ -158,7 +160,7 @@ def functions(source: str) -> list[range]:
 class Part:
     """One part of the code in a copy, and whether its tests pass."""
 
-    def __init__(self, copy: Path, name: str):
+    def __init__(self, copy: Path, name: str, longest_s: float):
         patterns, tests = PARTS[name]
         self.copy, self.is_cpp = copy, name == "kernels"
         base = copy / ("lib/kernel" if self.is_cpp else PACKAGE)
@@ -172,7 +174,7 @@ class Part:
         )  # fmt: skip
         told = json.loads(self.runner.stdout.readline())
         assert told and told["status"] == 0, "tests fail without any mutant"
-        self.tests = told["tests"]
+        self.tests = {name: test for name, test in told["tests"].items() if test["seconds"] <= longest_s}
 
     def close(self):
         self.runner.communicate()
@@ -238,6 +240,13 @@ def main(argv=None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--mutants", type=int, default=60, help="of every part")
+    parser.add_argument(
+        "--longest",
+        type=float,
+        default=math.inf,
+        metavar="S",
+        help="leave out tests that take longer: what they alone see survives",
+    )
     parser.add_argument("--seed", type=int, default=secrets.randbelow(10**6), help="without it a fresh one")
     args = parser.parse_args(argv)
     print(f"seed {args.seed}", flush=True)
@@ -245,7 +254,7 @@ def main(argv=None) -> int:
         copy = copied(Path(folder))
         for name in args.parts:
             rng = random.Random(f"{args.seed} {name}")
-            part = Part(copy, name)
+            part = Part(copy, name, args.longest)
             print(f"{name}: {len(part.tests)} tests", flush=True)
             drawn = in_turns([(cpp_mutants if part.is_cpp else python_mutants)(path, rng) for path in part.paths])
             killed, tried = 0, 0
@@ -255,6 +264,7 @@ def main(argv=None) -> int:
                 change, survived = mutant.change(), part.survives(mutant)
                 tried += survived is not None
                 killed += survived is False
+                print(f"\r{name}: {killed} of {tried}", end="\r", file=sys.stderr, flush=True)
                 if survived:
                     print(f"survived: {change}", flush=True)
             part.close()
