@@ -160,8 +160,9 @@ def functions(source: str) -> list[range]:
 class Part:
     """One part of the code in a copy, and whether its tests pass."""
 
-    def __init__(self, copy: Path, name: str, longest_s: float):
+    def __init__(self, copy: Path, name: str, longest_s: float, without: list[str]):
         patterns, tests = PARTS[name]
+        tests = [test for test in tests if test not in without]
         self.copy, self.is_cpp = copy, name == "kernels"
         base = copy / ("lib/kernel" if self.is_cpp else PACKAGE)
         self.paths = [path for pattern in patterns for path in sorted(base.glob(pattern)) if path.name != "__init__.py"]
@@ -240,13 +241,9 @@ def main(argv=None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--mutants", type=int, default=60, help="of every part")
-    parser.add_argument(
-        "--longest",
-        type=float,
-        default=math.inf,
-        metavar="S",
-        help="leave out tests that take longer: what they alone see survives",
-    )
+    less = "what they alone see survives"
+    parser.add_argument("--longest", type=float, default=math.inf, metavar="S", help=f"leave out tests that take longer: {less}")
+    parser.add_argument("--without", nargs="+", default=[], metavar="FILE", help=f"leave out these tests: {less}")
     parser.add_argument("--seed", type=int, default=secrets.randbelow(10**6), help="without it a fresh one")
     args = parser.parse_args(argv)
     print(f"seed {args.seed}", flush=True)
@@ -254,7 +251,7 @@ def main(argv=None) -> int:
         copy = copied(Path(folder))
         for name in args.parts:
             rng = random.Random(f"{args.seed} {name}")
-            part = Part(copy, name, args.longest)
+            part = Part(copy, name, args.longest, args.without)
             print(f"{name}: {len(part.tests)} tests", flush=True)
             drawn = in_turns([(cpp_mutants if part.is_cpp else python_mutants)(path, rng) for path in part.paths])
             killed, tried = 0, 0

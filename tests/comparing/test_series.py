@@ -154,3 +154,18 @@ def test_without_a_library_parquet_is_told_what_it_needs(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(CastError, match="needs pyarrow"):
         read("s.parquet")
+
+
+def test_columns_of_different_lengths_are_not_cut_to_the_shortest(tmp_path):
+    with pytest.raises(ValueError, match="shorter"):
+        write_csv(tmp_path / "s.csv", {"time_s": [0.0, 1.0], "value": [1.0]})
+    assert not (tmp_path / "s.csv").exists()
+
+
+def test_columns_of_a_list_of_objects_are_those_of_the_first(tmp_path):
+    (tmp_path / "s.json").write_text(json.dumps([{"time_s": 0, "value": 1}]))
+    with pytest.raises(CastError, match="got 1 samples, needs 2 or more"):
+        read(tmp_path / "s.json")
+    (tmp_path / "s.json").write_text(json.dumps([{"time_s": 0, "loss": 1}, {"value": 2}]))
+    with pytest.raises(CastError, match="no column value; has time_s, loss"):
+        read(tmp_path / "s.json")

@@ -302,7 +302,7 @@ def test_a_correlogram_has_memory_up_to_the_last_lag_from_which_five_stay_within
     assert cmp._memory(np.concatenate([[1, 0.67], np.zeros(7)])) == 1
 
 
-def test_independent_samples_are_between_two_and_all():
+def test_independent_samples_are_at_most_all():
     alternating = np.tile([1.0, -1.0], 50)
     assert cmp.independent_samples(alternating, np.repeat([1.0, -1.0], 50)) == 100
     slow = np.arange(100.0)

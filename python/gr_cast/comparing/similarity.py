@@ -95,13 +95,13 @@ def _memory(correlation: np.ndarray) -> int:
 
 
 def independent_samples(a: np.ndarray, b: np.ndarray) -> float:
-    """How many independent pairs say as much about a correlation as these n, 2 … n: n / Σ_k ρ_a(k)·ρ_b(k) (Bartlett 1946)."""
+    """How many independent pairs say as much about a correlation as these n, n at most: n / Σ_k ρ_a(k)·ρ_b(k) (Bartlett 1946)."""
     n = len(a)
     ra, rb = _autocorrelation(a), _autocorrelation(b)
     reach = min(2 * max(_memory(ra), _memory(rb)), n // 2)
     taper = 1 - np.arange(1, reach + 1) / n
     total = 1 + 2 * np.sum(taper * ra[1 : reach + 1] * rb[1 : reach + 1])
-    return float(np.clip(n / max(total, 1e-9), min(2, n), n))
+    return float(n / max(total, 1.0))
 
 
 def block_length(x: np.ndarray) -> int:

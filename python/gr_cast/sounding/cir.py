@@ -5,11 +5,12 @@ Taps are found one by one in the matched filter of what is left, then all are re
 in white noise is the maximum-likelihood estimate (Kay, Estimation Theory, ch. 7; Golub and Pereyra 1973 for the delays).
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.stats import f as f_distribution
+from scipy.special import betaln
 from scipy.stats import gamma
 
 from .correlate import OVERSAMPLING, Template
@@ -58,16 +59,18 @@ def detection_threshold(
     of the statistic and β its rms bandwidth; `noise_freedom` (complex) is that of the noise estimate.
     """
     freedom = min(noise_freedom, 1e9)
+    scale = betaln(blocks, freedom) + blocks * math.log(freedom)
 
-    def expected(u):
-        density = f_distribution.pdf(u / blocks, 2 * blocks, 2 * freedom) / blocks
-        return delays * rms_bandwidth_rad * np.sqrt(u / np.pi) * density
+    def over(u):
+        """ln of the expected crossings over those stated; the density is that of blocks · F(2 blocks, 2 freedom)."""
+        density = (blocks - 1) * math.log(u) - (blocks + freedom) * math.log1p(u / freedom) - scale
+        return math.log(delays * rms_bandwidth_rad * math.sqrt(u / math.pi) / false_alarms_per_cir) + density
 
     low = blocks + 1.0
     high = 2.0 * low
-    while expected(high) > false_alarms_per_cir:
+    while over(high) > 0:
         high *= 2
-    return brentq(lambda u: np.log(expected(u) + 1e-300) - np.log(false_alarms_per_cir), low, high)
+    return brentq(over, low, high)
 
 
 def _inverse(columns):
