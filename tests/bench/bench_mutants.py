@@ -174,7 +174,7 @@ class Part:
             cwd=copy, env=self._environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
         told = json.loads(self.runner.stdout.readline())
-        assert told and told["status"] == 0, "tests fail without any mutant"
+        assert told["status"] == 0, "tests fail without any mutant"
         self.tests = {name: test for name, test in told["tests"].items() if test["seconds"] <= longest_s}
 
     def close(self):

@@ -184,3 +184,15 @@ def test_a_waveform_that_was_not_sent_is_not_found():
         noise, known = random.standard_normal((2, 3000)), random.choice([-1.0, 1.0], 500)
         found, _ = find_offset_once(noise[0] + 1j * noise[1], known, max_offset=0.002)
         assert not found.found and found.cycles_per_sample == 0
+
+
+@pytest.mark.parametrize("steps", [-3, 3])
+def test_the_edge_of_what_is_searched_is_searched_for_what_is_sent_once_too(steps):
+    random = np.random.default_rng(10)
+    known = random.choice([-1.0, 1.0], 512) + 0j
+    offset = steps * 0.5 / 512
+    samples = np.pad(known * np.exp(2j * np.pi * offset * np.arange(512)), 200)
+    samples = samples + 0.01 * (random.standard_normal(912) + 1j * random.standard_normal(912))
+    found, start = find_offset_once(samples, known, max_offset=3 * 0.5 / 512)
+    assert start == 200 and found.cycles_per_sample == pytest.approx(offset, abs=1e-5)
+    assert found.searched == pytest.approx(3 * 0.5 / 512)

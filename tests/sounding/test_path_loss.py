@@ -36,7 +36,8 @@ def test_a_matrix_as_a_file_and_on_the_screen_says_what_was_not_heard():
         ["a", "–", "40.0"],
         ["b", "0.0", "–"],
     ]
-    assert {len(line) for line in path_loss.matrix_text(["a", "a_long_name"], matrix).split("\n")} == {3 * 12}
+    for other, width in (("a_long_name", 12), ("b", 7)):  # a column is as wide as its longest name, or as -100.0 and a space
+        assert {len(line) for line in path_loss.matrix_text(["a", other], matrix).split("\n")} == {3 * width}
 
 
 @pytest.mark.parametrize(

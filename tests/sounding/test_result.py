@@ -146,6 +146,7 @@ def test_frames_are_lines_with_every_tap_and_empty_where_missing():
     assert lines[2][2] == "nan"  # noise took more than there was
     gains = result.frame_gain_db(sounding())
     assert gains[:2] == pytest.approx(10 * np.log10([0.26, 0.4])) and np.isnan(gains[2:]).all()
+    assert np.isnan(result.frame_gain_db(sounding(frame_power=np.zeros(4)))).all()  # no power is no level
 
 
 def test_what_is_written_is_read_back_from_the_first_tap_on(tmp_path):

@@ -427,6 +427,38 @@ def test_noise_over_a_floor_that_nobody_knows_is_not_heard(tmp_path):
     assert told > 1e-4 and unknown < 1e-10
 
 
+def test_two_random_effects_are_random_for_themselves(tmp_path):
+    sparks = ("impulsive_noise", "environment", {"rate_hz": 2e4, "power_db": 10.0})
+    still = ("dc_offset", "rx1", {"level_dbc": -90.0})
+    heard = [
+        small(path, 60_000, Conditions(seed=3)).samples() - small(path, 60_000).samples()
+        for path in (twin(tmp_path / "a", [sparks]), twin(tmp_path / "b", [still, sparks]))  # the first and the second entry
+    ]
+    power = [np.abs(one) ** 2 - np.mean(np.abs(one) ** 2) for one in heard]
+    assert min(np.count_nonzero(np.abs(one) > 0.3) for one in heard) > 300
+    assert abs(np.vdot(*power)) / np.sqrt(np.vdot(power[0], power[0]) * np.vdot(power[1], power[1])) < 0.05
+    assert abs(np.vdot(*heard)) / np.sqrt(np.vdot(heard[0], heard[0]).real * np.vdot(heard[1], heard[1]).real) < 0.05
+
+
+def test_a_second_transmitter_sends_its_own_waveform_as_strong_and_late_as_told(tmp_path):
+    other = shaped(11)
+    recording.write(tmp_path / "other", other, sample_rate_hz=RATE_HZ)
+    waveforms = {"w1": {"file": "wave", "repeat": True}, "w2": {"file": "other", "repeat": True}}
+    second = ("second_transmitter", "environment", {"code": "w2", "gain_db": -9.0, "delay_s": 2e-5})
+    heard = small(twin(tmp_path, [second], waveforms=waveforms), 9000).samples() - small(twin(tmp_path / "a"), 9000).samples()
+    law = 10 ** (-9 / 20) * np.resize(np.roll(other, 20), 9000)
+    turned = np.vdot(law, heard) / np.vdot(law, law)  # its phase is anybody's
+    assert abs(turned) == pytest.approx(1, rel=1e-3) and np.abs(heard - turned * law).max() < 1e-3
+
+
+def test_behind_a_joint_all_that_is_sent_is_needed_by_what_was_lost_later(tmp_path):
+    lost = [("sample_loss", "rx1", {"time_s": 0.0045, "samples": 77})]
+    plain, cut = small(twin(tmp_path / "a"), 12_000), small(twin(tmp_path / "b", lost), 12_000)
+    assert plain.sample_rate_hz == RATE_HZ
+    for k, moved in ((0, (0, 0)), (1, (0, 77)), (2, (77, 77))):  # before the joint, over it, and behind it
+        assert np.subtract(cut.needs(k), plain.needs(k)).tolist() == list(moved)
+
+
 def test_a_carrier_that_the_twin_does_not_know_cannot_be_moved(tmp_path):
     path = twin(tmp_path, center_frequency_hz=None)
     document = {k: v for k, v in yaml.safe_load(path.read_text()).items() if v is not None}
