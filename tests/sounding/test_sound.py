@@ -464,3 +464,18 @@ def test_a_waveform_sent_once_is_told_from_sixteen_samples_that_meet_it(known):
             sound(file, sent)
     else:
         sound(file, sent)
+
+
+@pytest.mark.parametrize(("turns", "blocks"), [(0.0, 1), (0.12, 2), (0.3, 4)])
+def test_a_mean_of_powers_is_without_its_noise_and_one_gain_is_as_it_is(turns, blocks):
+    """One tap that turns by so many cycles over the recording, in noise 10 dB over it: |gain|² less noise/energy of a block."""
+    n = np.arange(255 * 400)
+    turning = np.tile(CODE, 400) * np.exp(2j * np.pi * turns * n / len(n))
+    rng = np.random.default_rng(3)
+    samples = turning + np.sqrt(5) * (rng.standard_normal(len(n)) + 1j * rng.standard_normal(len(n)))
+    record = Recording(samples=samples.astype(np.complex64), sample_rate_hz=50e6)
+    result = sound(record, WAVEFORM, SoundingOptions(carrier_offset_hz=0.0))
+    assert (result.blocks, result.taps.gain.shape) == (blocks, (1, blocks))
+    noise = result.taps.noise_variance / 255 if blocks > 1 else 0.0
+    law = np.mean(np.abs(result.taps.gain) ** 2) - noise
+    assert 10 ** (result.path_gain_db / 10) == pytest.approx(law, rel=1e-4) and (noise > 1e-4 or blocks == 1)
