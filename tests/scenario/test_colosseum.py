@@ -596,6 +596,17 @@ def test_what_is_no_number_cell_or_single_struct_is_none_and_nothing_is_an_empty
     assert {name: value.tolist() for name, value in found.items()} == {"a": [[7]], "b": [[7]]}
 
 
+@pytest.mark.parametrize(("numbers", "fits"), [(1, True), (8, True), (9, False)])
+def test_flags_and_shape_are_eight_numbers_at_most(tmp_path, numbers, fits):
+    flags = element(6, struct.pack("<I", 6) + bytes(4 * numbers - 4))
+    path = matlab(tmp_path / "a.mat", element(14, flags + element(5, struct.pack("<ii", 1, 1)) + element(1, b"x") + BYTE))
+    if fits:
+        assert mat_file.read(path)["x"].tolist() == [[7]]
+    else:
+        with pytest.raises(CastError, match="got 9 numbers where 8 are the most"):
+            mat_file.read(path)
+
+
 def test_no_array_is_larger_than_it_may_be(tmp_path, monkeypatch):
     monkeypatch.setattr(mat_file, "_MAX_NUMBERS", 3)
     assert mat_file.read(matlab(tmp_path / "a.mat", array(6, (1, 3), element(2, bytes(3)))))["x"].shape == (1, 3)

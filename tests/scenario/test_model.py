@@ -133,7 +133,7 @@ def test_a_link_that_does_not_change_has_its_taps_at_every_instant():
         ({"time_s": [[0.0, 1.0]]}, "time_s: needs finite seconds"),
         ({"base_loss_db": np.inf}, "base_loss_db: got inf"),
         ({"link_base_loss_db": {("a", "b"): np.nan}}, "link a>b: base_loss_db: got nan"),
-        ({"time_s": [0.0, 1.0, 2.0], "links": {("a", "b"): chirp(2)}}, "link a>b: got 2 instants, time_s has 3"),
+        ({"time_s": [0.0, 1.0, 2.0], "links": {("a", "b"): chirp(2, 4)}}, "link a>b: got 2 instants, time_s has 3"),
         ({"links": {("a", "c"): chirp(1)}}, "link a>c: names a node that is not in nodes"),
         ({"position_m": {"c": np.zeros((1, 3))}}, "node c: position_m"),
         ({"position_m": {"a": np.zeros((2, 3))}}, r"node a: position_m: needs finite metres of shape \(1, 3\) or \(1, 3\)"),

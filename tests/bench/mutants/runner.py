@@ -37,7 +37,7 @@ class Watch:
 
     def __init__(self, watched):
         self.watched, self.tests, self.called, self.starts = frozenset(watched), {}, set(), False
-        self.failed = []
+        self.failed, self.shared = [], {}
         sys.addaudithook(self._hear)
 
     def _hear(self, event, _):
@@ -57,7 +57,12 @@ class Watch:
         yield
         sys.settrace(None)
         threading.settrace(None)
-        self.tests[item.nodeid] = (time.monotonic() - begin, sorted(self.called), self.starts)
+        self.tests[item.nodeid] = (time.monotonic() - begin, self.called, self.starts, item.path)
+
+    @pytest.hookimpl(hookwrapper=True)
+    def pytest_runtest_setup(self, item):
+        yield
+        self.shared.setdefault(item.path, set()).update(self.called)  # what a fixture made serves the whole file, perhaps
 
     def pytest_runtest_logreport(self, report):
         if report.failed:
@@ -65,7 +70,10 @@ class Watch:
 
     def report(self) -> dict:
         """{test: {"seconds", "called": [(file, first line)], "starts"}}."""
-        return {name: dict(zip(("seconds", "called", "starts"), told, strict=True)) for name, told in self.tests.items()}
+        return {
+            name: {"seconds": seconds, "called": sorted(called | self.shared[path]), "starts": starts}
+            for name, (seconds, called, starts, path) in self.tests.items()
+        }
 
 
 class Chosen:
