@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from gr_cast.diagnose import align, claims, policy, read_case
 from gr_cast.diagnose.finding import Worth
-from gr_cast.diagnose.search import refit
+from gr_cast.diagnose.search import plausible, refit
 from gr_cast.diagnose.verdict import Told
 from gr_cast.twin.effects import FAMILIES
 from gr_cast.twin.effects.base import start
-from gr_cast.twin.model import predict
+from gr_cast.twin.model import Model, predict
 
 
 @pytest.fixture
@@ -75,3 +75,11 @@ def test_an_amplifier_that_hardly_compresses_and_brings_little_is_not_claimed(pa
     assert (claims.broken(finding) is not None) == is_broken
     told = Told(members=[(finding, 0)], finding=finding, index=0, owner={}, nats=60.0, held_out=5.0)  # where no time was left
     assert told.claimed != is_broken
+
+
+def test_a_path_that_comes_and_goes_is_no_row_of_echoes_at_one_delay():
+    """Two beat as a tap and its change do; any course of one path is a sum of more, and told so would be the whole truth."""
+    echo = lambda delay, doppler: start(FAMILIES["extra_path"], [0.1, 0.0, delay, doppler], aux={"source": 0})  # noqa: E731
+    two = Model(base=np.array([0.0, 1.0, 0.0])).adding(echo(20.0, 0.0)).adding(echo(20.1, 1.0))
+    assert plausible(two) and plausible(two.adding(echo(22.0, 2.0)))
+    assert not plausible(two.adding(echo(20.2, 2.0)))

@@ -2,6 +2,7 @@
 """Bring twin and recording together: whole-sample delay, gain and orientation, whatever the carrier offset;
 build the scene."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -178,7 +179,7 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
     """(delay in samples, whether the spectrum is inverted) of the twin's prediction in a recording; `about`: what they
     are nearly."""
     sent, links = _on_air(case, observation)
-    rate, low, period = case.sample_rate_hz, 0, len(sent[0][0].samples) if _looped(sent) else 0
+    rate, low, period = case.sample_rate_hz, 0, math.lcm(*(len(w.samples) for w, _ in sent)) if _looped(sent) else 0
     y = _with_what_was_lost(observation.samples[:].astype(complex), known_losses(case, observation), period)
     n = len(y)
     if period:
@@ -258,7 +259,7 @@ def build(case, observation, *, near: tuple[float, bool] | None = None):
     repeat, lost = _looped(sent), sum(max(0, lost) for _, lost in known_losses(case, observation))
     if repeat:
         sources = [source_of(w.name, w.samples, amplitude, True) for w, amplitude in sent]
-        delay %= len(sources[0].samples)
+        delay %= math.lcm(*(len(s.samples) for s in sources))
     else:
         whole = int(round(delay))
         sources = [_window(w, amplitude, whole, n + lost) for w, amplitude in sent]

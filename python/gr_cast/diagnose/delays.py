@@ -2,6 +2,7 @@
 """At which whole-sample delay a recording holds what was sent, whatever the carrier offset: segments are correlated and added
 without phase, of several lengths that which explains most."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,7 @@ from .policy import (
     LEAST_WITHOUT_LINES,
     LINE_BINS,
     LINE_DECILE,
+    MOST_DELAYS,
     PIECES,
     SHORT_FACTOR,
     TABLE,
@@ -57,7 +59,7 @@ def of_repeated(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: f
     templates = [sp_fft.fft(s.samples) * response(link, len(s.samples), rate) for s, link in zip(sources, taps, strict=True)]
     tried, piece, n = [], DELAY_SHORTEST, 0
     while n < len(y):  # the longer the stretches, the more samples
-        n = min(len(y), max(piece, TABLE * piece // len(templates[0])))
+        n = min(len(y), max(piece, TABLE * piece // max(len(t) for t in templates)))
         tried += _tried(y[:n], templates, min(piece, n))
         piece *= DELAY_LONGER
     sure = [t for t in tried if t.nats > DELAY_SURE_NATS] or [max(tried, key=lambda t: t.nats)]
@@ -81,22 +83,21 @@ class _Try:
 
 def _tried(y: np.ndarray, templates: list[np.ndarray], piece: int) -> list[_Try]:
     """The best delay for stretches of several lengths, each of them with the carrier that suits all."""
-    period, count = len(templates[0]), len(y) // piece
-    n = count * piece
-    index = np.arange(n) % period + np.arange(n) // piece * period
-    folded = np.bincount(index, y[:n].real, count * period) + 1j * np.bincount(index, y[:n].imag, count * period)
-    spectra = sp_fft.fft(folded.reshape(count, period).astype(np.complex64), axis=1)
-    tables = [sp_fft.ifft(spectra * np.conj(t).astype(np.complex64), axis=1) for t in templates]
-    energy = float(np.vdot(y[:n], y[:n]).real) * sum(np.vdot(t, t).real for t in templates) / period**2
+    count = len(y) // piece
+    n, delays = count * piece, _delays([len(t) for t in templates])
+    folded = {period: _folded(y[:n], piece, period) for period in {len(t) for t in templates}}
+    tables = [sp_fft.ifft(folded[len(t)] * np.conj(t).astype(np.complex64), axis=1) for t in templates]
+    energy = float(np.vdot(y[:n], y[:n]).real) * sum(np.vdot(t, t).real / len(t) ** 2 for t in templates)
     tried, together = [], 1
     while True:
         groups = -(-count // together)
         size = sp_fft.next_fast_len(2 * together) if together > 1 else 1
         held = 0.0
         for table in tables:
-            rows = np.pad(table, ((0, groups * together - count), (0, 0))).reshape(groups, together, period)
+            rows = np.pad(table, ((0, groups * together - count), (0, 0))).reshape(groups, together, -1)
             sums = sp_fft.fft(rows, size, axis=1) if size > 1 else rows
-            held = held + (sums.real**2 + sums.imag**2).sum(0)
+            power = (sums.real**2 + sums.imag**2).sum(0)
+            held = held + (power if power.shape[1] == delays else power[:, np.arange(delays) % power.shape[1]])
         share = held / max(energy * together * piece, 1e-300)  # (carriers, delays)
         at, mean = np.argmax(share, axis=1), np.maximum(share.mean(1), 1e-300)
         most = share[np.arange(size), at]
@@ -109,6 +110,19 @@ def _tried(y: np.ndarray, templates: list[np.ndarray], piece: int) -> list[_Try]
         if together >= count:
             return tried
         together = min(together * DELAY_GROWTH, count)
+
+
+def _delays(periods: list[int]) -> int:
+    """Delays that waveforms repeated with these periods tell apart together, no more than a table holds."""
+    return min(math.lcm(*periods), max(MOST_DELAYS, *periods))
+
+
+def _folded(y: np.ndarray, piece: int, period: int) -> np.ndarray:
+    """(stretches, period) spectra of stretches of `piece` samples, each folded into one period."""
+    index = np.arange(len(y)) % period + np.arange(len(y)) // piece * period
+    size = len(y) // piece * period
+    folded = np.bincount(index, y.real, size) + 1j * np.bincount(index, y.imag, size)
+    return sp_fft.fft(folded.reshape(-1, period).astype(np.complex64), axis=1)
 
 
 def of_sent_once(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: float) -> int:

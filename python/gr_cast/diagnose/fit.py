@@ -102,15 +102,29 @@ def invert(matrix: np.ndarray, blind: float = 0.0) -> np.ndarray:
     information are
     left out, others without information get a large variance."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-30))
-    if len(matrix) > LARGE and not blind:  # held by priors: sure to be positive
-        try:
-            factor = linalg.cho_factor(matrix * np.outer(scale, scale) + 1e-12 * np.eye(len(matrix)))
-            return linalg.cho_solve(factor, np.eye(len(matrix))) * np.outer(scale, scale)
-        except linalg.LinAlgError:
-            pass
+    if len(matrix) > LARGE and not blind and (factor := _factor(matrix, scale)) is not None:
+        inverse, _ = linalg.lapack.dpotri(factor, lower=1)
+        return (np.tril(inverse) + np.tril(inverse, -1).T) * np.outer(scale, scale)
     values, vectors = linalg.eigh(matrix * np.outer(scale, scale))
     inverse = np.where(values > blind, 1 / np.maximum(values, 1e-12), 0.0)
     return (vectors * inverse) @ vectors.T * np.outer(scale, scale)
+
+
+def _factor(matrix: np.ndarray, scale: np.ndarray) -> np.ndarray | None:
+    """The lower Cholesky factor of a symmetric matrix of unit diagonal under `scale`; None where it is not positive: one of many
+    numbers is held by priors."""
+    try:
+        return linalg.cholesky(matrix * np.outer(scale, scale) + 1e-12 * np.eye(len(matrix)), lower=True)
+    except linalg.LinAlgError:
+        return None
+
+
+def _solved(matrix: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """`invert(matrix) @ slope`, without the inverse where that is large."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-30))
+    if len(matrix) > LARGE and (factor := _factor(matrix, scale)) is not None:
+        return linalg.cho_solve((factor, True), slope * scale) * scale
+    return invert(matrix) @ slope
 
 
 def misfit(data: Data, y: np.ndarray) -> float:
@@ -136,7 +150,7 @@ def solve(data: Data, model: Model, *, iterations: int = 8, tolerance: float = 0
             break
         objective = n * np.log(cost) + 0.5 * np.sum(prior * model.vector() ** 2)
         for damping in DAMPINGS:
-            step = invert(hessian + np.diag(prior + damping * np.diag(hessian))) @ slope
+            step = _solved(hessian + np.diag(prior + damping * np.diag(hessian)), slope)
             if not damping and 0.5 * slope @ step < tolerance:
                 return _finish(data, model, chain, blocks)
             trial = model.at(_limited(model, step))

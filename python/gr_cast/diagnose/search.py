@@ -26,15 +26,18 @@ from .policy import (
     LEAP_STEPS,
     LEAST_HELD_OUT,
     LEAST_OF_NOISE,
+    LEAST_STEPS,
     LEAST_TURN,
     LOUDEST,
     MANY,
+    MOST_AT_ONE_PLACE,
     MOST_EFFECTS,
     NOISIEST,
     PROOF_STEPS,
     REFITS,
     ROUGH_NATS,
     ROUGH_SHARE,
+    SAME_PLACE,
     SEARCH_MARGIN,
     SEARCH_SURE_NATS,
     SEEN,
@@ -206,6 +209,8 @@ def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2, it
     effect, with the shape of its noise."""
     white = replace(data, variance=None, spectrum=None, impulses=None)
     begun = white if near is None else replace(near.data, deadline=data.deadline)
+    if near is None and data.scene.free_ports:
+        model = _with_ports(begun, model)
     if data.late:  # it stays where it stands: no shape of the noise is worth its time
         return solve(begun, model)
     noisy = any(FAMILIES[e.family].noise_like and not e.fixed for e in model.effects)
@@ -228,6 +233,12 @@ def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2, it
         fit = solve(with_noise(replace(fit, data=white), model), model, iterations=iterations)
         model = fit.model
     return fit
+
+
+def _with_ports(data: Data, model: Model) -> Model:
+    """The model with the gains of all ports at their joint least squares where that is nearer: far from there no small step of a
+    product of two gains leads back."""
+    return min((model, offsets.with_gains(data, model)), key=lambda m: misfit(data, predict(data.scene, m).y))
 
 
 def _softened(fit: Fit) -> Fit:
@@ -411,6 +422,7 @@ def _all_at_once(fit: Fit) -> list[Model]:
         later, found = family.at_once(View(fit))
         if not found:
             continue
+        models += _of_a_clock(fit, found)
         base = fit.model.base + later * np.eye(len(fit.model.base))[0]
         best = at_their_moments(data, solve(data, functools.reduce(_put, found, replace(fit.model, base=base))))
         for i, effect in enumerate(best.model.effects):
@@ -419,6 +431,20 @@ def _all_at_once(fit: Fit) -> list[Model]:
                 best = max(best, *(solve(data, m, iterations=LEAP_STEPS) for m in others), key=lambda f: f.evidence)
         models.append(at_their_moments(data, best).model)
     return models
+
+
+def _of_a_clock(fit: Fit, slips: list[Effect]) -> list[Model]:
+    """The model of a fit with the clock under which the delay moves evenly, where slips go the same way at every step."""
+    joints, lost = np.array([e.p[:2] for e in slips if plays(e, Role.SLIP)]).T.reshape(2, -1)
+    if (
+        len(joints) < LEAST_STEPS
+        or abs(lost.sum()) < np.abs(lost).sum()
+        or fit.model.index_of(Role.CLOCK, found=True) is not None
+    ):
+        return []
+    slope, first = np.polyfit(joints / fit.data.scene.span, np.cumsum(lost) - lost / 2, 1)  # a step is amid what it stands for
+    base = fit.model.base - first * np.eye(len(fit.model.base))[0]
+    return [replace(fit.model, base=base).adding(start(with_role(Role.CLOCK), [slope], trials=fit.data.scene.count))]
 
 
 def _put(model: Model, effect: Effect) -> Model:
@@ -669,7 +695,23 @@ def claim_the_same(a: Effect, b: Effect) -> bool:
 
 
 def plausible(model: Model) -> bool:
-    return all(FAMILIES[e.family].plausible(e) for e in model.effects)
+    """Whether every effect can be that of real equipment, and no more than MOST_AT_ONE_PLACE of those that there may be many of
+    are in one place: so many are the course of one."""
+    return all(FAMILIES[e.family].plausible(e) for e in model.effects) and _most_at_one_place(model) <= MOST_AT_ONE_PLACE
+
+
+def _most_at_one_place(model: Model) -> int:
+    """How many effects of one family, of which there may be many, are in one place."""
+    many = [
+        e for e in model.found if FAMILIES[e.family].multiplicity is Multiplicity.MANY and FAMILIES[e.family].place is not None
+    ]
+    near = lambda a, b: claim_the_same(a, b) and abs(_placed(a) - _placed(b)) < SAME_PLACE  # noqa: E731
+    return max((sum(near(a, b) for b in many) for a in many), default=0)
+
+
+def _placed(effect: Effect) -> float:
+    family = FAMILIES[effect.family]
+    return float(effect.p[family.place]) / family.place_step
 
 
 def _gross_offsets(data: Data, model: Model) -> list[Model]:

@@ -16,9 +16,12 @@ from .policy import (
     ECHO_SEGMENTS,
     HARMONICS,
     LEAST_SEGMENT,
+    LEAST_SENT,
     LINE_NATS,
     LONGEST_JUMP,
     MOST_JUMPS,
+    MOST_PERIODS,
+    PERIOD_CYCLES,
     POINTS,
     SHORT_HUM,
     SKIRT,
@@ -345,15 +348,19 @@ class View:
         now, n, found = int(np.argmin(np.abs(lag))), self.scene.count, []
         for later in (False, True):
             there = slice(None) if later else slice(None, None, -1)  # the part with another delay comes first
-            part, energy = np.cumsum(c[there], axis=0), np.cumsum(sent[there])[:, None]
+            part, energy = np.cumsum(c[there], axis=0), np.cumsum(sent[there], axis=0)
             held = np.abs(part[:-1]) ** 2 / energy[:-1] / self.sigma2
-            nats = held - held[:, now : now + 1]  # with a gain of its own either way: a step of gain is no jump
+            # With a gain of its own either way: a step of gain is no jump.
+            nats = held - np.maximum(held[:, now], np.cumsum(self._explained(edges)[there])[:-1])[:, None]
             m, d = np.unravel_index(int(np.argmax(nats)), nats.shape)
             if nats[m, d] < np.log(nats.size) + VIEW_JUMP_NATS:
                 continue
-            lost = int(lag[d] if later else -lag[d])
+            rest = c[there][m + 1 :, now].sum()
+            ahead = -int(lag[d])
+            whole = self._periods(ahead, np.angle(part[m, d] * np.conj(rest)))
             first = int(edges[m + 1 if later else len(edges) - m - 2])
-            for nearby in (lost, lost - 1, lost + 1):  # a delay between two samples hides one
+            # A delay between two samples hides one.
+            for nearby in ((-1 if later else 1) * (ahead + periods + one) for periods in {0, whole} for one in (0, -1, 1)):
                 beyond = predict(self.scene, self.fit.model.adding(lost_everywhere(-nearby if later else nearby)))
                 joint = self._joint(first, beyond, later)
                 found.append((float(self.scene.index[min(joint, n - 1)]), float(nearby), later))
@@ -366,8 +373,10 @@ class View:
         if self.lags_over_time is None:
             return 0, []
         edges, lag, c, sent = self.lags_over_time
-        sent = np.maximum(sent, sent.sum() / self.scene.count * np.diff(edges))  # silence has no delay
-        nats, step = np.abs(c) ** 2 / sent[:, None] / self.sigma2, np.log(c.size) + VIEW_JUMP_NATS
+        now = int(np.argmin(np.abs(lag)))
+        sent = np.maximum(sent, (np.diff(edges) / self.scene.count * sent[:, now].sum())[:, None])  # silence has no delay
+        nats, step = np.abs(c) ** 2 / sent / self.sigma2, np.log(c.size) + VIEW_JUMP_NATS
+        nats[:, now] = np.maximum(nats[:, now], self._explained(edges))
         best, came = nats[0], []
         for row in nats[1:]:
             top = int(np.argmax(best))
@@ -378,34 +387,66 @@ class View:
         for back in reversed(came):
             path.append(int(back[path[-1]]))
         late, period = lag[path[::-1]], len(lag) if self.scene.sources[0].repeat else 0
-        level, joints = late[0], []
+        level, joints, sums = late[0], [], [0.0]
         for m, there in enumerate(late):
             moved = (there - level + period // 2) % period - period // 2 if period else there - level
             if abs(moved) > 1:  # one may be a delay between two samples
-                level, joints = there, [*joints, (float(self.scene.index[edges[m]]), float(-moved))]
+                level, joints, sums = there, [*joints, (float(self.scene.index[edges[m]]), float(-moved))], [*sums, 0.0]
+            sums[-1] += c[m, path[-1 - m]]
+        turned = np.angle(np.array(sums[1:]) * np.conj(sums[:-1]))
+        joints = [(at, lost + self._periods(lost, turn)) for (at, lost), turn in zip(joints, turned, strict=True)]
         return (int(late[0]), joints) if len(joints) <= MOST_JUMPS else (0, [])
+
+    def _periods(self, ahead: float, turned: float) -> int:
+        """Samples, whole periods of a repeated waveform, that are lost besides `ahead`: the waveform is the same then, and an
+        oscillator that goes on meanwhile has `turned` so far (rad)."""
+        source, beside = self.scene.sources[0], np.diff(self.scene.index) == 1
+        if not source.repeat:
+            return 0
+        steps = (np.conj(self.carrier[:-1]) * self.carrier[1:])[beside]
+        every = np.arange(-MOST_PERIODS, MOST_PERIODS + 1) * len(source.samples)
+        off = (np.angle(steps.sum()) * (ahead + every) - turned) / (2 * np.pi)
+        return int(every[np.argmin(np.abs(off - np.rint(off)) + PERIOD_CYCLES * np.abs(every) / len(source.samples))])
 
     @cached_property
     def lags_over_time(self):
         """(edges of segments, lags from where the fit has the link, (segments, lags) correlation of the recording with the link,
-        (segments,) energy predicted); None where too little is there."""
+        (segments, lags) energy of the link at each lag); None where too little is there."""
         edges = self._edges()
         if len(edges) < 5:
             return None
         y = self.fit.came(self.data.y) * self.weight * np.conj(self.carrier)
         c, lags = self.correlations(0, y, edges, reach=LONGEST_JUMP if self.scene.at is None else None)
-        ahead = self._ahead(edges)
-        if ahead.any():
-            c = np.stack([np.roll(row, k) for row, k in zip(c, ahead, strict=True)])
-        lag, size = lags - round(self.fit.model.base[0]), len(lags)
+        lag, size, response = lags - round(self.fit.model.base[0]), len(lags), None
         if self.scene.sources[0].repeat:
             # the whole link, not one path: filter along the lags with the twin's taps
             f = sp_fft.fftfreq(size)
             response = sum(np.conj(p.gain) * np.exp(2j * np.pi * f * p.delay) for p in self.scene.taps if p.source == 0)
             c = sp_fft.ifft(sp_fft.fft(c, axis=1) * response, axis=1)
             lag = (lag + size // 2) % size - size // 2
-        sent = np.add.reduceat(np.abs(self.wanted) ** 2 * self.weight, edges[:-1])
-        return edges, lag, c, np.maximum(sent, 1e-3 * sent.sum() / self.scene.count * np.diff(edges))
+        sent, ahead = self._energy_at(edges, lags, response), self._ahead(edges)
+        if ahead.any():
+            c, sent = (np.stack([np.roll(row, k) for row, k in zip(rows, ahead, strict=True)]) for rows in (c, sent))
+        return edges, lag, c, np.maximum(sent, LEAST_SENT * sent.sum(0).max() / self.scene.count * np.diff(edges)[:, None])
+
+    def _explained(self, edges: np.ndarray) -> np.ndarray:
+        """(segments,) nats that the whole fit explains in each segment, with all that the waveform alone has not."""
+        explained = (np.abs(self.data.y) ** 2 - np.abs(self.fit.residual) ** 2) * self.weight
+        return np.add.reduceat(explained, edges[:-1]) / self.sigma2
+
+    def _energy_at(self, edges: np.ndarray, lags: np.ndarray, response: np.ndarray | None) -> np.ndarray:
+        """(segments, lags) energy of the first transmitter's signal in each segment, were it so late: what is silent there at the
+        delay of the fit may be loud at another."""
+        source, loud = self.scene.sources[0], np.abs(self.carrier) ** 2 * self.weight
+        if source.repeat:
+            size = len(source.samples)
+            power = np.abs(sp_fft.ifft(sp_fft.fft(source.samples) * np.conj(response))) ** 2
+            index = self.scene.wrap(size) + np.repeat(np.arange(len(edges) - 1), np.diff(edges)) * size
+            folded = np.bincount(index, loud, (len(edges) - 1) * size).reshape(-1, size)
+            return np.maximum(sp_fft.irfft(sp_fft.rfft(folded, axis=1) * np.conj(sp_fft.rfft(power)), size, axis=1), 0.0)
+        total = np.concatenate([[0.0], np.cumsum(np.abs(source.samples) ** 2)])
+        at = np.clip(PAD + edges[:, None] - lags, 0, len(source.samples))
+        return np.diff(total[at], axis=0) * (np.add.reduceat(loud, edges[:-1]) / np.diff(edges))[:, None]
 
     def _edges(self) -> np.ndarray:
         """Of segments in time in which a jump is looked for: shorter and shorter towards the ends, where it leaves little of

@@ -84,9 +84,11 @@ class PulsedInterference(NoiseFamily):
                 found = _fold(e, use, period / divisor, n, total, count)
                 if found[0] > top[0] * 1.001:
                     top = found
-        gain, p = top
-        if p is None:
+        if top[1] is None:
             return 0.0, None
+        # Of a few slow pulses only harmonics stand out.
+        slower = (_fold(e, use, top[1][1] * multiple, n, total, count) for multiple in (2, 3) if top[1][1] * multiple < n / 2)
+        gain, p = max(top, *slower, (0.0, None), key=lambda found: found[0])
         return gain, self._found(p, n)
 
     def _found(self, p, n):

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where a delay moves: losses of whole periods under a carrier, signals that are silent or filtered, a clock in steps."""
+
+import numpy as np
+import pytest
+import yaml
+from conftest_world import RATE_HZ, World
+from gr_cast.diagnose import align, diagnose, read_case, search
+from gr_cast.diagnose.view import View
+from gr_cast.signals import recording
+from gr_cast.twin.effects import FAMILIES
+from gr_cast.twin.effects.base import start
+
+OFFSET_HZ = 700.0  # turns by a third of a cycle in a period of 510 samples
+
+
+def _everywhere(lost):
+    return start(FAMILIES["sample_loss"], [-np.inf, lost], free=[False, False])
+
+
+def _fitted(world, folder, y):
+    case = read_case(world.write(folder, world.noisy(y)))
+    _, data, model = align.build(case, case.observations[0])
+    return search.refit(data, model)
+
+
+def _known_carrier(world):
+    twin, owner = world.twin(), {"level": "rx", "name": "rx1"}
+    told = {"offset_hz": {"value": OFFSET_HZ, "std": 0.0}, "drift_hz_per_s": {"value": 0.0, "std": 0.0}}
+    return twin | {"effects": [{"family": "carrier_frequency_offset", "owner": owner, "parameters": told}]}
+
+
+@pytest.mark.parametrize("periods", [-1, 1, 2])
+def test_a_loss_is_as_many_periods_of_the_waveform_as_the_oscillator_went_on(world, tmp_path, periods):
+    """The delay tells a loss within a period alone; the carrier's phase tells the rest, and a wrong count explains nothing."""
+    twin, lost = _known_carrier(world), 100 + periods * len(world.x)
+    world.twin = lambda: twin
+    at = world.n + lost * (world.n >= 15_000)
+    turned = np.exp(2j * np.pi * OFFSET_HZ * at / RATE_HZ)
+    world.n = at
+    y = world.clean() * turned
+    document = diagnose(read_case(world.write(tmp_path / "case", world.noisy(y)))).document
+    (effect,) = document["effects"]
+    assert document["verdict"] == "identified" and effect["family"] == "sample_loss"
+    assert effect["parameters"]["samples"]["value"] == lost
+
+
+def test_no_loss_is_looked_for_where_a_filter_bends_a_loud_signal(tmp_path):
+    """A few samples at an end look more like another part of the waveform than like the bare one; the fit knows the filter."""
+    world = World()
+    world.noise_rms, world.code["samples_per_chip"] = 1e-4, 12
+    world.x = np.repeat(world.x[::2], 12)
+    y = np.convolve(world.clean(), [1.0, 0.3, -0.1])[: len(world.n)]
+    fit = _fitted(world, tmp_path / "case", y)
+    taps = start(FAMILIES["front_end_filter"], np.zeros(8), aux={"low": 0, "high": 4, "side": "rx"})
+    fit = search.refit(fit.data, fit.model.adding(taps), near=fit)
+    assert View(fit).jumps(_everywhere) == [] and View(fit).steps_of_lag()[1] == []
+
+
+def test_a_silence_of_the_signal_is_at_no_other_delay(tmp_path):
+    """What noise correlates with a loud part of the waveform is compared with the energy of that part, not of the silence."""
+    world = World()
+    world.noise_rms = 0.1
+    world.x = world.x * (np.arange(-250, 260) % 510 < 120)  # silent where the recording begins
+    recording.write(tmp_path / "sent", world.x, sample_rate_hz=RATE_HZ)
+    twin = world.twin() | {"waveforms": {"w1": {"file": "sent", "repeat": True}}}
+    folder = world.write(tmp_path / "case", world.noisy(world.clean()))
+    (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
+    for part in tmp_path.glob("sent.*"):
+        part.rename(folder / part.name)
+    case = read_case(folder)
+    _, data, model = align.build(case, case.observations[0])
+    assert View(search.refit(data, model)).jumps(_everywhere) == []
+
+
+def test_a_fast_clock_is_one_though_each_of_its_steps_looks_like_a_loss(world, tmp_path):
+    """Under an offset as strong as the signal the first score of a clock says little, and losses, one by one, explain much."""
+    ppm = 320.0
+    at = world.n * (1 + ppm * 1e-6)
+    spectrum, f = np.fft.fft(world.x), np.fft.fftfreq(len(world.x))
+    band = np.abs(f) < 0.3
+    wave = sum(c * np.exp(2j * np.pi * g * (at - 37)) for c, g in zip(spectrum[band] / len(world.x), f[band], strict=True))
+    echo = sum(c * np.exp(2j * np.pi * g * (at - 46)) for c, g in zip(spectrum[band] / len(world.x), f[band], strict=True))
+    recording.write(tmp_path / "sent", np.fft.ifft(spectrum * band), sample_rate_hz=RATE_HZ)
+    y = 0.3 * (wave + 0.5 * np.exp(0.7j) * echo) + 0.35 * np.exp(-world.n / 8000)
+    world.noise_rms = 0.1
+    folder = world.write(tmp_path / "case", world.noisy(y))
+    (folder / "twin.yaml").write_text(yaml.safe_dump(world.twin() | {"waveforms": {"w1": {"file": "sent", "repeat": True}}}))
+    for part in tmp_path.glob("sent.*"):
+        part.rename(folder / part.name)
+    document = diagnose(read_case(folder), budget_s=100).document
+    found = {e["family"]: e["parameters"] for e in document["effects"]}
+    assert set(found) == {"sample_clock_offset", "dc_offset"}
+    assert found["sample_clock_offset"]["offset_ppm"]["value"] == pytest.approx(ppm, abs=1.0)

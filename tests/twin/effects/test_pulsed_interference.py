@@ -1,0 +1,20 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pulses of noise, however few of them a recording holds."""
+
+import numpy as np
+import pytest
+from gr_cast.twin.effects import FAMILIES
+from gr_cast.twin.effects.noise_family import NoiseView
+
+COUNT = 40_000
+
+
+@pytest.mark.parametrize("pulses", [3.4, 5.2, 20.3])
+def test_the_period_of_a_few_pulses_is_that_of_the_pulses_and_no_part_of_it(pulses):
+    """Only harmonics of a slow beat stand out of the spectrum; at half the period every other window is empty."""
+    rng, period = np.random.default_rng(7), COUNT / pulses
+    on = (np.arange(COUNT) - 500) / period % 1.0 < 0.1
+    y = (rng.normal(size=(COUNT, 2)) @ [1, 1j]) * np.where(on, 1.3, 1.0)
+    view = NoiseView(use=np.ones(COUNT, bool), energy=np.abs(y) ** 2, wanted_power=np.ones(COUNT), weighted=y)
+    _, found = FAMILIES["pulsed_interference"].find(view)
+    assert found.p[1] == pytest.approx(period, rel=0.02) and found.p[3] == pytest.approx(0.1, abs=0.03)
