@@ -92,3 +92,14 @@ def test_a_fast_clock_is_one_though_each_of_its_steps_looks_like_a_loss(world, t
     found = {e["family"]: e["parameters"] for e in document["effects"]}
     assert set(found) == {"sample_clock_offset", "dc_offset"}
     assert found["sample_clock_offset"]["offset_ppm"]["value"] == pytest.approx(ppm, abs=1.0)
+
+
+def test_a_loss_stands_out_beside_a_louder_tone_that_is_known(world, tmp_path):
+    """What the fit explains of the tone says nothing of where the waveform is."""
+    lost = np.where(world.n < 12_000, world.clean(), np.roll(world.clean(), -30))
+    tone = np.exp(2j * np.pi * 0.1234 * world.n)
+    fit = _fitted(world, tmp_path / "case", lost + tone)
+    cycles = round(0.1234 * len(world.n))
+    fit = search.refit(fit.data, fit.model.adding(start(FAMILIES["tone_interference"], [0.0, 0.0, cycles])), near=fit)
+    assert any(abs(at - 12_000) <= 16 and samples == 30 for at, samples, _ in View(fit).jumps(_everywhere))
+    assert [round(samples) for _, samples in View(fit).steps_of_lag()[1]] == [30]

@@ -415,8 +415,8 @@ class View:
         edges = self._edges()
         if len(edges) < 5:
             return None
-        y = self.fit.came(self.data.y) * self.weight * np.conj(self.carrier)
-        c, lags = self.correlations(0, y, edges, reach=LONGEST_JUMP if self.scene.at is None else None)
+        heard = self._heard * self.weight * np.conj(self.carrier)
+        c, lags = self.correlations(0, heard, edges, reach=LONGEST_JUMP if self.scene.at is None else None)
         lag, size, response = lags - round(self.fit.model.base[0]), len(lags), None
         if self.scene.sources[0].repeat:
             # the whole link, not one path: filter along the lags with the twin's taps
@@ -429,9 +429,15 @@ class View:
             c, sent = (np.stack([np.roll(row, k) for row, k in zip(rows, ahead, strict=True)]) for rows in (c, sent))
         return edges, lag, c, np.maximum(sent, LEAST_SENT * sent.sum(0).max() / self.scene.count * np.diff(edges)[:, None])
 
+    @property
+    def _heard(self) -> np.ndarray:
+        """The recording before the receiver's inversion without tones and all else that is known beside the wanted signal."""
+        return self.fit.came(self.fit.residual + self.fit.chain.wanted)
+
     def _explained(self, edges: np.ndarray) -> np.ndarray:
-        """(segments,) nats that the whole fit explains in each segment, with all that the waveform alone has not."""
-        explained = (np.abs(self.data.y) ** 2 - np.abs(self.fit.residual) ** 2) * self.weight
+        """(segments,) nats that the fit's wanted signal explains in each segment, with the filters that the waveform has not."""
+        residual, wanted = self.fit.residual, self.fit.chain.wanted
+        explained = (np.abs(residual + wanted) ** 2 - np.abs(residual) ** 2) * self.weight
         return np.add.reduceat(explained, edges[:-1]) / self.sigma2
 
     def _energy_at(self, edges: np.ndarray, lags: np.ndarray, response: np.ndarray | None) -> np.ndarray:
@@ -468,7 +474,7 @@ class View:
     def _joint(self, guess: int, beyond, later: bool) -> int:
         """The first sample after a joint, to the sample where the noise allows, `beyond` which the prediction is that chain's;
         the delay that the fit gave both parts may be off by most of a sample, and then the guess is anywhere."""
-        y, f = self.fit.came(self.data.y), sp_fft.fftfreq(self.scene.count)
+        y, f = self._heard, sp_fft.fftfreq(self.scene.count)
         here, there = sp_fft.fft(self.wanted), sp_fft.fft(self.fit.came(beyond.wanted))
         best = np.inf, guess
         for off in np.arange(-3, 4) / 4:
