@@ -48,11 +48,12 @@ def test_of_two_that_cancel_each_other_one_is_not_claimed(part):
     assert claims.unsure(both) is not None
 
 
-@pytest.mark.parametrize("held_out, is_broken", [(60.0, False), (-20.0, True)])
-def test_held_out_samples_contradict_what_loses_there_what_the_fitted_ones_promise(part, held_out, is_broken):
+@pytest.mark.parametrize("evidence, held_out, is_broken", [(400.0, 60.0, False), (400.0, -20.0, True), (-51.0, 5.0, True)])
+def test_held_out_samples_contradict_what_loses_there_what_fitted_ones_promise(part, evidence, held_out, is_broken):
+    """And what the fitted ones are likelier without stays in no model, whatever it brought when it was found."""
     _, data, model = part
     fit = refit(data, model.adding(dc()))
-    worth = Worth(evidence=400.0, held_out=held_out)
+    worth = Worth(evidence=evidence, held_out=held_out)
     assert (claims.broken(SimpleNamespace(fit=fit, worth_of=lambda i: worth)) is not None) == is_broken
 
 
