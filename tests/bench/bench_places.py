@@ -12,10 +12,11 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "bench" / "places"))
 
-import build
 import grade
 from diagnose_bank import truth
 from sealed import add_arguments, judged
+
+import build
 
 KINDS = {"cases": 110, "nulls": 0, "power": 0, "ambiguous": 0, "outside": 0}
 

@@ -9,7 +9,6 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import build
 import campaign as campaigns
 import cases
 import causes
@@ -17,6 +16,8 @@ import numpy as np
 import truths
 from sightings import lit_objects
 from world import new_world
+
+import build
 
 ROOT = Path(__file__).resolve().parents[3]
 sys.path.insert(0, str(ROOT / "build" / "python"))
