@@ -24,7 +24,7 @@ from gr_cast.experiments import paper
 from gr_cast.experiments.cellular import downlink as downlink_model
 from gr_cast.experiments.cellular import experiment, stack, stack_run, stack_script
 from gr_cast.experiments.cellular.downlink import Cell, Downlink, Radio
-from gr_cast.experiments.cellular.stack_clock import Clock
+from gr_cast.experiments.cellular.stack_clock import LOOK_S, Clock
 from gr_cast.experiments.traffic.namespaces import run_with_rights
 from gr_cast.report import plot
 from gr_cast.scenario.create import room
@@ -36,7 +36,8 @@ COLOSSEUM_LOSS_DB = paper.figures()["base_loss"]["mean_db"]  # of the emulator i
 TX_POWER_DBM, NOISE_FIGURE_DB = 27.0, 5.0  # the least in whole dB with which standing terminals hold 5 Mbit/s
 SHORT_S, FULL_S = 15.0, 37.0
 STEP_S = {1: 0.1, 2: 0.2}  # by stations: every station is sounded at every terminal
-MODELLED = 32  # instants at which the model is set beside a stack
+MODELLED = 64  # lines of a terminal's metrics beside which the model is set
+Heard = tuple[np.ndarray, np.ndarray]  # instants of the scenario, and what a stack measured then
 CHECKS = 3  # instants at which all stations are heard at once
 
 
@@ -189,28 +190,27 @@ def over_stack(args) -> int:
     return _report_stack(args, output, plan, played, cells, failure, status, clock)
 
 
-def _modelled_sinr_db(args, played, cells, heard_s: dict[str, np.ndarray]) -> dict[str, float]:
-    """Mean of each terminal over the instants of the scenario that it heard, as the model has it where no stack runs."""
+def _modelled_sinr_db(args, played, cells, heard: dict[str, Heard]) -> dict[str, np.ndarray]:
+    """Each terminal's at the instants that it heard, as the model has it where no stack runs."""
     if args.blocks not in downlink_model.FFT_OF_BLOCKS:
         return {}
-    radio = _radio(args)
-    downlink = Downlink(sc.with_more_loss(played, args.setup_loss_db), cells, radio, play, seed=args.seed)
-    every_s = np.concatenate(list(heard_s.values()))
-    time_s = np.linspace(every_s.min(), every_s.max(), MODELLED)
-    power = [{node: sinr[node].mean() for node in heard_s} for sinr in experiment.sinr_over_time(downlink, time_s)]
+    downlink = Downlink(sc.with_more_loss(played, args.setup_loss_db), cells, _radio(args), play, seed=args.seed)
     return {
-        node: float(np.interp(instants_s, time_s, db_from_power(np.array([sinr[node] for sinr in power]))).mean())
-        for node, instants_s in heard_s.items()
+        node: db_from_power(np.array([sinr[node].mean() for sinr in experiment.sinr_over_time(downlink, scenario_s)]))
+        for node, (scenario_s, _) in heard.items()
     }
 
 
-def _heard_s(clock: Clock, found: dict, played) -> dict[str, np.ndarray]:
-    """The instants of the scenario of every terminal's SINR; after its end its last one goes on."""
-    instants_s = {
-        node: np.minimum(clock.scenario_s(node, series.time_s), played.time_s[-1])[np.isfinite(series.value)]
-        for node, series in found["sinr_db"].items()
-    }
-    return {node: times_s for node, times_s in instants_s.items() if len(times_s) and np.isfinite(times_s).all()}
+def _heard(clock: Clock, found: dict, played) -> dict[str, Heard]:
+    """Of every terminal's SINR, MODELLED lines at even distances; after the scenario's end its last instant goes on."""
+    heard = {}
+    for node, series in found.get("sinr_db", {}).items():
+        scenario_s = np.minimum(clock.scenario_s(node, series.time_s), played.time_s[-1])
+        known = np.flatnonzero(np.isfinite(scenario_s) & np.isfinite(series.value))
+        if len(known):
+            lines = known[np.linspace(0, len(known) - 1, min(len(known), MODELLED)).astype(int)]
+            heard[node] = scenario_s[lines], series.value[lines]
+    return heard
 
 
 def _run_stack(plan, emulation, rate_hz: float, clock: Clock) -> tuple[CastError | None, dict]:
@@ -218,17 +218,17 @@ def _run_stack(plan, emulation, rate_hz: float, clock: Clock) -> tuple[CastError
     kept up with the wall clock while there was traffic."""
     ended, failure, seen = threading.Event(), None, []
 
-    def look() -> dict:
-        status = emulation.status()
-        clock.look(time.monotonic(), status["scenario_time_s"])
-        return status
-
     def tell(line: str) -> None:
-        seen[1:] = [(time.monotonic(), look())]
+        seen[1:] = [(time.monotonic(), emulation.status())]
         _program.show(line)
 
-    playing = threading.Thread(target=emulation.run_until, args=(ended,), daemon=True)
-    playing.start()
+    def watch() -> None:
+        while not ended.wait(LOOK_S):
+            clock.look(time.monotonic(), emulation.status()["scenario_time_s"])
+
+    threads = [threading.Thread(target=emulation.run_until, args=(ended,), daemon=True), threading.Thread(target=watch)]
+    for thread in threads:
+        thread.start()
     try:
         stack_run.run(plan, tell, seen.clear)
     except CastError as error:
@@ -238,10 +238,10 @@ def _run_stack(plan, emulation, rate_hz: float, clock: Clock) -> tuple[CastError
         failure = CastError("interrupted")
     finally:
         print(file=sys.stderr)
-        seen = seen or [(time.monotonic(), look())]
-        look()
+        seen = seen or [(time.monotonic(), emulation.status())]
         ended.set()
-        playing.join()
+        for thread in threads:
+            thread.join()
     (begin_s, first), (end_s, last) = seen[0], seen[-1]
     passed_s = end_s - begin_s
     factor = (last["samples"] - first["samples"]) / rate_hz / passed_s if passed_s else 0.0
@@ -274,15 +274,15 @@ def _report_stack(args, output: Path, plan, played, cells, failure, status: dict
         "real_time_factor": status["real_time_factor"], "sinr": [], "power": status["power"],
     }  # fmt: skip
     write_json(output / "cellular.json", document)  # the model takes its time, and may be stopped
-    heard_s, modelled = {}, {}
+    heard, modelled = {}, {}
     try:
         if found:
             plot.save(plot.stack_figure(found, f"{args.stack}, {plan.protocol}, over {played.name}"), output / "cellular.png")
-        if heard_s := _heard_s(clock, found, played) if "sinr_db" in found else {}:
-            modelled = _modelled_sinr_db(args, played, cells, heard_s)
+        heard = _heard(clock, found, played)
+        modelled = _modelled_sinr_db(args, played, cells, heard)
     except KeyboardInterrupt:
         failure = failure or CastError("interrupted before the model's SINR was there")
-    document["sinr"] = _beside_the_model(found, modelled, heard_s)
+    document["sinr"] = _beside_the_model(output, heard, modelled)
     document |= {"complete": failure is None, "failure": str(failure) if failure else None}
     write_json(output / "cellular.json", document)
     if failure:
@@ -290,16 +290,19 @@ def _report_stack(args, output: Path, plan, played, cells, failure, status: dict
     return 0
 
 
-def _beside_the_model(found: dict, modelled: dict[str, float], heard_s: dict[str, np.ndarray]) -> list[dict]:
-    """A row per terminal: its own SINR beside that of the model, both mean dB, and which part of the scenario it heard."""
+def _beside_the_model(output: Path, heard: dict[str, Heard], modelled: dict[str, np.ndarray]) -> list[dict]:
+    """A row per terminal: its own SINR beside that of the model, both mean dB, and which part of the scenario it heard; line by
+    line in a file."""
     rows = []
     for terminal, model_db in modelled.items():
-        values = found["sinr_db"][terminal].value
-        stack_db = float(values[np.isfinite(values)].mean())
-        first_s, last_s = float(heard_s[terminal].min()), float(heard_s[terminal].max())
-        rows.append({"terminal": terminal, "stack_db": stack_db, "model_db": model_db, "scenario_s": [first_s, last_s]})
-        print(f"{terminal:>10s} SINR from {first_s:.2f} to {last_s:.2f} s of the scenario: stack {stack_db:.2f} dB,"
-              f" model {model_db:.2f} dB, difference {stack_db - model_db:+.2f} dB")  # fmt: skip
+        scenario_s, stack_db = heard[terminal]
+        path = output / "series" / f"sinr_beside_the_model_{terminal}.csv"
+        write_csv(path, {"time_s": scenario_s, "value": stack_db, "model_db": model_db})
+        first_s, last_s = float(scenario_s.min()), float(scenario_s.max())
+        rows.append({"terminal": terminal, "stack_db": float(stack_db.mean()), "model_db": float(model_db.mean()),
+                     "scenario_s": [first_s, last_s], "lines": str(path)})  # fmt: skip
+        print(f"{terminal:>10s} SINR from {first_s:.2f} to {last_s:.2f} s of the scenario: stack {stack_db.mean():.2f} dB,"
+              f" model {model_db.mean():.2f} dB, difference {(stack_db - model_db).mean():+.2f} dB")  # fmt: skip
     return rows
 
 

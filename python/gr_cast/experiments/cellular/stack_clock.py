@@ -6,29 +6,37 @@ import numpy as np
 from . import stack
 from .stack import METRICS_S, Member
 
+LOOK_S = METRICS_S / 10
+_APART_S = METRICS_S / 2  # of looks between which it is known when a line came
+
 
 class Clock:
-    """The wall's time and the scenario's side by side, as often as they are looked at; and when the times of each terminal's
-    metrics began, by the line that was seen the soonest after its own time."""
+    """The scenario's time at which each line of the terminals' metrics came, by looking at the files as often as can be.
+
+    Not by the lines' own times alone: srsUE leaves out of them what it takes to write a line, and so loses tens of ms with each
+    on a busy machine.
+    """
 
     def __init__(self, terminals: list[Member]):
         self._metrics = {member.node: member.metrics for member in terminals}
-        self._wall_s: list[float] = []
-        self._scenario_s: list[float] = []
-        self._began_s: dict[str, float] = {}
+        self._seen: dict[str, set[float]] = {member.node: set() for member in terminals}
+        self._came: dict[str, dict[float, float]] = {member.node: {} for member in terminals}
+        self._looked = (-np.inf, 0.0)
 
     def look(self, wall_s: float, scenario_s: float) -> None:
-        self._wall_s.append(wall_s)
-        self._scenario_s.append(scenario_s)
+        before_wall_s, before_s = self._looked
+        self._looked = (wall_s, scenario_s)
         for node, path in self._metrics.items():
             time_s = stack.last_time_s(path)
-            if time_s is not None:
-                self._began_s[node] = min(self._began_s.get(node, np.inf), wall_s - time_s)
+            if time_s is not None and time_s not in self._seen[node]:
+                self._seen[node].add(time_s)
+                if wall_s - before_wall_s <= _APART_S:
+                    self._came[node][time_s] = (before_s + scenario_s) / 2
 
     def scenario_s(self, node: str, time_s: np.ndarray) -> np.ndarray:
-        """The scenario's time in the middle of the periods that ended at the times `time_s` of a terminal's metrics, (n,); NaN
-        where no line of its was seen."""
-        if node not in self._began_s:
+        """The scenario's time at which a terminal's lines of the times `time_s` came, (n,); between two looks it is interpolated,
+        and NaN before the first line that was seen and after the last."""
+        came = self._came[node]
+        if not came:
             return np.full(len(time_s), np.nan)
-        middle_s = self._began_s[node] + np.asarray(time_s) - METRICS_S / 2
-        return np.interp(middle_s, self._wall_s, self._scenario_s)
+        return np.interp(time_s, list(came), list(came.values()), left=np.nan, right=np.nan)
