@@ -72,7 +72,7 @@ class Faces:
         return areas_m2(self.triangles_m.reshape(-1, 3), np.arange(3 * len(self.triangles_m)).reshape(-1, 3))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Paths:
     """n paths of image law; `pair` (n,) says between which of the pairs of points. Unused places of `faces` (n, D) are −1.
 
@@ -84,6 +84,11 @@ class Paths:
     crossing_path: np.ndarray
     crossing_leg: np.ndarray
     crossing_face: np.ndarray
+
+
+def _named(columns: tuple[np.ndarray, ...]) -> Paths:
+    """Paths as compiled kernels give them."""
+    return Paths(**dict(zip(Paths.__dataclass_fields__, columns, strict=True)))
 
 
 def faces_of(solids: Sequence[Solid], points_m: np.ndarray = NO_POINTS, *, thick: bool = False) -> Faces:
@@ -248,7 +253,7 @@ def search(faces: Faces, tx_m: np.ndarray, rx_m: np.ndarray, max_depth: int, amo
         step = max(1, _AT_ONCE // max(len(faces.level_m) ** max_depth, 1))  # between which an interrupt is heard
         counts = [min(step, len(tx_m) - first) for first in range(0, len(tx_m), step)] or [0]
         ends = [slice(first, first + count) for first, count in zip(range(0, len(tx_m) + 1, step), counts, strict=False)]
-        parts = [Paths(*faces.compiled.search(tx_m[own], rx_m[own], max_depth, among)) for own in ends]
+        parts = [_named(faces.compiled.search(tx_m[own], rx_m[own], max_depth, among)) for own in ends]
         return parts[0] if len(parts) == 1 else joined_paths(parts, counts)
     pair, met = [], []
     for order in range(max_depth + 1):
@@ -271,7 +276,7 @@ def search(faces: Faces, tx_m: np.ndarray, rx_m: np.ndarray, max_depth: int, amo
 def search_again(faces: Faces, known: Paths, tx_m: np.ndarray, rx_m: np.ndarray, max_depth: int, changed: np.ndarray) -> Paths:
     """What `search` finds, where all but the faces `changed` (F,) bool are as they were when `known` was found."""
     if tracing:
-        return Paths(*faces.compiled.search_again(*vars(known).values(), tx_m, rx_m, max_depth, changed))
+        return _named(faces.compiled.search_again(*vars(known).values(), tx_m, rx_m, max_depth, changed))
     kept = chosen(known, ~((known.faces >= 0) & changed[known.faces]).any(axis=1))
     kept = crossed(faces, kept, tx_m, rx_m, changed)
     new = search(faces, tx_m, rx_m, max_depth, changed)
