@@ -114,6 +114,13 @@ def test_a_line_of_metrics_is_laid_to_the_scenarios_time_at_which_it_came(tmp_pa
     number = np.array([5, 10, 27, 50])
     assert clock.scenario_s("u", number) == pytest.approx(np.maximum(3 + 1.05 * number - 10, 0) / 4, abs=0.06)
     assert np.isnan(clock.scenario_s("u", [0.5, len(lines)])).all()
+    clock = Clock([member])
+    clock.look(60.0, 14.0)  # what is there already came nobody knows when
+    member.metrics.write_text("time;dl_snr\n90000;20\n")
+    clock.look(60.1, 14.2)
+    # In the midst of both looks, and as old as a tenth of each subframe's is on average: the sum over k of 0.1 · 0.9^k · k ms.
+    age_s = sum(0.1 * 0.9**k * k * 1e-3 for k in range(1000))
+    assert clock.scenario_s("u", [90.0]) == pytest.approx(14.1 - age_s, abs=1e-9)
 
 
 def test_a_file_of_the_real_iperf3_is_read(tmp_path):

@@ -24,6 +24,7 @@ PROGRAMS = ("srsepc", "srsenb", "srsue")
 SAMPLE_RATE_HZ = {6: 1.92e6, 15: 3.84e6, 25: 5.76e6, 50: 11.52e6, 75: 15.36e6, 100: 23.04e6}  # srsRAN's own
 GATEWAY = "172.16.0.1"  # of the packet core, where traffic to the terminals comes from
 METRICS_S = 1.0
+SINR_AGE_S = 9e-3  # mean of what is in srsUE's SINR: a moving average, 0.1 of each subframe of 1 ms (its phy_common.cc)
 # Of a station's samples at full load, every bandwidth alike: 12 carriers per block, each of amplitude 0.05 / sqrt(blocks), by a
 # transform that does not scale (srsRAN's lib/src/phy/enb/enb_dl.c); its ZeroMQ radio multiplies them by tx_gain, here 0 dB.
 FULL_LOAD_DB = 10 * np.log10(12 * 0.05**2)

@@ -4,7 +4,7 @@
 import numpy as np
 
 from . import stack
-from .stack import METRICS_S, Member
+from .stack import METRICS_S, SINR_AGE_S, Member
 
 LOOK_S = METRICS_S / 10
 _APART_S = METRICS_S / 2  # of looks between which it is known when a line came
@@ -34,9 +34,10 @@ class Clock:
                     self._came[node][time_s] = (before_s + scenario_s) / 2
 
     def scenario_s(self, node: str, time_s: np.ndarray) -> np.ndarray:
-        """The scenario's time at which a terminal's lines of the times `time_s` came, (n,); between two looks it is interpolated,
-        and NaN before the first line that was seen and after the last."""
+        """The scenario's time of what is in the SINR of a terminal's lines of the times `time_s`, (n,); interpolated where a line
+        was not seen to come, and NaN before the first that was seen and after the last."""
         came = self._came[node]
         if not came:
             return np.full(len(time_s), np.nan)
-        return np.interp(time_s, list(came), list(came.values()), left=np.nan, right=np.nan)
+        came_s = np.interp(time_s, list(came), list(came.values()), left=np.nan, right=np.nan)
+        return np.maximum(came_s - SINR_AGE_S, 0.0)
