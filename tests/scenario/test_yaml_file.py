@@ -198,18 +198,13 @@ def test_megahertz_without_their_unit_are_questioned_as_on_the_command_line(tmp_
 
 @settings(max_examples=1500, deadline=None)
 @given(st.dictionaries(st.sampled_from(sorted(yaml_file.KEYS)), VALUES, max_size=8))
-def test_any_mapping_is_read_or_refused_but_never_crashes(monkeypatch_module, document):
-    monkeypatch_module.setattr(yaml_file, "yaml_file", lambda path: Reader(str(path), {"cast_scenario": 1} | document))
-    try:
-        yaml_file.read("fuzz.yaml")
-    except CastError as error:
-        assert all("fuzz.yaml" in fault for fault in error.faults)
-
-
-@pytest.fixture(scope="module")
-def monkeypatch_module():
+def test_any_mapping_is_read_or_refused_but_never_crashes(document):
     with pytest.MonkeyPatch.context() as patch:
-        yield patch
+        patch.setattr(yaml_file, "yaml_file", lambda path: Reader(str(path), {"cast_scenario": 1} | document))
+        try:
+            yaml_file.read("fuzz.yaml")
+        except CastError as error:
+            assert all("fuzz.yaml" in fault for fault in error.faults)
 
 
 @settings(max_examples=3000, deadline=None)
