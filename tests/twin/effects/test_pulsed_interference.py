@@ -18,3 +18,11 @@ def test_the_period_of_a_few_pulses_is_that_of_the_pulses_and_no_part_of_it(puls
     view = NoiseView(use=np.ones(COUNT, bool), energy=np.abs(y) ** 2, wanted_power=np.ones(COUNT), weighted=y)
     _, found = FAMILIES["pulsed_interference"].find(view)
     assert found.p[1] == pytest.approx(period, rel=0.02) and found.p[3] == pytest.approx(0.1, abs=0.03)
+
+
+@pytest.mark.parametrize("length", [60, 400, 3_000])
+def test_one_burst_is_no_train(length):
+    rng = np.random.default_rng(8)
+    y = rng.normal(size=(COUNT, 2)) @ [1, 1j] * np.where(np.abs(np.arange(COUNT) - 9_000) < length // 2, 10.0, 1.0)
+    view = NoiseView(use=np.ones(COUNT, bool), energy=np.abs(y) ** 2, wanted_power=np.ones(COUNT), weighted=y)
+    assert FAMILIES["pulsed_interference"].find(view) == (0.0, None)

@@ -10,6 +10,8 @@ from .base import peaks, start
 from .noise_family import REMEMBERED, NoiseFamily, two_levels
 from .pulsed_carrier import PulsedCarrier
 
+_TRIALS = 2e4  # periods, starts and lengths that differ
+
 
 class PulsedInterference(NoiseFamily):
     name = "pulsed_interference"
@@ -82,13 +84,13 @@ class PulsedInterference(NoiseFamily):
         for period in periods:
             for divisor in (1, 2, 3, 4, 5, 6):
                 found = _fold(e, use, period / divisor, n, total, count)
-                if found[0] > top[0] * 1.001:
+                if found[0] > top[0] * 1.001 and _repeats(e, use, found[1]):
                     top = found
         if top[1] is None:
             return 0.0, None
         # Of a few slow pulses only harmonics stand out.
         slower = (_fold(e, use, top[1][1] * multiple, n, total, count) for multiple in (2, 3) if top[1][1] * multiple < n / 2)
-        gain, p = max(top, *slower, (0.0, None), key=lambda found: found[0])
+        gain, p = max(top, *(found for found in slower if _repeats(e, use, found[1])), key=lambda found: found[0])
         return gain, self._found(p, n)
 
     def _found(self, p, n):
@@ -96,7 +98,20 @@ class PulsedInterference(NoiseFamily):
         from the steps of the search."""
         ratio, period, duty = np.exp(p[0]), p[1], p[3]
         spread = [(1 + ratio) / ratio / np.sqrt(max(duty * n, 1.0)), period**2 / n / 128, period / 256, duty / 20 + 1 / 512]
-        return start(self, p, free=[False] * 4, trials=2e4, aux={"_std": spread})
+        return start(self, p, free=[False] * 4, trials=_TRIALS, aux={"_std": spread})
+
+
+def _repeats(e, use, p) -> bool:
+    """Whether pulses stand out without the strongest of them: one burst is no train."""
+    if p is None:
+        return False
+    turn = (np.arange(len(e)) - p[2]) / p[1]
+    on = use & (turn % 1.0 < p[3])
+    pulse = np.floor(turn[on]).astype(int) + 1
+    energy = np.bincount(pulse, e[on])
+    on[on] = pulse != energy.argmax()
+    rest = use & ~(turn % 1.0 < p[3]) | on
+    return two_levels(on.sum(), e[on].sum(), rest.sum(), e[rest].sum()) > np.log(_TRIALS)
 
 
 def _fold(e, use, period, n, total, count, scales=(1.0, 0.15)):
