@@ -90,7 +90,7 @@ class PulsedInterference(NoiseFamily):
             return 0.0, None
         # Of a few slow pulses only harmonics stand out.
         slower = (_fold(e, use, top[1][1] * multiple, n, total, count) for multiple in (2, 3) if top[1][1] * multiple < n / 2)
-        gain, p = max(top, *(found for found in slower if _repeats(e, use, found[1])), key=lambda found: found[0])
+        gain, p = max([top, *(found for found in slower if _repeats(e, use, found[1]))], key=lambda found: found[0])
         return gain, self._found(p, n)
 
     def _found(self, p, n):

@@ -11,7 +11,7 @@ CENTRE = 0.6  # of the height: where the echo of a body comes from
 def with_person(world, predictor, which, tables) -> list[tuple]:
     """Paths of links `which` with the person's shadow and echo: (instant, gain, length_m, number of instants) of each."""
     person, time_s = world.person, predictor.time_s
-    rows = [_at_all_instants(table, len(time_s)) for table in tables]
+    rows = [at_all_instants(table, len(time_s)) for table in tables]
     axes = [axis(person, time_s if many > 1 else time_s[:1]) for *_, many in rows]
     foot_m = np.concatenate([foot_m[instant] for foot_m, (_, instant, *_) in zip(axes, rows, strict=True)])
     dark = shaded(person, foot_m, np.concatenate([points_m for points_m, *_ in rows]))
@@ -32,7 +32,7 @@ def with_person(world, predictor, which, tables) -> list[tuple]:
     ]
 
 
-def _at_all_instants(table, instants: int) -> tuple:
+def at_all_instants(table, instants: int) -> tuple:
     """(points_m, instant, gain, length_m, number of instants) of a link's paths, where nothing moves at each instant anew."""
     points_m, gain, length_m = table.way.points_m, table.gain, table.way.length_m
     if table.many > 1 or instants == 1:
