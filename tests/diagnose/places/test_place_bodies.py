@@ -520,3 +520,19 @@ def alone(effect: Effect):
     own = type(effect.family)()
     own.owners, own.starts = lambda view: [effect.owner], lambda view, owner: [effect]
     return own
+
+
+@pytest.mark.parametrize("radius_m", [0.17, 0.31, 0.62])
+def test_a_body_whose_echo_is_lost_in_noise_goes_where_it_hides_what_is_missing(radius_m):
+    walk = {
+        "position_m": [-2.6, -3.4, 0.0],
+        "velocity_m_per_s": [0.92, 0.78, 0.0],
+        "radius_m": radius_m,
+        "height_m": 1.8,
+        "rcs_m2": 1e-9,
+    }
+    ears = heard(theirs(person=walk), 30.0)
+    before, count = evaluated(ears, ours(), ()).energy, ears[0].count
+    assert before > 2 * count
+    found = search._begun_anew(ears, best_of("moving_scatterer", ears), 0)
+    assert found.energy - count < 0.05 * (before - count)

@@ -107,3 +107,9 @@ def passer_scores(seen: list[Echoes], foot_m: np.ndarray, velocity: np.ndarray, 
             place_m = foot_m[:, None] + one.time_s[None, :, None] * speed
             total[:, number] += looked_up(one, _over(one, place_m, height_m)).sum(axis=1)
     return total
+
+
+def along(seen: list[Echoes], foot_m: np.ndarray, velocity: np.ndarray, height_m: float) -> np.ndarray:
+    """Nats (C,) of something at `foot_m` (C, 2) at time 0 that goes at `velocity` (C, 2)."""
+    place_m = [foot_m[:, None] + one.time_s[:, None] * velocity[:, None] for one in seen]
+    return sum(looked_up(one, _over(one, at_m, height_m)).sum(axis=1) for one, at_m in zip(seen, place_m, strict=True))

@@ -132,10 +132,18 @@ def _begun_anew(ears, model: Model, number: int) -> Model:
     """From the best of its family's other beginnings, and of those that the family has from there, until none gives more."""
     for _ in range(policy.RESHAPED):
         before = model
+        model = _chosen(ears, model, number)
         model = min((model, *(fitted(ears, one) for one in _restarted(ears, model, number))), key=lambda one: one.energy)
         if before.energy - model.energy < policy.SHAPE_NATS:
             break
     return model
+
+
+def _chosen(ears, model: Model, number: int) -> Model:
+    """With one effect as it is by the best of its choices."""
+    others = model.effects[number].family.choices(model.base, model.effects[number])
+    best = min((replaced(ears, model, number, one) for one in others), key=lambda one: one.energy, default=model)
+    return fitted(ears, best) if best.energy < model.energy else model
 
 
 def _restarted(ears, model: Model, number: int, most: int = policy.FULL_STARTS) -> list[Model]:

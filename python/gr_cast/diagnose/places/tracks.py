@@ -16,28 +16,44 @@ _SPEEDS_M_PER_S, _SPEED_STEP_M_PER_S, _SPEEDS = (2.4, 30.0), 0.4, 60  # that are
 _ELSEWHERE_M = 1.5  # between coarse tracks
 _KEPT, _LINES = 3, 8  # coarse tracks, and lines near one of them, that are returned
 _FOLLOWED = 2  # coarse tracks about which is looked finely
-_REACH_M, _MOST = 1.4, 840  # about a coarse track; steps across at most
+_REACH_M, _NEAR_M, _MOST = 1.4, 0.4, 840  # about a coarse track, about one that is nearly known; steps across at most
 _FINE = 16  # steps of a wavelength: an echo's phase turns twice as fast as a place moves
 _SMOOTH = 8  # steps between which lengths and strengths are interpolated
 _FINER = 16  # of the grid of delays over the resolution of the band
-_INSTANTS = 9  # that are looked at, at most
+_INSTANTS, _NEAR_INSTANTS = 9, 12  # that are looked at, at most
 _PEAKS = 40  # of each instant, through which lines are drawn: echoes of few links are in phase at many places
 _WITHIN, _WITHIN_STEPS = 2, 4  # cells about a line that is looked at more finely still, and steps of such a cell
 _APART = 0.25  # of the time of a campaign, between the instants of a pair
+_WEIGHED = 4000  # lines of which is asked whether they may be
 _SLID, _TURNS = 60, 4  # lines that are moved cell by cell to where they explain most, so many times
 _LEAST, _LEAST_AREA_M2 = 1e-30, 0.02
-_LOUD = 3.0  # times the median: rows with more energy are shadows' and count as this
 
 
 def passers(view, height_m: float):
     """(place (2,) at time 0, velocity (2,), cross-section in m² or None) of things that would explain echoes that move, the best
     first."""
-    pairs = [(ear, fit) for ear, fit in view.wideband if len(ear.predictor.time_s) > 1]
-    if not pairs:  # at one instant nothing passes
+    seen = moving_echoes(view)
+    if not seen:  # at one instant nothing passes
         return []
-    coarse = _coarse(view, [imaging.echoes(ear, _moving(ear, fit, view.world), view.world) for ear, fit in pairs], height_m)
-    fine = [track for one in coarse[:_FOLLOWED] for track in _fine(view, pairs[0][0], height_m, *one)]
+    coarse = _coarse(view, seen, height_m)
+    fine = [track for one in coarse[:_FOLLOWED] for track in _fine(view, height_m, *one)]
     return [track for _, track in sorted(fine, key=lambda pair: -pair[0])] + [(*one, None) for one in coarse]
+
+
+def near(view, height_m: float, place_m: np.ndarray, velocity: np.ndarray, otherwise) -> list:
+    """The same of lines near a track that is known but for the phases of its echoes, of those that `otherwise`: a function of
+    places at time 0 and velocities (C, 2)."""
+    fine = _fine(view, height_m, place_m, velocity, otherwise) if _pairs(view) else []
+    return [track for _, track in sorted(fine, key=lambda pair: -pair[0])]
+
+
+def moving_echoes(view) -> list[imaging.Echoes]:
+    """Of the campaigns of several instants, without what stays the same."""
+    return [imaging.echoes(ear, _moving(ear, fit, view.world), view.world) for ear, fit in _pairs(view)]
+
+
+def _pairs(view) -> list:
+    return [(ear, fit) for ear, fit in view.wideband if len(ear.predictor.time_s) > 1]
 
 
 def _moving(ear, fit, world):
@@ -69,7 +85,7 @@ def _coarse(view, seen: list, height_m: float) -> list:
     velocity = np.array([(a, b) for a in speeds for b in speeds if np.hypot(a, b) <= most])
     turn = (speeds[1] - speeds[0]) / 2
     maps = maps.reshape(-1, len(x), len(y))
-    scores = np.array([_summed(maps, np.round(np.outer(time_s, v) / step_m).astype(int)) for v in velocity])
+    scores = np.array([summed(maps, np.round(np.outer(time_s, v) / step_m).astype(int)) for v in velocity])
     found, near = [], np.array([(a, b) for a in (-1, -0.5, 0, 0.5, 1) for b in (-1, -0.5, 0, 0.5, 1)])
     for _ in range(_KEPT):
         v, p = np.unravel_index(np.argmax(scores), scores.shape)
@@ -85,7 +101,7 @@ def _coarse(view, seen: list, height_m: float) -> list:
     return found
 
 
-def _summed(maps: np.ndarray, moved: np.ndarray) -> np.ndarray:
+def summed(maps: np.ndarray, moved: np.ndarray) -> np.ndarray:
     """Maps (instants, X, Y) summed along ways that move by so many cells (instants, 2), for each first cell: flat."""
     _, wide, deep = maps.shape
     total = np.zeros((wide, deep))
@@ -97,19 +113,33 @@ def _summed(maps: np.ndarray, moved: np.ndarray) -> np.ndarray:
     return total.ravel()
 
 
-def _fine(view, whole, height_m: float, place_m: np.ndarray, velocity: np.ndarray) -> list:
+def _fine(view, height_m: float, place_m: np.ndarray, velocity: np.ndarray, otherwise=None) -> list:
     """(nats, (place, velocity, cross-section)) of lines near a coarse track along which echoes are in phase as they should."""
-    ear = thinned(whole, _INSTANTS, len(whole.heard.frequency_hz))
+    whole = _pairs(view)[0][0]
+    instants, reach_m = (_NEAR_INSTANTS, _NEAR_M) if otherwise else (_INSTANTS, _REACH_M)
+    ear = thinned(whole, instants, len(whole.heard.frequency_hz))
     fit = _moving(ear, evaluated([ear], view.model.base, view.model.effects).fits[0], view.world)
     middle_s = ear.predictor.time_s.mean()
     step_m = view.world.wavelength_m / _FINE
     start_m = place_m + velocity * middle_s
-    wide = _strip(view, ear, fit, height_m, start_m, velocity, min(_REACH_M, step_m * _MOST / 2), step_m)
+    wide = _strip(view, ear, fit, height_m, start_m, velocity, min(reach_m, step_m * _MOST / 2), step_m)
     at_m, turn = _through(wide)
-    best = np.argsort(-wide.along(at_m, turn)[0])[:_SLID]
-    at_m, turn = wide.slid(at_m[best], turn[best])
+
+    def ranked(at_m, turn, most: int, also=None) -> tuple[np.ndarray, np.ndarray]:
+        nats = wide.along(at_m, turn)[0]
+        if also:
+            speed = velocity + turn
+            nats = nats + also(start_m + at_m - speed * middle_s, speed)
+        order = np.argsort(-nats)[:most]
+        order = order[np.isfinite(nats[order])]
+        return at_m[order], turn[order]
+
+    if otherwise:
+        at_m, turn = ranked(at_m, turn, _WEIGHED)
+    at_m, turn = ranked(at_m, turn, _SLID, otherwise)
+    at_m, turn = ranked(*wide.slid(at_m, turn), _SLID, otherwise)
     kept: list = []
-    for one in np.argsort(-wide.along(at_m, turn)[0]):
+    for one in range(len(at_m)):
         if all(np.abs(np.concatenate([at_m[one] - at_m[k], turn[one] - turn[k]])).max() > step_m for k in kept):
             kept.append(one)
     out = []
@@ -190,10 +220,10 @@ def _map(view, ear, fit, step: int, centre_m, axis_m: np.ndarray, height_m: floa
     heard, world = ear.heard, view.world
     f_hz = heard.frequency_hz
     spacing_hz, size = f_hz[1] - f_hz[0], 1 << int(np.ceil(np.log2(_FINER * len(f_hz))))
-    energy = (np.abs(fit.residual[:, step]) ** 2 * heard.weight[:, step]).sum(axis=1)
-    loud = _LOUD * max(float(np.median(energy)), 1.0)
-    knots_m, share = _between(axis_m)
-    spread = lambda values: share @ values.astype(np.float32) @ share.T  # noqa: E731
+    energy, count = ear.row_nats(fit)[:, step], (heard.weight[:, step] > 0).sum(axis=1)
+    share = np.minimum(1.0, count / np.maximum(energy, 1e-300))  # what other causes leave is noise here
+    knots_m, between = _between(axis_m)
+    spread = lambda values: between @ values.astype(np.float32) @ between.T  # noqa: E731
     foot_m = centre_m + np.stack(np.meshgrid(knots_m, knots_m, indexing="ij"), axis=-1)
     body_m = np.concatenate([foot_m, np.full((*foot_m.shape[:2], 1), height_m)], axis=2)
     cross, power = np.zeros((len(axis_m),) * 2, np.float32), np.full((len(knots_m),) * 2, _LEAST)
@@ -208,7 +238,7 @@ def _map(view, ear, fit, step: int, centre_m, axis_m: np.ndarray, height_m: floa
                 long_m.shape
             )
         factor = fit.factor[index, step] * ear.predictor.cables(world, index)
-        weight = heard.weight[index, step] * min(1.0, loud / max(energy[index], 1e-300))
+        weight = heard.weight[index, step] * share[index]
         profile = np.fft.ifft(fit.residual[index, step] * weight * factor.conj(), size) * size
         length_m = far_m[0] + far_m[1]
         delay_s, waves = length_m / SPEED_OF_LIGHT_M_PER_S, (world.carrier_hz + f_hz[0]) / SPEED_OF_LIGHT_M_PER_S

@@ -11,7 +11,7 @@ from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
 from ...scenario.create import fields
 from ...twin.places.carrying import headings
 from ...twin.places.families import FAMILIES
-from . import fringes, imaging, planes, policy, scan, shades, tracks
+from . import eclipses, fringes, imaging, planes, policy, scan, shades, tracks
 from .coherent import Phased
 from .ears import thinned, without_phase
 from .fit import Model, applied, evaluated, fitted, with_effect
@@ -501,6 +501,17 @@ class View:
 
     def passers(self, height_m: float):
         return tracks.passers(self, height_m)
+
+    def passers_near(self, effect, height_m: float):
+        """(place at time 0, velocity, radius, cross-section) on lines near someone's who hides what he hides, with echoes
+        in phase."""
+        place_m, velocity = effect.values[:2], effect.values[2:4]
+        hiding = eclipses.Hiding.of(self, place_m, velocity, effect.choice[0])
+        found = tracks.near(self.among(effect), height_m, place_m, velocity, hiding.nats)
+        return [(*line, hiding.radius_m(*line), area_m2) for *line, area_m2 in found]
+
+    def eclipses(self, beside: "View | None" = None, height_m: float = 0.0):
+        return eclipses.lines(self, beside, height_m)
 
     def lit(self, effect):
         return planes.lit(self, effect)

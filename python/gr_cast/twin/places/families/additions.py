@@ -34,9 +34,9 @@ _STEPS_M, _LEAST_M = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0), 0.05
 _TURNS_RAD = np.radians([-45, -25, -12, -5, 5, 12, 25, 45, 90])
 _COARSE, _BETWEEN, _ENDED = 10, 9, 2  # steps to a wavelength in which a plane is looked for, in how many then; ends looked for
 _WELLS, _BOX_WELLS = 3, 6  # of the phase of an echo, either way
-_FOLLOWED = 4  # passers whose shadow is looked at before their echoes
+_FAINT_M2 = 0.05  # of an echo that is not known
 _AREA = 4  # the cross-section's place among a passer's numbers
-_WIDER = (0.75, 0.87, 1.15, 1.33)  # than the radius that was found
+_WIDER = 1.03 ** np.concatenate([np.arange(-12, 0), np.arange(1, 13)])  # than the radius that was found
 _RADII_M, _HEIGHT_M = (0.4, 0.2, 0.9), 1.8  # of a person or a vehicle: how wide a shadow is; height to begin with
 
 
@@ -285,30 +285,40 @@ class MovingScatterer(Family):
         return ["place"] if view.world.person is None and view.has_responses else []
 
     def starts(self, view, owner):
-        seen = self._seen(view, owner)
-        best = view.sharpened(view.ranked(seen)[:_FOLLOWED])[:1]
-        if not best or not view.explains_much(best[0]):
-            return seen
-        # Its shadow hides where its echoes come from: beside the shadow they are looked for again.
-        silent = best[0].moved(np.where(np.arange(6) == _AREA, -np.inf, best[0].values))
-        return [*best, *self._seen(view.among(silent), owner), *seen]
+        height_m = CENTRE * _HEIGHT_M
+        dark = view.ranked([self._of(owner, *one) for one in view.eclipses()])[:1]
+        if not dark or not view.explains_much(dark[0]):
+            return self._seen(view, owner)
+        # Its shadow hides where its echoes come from: beside the shadow they are looked for.
+        both = [self._of(owner, *one) for one in view.eclipses(view.among(dark[0]), height_m)] or dark
+        near = view.passers_near(both[0], height_m)
+        return [
+            *(self._of(owner, *one) for one in near),
+            *(one.moved(np.where(np.arange(6) == _AREA, np.log(_FAINT_M2), one.values)) for one in (*both, *dark)),
+        ]
+
+    def _of(self, owner, place_m, velocity, radius_m, area_m2=0.0) -> Effect:
+        with np.errstate(divide="ignore"):
+            values = np.array([*place_m, *velocity, np.log(area_m2), _HEIGHT_M])
+        return Effect(family=self, owner=owner, values=values, choice=(radius_m, False))
 
     def _seen(self, view, owner) -> list[Effect]:
         return [
-            Effect(family=self, owner=owner, values=np.array([*place, *speed, np.log(area), _HEIGHT_M]), choice=(radius_m, False))
-            for place, speed, told in view.passers(CENTRE * _HEIGHT_M)
-            for area in ((told,) if told else (1.0, 8.0))
+            self._of(owner, *line, radius_m, area_m2)
+            for *line, told in view.passers(CENTRE * _HEIGHT_M)
+            for area_m2 in ((told,) if told else (np.e, np.exp(8.0)))
             for radius_m in (_RADII_M if told else _RADII_M[:1])
         ]
 
     def restarts(self, world, effect):
         step_m = world.wavelength_m / 3  # the next wells of its phase
         wells = [(a, b) for a in range(-_WELLS, _WELLS + 1) for b in range(-_WELLS, _WELLS + 1) if a or b]
-        near = [effect.moved(effect.values + step_m * np.array([a, b, 0, 0, 0, 0])) for a, b in wells]
-        radius_m, keeps = effect.choice
-        radii_m = [float(one) for one in (*_RADII_M, *(radius_m * np.array(_WIDER))) if one != radius_m]
-        bodies = [(radius_m, not keeps), *((one, keeps) for one in radii_m)]
-        return [replace(effect, choice=body) for body in bodies] + near
+        return [effect.moved(effect.values + step_m * np.array([a, b, 0, 0, 0, 0])) for a, b in wells]
+
+    def choices(self, world, effect):
+        radii_m = {*_RADII_M, *(effect.choice[0] * _WIDER)} - {effect.choice[0]}
+        bodies = [(float(radius_m), keeps) for radius_m in sorted(radii_m) for keeps in (False, True)]
+        return [replace(effect, choice=body) for body in [(effect.choice[0], not effect.choice[1]), *bodies]]
 
     def apply(self, world, effect):
         x, y, vx, vy, area, height_m = effect.values

@@ -52,6 +52,10 @@ class Family:
         """Other beginnings once an effect is fitted, where one number decides which minimum another falls into."""
         return []
 
+    def choices(self, world: World, effect: Effect) -> list[Effect]:
+        """The same numbers, what none of them says chosen otherwise, where energy goes in steps: many, none of them fitted."""
+        return []
+
     def reshaped(self, world: World, effect: Effect, axis: int) -> list[Effect]:
         """The same with another shape along one of its `shape_axes`."""
         return []

@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where something passes by: by the paths that it hides, whatever its echoes are."""
+
+import itertools
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...core.units import SPEED_OF_LIGHT_M_PER_S
+from ...twin.places import passer
+from ...twin.places.world import Person
+from . import imaging, tracks
+from .ears import evenly
+from .likelihood import Fitted, profiled, tempered
+
+_ROWS = 240  # responses of a campaign that are looked at
+_PATHS, _TONES = 6, 12  # of a response, the strongest
+_LEAST_NATS = 1.0  # of a path: less is no reason for someone in its way, nor against
+_CELL_M, _CELLS = 0.15, 60  # of the floor; to a side, at most
+_RADIUS_M, _RADII_M = 0.25, (0.14, 0.17, 0.2, 0.23, 0.27, 0.32, 0.4, 0.55, 0.75, 1.0)  # of bodies: to begin with, and tried
+_HEIGHT_M = 1.8
+_ABOUT, _AS_MUCH, _WIDTHS = (0.7, 0.84, 1.0, 1.19, 1.41), 0.5, 41  # times a radius; of nats; radii that are tried
+_BEGUN, _KEPT = 6, 3  # lines that are moved to where they explain most, and that are returned
+_STEPS_M = (0.15, 0.07, 0.03, 0.015)  # by which both ends of a line are moved
+_MOVED = 6  # times by each of them, at most
+_ELSEWHERE_M = 0.7  # between beginnings of lines
+_AT_ONCE = 400_000  # rows
+_REFITTED = 4  # times
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Rows:
+    """Responses (R,) of `count` numbers with `heard` nats, of which those that are `free` have unknown phases. What is predicted
+    has `power`, and `told` in common with what was heard; of its paths (R, P) by way of `points_m` (R, P, D + 2, 3) the same with
+    what is predicted, `shared`, with what was heard, `cross`, and with each other, `gram` (R, P, P)."""
+
+    time_s: np.ndarray
+    count: np.ndarray
+    free: np.ndarray
+    heard: np.ndarray
+    power: np.ndarray
+    told: np.ndarray
+    shared: np.ndarray
+    cross: np.ndarray
+    gram: np.ndarray
+    points_m: np.ndarray
+
+    def at(self, which) -> "_Rows":
+        return _Rows(**{name: value[which] for name, value in vars(self).items()})
+
+    def energy(self, dark: np.ndarray) -> np.ndarray:
+        """(C, R), at least as noise has it, where some paths (C, R, P) are not there."""
+        power = self.power - 2 * np.einsum("crp,rp->cr", dark, self.shared)
+        power += np.einsum("crp,rpq,crq->cr", dark, self.gram, dark, optimize=True)
+        told = self.told - np.einsum("crp,rp->cr", dark, self.cross)
+        return np.maximum(self.heard + power - 2 * np.where(self.free, np.abs(told), told.real), self.count)
+
+    def nats(self, foot_m: np.ndarray, radius_m: float) -> np.ndarray:
+        """(C, R): by which each response is likelier with someone at `foot_m` (C, R, 2)."""
+        dark = np.empty((*foot_m.shape[:2], self.cross.shape[1]))
+        person = Person(
+            position_m=(0.0, 0.0, 0.0), velocity_m_per_s=(0.0, 0.0, 0.0), cross_section_m2=0.0, radius_m=radius_m,
+            height_m=_HEIGHT_M, keeps_polarisation=False,
+        )  # fmt: skip
+        size = max(1, _AT_ONCE // dark[0].size)
+        for begin in range(0, len(foot_m), size):
+            part = dark[begin : begin + size]
+            feet_m = np.zeros((*part.shape, 3))
+            feet_m[..., :2] = foot_m[begin : begin + size, :, None]
+            points_m = np.broadcast_to(self.points_m, (len(part), *self.points_m.shape)).reshape(-1, *self.points_m.shape[2:])
+            part[:] = passer.shaded(person, feet_m.reshape(-1, 3), points_m).reshape(part.shape)
+        before = tempered(self.energy(np.zeros((1, *dark.shape[1:]))), self.count)
+        return before - tempered(self.energy(dark), self.count)
+
+
+def lines(view, beside=None, height_m: float = 0.0) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """(place (2,) at time 0, velocity (2,), radius in m) of upright bodies that hide what is missing and little else, the best
+    first; `beside`: the view once something hides it, whose echoes from `height_m` say where along the hidden paths it was."""
+    rows = _rows(view)
+    if rows is None:
+        return []
+    search = _Search(rows=rows, seen=tracks.moving_echoes(beside) if beside else [], height_m=height_m)
+    settled = sorted((search.settled(ends_m) for ends_m in search.coarse(*view.bounds_m)), key=lambda one: -one[0])
+    return [(*search.line(ends_m), radius_m) for nats, ends_m, radius_m in settled[:_KEPT] if nats > 0]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Hiding:
+    """What bodies like one hide: of about his width, and about as much of what is missing."""
+
+    rows: _Rows
+    radii_m: np.ndarray
+    least: float
+
+    @classmethod
+    def of(cls, view, place_m: np.ndarray, velocity: np.ndarray, radius_m: float) -> "Hiding":
+        like = cls(rows=_rows(view), radii_m=radius_m * np.array(_ABOUT), least=-np.inf)
+        return replace(like, least=_AS_MUCH * float(like.nats(place_m[None], velocity[None])[0]))
+
+    def _by_width(self, place_m: np.ndarray, velocity: np.ndarray, radii_m) -> np.ndarray:
+        """(radii, C)"""
+        foot_m = place_m[:, None] + self.rows.time_s[:, None] * velocity[:, None]
+        return np.array([self.rows.nats(foot_m, one).sum(axis=1) for one in radii_m])
+
+    def nats(self, place_m: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """(C,) of places (C, 2) at time 0 and velocities (C, 2); −∞ of what hides too little of it."""
+        told = self._by_width(place_m, velocity, self.radii_m).max(axis=0)
+        return np.where(told >= self.least, told, -np.inf)
+
+    def radius_m(self, place_m: np.ndarray, velocity: np.ndarray) -> float:
+        """Of the body on one line that hides the most."""
+        finely_m = np.geomspace(self.radii_m[0], self.radii_m[-1], _WIDTHS)
+        told = self._by_width(place_m[None], velocity[None], finely_m)[:, 0]
+        return float(np.median(finely_m[told == told.max()]))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Search:
+    """For lines (2, 2) from where they are at the first response to where they are at the last."""
+
+    rows: _Rows
+    seen: list
+    height_m: float
+
+    def line(self, ends_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places (..., 2) at time 0 and velocities of lines (..., 2, 2)."""
+        begin_s, span_s = self.rows.time_s.min(), max(np.ptp(self.rows.time_s), 1e-9)
+        velocity = (ends_m[..., 1, :] - ends_m[..., 0, :]) / span_s
+        return ends_m[..., 0, :] - velocity * begin_s, velocity
+
+    def hidden(self, ends_m: np.ndarray, radius_m: float) -> np.ndarray:
+        """Nats (C,) of lines (C, 2, 2) by what they hide."""
+        share = ((self.rows.time_s - self.rows.time_s.min()) / max(np.ptp(self.rows.time_s), 1e-9))[:, None]
+        return self.rows.nats(ends_m[:, :1] * (1 - share) + ends_m[:, 1:] * share, radius_m).sum(axis=1)
+
+    def echoed(self, ends_m: np.ndarray) -> np.ndarray:
+        """Nats (C,) of lines by their echoes."""
+        return imaging.along(self.seen, *self.line(ends_m), self.height_m) if self.seen else np.zeros(len(ends_m))
+
+    def settled(self, ends_m: np.ndarray) -> tuple[float, np.ndarray, float]:
+        """A line moved, and made wider or narrower, to where it explains most."""
+        moves = np.array(list(itertools.product((-1, 0, 1), repeat=4))).reshape(-1, 2, 2)
+        radius_m, nats = _RADIUS_M, -np.inf
+        for step_m in _STEPS_M:
+            for _ in range(_MOVED):
+                near = ends_m + step_m * moves
+                ends_m = near[int(np.argmax(self.hidden(near, radius_m) + self.echoed(near)))]
+                widths = [float(self.hidden(ends_m[None], one)[0]) for one in _RADII_M]
+                radius_m = _RADII_M[int(np.argmax(widths))]
+                now = max(widths) + float(self.echoed(ends_m[None])[0])
+                if now <= nats:
+                    break
+                nats = now
+        return nats, ends_m, radius_m
+
+    def coarse(self, low: np.ndarray, high: np.ndarray) -> list[np.ndarray]:
+        """Lines across a grid of the floor that explain most, apart from each other."""
+        extent_m = float((high - low)[:2].max())
+        step_m = max(_CELL_M, extent_m / _CELLS)
+        x, y = (np.arange(low[axis], high[axis] + step_m, step_m) for axis in (0, 1))
+        foot_m = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 1, 2)
+        times = np.unique(self.rows.time_s)
+        maps = np.zeros((len(times), len(foot_m)))
+        for number, time_s in enumerate(times):
+            now = self.rows.at(self.rows.time_s == time_s)
+            maps[number] = now.nats(np.broadcast_to(foot_m, (len(foot_m), len(now.count), 2)), _RADIUS_M).sum(axis=1)
+        if self.seen:
+            echoes, heard_s = imaging.passer_maps(self.seen, foot_m[:, 0], self.height_m)
+            for one, time_s in zip(echoes, heard_s, strict=True):
+                maps[np.argmin(np.abs(times - time_s))] += one
+        speeds = np.arange(-1, 1.001, 2 * step_m / extent_m) * extent_m / max(np.ptp(times), 1e-9)
+        velocity = np.array([(a, b) for a in speeds for b in speeds if np.hypot(a, b) <= speeds[-1]])
+        cells = [np.round(np.outer(times - times[0], one) / step_m).astype(int) for one in velocity]
+        scores = np.array([tracks.summed(maps.reshape(-1, len(x), len(y)), one) for one in cells])
+        found = []
+        for _ in range(_BEGUN):
+            v, p = np.unravel_index(np.argmax(scores), scores.shape)
+            begin_m = foot_m[p, 0]
+            found.append(np.stack([begin_m, begin_m + velocity[v] * np.ptp(times)]))
+            scores[:, np.linalg.norm(foot_m[:, 0] - begin_m, axis=1) < _ELSEWHERE_M] = -np.inf
+        return found
+
+
+def _rows(view) -> _Rows | None:
+    """Responses at several instants, with the paths that count."""
+    found = []
+    for ear in view.ears:
+        if not ear.has_responses or len(ear.predictor.time_s) < 2:
+            continue
+        heard, predictor, fit = ear.heard, ear.predictor, _undisturbed(ear, view.world)
+        tones = evenly(len(heard.frequency_hz), _TONES)
+        steps = evenly(len(predictor.time_s), max(2, _ROWS // len(heard.links)))
+        more = len(heard.frequency_hz) / len(tones)
+        for index in range(len(heard.links)):
+            table = passer.at_all_instants(predictor.path_table(view.world, index), len(predictor.time_s))
+            points_m, instant, gain, length_m, _ = table
+            cables = predictor.cables(view.world, index)[tones]
+            for step in steps:
+                weight = heard.weight[index, step, tones]
+                if not weight.any():
+                    continue
+                own = np.flatnonzero((instant == step) & (gain != 0))
+                own = own[np.argsort(-np.abs(gain[own]))[:_PATHS]]
+                root = np.sqrt(more * weight)
+                factor = fit.factor[index, step, tones] * cables * root
+                turned = np.outer(length_m[own] / SPEED_OF_LIGHT_M_PER_S, view.world.carrier_hz + heard.frequency_hz[tones])
+                paths = gain[own, None] * np.exp(-2j * np.pi * turned) * factor
+                paths = paths[(np.abs(paths) ** 2).sum(axis=1) > _LEAST_NATS]
+                y, model = heard.y[index, step, tones] * root, fit.model[index, step, tones] * root
+                count = (heard.weight[index, step] > 0).sum()
+                found.append(
+                    dict(
+                        time_s=predictor.time_s[step], count=count, free=heard.phase == "snapshot",
+                        heard=(np.abs(y) ** 2).sum(), power=(np.abs(model) ** 2).sum(), told=model.conj() @ y,
+                        shared=(paths.conj() @ model).real, cross=paths.conj() @ y, gram=(paths.conj() @ paths.T).real,
+                        points_m=points_m[own][: len(paths)],
+                    )
+                )  # fmt: skip
+    if not found:
+        return None
+    paths, corners = max(len(one["cross"]) for one in found), max(one["points_m"].shape[1] for one in found)
+    return _Rows(**{name: np.array([_padded(one[name], paths, corners) for one in found]) for name in found[0]})
+
+
+def _undisturbed(ear, world) -> Fitted:
+    """What is unknown fitted to the responses that are as they should be, more than to those that someone spoils."""
+    heard, predicted = ear.heard, ear.predicted(world)
+    fit, count = ear.profiled(predicted), (heard.weight > 0).sum(axis=2)
+    for _ in range(_REFITTED):
+        share = np.minimum(1.0, count / np.maximum(ear.row_nats(fit), 1e-300))
+        fit = profiled(replace(heard, weight=heard.weight * share[:, :, None]), predicted)
+    return fit
+
+
+def _padded(value, paths: int, corners: int):
+    """What is told of each of so many paths: the missing ones have no strength and go nowhere."""
+    if np.ndim(value) == 3:
+        value = np.concatenate([value, np.repeat(value[:, -1:], corners - value.shape[1], axis=1)], axis=1)
+        return np.concatenate([value, np.full((paths - len(value), corners, 3), 1e6)])
+    return np.pad(value, [(0, paths - len(value))] * np.ndim(value)) if np.ndim(value) else value
