@@ -26,3 +26,12 @@ def test_one_burst_is_no_train(length):
     y = rng.normal(size=(COUNT, 2)) @ [1, 1j] * np.where(np.abs(np.arange(COUNT) - 9_000) < length // 2, 10.0, 1.0)
     view = NoiseView(use=np.ones(COUNT, bool), energy=np.abs(y) ** 2, wanted_power=np.ones(COUNT), weighted=y)
     assert FAMILIES["pulsed_interference"].find(view) == (0.0, None)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_train_that_hardly_stands_out_has_its_period_though_no_longer_one_does(seed):
+    rng, period = np.random.default_rng(seed), COUNT / 8.5
+    y = rng.normal(size=(COUNT, 2)) @ [1, 1j] * np.where((np.arange(COUNT) - 500) / period % 1.0 < 0.1, 1.05, 1.0)
+    view = NoiseView(use=np.ones(COUNT, bool), energy=np.abs(y) ** 2, wanted_power=np.ones(COUNT), weighted=y)
+    gain, found = FAMILIES["pulsed_interference"].find(view)
+    assert found is None and not gain or gain > np.log(found.trials)
