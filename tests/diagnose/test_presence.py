@@ -5,7 +5,7 @@ else is recorded."""
 import numpy as np
 import pytest
 from conftest_world import noise, sent_once
-from gr_cast.diagnose import diagnose, presence, read_case
+from gr_cast.diagnose import align, diagnose, presence, read_case
 from gr_cast.signals import codes
 
 COUNT = 4096
@@ -148,3 +148,14 @@ def test_pulses_in_bursts_are_there_and_other_bits_in_the_same_bursts_are_not(se
     left = noise(rng, len(frame), 0.1)
     assert _look(frame + left, frame, 0).there
     assert not _look(other + left, frame, 0).there
+
+
+@pytest.mark.parametrize(("once", "there"), [(True, True), (False, True), (False, False)])
+def test_impulses_that_hold_all_of_the_energy_hide_no_waveform(tmp_path, world, once, there):
+    """Beside a phase that wanders, a few samples 70 dB over the signal correlate with anything, at the delay that suits them."""
+    sent = world.clean() if there else np.resize(0.3 * _ofdm(np.random.default_rng(6)), len(world.n))
+    y = world.noisy(sent * np.exp(1j * np.cumsum(world.rng.normal(size=len(sent), scale=0.1))))[:8000]
+    y[world.rng.integers(0, len(y), 30)] += noise(world.rng, 30, 1000.0)
+    case = sent_once(tmp_path, y, world.path(0)[:8000]) if once else read_case(world.write(tmp_path / "case", y))
+    _, data, model = align.build(case, case.observations[0])
+    assert presence.judge(data, model).there == there

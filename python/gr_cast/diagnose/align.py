@@ -212,10 +212,15 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
     if not most and (not clear or tried <= LONGEST_EVERYWHERE):  # what is like itself stands out at a wrong delay too
         found += [find(signal, sources, taps, rate) for signal in signals]
     best = likelier([*signals, *signals][: len(found)], found)
-    for carrier in FAST if best is None and not period and tried <= LONGEST_FAST else ():
-        turned = [s * np.exp(-2j * np.pi * carrier * np.arange(n)) for s in signals]
-        elsewhere = [delays.of_sent_once(s, sources, taps, rate) for s in turned]
-        best = likelier(turned, elsewhere)
+
+    def otherwise():
+        yield [presence.within(s, sources) for s in signals]
+        for carrier in FAST if not period and tried <= LONGEST_FAST else ():
+            yield [s * np.exp(-2j * np.pi * carrier * np.arange(n)) for s in signals]
+
+    for others in otherwise() if best is None else ():
+        elsewhere = [find(s, sources, taps, rate) for s in others]
+        best = likelier(others, elsewhere)
         if best is not None:
             found = elsewhere
             break

@@ -179,6 +179,7 @@ PRESENT_NATS = 14.0  # by which chance would not explain as much at the best of 
 HALVES = 3  # stretches of a short recording that are looked at: all of it, and its halves
 LIKELIER = 1.2  # times the nats of the first of several options that another must have
 PRESENCE_AROUND = 16  # samples around the delay that was found in which the waveform may be
+LOUDEST_SHARE = 0.95  # of the samples, above which impulses may stand over what is sent
 NULLS, NULLS_OF_SHORT = 64, 256  # delays near, and as many far, at which it is not; of a short recording
 PRESENCE_SHORT = 4096  # samples of one
 FARTHEST_NEAR = 8 * PRESENCE_AROUND

@@ -26,6 +26,7 @@ from .policy import (
     LEAST_WHOLE,
     LENGTHS,
     LIKELIER,
+    LOUDEST_SHARE,
     NULLS,
     NULLS_OF_SHORT,
     PRESENCE_ALIKE,
@@ -68,7 +69,19 @@ def judge(data, model) -> Presence:
     signals = np.array([scene.spread(s) for s in offsets.sent(scene, model.base, effects)])
     source = scene.sources[0]
     period = len(source.samples) if source.repeat else 0
-    return look(y, signals, inside, period, tried=period or scene.whole + scene.span)
+    tried = period or scene.whole + scene.span
+    told = look(y, signals, inside, period, tried)
+    return told if told.there else look(within(y, scene.sources), signals, inside, period, tried)
+
+
+def within(y: np.ndarray, sources) -> np.ndarray:
+    """A recording (n,) whose amplitudes stay within those of what is sent, as all but the loudest of both have them: else a few
+    impulses hold all of its energy, and no waveform."""
+    sent = np.concatenate([np.abs(s.samples[s.known]) for s in sources])
+    most, heard = np.quantile(sent, LOUDEST_SHARE), np.quantile(np.abs(y), LOUDEST_SHARE)
+    if not most or not heard:
+        return y
+    return y / np.maximum(1.0, np.abs(y) / (heard * sent.max() / most))
 
 
 def look(y, signals, inside, period: int = 0, tried: int = 1) -> Presence:
