@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A tail's power and decay are those that make the recording likeliest, all taps averaged out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gr_cast.twin.effects import FAMILIES
@@ -54,6 +56,22 @@ def test_power_and_decay_are_told_within_their_errors_wherever_the_tail_ends(dec
         z += [(values["decay_s"] * 1e6 - decay) / (stds["decay_s"] * 1e6)]
         z += [(values["power_db"] - 10 * np.log10(np.sum(np.abs(taps) ** 2))) / stds["power_db"]]
     assert np.sqrt(np.mean(np.square(z))) < 1.5
+
+
+@pytest.mark.parametrize("onset", [0, 30])
+def test_a_tail_begins_behind_the_tap_that_makes_it_likeliest(onset):
+    """Scattering that follows a late path has the decay that it has there, not that of all taps since the first one."""
+    for seed in range(3):
+        rng, k = np.random.default_rng(seed), np.arange(SIZE) - onset
+        taps = 0.1 * _gaussian(rng, SIZE) * np.exp(-k / 7.0 / 2) * (k >= 0)
+        effect, covariance = _fitted(taps, 1e-6, rng)
+        effect = TAIL.likelier(replace(effect, aux={**effect.aux, "_onsets": (12, 30)}), covariance)
+        size = len(effect.p)
+        effect = TAIL.settled_law(Scene, effect, covariance[:size, :size])
+        values, stds = TAIL.values(Scene, effect, effect.p), effect.aux["_stds"]
+        assert values["decay_s"] * 1e6 == pytest.approx(7.0, abs=3 * stds["decay_s"] * 1e6) and stds["decay_s"] < 4e-6
+        begin, end = TAIL.where(Scene, effect, values)["delay_s"]
+        assert begin * 1e6 == pytest.approx(onset + 1) and end - begin < 50e-6
 
 
 def test_a_law_that_is_likelier_keeps_the_taps_that_hold_the_tail():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A diffuse tail behind the first tap: many weak taps whose power falls by e in decay_s. Internal: Re and
+"""A diffuse tail behind the first tap, or behind a later one: many weak taps whose power falls by e in decay_s. Internal: Re and
 Im of the taps.
 
 Its law is that of scattering (Bello 1963): taps of independent circular Gaussian gains with the mean power
@@ -24,6 +24,8 @@ FALLS = 3.0  # decays that a row of taps holds when the search begins
 WHOLE = 7.0  # decays after which less than a thousandth is left
 ENDS = (3.0, 5.0, WHOLE, np.inf)  # decays after which a tail may end: one that ends before 3 has no decay to speak of
 SKIRT = 3e-4  # power that taps between two samples leave far from them, over that of the first
+ONSET_NATS = 10.0  # by which a tail must be likelier behind a later tap, of which a link has some, than behind the first
+DECAYS = 6  # that are tried for each of them
 ALIKE = 0.5  # decays in which taps come together, where they come in clusters
 NEPER_STEP = 0.1  # of power and decay, for the curvature of their likelihood
 LEAST_VARIANCE = 0.25  # of ln power and ln decay, times the taps of one decay: however well each is known, they are few
@@ -67,14 +69,15 @@ class Told:
         return float(np.sum(mean**2) + np.trace(covariance))
 
 
-def profile(size: int, power: float, decay: float, end: float = np.inf) -> np.ndarray:
-    """(2·size,) variances of Re and Im of taps that hold `power` in all, falling by e in `decay` samples, none after `end`."""
-    k = np.arange(size)
-    shape = np.exp(-k / decay) * (k < max(end, 1.0)) + SKIRT
+def profile(size: int, power: float, decay: float, end: float = np.inf, onset: int = 0) -> np.ndarray:
+    """(2·size,) variances of Re and Im of taps that hold `power` in all, falling by e in `decay` samples from the tap `onset` on,
+    none after `end` of them."""
+    k = np.arange(size) - onset
+    shape = np.exp(-np.maximum(k, 0) / decay) * ((k >= 0) & (k < max(end, 1.0))) + SKIRT
     return np.repeat(power / 2 * shape / shape.sum(), 2)
 
 
-def likeliest(told: Told, begin: tuple[float, float], ends: float = np.inf) -> tuple[float, np.ndarray]:
+def likeliest(told: Told, begin: tuple[float, float], ends: float = np.inf, onset: int = 0) -> tuple[float, np.ndarray]:
     """(ln L, [ln power, ln decay]) of the law that makes a recording likeliest; it ends after so many decays."""
     size = len(told.pull) // 2
     low, high = np.log(LEAST_DECAY), np.log(size)
@@ -82,7 +85,7 @@ def likeliest(told: Told, begin: tuple[float, float], ends: float = np.inf) -> t
     def cost(q):
         beyond = max(q[1] - high, low - q[1], 0.0)
         power, decay = np.exp(np.clip(q[0], -60.0, 20.0)), np.exp(np.clip(q[1], low, high))
-        return beyond * size - told.likelihood(profile(size, power, decay, ends * decay))
+        return beyond * size - told.likelihood(profile(size, power, decay, ends * decay, onset))
 
     corners = np.log(begin) + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, -1.0]])
     options = {"initial_simplex": corners, "xatol": 0.02, "fatol": 0.1}
@@ -90,13 +93,24 @@ def likeliest(told: Told, begin: tuple[float, float], ends: float = np.inf) -> t
     return -float(found.fun), np.array([found.x[0], np.clip(found.x[1], low, high)])
 
 
-def spread(told: Told, at: np.ndarray) -> np.ndarray:
+def onset_of(told: Told, power: float, onsets: tuple[int, ...]) -> int:
+    """Of the taps behind which a tail of about that power may begin, the first (0) and later ones, that which makes a recording
+    likeliest."""
+    size = len(told.pull) // 2
+    decays = np.geomspace(1.0, size / FALLS, DECAYS)
+    laws = {onset: [profile(size, power, d, onset=onset) for d in decays] for onset in (0, *onsets) if onset < size - 1}
+    nats = {onset: max(told.likelihood(law) for law in of_onset) for onset, of_onset in laws.items()}
+    best = max(nats, key=nats.get)
+    return best if nats[best] > nats[0] + ONSET_NATS else 0
+
+
+def spread(told: Told, at: np.ndarray, onset: int = 0) -> np.ndarray:
     """(2,) variances of ln power and ln decay: from the curvature of their likelihood, or, where taps are sparse or come in
     clusters, from how unevenly they speak for the law (White 1982), whichever is larger."""
     size, axes = len(told.pull) // 2, np.eye(2) * NEPER_STEP
 
     def law(q):
-        return profile(size, *np.exp(q))
+        return profile(size, *np.exp(q), onset=onset)
 
     def cost(q):
         return -told.likelihood(law(q))
@@ -154,38 +168,46 @@ class DiffuseTail(Family):
             if most > LONG and view.held_late(i, first + LONG, first + most) < LATE_SIGMA:
                 most = LONG
             sizes = [s for s in SIZES if s <= most]
+            onsets = {int(t.delay - first) for t in view.scene.taps if t.source == i and t.delay >= first + 1}
             for size in sizes:
                 yield start(
                     self,
                     np.zeros(2 * size),
                     prior=np.exp(-FALLS * np.repeat(np.arange(size), 2) / size),
-                    aux={"source": i, "first": first, "_longest": sizes[-1]},
+                    aux={"source": i, "first": first, "_longest": sizes[-1], "_onsets": tuple(sorted(onsets))},
                     trials=len(SIZES),
                 )
 
     def likelier(self, effect, covariance):
         told = Told.of(effect.p, covariance, effect.prior)
-        power, decay = np.exp(likeliest(told, self._begin(effect))[1])
-        size = min(len(effect.p) // 2, int(np.ceil(WHOLE * decay)) + 1)
+        begin = self._begin(effect)
+        onset = onset_of(told, begin[0], effect.aux.get("_onsets", ()))
+        power, decay = np.exp(likeliest(told, begin, onset=onset)[1])
+        size = min(len(effect.p) // 2, onset + int(np.ceil(WHOLE * decay)) + 1)
         return replace(
-            effect, p=effect.p[: 2 * size], free=np.ones(2 * size, bool), prior=profile(size, float(power), float(decay))
+            effect,
+            p=effect.p[: 2 * size],
+            free=np.ones(2 * size, bool),
+            prior=profile(size, float(power), float(decay), onset=onset),
+            aux={**effect.aux, "_onset": onset},
         )
 
     def settled_law(self, scene, effect, covariance):
         """With power and decay as the recording tells them, whether or not the tail ends; their errors are those of a law
         without an end, and what the ends make of it."""
         told, begin = Told.of(effect.p, covariance, effect.prior), self._begin(effect)
-        found = [likeliest(told, begin, ends) for ends in ENDS]
+        onset = effect.aux.get("_onset", 0)
+        found = [likeliest(told, begin, ends, onset) for ends in ENDS]
         weight = np.exp([nats - max(n for n, _ in found) for nats, _ in found])
         weight /= weight.sum()
         at = np.array([q for _, q in found])
         mean = weight @ at
-        variance = spread(told, at[-1]) + weight @ (at - mean) ** 2 + LEAST_VARIANCE / np.exp(mean[1])
+        variance = spread(told, at[-1], onset) + weight @ (at - mean) ** 2 + LEAST_VARIANCE / np.exp(mean[1])
         best = int(np.argmax(weight))
         power, decay = np.exp(at[best])
         law = {
             "decay": float(np.exp(mean[1])),
-            "power": told.power(profile(len(effect.p) // 2, power, decay, ENDS[best] * decay)),
+            "power": told.power(profile(len(effect.p) // 2, power, decay, ENDS[best] * decay, onset)),
         }
         std = np.sqrt(variance)
         stds = {"power_db": DB * float(std[0]), "decay_s": float(std[1]) * law["decay"] / scene.sample_rate_hz}
@@ -194,7 +216,7 @@ class DiffuseTail(Family):
     @staticmethod
     def _begin(effect) -> tuple[float, float]:
         """Power and decay of the law that an effect has."""
-        taps = effect.prior[::2]
+        taps = effect.prior[2 * effect.aux.get("_onset", 0) :: 2]
         fall = np.log(taps[0] / taps[-1]) if taps[-1] > 0 else FALLS
         return float(2 * taps.sum()), (len(taps) - 1) / max(fall, 1e-3)
 
@@ -225,7 +247,7 @@ class DiffuseTail(Family):
         return (effect.aux["first"] + len(effect.p) / 2,)
 
     def where(self, scene, effect, values):
-        first = effect.aux["first"] / scene.sample_rate_hz
+        first = (effect.aux["first"] + effect.aux.get("_onset", 0)) / scene.sample_rate_hz
         return {"delay_s": [first, first + 3 * values["decay_s"]]}
 
     def describe(self, number):
