@@ -41,6 +41,15 @@ def test_even_noise_leaves_no_stretch_and_nothing_that_comes_again(tmp_path):
     assert min(told) > 1e-3
 
 
+def test_few_samples_that_the_rails_leave_tell_no_more_than_they_are(tmp_path):
+    """One or two of 32 have the same energy in all bands."""
+    rng, count = np.random.default_rng(4), 40_000
+    x = noise(rng, count)
+    fit = _fit(sent_once(tmp_path, 0.2 * x + noise(rng, count, 0.02), x))
+    told = [flatness.left(fit, (fit.data.use > 0) & (rng.random(count) < 0.02)) for _ in range(8)]
+    assert min(rest.p_value for every in told for rest in every) > 1e-3
+
+
 @pytest.mark.parametrize("strength", [0.0, 0.25])
 def test_an_error_that_comes_again_with_each_symbol_of_a_waveform_sent_once_is_left(tmp_path, strength):
     rng, period, count = np.random.default_rng(3), 640, 24_000

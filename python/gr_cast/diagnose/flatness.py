@@ -92,9 +92,10 @@ def stretch(fit) -> residual.Leftover:
     widths = [2**k for k in range(int(np.log2(bins)) + 1)]
     best, places = (0.0, 0, rows, 0, bins), rows * (rows + 1) / 2 * sum(bins - w + 1 for w in widths)
     for width in widths:
+        alike = min(1.0, bins / width / held)  # of few samples neighbouring cells of frequency say the same
         e_of, n_of = e[:, width:] - e[:, :-width], n[:, width:] - n[:, :-width]
         for long in range(1, rows + 1):
-            nats = _own_level(e_of[long:] - e_of[:-long], n_of[long:] - n_of[:-long], e[-1, -1], n[-1, -1])
+            nats = alike * _own_level(e_of[long:] - e_of[:-long], n_of[long:] - n_of[:-long], e[-1, -1], n[-1, -1])
             i, j = np.unravel_index(int(np.argmax(nats)), nats.shape)
             best = max(best, (float(nats[i, j]), int(i), int(i) + long, int(j), int(j) + width))
     nats, first, last, low, high = best
