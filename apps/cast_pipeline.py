@@ -44,6 +44,7 @@ def _bench(args) -> Bench:
     check_writable(args.storage)
     if not args.budget > 0:
         raise CastError(f"--budget: got {args.budget}, needs more than 0 seconds")
+    _program.check_ranges(args, {"patience": (0.01, 1000, "")})
     storage = Storage(args.storage)
     source = Source(args.repository, storage.folder)
     source.update()
@@ -53,6 +54,7 @@ def _bench(args) -> Bench:
         inventories=args.sites,
         room=clean.chosen(args.room, args.root_filesystem),
         budget_s=args.budget,
+        patience=args.patience,
         render=report.render,
         progress=lambda line: print(line, flush=True),
     )
@@ -153,7 +155,7 @@ def _options(args) -> list[str]:
     """Options of `run` that a server passes on."""
     given = [("--storage", args.storage.resolve()), ("--sites", args.sites.resolve()), ("--room", args.room)]
     given += [("--root-filesystem", args.root_filesystem)] if args.root_filesystem else []
-    return [str(word) for pair in [*given, ("--budget", args.budget)] for word in pair]
+    return [str(word) for pair in [*given, ("--budget", args.budget), ("--patience", args.patience)] for word in pair]
 
 
 def _write_page(storage: Path, output: Path) -> None:
@@ -217,6 +219,11 @@ def _add_bench(command: argparse.ArgumentParser, repository: bool = True) -> Non
     command.add_argument("--room", choices=clean.KINDS, default="auto", help="what commands run in (default: the best there is)")
     command.add_argument("--root-filesystem", type=Path, metavar="DIR", help="of the LXC container that builds")
     command.add_argument("--budget", type=float, default=120.0, metavar="SECONDS", help="for a diagnosis (default 120)")
+    command.add_argument(
+        "--patience", type=float, default=1.0, metavar="X",
+        help="limits are so many times longer, on a slow machine: 60 s of a node's command and an hour of a build or of a site's"
+        " program, unless pipeline.yaml has others (default 1)",
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -32,6 +32,7 @@ WRONG = {
     "experiments[0].traffic": ("flows/none.yaml", "experiments[0].traffic: "),
     "experiments[1].name": ("short frames", "experiments: two are named 'short frames'"),
     "experiments[1].nodes": ({"1": {"transmit": "x"}, "2": {}}, "experiments[1].nodes.2: needs transmit, receive or both"),
+    "limits": ({"command_s": 0, "test_s": 5}, "limits.command_s: got 0"),
     "metrics": ({"loss": {"tolerance": -1, "better": "smaller"}}, "metrics.loss.tolerance: got -1"),
 }
 

@@ -8,11 +8,12 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from gr_cast.core.errors import CastError
-from gr_cast.pipeline import clean, trial
+from gr_cast.pipeline import clean
 from gr_cast.pipeline.bisect import bisect
 from stack_faults import GAIN, SCRAMBLER, harmless
 
@@ -101,16 +102,79 @@ def test_a_gain_that_only_clips_on_the_testbed_is_named_and_laid_to_its_commit(s
     assert "the commit brings it out" in found["sentence"]
 
 
-def test_what_fails_is_named_with_its_command_and_its_last_word(stack, tmp_path, monkeypatch):
-    monkeypatch.setattr(trial, "PATIENCE", 1.0)
+def test_what_fails_is_named_with_its_command_and_its_last_word(stack, tmp_path):
     first = stack.commit("Typo", src_send=(r"import os", "import oz"))
-    second = stack.commit("Slow", src_send="import time\ntime.sleep(60)\n")
-    third = stack.commit("Untested", pipeline=(r"make check", "exit 3"))
+    second = stack.commit("Untested", pipeline=(r"make check", "exit 3"))
     bench = stack.bench(tmp_path / "store")
-    said = [bench.commit(name).judged()["verdicts"][0] for name in (first, second, third)]
+    said = [bench.commit(name).judged()["verdicts"][0] for name in (first, second)]
     assert {one["kind"] for one in said} == {"fails"}
     assert "node 1: python3 bin/send.py: status 1: ModuleNotFoundError: No module named 'oz'" in said[0]["sentence"]
-    assert "stopped after 1." in said[1]["sentence"] and "test: exit 3: status 3" in said[2]["sentence"]
+    assert "test: exit 3: status 3" in said[1]["sentence"]
+
+
+def test_what_a_limit_stops_is_no_verdict_of_a_commit_and_is_done_again(stack, tmp_path):
+    """A machine that is slow for a while: the flag in the repository's folder stands for its load."""
+    load = tmp_path / "load"
+    load.touch()
+    slow = f"import os, time\ntime.sleep(60 if os.path.exists({str(load)!r}) else 0)\nimport os"
+    first = stack.commit("Limits", src_send=(r"import os", slow), pipeline=(r"sites:", "limits: {command_s: 1}\nsites:"))
+    second = stack.commit("A word", src_send=(r"Node that sends", "The node that sends"))
+    bench = stack.bench(tmp_path / "store", "process")
+    found = bench.commit(first).judged()
+    assert found["kinds"] == ["not decidable"] * 2, found["verdicts"]
+    for words in ("node 1: python3 bin/send.py: stopped after 1.0006 s", "limits.command_s in pipeline.yaml, or --patience"):
+        assert words in found["verdicts"][0]["sentence"]
+    kept = [json.loads(path.read_text()) for path in (tmp_path / "store" / "stages").glob("trial-*/result.json")]
+    assert not [one for one in kept if one["fails"]]
+    with pytest.raises(CastError, match="stopped after 1.0006 s"):
+        bisect(bench, first, second)
+    load.unlink()
+    patient = replace(bench, patience=30.0)  # where these tests run, a machine is busy
+    after = patient.commit(second).judged()
+    assert after["kinds"] == ["same on both"] and after["compared"]
+    assert patient.commit(first).judged()["kinds"] == ["same on both"]
+
+
+def test_a_child_of_what_was_stopped_is_not_called_the_same(stack, tmp_path):
+    slow = stack.commit("Slow", src_send=(r"import os", "import time\ntime.sleep(60)\nimport os"),
+                        pipeline=(r"sites:", "limits: {command_s: 1}\nsites:"))  # fmt: skip
+    quick = stack.commit("Quick", src_send=(r"import time\ntime.sleep\(60\)\n", ""), pipeline=(r"command_s: 1", "command_s: 60"))
+    found = stack.bench(tmp_path / "store").commit(quick).judged()
+    assert found["kinds"] == ["not decidable"] and slow[:10] in found["verdicts"][0]["sentence"]
+    assert found["inputs"] is None, "nor is it kept as the last word"
+
+
+@pytest.mark.parametrize("what", ["build", "test"])
+def test_a_build_that_its_limit_stops_is_built_again(stack, tmp_path, what):
+    flag = tmp_path / "load"
+    flag.touch()
+    line = f"[ ! -e {flag} ] || sleep 60"
+    change = {"build": (r"build: \[make\]", f"limits: {{build_s: 1}}\nbuild: ['{line}', make]"),
+              "test": (r"test: \[make check\]", f"limits: {{build_s: 1}}\ntest: ['{line}']")}  # fmt: skip
+    name = stack.commit("Slow", pipeline=change[what])
+    bench = replace(stack.bench(tmp_path / "store", "process"), patience=1.0)
+    found = bench.commit(name).judged()
+    assert found["kinds"] == ["not decidable"] and "limits.build_s" in found["verdicts"][0]["sentence"]
+    flag.unlink()
+    assert replace(bench, patience=60.0).commit(name).built["fails"] is None
+
+
+def test_a_command_that_waits_for_a_processor_is_not_stopped_for_it(tmp_path):
+    """Three others want the same processor: what needs 1 s of it takes 4 s on the wall, and may have 2.5 s."""
+    (tmp_path / "stack").mkdir()
+    here = str(min(os.sched_getaffinity(0)))
+    spin = ["taskset", "-c", here, sys.executable, "-c", "while True: pass"]
+    busy = [subprocess.Popen(spin, start_new_session=True) for _ in range(3)]
+    try:
+        work = f"taskset -c {here} {sys.executable} -c 'import time\nwhile time.process_time() < 1: pass'"
+        done = clean.chosen("auto").run(tmp_path, work, within="stack", environment={}, timeout_s=2.5)
+        idle = clean.chosen("auto").run(tmp_path, "sleep 60", within="stack", environment={}, timeout_s=1.5)
+    finally:
+        for one in busy:
+            one.kill()
+            one.wait()
+    assert done.status == 0 and done.wall_s > 2.5, done
+    assert idle.status is None and idle.wall_s < 10, "who sleeps does not wait"
 
 
 def test_what_a_machine_lacks_is_named_before_anything_is_built(stack, tmp_path):

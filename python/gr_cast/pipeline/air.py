@@ -22,18 +22,26 @@ from ..signals.recording import Recording
 from ..twin import make
 from ..twin.document import Case, Link, Observation, Tap, Waveform
 from ..twin.playback import Conditions, Playback
+from .patience import Stopped
 from .site import Site
 
 TOLD = ("CAST_TRANSMITTERS", "CAST_RECEIVERS", "CAST_SAMPLE_RATE_HZ", "CAST_CENTER_FREQUENCY_HZ", "CAST_INVENTORY")
-LONGEST_S = 3600.0  # of a program that plays and records
 
 
 def carried(
-    site: Site, scenario: Scenario, sent: dict[str, np.ndarray], receivers: list[str], rate_hz: float, seed: int, folder: Path
+    site: Site,
+    scenario: Scenario,
+    sent: dict[str, np.ndarray],
+    receivers: list[str],
+    rate_hz: float,
+    seed: int,
+    folder: Path,
+    longest_s: float,
 ) -> dict[str, np.ndarray]:
-    """Receiver → what it hears, (n,) complex64, of what is sent, transmitter → (n,) complex64 with full scale 1."""
+    """Receiver → what it hears, (n,) complex64, of what is sent, transmitter → (n,) complex64 with full scale 1.
+    `longest_s`: that a site's program may take."""
     if site.program:
-        return _by_program(site, scenario, sent, receivers, rate_hz, folder)
+        return _by_program(site, scenario, sent, receivers, rate_hz, folder, longest_s)
     if site.effects:
         return {rx: _with_effects(site, scenario, sent, rx, rate_hz, seed) for rx in receivers}
     given = {tx: Recording(samples=samples, sample_rate_hz=rate_hz) for tx, samples in sent.items()}
@@ -64,7 +72,9 @@ def _with_effects(site: Site, scenario: Scenario, sent, rx: str, rate_hz: float,
     return Playback(twin, heard, count, Conditions(seed=seed)).samples()
 
 
-def _by_program(site: Site, scenario: Scenario, sent, receivers: list[str], rate_hz: float, folder: Path) -> dict:
+def _by_program(
+    site: Site, scenario: Scenario, sent, receivers: list[str], rate_hz: float, folder: Path, longest_s: float
+) -> dict:
     for tx, samples in sent.items():
         samples.astype("<c8").tofile(folder / f"tx_{tx}.cf32")
     told = {
@@ -79,10 +89,10 @@ def _by_program(site: Site, scenario: Scenario, sent, receivers: list[str], rate
     try:
         done = subprocess.run(
             ["setpriv", "--pdeathsig", "KILL", *words], cwd=folder, env=os.environ | told, capture_output=True, text=True,
-            timeout=LONGEST_S, check=False,
+            timeout=longest_s, check=False,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
-        raise CastError(f"site {site.name}: program: stopped after {LONGEST_S:g} s") from None
+        raise Stopped(f"site {site.name}: program: stopped after {longest_s:g} s", "program_s") from None
     if done.returncode:
         last = (done.stderr.strip().splitlines() or ["failed without a word"])[-1]
         raise CastError(f"site {site.name}: program: status {done.returncode}: {last}")

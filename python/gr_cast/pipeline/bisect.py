@@ -30,6 +30,8 @@ class Symptom:
     def of(self, commit: Commit) -> str:
         """Whether a commit has it."""
         trials = commit.usable()
+        if commit.stopped(trials):
+            return UNKNOWN
         if trials is None or judge.failures(trials):
             return UNKNOWN if self.keys else BAD
         if not self.keys:
@@ -47,9 +49,13 @@ def _key(c: judge.Comparison) -> tuple:
 def symptom(good: Commit, bad: Commit) -> Symptom:
     """What is worse at `bad`. Raises CastError where nothing is, or where `good` does not come to its end itself."""
     before = good.usable()
+    if stopped := good.stopped(before):
+        raise CastError(*(f"{good.short}: {why}" for why in stopped))
     if before is None or judge.failures(before):
         raise CastError(f"{good.short}: is to be good, but fails: cast_pipeline run {good.short} says why")
     after = bad.usable()
+    if stopped := bad.stopped(after):
+        raise CastError(*(f"{bad.short}: {why}" for why in stopped))
     if after is None or judge.failures(after):
         return Symptom(good=good, keys=frozenset(), sentences=(f"{bad.short} fails",))
     alike = {_key(c) for c in judge.comparisons(good.pipeline, before) if c.says == "within"}

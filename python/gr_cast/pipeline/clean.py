@@ -7,11 +7,13 @@ A folder is seen as /mnt; there is no network, no variable, no home of the calle
 import os
 import shutil
 import subprocess
+import time
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
 from ..core.errors import CastError
+from .patience import waited
 
 KINDS = ("auto", "lxc", "namespaces", "process")
 PATH = "/usr/local/bin:/usr/bin:/bin"
@@ -22,15 +24,21 @@ _MOST_LOG = 1 << 20  # bytes of a command's output that are kept
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """How a command ended: `status` is None where it was stopped after its time."""
+    """How a command ended: `status` is None where it was stopped after its time, `wall_s` on the wall's clock."""
 
     status: int | None
     log: str
+    wall_s: float = 0.0
 
     @property
     def last_line(self) -> str:
         lines = [line.strip() for line in self.log.splitlines() if line.strip()]
         return lines[-1] if lines else "without a word"
+
+    def stopped_after(self, limit_s: float) -> str:
+        """What is said of one that had its time, and more where the machine was busy."""
+        busy = f", {self.wall_s:.0f} s on a busy machine" if self.wall_s > 1.2 * limit_s else ""
+        return f"stopped after {limit_s:g} s{busy}: {self.last_line}"
 
 
 @lru_cache
@@ -69,7 +77,7 @@ class Room:
         return str(folder.resolve()) if self.kind == "process" else "/mnt"
 
     def run(self, folder: Path, command: str, *, within: str, environment: dict[str, str], timeout_s: float) -> Outcome:
-        """Run a command of a shell in `folder`/`within`, and end it with all that it started after `timeout_s`."""
+        """Run a command of a shell in `folder`/`within`, and end it with all that it started once it has had `timeout_s`."""
         words = ["env", "-i", *(f"{key}={value}" for key, value in sorted((_bare() | environment).items())), "sh", "-ec", command]
         log, cwd = folder / "output.log", folder / within
         if self.kind == "namespaces":
@@ -77,20 +85,19 @@ class Room:
         elif self.kind == "lxc":
             words = ["lxc-execute", *self._container(folder), "--", "sh", "-ec", 'cd "$0" && exec "$@"', f"/mnt/{within}", *words]
         words = ["setpriv", "--pdeathsig", "KILL", *words]  # who starts it may be killed
+        begun_s = time.monotonic()
         with open(log, "wb") as file:
             process = subprocess.Popen(
                 words, cwd=cwd, stdout=file, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, start_new_session=True
             )
             try:
-                status = process.wait(timeout_s)
-            except subprocess.TimeoutExpired:
-                status = None
+                status = waited(process, timeout_s)
             finally:
                 _end(process)
         with open(log, "rb") as file:
             text = file.read(_MOST_LOG).decode(errors="replace")
         log.unlink()
-        return Outcome(status=status, log=text)
+        return Outcome(status=status, log=text, wall_s=time.monotonic() - begun_s)
 
     def _container(self, folder: Path) -> list[str]:
         """A container without network on a read-only root, for one command."""

@@ -19,7 +19,19 @@ LONGEST_S = 86400
 BETTER = ("lower", "higher", "neither")
 RESIDUAL = "residual_db"  # what the scenario does not explain of a recording, the one metric that every pipeline has
 GAIN = "gain_db"  # with which a recording holds what the scenario says; a pipeline may give it a tolerance
-_TOP = {"cast_pipeline", "name", "environment", "build", "test", "image", "sample_rate_hz", "experiments", "metrics", "sites"}
+_TOP = {
+    "cast_pipeline",
+    "name",
+    "environment",
+    "build",
+    "test",
+    "image",
+    "sample_rate_hz",
+    "experiments",
+    "metrics",
+    "sites",
+    "limits",
+}
 _EXPERIMENT = {"name", "scenario", "nodes", "traffic", "duration_s", "repeats", "seed"}
 
 
@@ -64,6 +76,19 @@ class Metric:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Limits:
+    """Seconds that each may take: a command of a node beside its experiment's duration, one of `build` or `test`, a site's
+    `program`. What is stopped by one says nothing about a commit."""
+
+    command_s: float = 60.0
+    build_s: float = 3600.0
+    program_s: float = 3600.0
+
+    def times(self, factor: float) -> "Limits":
+        return Limits(**{key: factor * value for key, value in asdict(self).items()})
+
+
+@dataclass(frozen=True, kw_only=True)
 class Pipeline:
     """A stack's pipeline. The first of `sites` is the twin, the others are held against it."""
 
@@ -76,6 +101,7 @@ class Pipeline:
     experiments: tuple[Experiment, ...]
     metrics: dict[str, Metric]
     sites: tuple[str, ...]
+    limits: Limits = Limits()
 
     @property
     def recipe(self) -> dict:
@@ -95,7 +121,7 @@ def read(path: str | Path) -> Pipeline:
     path = path / FILE if path.is_dir() else path
     get = yaml_file(path, missing=f" (a stack's repository has a {FILE})")
     document = get.document
-    get.keys(document, "", _TOP, _TOP - {"test", "image"})
+    get.keys(document, "", _TOP, _TOP - {"test", "image", "limits"})
     get.version("cast_pipeline", VERSION)
     rate_hz = get.number(document.get("sample_rate_hz"), "sample_rate_hz", "Hz", SLOWEST_HZ, FASTEST_HZ)
     experiments = [
@@ -114,6 +140,7 @@ def read(path: str | Path) -> Pipeline:
         build=_commands(get, document.get("build"), "build"),
         test=_commands(get, document.get("test", []), "test"),
         image=tuple(get.path_inside(one, f"image[{k}]") for k, one in parts),
+        limits=_limits(get, document.get("limits", {})),
     )
     get.faults.raise_if_any()
     return Pipeline(sample_rate_hz=rate_hz, experiments=tuple(experiments), metrics=metrics, sites=sites, **made)
@@ -142,6 +169,14 @@ def _environment(get: Reader, value) -> Environment:
         system=get.name(entry.get("system", "none"), "environment.system"),
         packages=tuple(sorted(get.name(one, f"environment.packages[{k}]") for k, one in enumerate(packages))),
         compiler=get.name(entry.get("compiler", "none"), "environment.compiler"),
+    )
+
+
+def _limits(get: Reader, value) -> Limits:
+    known = asdict(Limits())
+    entry = get.keys(value, "limits", {*known})
+    return Limits(
+        **{key: get.number(entry.get(key, usual), f"limits.{key}", "s", 1e-3, LONGEST_S) for key, usual in known.items()}
     )
 
 

@@ -11,11 +11,11 @@ from ..core.errors import CastError, Faults
 from ..core.files import digest_of, passing_folder, write_json, written_aside
 from .clean import Outcome, Room
 from .document import Environment, Pipeline
+from .patience import Stopped
 from .source import Source
 from .stages import Storage
 
 STACK = "stack"  # the folder of a room that holds the tree or the unpacked image
-LONGEST_S = 3600.0  # of a build, and of its tests
 
 
 def software(environment: Environment, root: Path = Path("/")) -> dict[str, str]:
@@ -64,7 +64,10 @@ def built(storage: Storage, source: Source, commit: str, pipeline: Pipeline, roo
         with passing_folder() as place:
             return _build(storage, source, commit, pipeline, room, tools, place)
 
-    return storage.stage("image", inputs, work)[0]
+    try:
+        return storage.stage("image", inputs, work)[0]
+    except Stopped as error:
+        return {"image": None, "fails": " ".join(error.faults), "stopped": True, "software": tools, "room": room.kind}
 
 
 def _build(storage, source, commit, pipeline, room, tools, folder: Path) -> dict:
@@ -72,7 +75,7 @@ def _build(storage, source, commit, pipeline, room, tools, folder: Path) -> dict
     # One date for one tree: the image depends on what is in a commit, not on when it was made.
     environment = {"SOURCE_DATE_EPOCH": "0", "CAST_STACK": pipeline.name}
     result = {"image": None, "fails": None, "software": tools, "room": room.kind}
-    fails, log = _through(room, folder, pipeline.build, "build", environment)
+    fails, log = _through(room, folder, pipeline.build, "build", environment, pipeline.limits.build_s)
     if fails:
         return result | {"fails": fails, "log": log}
     result["image"] = _packed(storage, pipeline, folder / STACK)
@@ -90,19 +93,20 @@ def _build(storage, source, commit, pipeline, room, tools, folder: Path) -> dict
     about = storage.folder / "images" / f"{result['image']}.json"
     if not about.exists():  # who built it first
         write_json(about, provenance)
-    fails, test_log = _through(room, folder, pipeline.test, "test", environment)
+    fails, test_log = _through(room, folder, pipeline.test, "test", environment, pipeline.limits.build_s)
     return result | {"fails": fails, "log": log + test_log}
 
 
-def _through(room: Room, folder: Path, commands, what: str, environment) -> tuple[str | None, str]:
-    """(what failed, all that was printed) of commands one after the other."""
+def _through(room: Room, folder: Path, commands, what: str, environment, limit_s: float) -> tuple[str | None, str]:
+    """(what failed, all that was printed) of commands one after the other. Raises Stopped where one had its time."""
     printed = ""
     for command in commands:
-        done: Outcome = room.run(folder, command, within=STACK, environment=environment, timeout_s=LONGEST_S)
+        done: Outcome = room.run(folder, command, within=STACK, environment=environment, timeout_s=limit_s)
         printed += f"$ {command}\n{done.log}"
+        if done.status is None:
+            raise Stopped(f"{what}: {command}: {done.stopped_after(limit_s)}", "build_s")
         if done.status != 0:
-            how = f"stopped after {LONGEST_S:g} s" if done.status is None else f"status {done.status}"
-            return f"{what}: {command}: {how}: {done.last_line}", printed
+            return f"{what}: {command}: status {done.status}: {done.last_line}", printed
     return None, printed
 
 

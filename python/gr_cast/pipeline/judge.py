@@ -42,13 +42,13 @@ class Comparison:
         )
 
 
-def failures(trials: Trials) -> list[tuple[str, str, str]]:
-    """(site, experiment, why) of every experiment with a repeat that did not come to its end, the first of each."""
+def failures(trials: Trials) -> list[tuple[str, str, str, bool]]:
+    """(site, experiment, why, whether a limit stopped it): the first repeat of each experiment that did not come to its end."""
     return [
-        (site, name, next(t.fails for t in repeats if t.fails))
+        (site, name, first.fails, first.is_stopped)
         for site, experiments in trials.items()
         for name, repeats in experiments.items()
-        if any(t.fails for t in repeats)
+        if (first := next((t for t in repeats if t.fails), None))
     ]
 
 

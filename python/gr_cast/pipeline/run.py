@@ -16,23 +16,26 @@ from . import cause as causes
 from . import document, image, judge, site
 from .clean import Room
 from .document import Experiment, Pipeline
+from .patience import Stopped
 from .source import Source
 from .stages import Storage, fingerprint
 from .trial import RUN, Trial, read_trial, tried
-from .verdict import FAILS, WORSE, Verdict, verdicts
+from .verdict import FAILS, OPEN, SAME, WORSE, Verdict, verdicts
 
 MOST_CASES = 2  # experiments whose recordings are diagnosed, the one that differs most first
 
 
 @dataclass(frozen=True, kw_only=True)
 class Bench:
-    """Where commits are judged: storage, sites and clean room. `render` makes a diagnosis' page, `progress` says where it is."""
+    """Where commits are judged: storage, sites and clean room. `render` makes a diagnosis' page, `progress` says where it is,
+    all limits of a pipeline are `patience` times as long."""
 
     storage: Storage
     source: Source
     inventories: Path
     room: Room
     budget_s: float = 120.0
+    patience: float = 1.0
     render: Callable | None = None
     progress: Callable[[str], None] = lambda line: None
 
@@ -62,7 +65,8 @@ class Commit:
 
     @cached_property
     def pipeline(self) -> Pipeline:
-        return document.read(self.tree)
+        found = document.read(self.tree)
+        return replace(found, limits=found.limits.times(self.bench.patience))
 
     @cached_property
     def sites(self) -> list[site.Site]:
@@ -106,7 +110,10 @@ class Commit:
                 shutil.move(place / RUN, folder / RUN)
             return result
 
-        return read_trial(*self.bench.storage.stage("trial", told, work))
+        try:
+            return read_trial(*self.bench.storage.stage("trial", told, work))
+        except Stopped as error:
+            return Trial(fails=" ".join(error.faults), is_stopped=True)
 
     def _files(self, experiment: Experiment) -> list[Path]:
         paths = [self.tree / name for name in (experiment.scenario, experiment.traffic) if name]
@@ -161,7 +168,7 @@ class Commit:
             "parent": parent,
             "baseline": before.hash if before else None,
             "sites": list(self.pipeline.sites),
-            "inputs": inputs,  # a verdict of other sites is none of these
+            "inputs": None if found["stopped"] else inputs,  # a verdict of other sites is none of these, nor is a stopped one
         }
         path.parent.mkdir(exist_ok=True)
         write_json(path, about | found)
@@ -169,14 +176,27 @@ class Commit:
 
     def _judged_against(self, before: "Commit | None", known: dict | None) -> dict:
         if self.built["fails"]:
-            return _document([Verdict(kind=FAILS, sentence=self.built["fails"])], self.built)
+            kind = OPEN if self.stopped(None) else FAILS
+            return _document([Verdict(kind=kind, sentence=self.built["fails"])], self.built, self.stopped(None))
         baseline = before.usable() if before else None
         trials = self.trials()
+        unknown = [f"{before.short}, its baseline: {why}" for why in before.stopped(baseline)] if before else []
         found = judge.comparisons(self.pipeline, trials, baseline)
         told = verdicts(self, trials, found, baseline, known)
         about = {"similarity": judge.similarities(self.pipeline, trials)} if not judge.failures(trials) else {}
         about |= {"figures": judge.figures(trials)}
-        return _document(told, self.built, found, compared=baseline is not None, **about)
+        if unknown:
+            told = [*(one for one in told if one.kind != SAME), Verdict(kind=OPEN, sentence="; ".join(unknown))]
+        return _document(told, self.built, [*self.stopped(trials), *unknown], found, compared=baseline is not None, **about)
+
+    def stopped(self, trials: judge.Trials | None) -> list[str]:
+        """What a limit has stopped, of its repeats, or of its build where there are none."""
+        if trials is None:
+            try:
+                return [self.built["fails"]] if self.built.get("stopped") else []
+            except CastError:  # it is no pipeline
+                return []
+        return [why for _, _, why, is_stopped in judge.failures(trials) if is_stopped]
 
     def usable(self) -> judge.Trials | None:
         """Its repeats as a baseline; None where it is no pipeline, does not build or fails its tests."""
@@ -186,12 +206,13 @@ class Commit:
             return None
 
 
-def _document(told: list[Verdict], built: dict, found=(), compared: bool = False, **about) -> dict:
+def _document(told: list[Verdict], built: dict, stopped: list[str], found=(), compared: bool = False, **about) -> dict:
     return {
         "kinds": [one.kind for one in told],
         "verdicts": [asdict(one) for one in told],
         "image": built["image"],
         "room": built["room"],
+        "stopped": stopped,
         "compared": compared,
         "comparisons": [one.document() for one in found],
         **about,

@@ -13,22 +13,24 @@ from .air import carried, samples_of
 from .clean import Room
 from .document import GAIN, RESIDUAL, Experiment, Pipeline, scenario_of
 from .image import STACK
+from .patience import Stopped
 from .residual import explained
 from .site import Site
 
 RUN = "run"  # the folder of a room that commands write to
-PATIENCE = 60.0  # seconds that a command may take beside the experiment's duration
 LONGEST_SERIES = 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """What one repeat told: figures and series by "NODE NAME", why it failed, and the stems of its recordings by receiver."""
+    """What one repeat told: figures and series by "NODE NAME", why it failed, and the stems of its recordings by receiver.
+    Of one that `is_stopped` by a limit nothing is known: it is not kept."""
 
     metrics: dict[str, float] = field(default_factory=dict)
     series: dict[str, dict] = field(default_factory=dict)
     recordings: dict[str, Path] = field(default_factory=dict)
     fails: str | None = None
+    is_stopped: bool = False
 
 
 def tried(
@@ -37,7 +39,8 @@ def tried(
     """Try one repeat in a room's `folder` that holds the unpacked image; `tree` are the commit's files. Recordings and traffic
     lie in `folder`/run afterwards.
 
-    `repeat` is what commands are seeded by, alike at all sites; `seed` is that of the emulator's noise.
+    `repeat` is what commands are seeded by, alike at all sites; `seed` is that of the emulator's noise. Raises Stopped where a
+    limit was reached.
     """
     run, rate_hz, scenario = folder / RUN, pipeline.sample_rate_hz, scenario_of(experiment, tree)
     run.mkdir()
@@ -52,7 +55,7 @@ def tried(
                 if len(sent[name]) > longest:
                     raise CastError(f"node {name}: transmit: sends {len(sent[name])} samples, the experiment has {longest}")
         receivers = [name for name, node in experiment.nodes.items() if node.receive]
-        heard = carried(site, scenario, sent, receivers, rate_hz, seed, run)
+        heard = carried(site, scenario, sent, receivers, rate_hz, seed, run, pipeline.limits.program_s)
         metrics, series = {}, {}
         for name in receivers:
             heard[name].astype("<c8").tofile(run / f"rx_{name}.cf32")
@@ -62,6 +65,8 @@ def tried(
             left_db, gain_db = explained(scenario, sent, name, heard[name], rate_hz)
             metrics |= {f"{name} {RESIDUAL}": left_db, f"{name} {GAIN}": gain_db}
             series |= {f"{name} {key}": value for key, value in told["series"].items()}
+    except Stopped:
+        raise
     except CastError as error:
         return {"fails": " ".join(error.faults), "metrics": {}, "series": {}, "receivers": []}
     _record(run, scenario, sent, heard, rate_hz)
@@ -82,11 +87,12 @@ def _command(pipeline, experiment, site, name, command, repeat, room: Room, fold
         "CAST_RX": f"{at}/rx_{name}.cf32",
         "CAST_RESULT": f"{at}/result_{name}.json",
     }
-    timeout_s = PATIENCE + experiment.duration_s
+    timeout_s = pipeline.limits.command_s + experiment.duration_s
     done = room.run(folder, command, within=STACK, environment=environment, timeout_s=timeout_s)
+    if done.status is None:
+        raise Stopped(f"node {name}: {command}: {done.stopped_after(timeout_s)}", "command_s")
     if done.status != 0:
-        how = f"stopped after {timeout_s:g} s" if done.status is None else f"status {done.status}"
-        raise CastError(f"node {name}: {command}: {how}: {done.last_line}")
+        raise CastError(f"node {name}: {command}: status {done.status}: {done.last_line}")
 
 
 def _told(path: Path, name: str) -> dict:

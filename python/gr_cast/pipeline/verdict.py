@@ -59,18 +59,19 @@ def _wanted(c: judge.Comparison) -> int:
 
 
 def _failed(commit, trials: judge.Trials) -> list[Verdict]:
-    failed = judge.failures(trials)
-    by_experiment: dict[str, dict[str, str]] = {}
-    for site, name, why in failed:
-        by_experiment.setdefault(name, {})[site] = why
+    fails: dict[str, dict[str, str]] = {}
+    unknown: dict[str, dict[str, str]] = {}
+    for site, name, why, is_stopped in judge.failures(trials):
+        (unknown if is_stopped else fails).setdefault(name, {})[site] = why
     told = []
-    for name, why in by_experiment.items():
-        if set(why) == set(trials):
-            told.append(Verdict(kind=FAILS, sentence=f"{name}: {next(iter(why.values()))}"))
+    for name, reasons in unknown.items():
+        told += [Verdict(kind=OPEN, site=site, sentence=f"{name} at {site}: {why}") for site, why in reasons.items()]
+    for name, reasons in fails.items():
+        if {*reasons, *unknown.get(name, ())} == set(trials):
+            told.append(Verdict(kind=FAILS, sentence=f"{name}: {next(iter(reasons.values()))}"))
             continue
-        for site, reason in why.items():
-            cause = Cause(kind="stack", sentences=(reason,))
-            told.append(_apart(site, [], cause, None, False, name))
+        for site, why in reasons.items():
+            told.append(_apart(site, [], Cause(kind="stack", sentences=(why,)), None, False, name))
     return told
 
 
