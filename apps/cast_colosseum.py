@@ -83,15 +83,41 @@ def up(args) -> int:
     numbers = storage.rf_scenarios()
     if args.scenario is not None and args.scenario not in numbers:
         raise CastError(f"--scenario: got {args.scenario}, needs one of {', '.join(map(str, sorted(numbers)))}")
+    asked = _request(args, here, images[args.image])
+    if folder := box.boxes().get(args.name):
+        return _told_again(args.name, folder, asked)
     if not args.foreground:
         return _up_behind(args)
     srns = [box.Srn(number=number, image=images[args.image]) for number in range(1, args.srns + 1)]
     ended = threading.Event()
     with interrupts.heeded(ended.set), box.Box(args.name, here, srns, _channel(args), PROGRAM, interactive=True) as made:
-        kept = session.Session(made, args.time_scale, say=lambda line: print(line, flush=True))
+        kept = session.Session(made, args.time_scale, request=asked, say=lambda line: print(line, flush=True))
         if args.scenario is not None:
             kept.begin(args.scenario)
         kept.run(ended)
+    return 0
+
+
+def _request(args, here: storage.Storage, path: Path) -> dict:
+    """What `up` is asked for, as a box remembers it: option → value."""
+    told = {"srns": args.srns, "scenario": args.scenario, "image": str(path.resolve()), "team": str(here.folder.resolve())}
+    channel = {"rate": args.rate, "base-loss": args.base_loss, "noise-power-db": args.noise_power_db, "seed": args.seed}
+    return told | channel | {"time-scale": args.time_scale}
+
+
+def _told_again(name: str, folder: Path, asked: dict) -> int:
+    """What is said of a box that is there: that it is up as asked for, or why it cannot be."""
+    state = box.state_of(folder)
+    if not box.is_held(folder):
+        raise CastError(f"{name}: its runner was killed: `{called('cast_colosseum')} down {name}` removes what is left of it")
+    if not state.get("ready"):
+        raise CastError(f"{name}: is in use: end it by `{called('cast_colosseum')} down {name}`, or give another --name")
+    there = state.get("request", {})
+    apart = ", ".join(f"--{key} {there.get(key)} (got {value})" for key, value in asked.items() if there.get(key) != value)
+    if apart:
+        end = f"{called('cast_colosseum')} down {name}"
+        raise CastError(f"{name}: is up already, with {apart}: end it by `{end}`, or give another --name")
+    print(f"{name}: was already up: {', '.join(state['srns'])}")
     return 0
 
 
@@ -104,14 +130,13 @@ def _up_behind(args) -> int:
     with open(log, "wb") as out:
         process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=out, stderr=out, start_new_session=True)
     try:
-        while not box.state_of(host.boxes_folder() / name).get("ready"):
+        while not ((state := box.state_of(host.boxes_folder() / name)).get("ready") and state["pid"] == process.pid):
             if process.poll() is not None:
                 lines = log.read_text(errors="replace").strip().splitlines()
                 raise CastError(*(line.removeprefix("error: ") for line in lines[-20:]))
             time.sleep(0.1)
     finally:
         log.unlink(missing_ok=True)
-    state = box.state_of(host.boxes_folder() / name)
     print(f"{name}: {', '.join(state['srns'])}")
     print(
         f"a shell in one: {called('cast_colosseum')} enter {name} {state['srns'][0]}; end: {called('cast_colosseum')} down {name}"

@@ -17,7 +17,7 @@ import pytest
 
 sys.path.append(str(Path(__file__).parent))
 import team as teams
-from gr_cast.colosseum import box, job, play, session, storage, timeline
+from gr_cast.colosseum import box, host, job, play, session, storage, timeline
 from gr_cast.colosseum.emulator import Channel
 from gr_cast.report.colosseum_page import page
 
@@ -196,6 +196,35 @@ def test_a_container_has_its_names_and_no_more_than_it_needs(boxes):
 
     assert "/root/radio_api/start.sh" in image.read(team / "images" / "mine.tar.gz").entries
     assert left_behind(boxes, "names") == []
+
+
+def test_up_of_a_box_that_is_up_starts_nothing_and_says_so_or_is_refused(boxes):
+    team = team_with(boxes, {"wire": {}, "other": {}})
+
+    def up(name="again", **options):
+        told = {"srns": 1, "image": "wire", "team": team} | options
+        words = [str(word) for key, value in told.items() for word in (f"--{key.replace('_', '-')}", value)]
+        program = [sys.executable, str(APPS / "cast_colosseum.py"), "up", "--name", name]
+        return subprocess.run([*program, *words], capture_output=True, text=True, check=False)
+
+    try:
+        assert up().stdout.startswith("again: team-srn001\n")
+        pid = box.state_of(box.boxes()["again"])["pid"]
+        same = up()
+        assert (same.returncode, same.stdout, same.stderr) == (0, "again: was already up: team-srn001\n", "")
+        for option, value in (("srns", 2), ("image", "other"), ("scenario", 1009), ("base_loss", 50), ("time_scale", 2)):
+            other = up(**{option: value})
+            assert other.returncode == 2 and other.stdout == "" and len(other.stderr.splitlines()) == 1, option
+            assert other.stderr.startswith(f"error: again: is up already, with --{option.replace('_', '-')} ")
+        assert box.state_of(box.boxes()["again"])["pid"] == pid and list(box.boxes()) == ["again"]
+        os.kill(pid, signal.SIGKILL)
+        while host.started_at(pid):
+            time.sleep(0.05)
+        killed = up()
+        assert killed.returncode == 2 and "its runner was killed" in killed.stderr and "down again" in killed.stderr
+    finally:
+        box.remove("again", boxes / "b" / "again")
+    assert left_behind(boxes, "again") == []
 
 
 def test_two_boxes_of_one_name_in_two_folders_do_not_meet(boxes):

@@ -20,8 +20,8 @@ _LOOK_S = 0.1
 class Session:
     """A box's desk, kept by `run(ended)` until the event is set; what goes wrong is said, and the session goes on."""
 
-    def __init__(self, box: Box, time_scale: float = 1.0, say=lambda line: None):
-        self.box, self._say, self._scale = box, say, time_scale
+    def __init__(self, box: Box, time_scale: float = 1.0, *, request: dict | None = None, say=lambda line: None):
+        self.box, self._say, self._scale, self._request = box, say, time_scale, request or {}
         self._world = world_of(box.storage, len(box.srns), time_scale)
         self._desk = desk.Desk(images=frozenset(box.storage.images()))
         self._lock = threading.Lock()
@@ -42,7 +42,7 @@ class Session:
             container.put(f"{RADIO_API}/colosseum_config.ini", colosseum_config(self.box.channel, 1e9))
         paths = {number: self.box.place(number, "socket", "clisocket") for number in self.box.srns}
         with clisocket.Server(paths, self._answer):
-            self.box.write_state(ready=True)
+            self.box.write_state(ready=True, request=self._request)
             try:
                 while not ended.wait(_LOOK_S):
                     with self._lock:
