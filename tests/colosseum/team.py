@@ -25,10 +25,20 @@ GOOD = {
 }
 
 
+METADATA = b"architecture: x86_64\ncreation_date: 1700000000\n"
+
+
+def _add_metadata(tar: tarfile.TarFile) -> None:
+    member = tarfile.TarInfo("metadata.yaml")
+    member.size = len(METADATA)
+    tar.addfile(member, io.BytesIO(METADATA))
+
+
 def write_image(path: Path, files: dict[str, str | bytes], modes: dict[str, int] | None = None) -> Path:
     """An LXC image of these files; a shell that is none stands at /bin/sh where the files hold none."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with tarfile.open(path, "w:gz") as tar:
+        _add_metadata(tar)
         for name, content in ({"/bin/sh": b"\x7fELF\0", "/usr/bin/python3": b"\x7fELF\0"} | files).items():
             data = content.encode() if isinstance(content, str) else content
             member = tarfile.TarInfo(f"rootfs{name}")
@@ -95,6 +105,7 @@ def write_system(path: Path, files: dict[str, str | bytes]) -> Path:
     """An image that boots: the programs above and these files."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with tarfile.open(path, "w") as tar:
+        _add_metadata(tar)
         for name, target in (("bin", "usr/bin"), ("sbin", "usr/bin"), ("lib", "usr/lib"), ("lib64", "usr/lib64")):
             member = tarfile.TarInfo(f"rootfs/{name}")
             member.type, member.linkname = tarfile.SYMTYPE, target

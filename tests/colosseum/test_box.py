@@ -194,7 +194,8 @@ def test_a_container_has_its_names_and_no_more_than_it_needs(boxes):
         thread.join()
     from gr_cast.colosseum import image
 
-    assert "/root/radio_api/start.sh" in image.read(team / "images" / "mine.tar.gz").entries
+    taken = image.read(team / "images" / "mine.tar.gz")
+    assert "/root/radio_api/start.sh" in taken.entries and taken.metadata_faults == []
     assert left_behind(boxes, "names") == []
 
 

@@ -49,13 +49,17 @@ def test_a_radio_api_in_order_has_no_fault(tmp_path):
         ("echo x &\nwait", "waits for what line"), ("read ANSWER", "read waits"), ("timeout 60 true", "timeout 60 s"),
         ("python3 /root/radio.py", "/root/radio.py:2 sleeps"), ("/root/radio.py", "/root/radio.py:2 sleeps"),
         ("sh /root/inner.sh", "/root/inner.sh:3: sleep 30"), ("run() { sleep 9; }\nrun", "sleep 9"),
-        ("sleep 2\nsleep 2\nsleep 2", "sleeps of 6 s together"),
+        ("sleep 2\nsleep 2\nsleep 2", "sleeps of 6 s together"), ("while true; do x=1; done", "while loop without an end"),
+        ("until false; do date; done", "until loop without an end"),
+        ("spin() { while :; do date; done; }\nspin", "without an end"),
+        ("sh /root/spins.sh", "/root/spins.sh:2: while loop without an end"), ("while :; do sleep 1; done", "without an end"),
     ],
 )  # fmt: skip
 def test_a_call_that_blocks_is_named_with_its_line(tmp_path, line, words):
     files = {"/root/radio.py": "#!/usr/bin/python3\ntime.sleep(constants.LONG)\n", "/root/inner.sh": "#!/bin/sh\n\nsleep 30\n"}
+    files |= {"/root/spins.sh": "#!/bin/sh\nwhile true\ndo x=1\ndone\n"}
     found = faults(tmp_path, start=f"#!/bin/sh\n{line}\n", files=files)
-    number = 2 + line.count("\n") if "run()" not in line else 2
+    number = 2 + line.count("\n") if "() {" not in line else 2
     assert len(found) == 1 and words in found[0]
     assert f"x.tar.gz: {API}/start.sh:{number}: blocks: " in found[0]
 
@@ -89,6 +93,91 @@ def test_paths_that_nothing_writes_are_named(tmp_path):
         f"x.tar.gz: {API}/status.sh:2: /tmp/LTE_STATE: nothing in the image writes it",
         f"x.tar.gz: {API}/status.sh:3: /tmp/LTE_STATE: nothing in the image writes it",
     ]
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("echo READY", "prints 'READY', no JSON"), ("echo \"{'STATUS': 'READY'}\"", "in double quotes"),
+        ('echo {"STATUS": "READY"}', "prints '{STATUS: READY}', no JSON"), ('printf "STATUS: %s\\n" "$S"', "no JSON"),
+        ('if true; then\necho "state $S"; fi', "prints 'state $S', no JSON"),
+        ("echo '{\"status\": \"READY\"}'", "without STATUS"),
+        ("echo \"{'STATUS': '$S'}\"", "no JSON"), ("echo READY > /tmp/x\nexit 0", "prints nothing"),
+    ],
+)  # fmt: skip
+def test_a_status_that_cannot_be_json_is_named_with_its_line(tmp_path, line, words):
+    found = faults(tmp_path, status=f"#!/bin/sh\n{line}\n")
+    assert len(found) == 1 and words in found[0] and 'needs {"STATUS": "READY"' in found[0], found
+    assert f"{API}/status.sh:{2 + line.count(chr(10))}: " in found[0]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "echo '{\"STATUS\": \"READY\", \"INFO\": \"\"}'", 'echo "$S"',
+        'echo "{\\"STATUS\\": \\"$S\\", \\"INFO\\": \\"$(date)\\"}"',
+        "echo starts >> /logs/x\necho no radio >&2\ncat /root/cast/state", "echo '{'\necho '\"STATUS\": \"READY\"'\necho '}'",
+        "echo READY | /root/json", "S=$(echo READY)\n/root/json $S", 'printf \'{"STATUS": "%s", "INFO": ""}\\n\' "$S"',
+        "python3 -c 'print(1)'", "{ echo READY; echo x; } | /root/json",
+        "report() { echo x; }\ncat /root/cast/state", "/root/json",
+    ],
+)  # fmt: skip
+def test_a_status_that_may_be_json_is_left_alone(tmp_path, text):
+    files = {"/root/cast/state": "{}", "/root/json": "#!/bin/sh\nexec cat\n"}
+    assert faults(tmp_path, status=f"#!/bin/sh\n{text}\n", files=files) == []
+
+
+def test_a_python_status_that_prints_a_dictionary_is_named(tmp_path):
+    head = "#!/usr/bin/python3\nimport json\n"
+    assert faults(tmp_path, status=head + "print(json.dumps({'STATUS': 'READY', 'INFO': ''}))\n") == []
+    (found,) = faults(tmp_path, status=head + "print({'STATUS': 'READY', 'INFO': ''})\n")
+    assert f"{API}/status.sh:3: prints a dictionary as Python writes it" in found
+
+
+def test_a_loop_that_ends_is_left_alone(tmp_path):
+    start = """#!/bin/sh
+    while true; do
+      [ -e /root/radio_api/radio.conf ] && break
+      exit 1
+    done
+    while read LINE; do echo $LINE; done < /root/radio_api/radio.conf
+    while true; do x=1; done &
+    { while :; do date; done; } > /logs/x &
+    """.replace("\n    ", "\n")
+    assert faults(tmp_path, start=start) == []
+
+
+@pytest.mark.parametrize(
+    "line", ["/root/work &", "nohup /root/work > /logs/w 2>&1 &", "python3 /root/work &", "sh /root/work", "/root/work"]
+)
+def test_a_program_that_is_not_in_the_image_is_named_where_it_is_run(tmp_path, line):
+    (found,) = faults(tmp_path, start=f"#!/bin/sh\n{line}\n")
+    assert found == f"x.tar.gz: {API}/start.sh:2: runs /root/work: not in the image, and nothing in it writes it"
+    assert faults(tmp_path, start=f"#!/bin/sh\n{line}\n", files={"/root/work": "#!/bin/sh\nexit 0\n"}) == []
+    assert faults(tmp_path, start=f"#!/bin/sh\ncp /root/radio_api/radio.conf /root/work\n{line}\n") == []
+    asked = faults(tmp_path, start=f"#!/bin/sh\nif [ -x /root/work ]; then\n{line}\nfi\n")
+    assert not any("runs /root/work" in fault for fault in asked), "it says itself that it may be missing"
+
+
+def test_a_program_without_a_run_bit_is_named_where_it_is_run_by_itself(tmp_path):
+    files, modes = {"/root/work": "#!/bin/sh\nexit 0\n"}, {"/root/work": 0o644}
+    (found,) = faults(tmp_path, start="#!/bin/sh\n/root/work &\n", files=files, modes=modes)
+    assert "start.sh:2: runs /root/work: mode 0644: no run bit" in found
+    assert faults(tmp_path, start="#!/bin/sh\nsh /root/work\n", files=files, modes=modes) == []
+
+
+@pytest.mark.parametrize(
+    ("metadata", "words"),
+    [(None, "metadata.yaml: missing"), (b"architecture: x86_64\n", "creation_date is missing"),
+     (b'{"architecture": "x86_64",\n "creation_date": 1}\n', None)],
+)  # fmt: skip
+def test_an_image_needs_the_metadata_that_lxd_asks_for(tmp_path, monkeypatch, metadata, words):
+    if metadata is None:
+        monkeypatch.setattr(teams, "_add_metadata", lambda tar: None)
+    else:
+        monkeypatch.setattr(teams, "METADATA", metadata)
+    found = faults(tmp_path)
+    assert found == [] if words is None else len(found) == 1 and words in found[0], found
 
 
 def test_a_state_that_colosseum_does_not_know_is_named(tmp_path):

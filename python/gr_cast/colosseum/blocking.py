@@ -5,12 +5,10 @@ import posixpath
 import re
 
 from .image import RADIO_API, Image
-from .shell import Command, commands
+from .shell import RUNNERS, Command, bare, commands, program_of
 
 LIMIT_S = 5.0
 _UNITS_S = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
-_RUNNERS = {"sh", "bash", "dash", "source", "."}
-_PREFIXES = {"exec", "nohup", "nice", "ionice", "stdbuf", "sudo", "command", "env", "chrt", "taskset", "setsid", "unbuffer"}
 # Programs that run until they are ended, unless one of these options is given.
 _ENDLESS = {
     "tail": (r"-\w*[fF]", None), "ping": (None, r"-\w*[cw]"), "iperf3": (r"-\w*s", r"-\w*[1D]|--one-off|--daemon"),
@@ -20,7 +18,6 @@ _ENDLESS = {
     "uhd_siggen": (None, None), "uhd_fft": (None, None), "rx_samples_to_file": (None, r"--duration|--nsamps"),
     "tx_samples_from_file": (r"--repeat", None), "tx_waveforms": (None, r"--nsamps"), "yes": (None, None),
 }  # fmt: skip
-_PYTHON = re.compile(r"python[\d.]*")
 _SLEEPS = re.compile(r"\b(?:time\.)?sleep\(\s*([^)]*)\)?")
 _BLOCKS = re.compile(
     r"while\s+(?:True|1)\s*:|\.(?:serve_forever|run_forever|mainloop)\(|(?:\btb|\btop_block|\bself\.tb)\.(?:run|wait)\(|(?<!\w)input\("
@@ -30,8 +27,11 @@ _DEPTH = 8
 
 def waits(image: Image, place: str) -> list[tuple[int, str]]:
     """(line, fault) of every call in the foreground of a script that takes longer than LIMIT_S, or for ever."""
-    found, slept_s, started = [], 0.0, 0
-    for command in _foreground(commands(image.texts[place])):
+    found, slept_s, started, known = [], 0.0, 0, 0
+    for command in foreground(commands(image.texts[place])):
+        if command.line <= known:  # in a loop that has been named
+            continue
+        known = command.endless
         reason = _reason(image, place, command, started, 0)
         if reason:
             found.append((command.line, f"blocks: {reason}; limit {LIMIT_S:g} s: end it with &, or be done sooner"))
@@ -47,7 +47,7 @@ def waits(image: Image, place: str) -> list[tuple[int, str]]:
     return found
 
 
-def _foreground(found: list[Command]) -> list[Command]:
+def foreground(found: list[Command]) -> list[Command]:
     """What a script waits for: functions only where they are called so."""
     called = {c.words[0] for c in found if not c.background}
     return [c for c in found if not c.background and (not c.function or c.function in called)]
@@ -70,11 +70,11 @@ def _seconds(words) -> float | None:
 
 def _reason(image: Image, place: str, command: Command, started: int, depth: int) -> str:
     """Why a command does not return in time, "" where nothing says so."""
-    words = list(command.words)
-    while words and (words[0] in _PREFIXES or "=" in words[0] or (words[0].startswith("-") and len(words) > 1)):
-        if words[0] == "setsid" and any(re.fullmatch(r"-\w*f|--fork", word) for word in words[1:3]):
-            return ""
-        words.pop(0)
+    if command.endless:
+        return f"{command.loops[-1]} loop without an end"
+    if "setsid" in command.words and any(re.fullmatch(r"-\w*f|--fork", word) for word in command.words):
+        return ""
+    words = bare(command.words)
     if not words:
         return ""
     name = posixpath.basename(words[0])
@@ -103,8 +103,8 @@ def _has(words: list[str], option: str) -> bool:
 
 def _follow(image: Image, place: str, words: list[str], started: int, depth: int) -> str:
     """The same of a script or Python program of the image that a command runs."""
-    is_python, runs = _PYTHON.fullmatch(posixpath.basename(words[0])), words[0] in _RUNNERS
-    target = next((w for w in words[1:] if not w.startswith("-")), "") if is_python or runs else words[0]
+    target, is_python = program_of(words)
+    runs = words[0] in RUNNERS
     path = image.resolved(posixpath.join(RADIO_API, target)) if target else ""
     text = image.texts.get(path)
     if text is None or depth >= _DEPTH or path == place:
@@ -112,7 +112,7 @@ def _follow(image: Image, place: str, words: list[str], started: int, depth: int
     first = text.split("\n", 1)[0]
     if is_python or (not runs and "python" in first):
         return _python_reason(text, path)
-    for command in _foreground(commands(text)):
+    for command in foreground(commands(text)):
         if reason := _reason(image, path, command, started, depth + 1):
             return f"{path}:{command.line}: {reason}"
     return ""

@@ -14,7 +14,8 @@ from ..core.documents import short
 from . import image as images
 from .blocking import waits
 from .image import RADIO_API, Image
-from .paths import unwritten
+from .paths import cannot_run, unwritten
+from .printed import no_json
 
 SCRIPTS = ("start.sh", "stop.sh", "status.sh", "update_environment.sh", "update_outcomes.sh", "scenario_discontinuity.sh")
 STATES = ("OFF", "BOOTING", "READY", "ACTIVE", "STOPPING", "FINISHED", "ERROR")
@@ -24,7 +25,7 @@ _STATE = re.compile(r"STATUS\\?[\"']\s*:\s*\\?[\"']([A-Za-z_]+)\\?[\"']")
 def faults_of(path: Path) -> list[str]:
     """Every fault of an image: `IMAGE: FILE:LINE: what, got, limit`. CastError where it is no image at all."""
     image = images.read(path)
-    found = []
+    found = [f"{images.METADATA}: {fault}" for fault in image.metadata_faults]
     for name in SCRIPTS:
         place = image.resolved(f"{RADIO_API}/{name}")
         entry = image.entries.get(place)
@@ -46,8 +47,10 @@ def _script_faults(image: Image, place: str, entry: images.Entry) -> list[tuple[
         return found  # a program, not a script
     found += _interpreter_faults(image, text)
     found += waits(image, place)
+    found += cannot_run(image, place)
     found += unwritten(image, place)
     if place.endswith("/status.sh"):
+        found += no_json(image, place)
         for number, line in enumerate(text.splitlines(), 1):
             found += [
                 (number, f"status {short(state)}: needs one of {', '.join(STATES)}")

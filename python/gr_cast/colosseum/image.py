@@ -2,6 +2,7 @@
 """An image: a tarball as LXC and LXD take it, `rootfs/` with metadata beside it, looked into without unpacking it."""
 
 import posixpath
+import re
 import shutil
 import stat
 import subprocess
@@ -15,6 +16,8 @@ from ..core.errors import CastError
 from .storage import split_suffix
 
 RADIO_API = "/root/radio_api"
+METADATA = "metadata.yaml"
+_METADATA_KEYS = ("architecture", "creation_date")  # without which LXD takes no image
 OWN_PLACES = ("/root/", "/opt/", "/home/", "/srv/", "/usr/local/")  # where a team's own programs lie
 MOST_FILES = 2_000_000
 MOST_TEXT = 1 << 20  # bytes of a program that is read
@@ -37,6 +40,14 @@ class Image:
     path: Path
     entries: dict[str, Entry]
     texts: dict[str, str]
+    metadata: str | None = None
+
+    @property
+    def metadata_faults(self) -> list[str]:
+        """What is wrong with the metadata beside `rootfs/`."""
+        if self.metadata is None:
+            return [f"missing: LXD takes no image without it: needs {' and '.join(_METADATA_KEYS)}"]
+        return [f"{key} is missing" for key in _METADATA_KEYS if not re.search(rf"(?m)^\W*{key}\W*:", self.metadata)]
 
     def resolved(self, path: str) -> str:
         """A path of the image with links followed, as a container would."""
@@ -87,7 +98,7 @@ def opened(path: Path) -> Iterator[tarfile.TarFile]:
 
 def read(path: Path) -> Image:
     """Look into an image. Raises CastError where it is no tarball or what it holds could not be unpacked safely."""
-    entries, texts, faults = {}, {}, []
+    entries, texts, faults, metadata = {}, {}, [], None
     with opened(path) as tar:
         for count, member in enumerate(tar):
             if count >= MOST_FILES:
@@ -96,6 +107,8 @@ def read(path: Path) -> Image:
                 faults.append(f"{path}: {member.name!r}: leaves the image: needs names without .. and no / at the beginning")
                 continue
             name = posixpath.normpath(member.name)
+            if name == METADATA and member.isreg() and member.size <= MOST_TEXT:
+                metadata = tar.extractfile(member).read().decode("utf-8", errors="replace")
             if not name.startswith("rootfs/"):
                 continue
             place = name.removeprefix("rootfs")
@@ -111,7 +124,7 @@ def read(path: Path) -> Image:
         raise CastError(*faults[:20])
     if not entries:
         raise CastError(f"{path}: no rootfs/ in it: needs an LXC or LXD image, not split")
-    return Image(path=path, entries=entries, texts=texts)
+    return Image(path=path, entries=entries, texts=texts, metadata=metadata)
 
 
 def _kind(member: tarfile.TarInfo) -> int:

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files that a radio API script reads or collects although nothing in its image writes them."""
+"""Files that a radio API script reads, collects or runs although nothing in its image writes them."""
 
 import fnmatch
 import posixpath
 import re
+import stat
 
 from .image import RADIO_API, Image
-from .shell import commands
+from .shell import bare, commands, program_of
 
 # Colosseum writes these itself, or the kernel does.
 _GIVEN = ("/proc/*", "/sys/*", "/dev/*", "/run/*", "/var/log/*", "/logs", "/logs/*", "/share", "/share/*", "/socket/*",
@@ -46,6 +47,25 @@ def unwritten(image: Image, place: str) -> list[tuple[int, str]]:
             continue
         if not any(_meets(path, other) for other in written):
             found.append((line, f"{path}: nothing in the image writes it"))
+    return found
+
+
+def cannot_run(image: Image, place: str) -> list[tuple[int, str]]:
+    """(line, fault) of every program that a script runs by its path and that is not there, or has no run bit; in the background
+    nobody would be told. What a script asks for first, `[ -x FILE ]`, may be missing."""
+    written, found = _written(image), []
+    every = [(command.line, bare(command.words)) for command in commands(image.texts[place])]
+    asked = {word for _, words in every for word in words if words[0] in ("[", "[[", "test")}
+    for line, words in every:
+        program, _ = program_of(words)
+        path = _absolute(program) if program.startswith("/") and program not in asked else None
+        if path is None or any(fnmatch.fnmatchcase(path, given) for given in _GIVEN):
+            continue
+        entry = image.entry(path)
+        if entry is None and not any(_meets(path, other) for other in written):
+            found.append((line, f"runs {path}: not in the image, and nothing in it writes it"))
+        elif entry is not None and program == words[0] and not entry.mode & 0o111:
+            found.append((line, f"runs {path}: mode {stat.S_IMODE(entry.mode):04o}: no run bit: chmod 755"))
     return found
 
 
@@ -111,13 +131,14 @@ def _dotted(literal: str) -> str:
 def _written_by_shell(text: str) -> set[str]:
     found = set()
     for _, words in _words(text):
-        name = posixpath.basename(words[0]) if words else ""
+        words = bare(tuple(words))
+        program, name = program_of(words)[0], posixpath.basename(words[0]) if words else ""
         into = [words[n + 1] for n, w in enumerate(words[:-1]) if w in _INTO]
         plain = [w for n, w in enumerate(words) if n and words[n - 1] not in (*_INTO, "<")]
         if name in _MOVERS:
             into += plain[-1:]
         elif name not in _READERS | _REMOVERS:
-            into += [w.partition("=")[2] or w for w in plain]
+            into += [w.partition("=")[2] or w for w in plain if w != program]
         found |= set(filter(None, map(_absolute, into)))
     return found
 

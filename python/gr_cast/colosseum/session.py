@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """An interactive reservation: the command line's socket in every container, and what it asks for done in the box."""
 
+import platform
 import subprocess
 import threading
 import time
 from pathlib import Path
 
 from ..core.errors import CastError
-from ..core.files import written_aside
+from ..core.files import passing_folder, write_json, written_aside
 from ..experiments.traffic import flows
 from . import clisocket, desk, maps, traffic
 from .box import Box, colosseum_config
-from .image import RADIO_API
+from .image import METADATA, RADIO_API
 from .world import world_of
 
 _LOOK_S = 0.1
@@ -113,10 +114,11 @@ class Session:
 def snapshot(pid: int, path: Path, closing: threading.Event) -> None:
     """A running container's own files as an image, or none once `closing` is set; what is mounted into it stays out."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with written_aside(path) as aside:
+    with passing_folder() as folder, written_aside(path) as aside:
+        write_json(folder / METADATA, {"architecture": platform.machine(), "creation_date": int(time.time())})  # JSON is YAML
         words = [
-            "tar", "-C", f"/proc/{pid}/root", "--one-file-system", "--numeric-owner", "--sort=name", "--exclude=./.init",
-            "--transform=s,^\\./,rootfs/,rSh", "-czf", str(aside), "./",
+            "tar", "--one-file-system", "--numeric-owner", "--sort=name", "--exclude=./.init", "-czf", str(aside),
+            "--transform=s,^\\./,rootfs/,rSh", "-C", str(folder), METADATA, "-C", f"/proc/{pid}/root", "./",
         ]  # fmt: skip
         process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         while process.poll() is None:
