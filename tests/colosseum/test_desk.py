@@ -7,6 +7,7 @@ import random
 import socket
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -107,6 +108,46 @@ def test_one_that_says_nothing_holds_nobody_up(served):
         silent.connect(str(served))
         silent.sendall(b'{"version"')
         assert exchange(served, json.dumps(asked("usrp_info")).encode())["status"] == 200
+
+
+def test_those_who_come_while_an_answer_takes_its_time_are_answered_after_it(tmp_path):
+    """An emulator that is slow to clear holds the desk: whoever connects meanwhile waits, and is not turned away."""
+    path, free = tmp_path / "clisocket", threading.Event()
+    waiting = [socket.socket(socket.AF_UNIX) for _ in range(300)]
+    with clisocket.Server({1: path}, lambda srn, request: free.wait(30) and {"status": 200}):
+        for one in waiting:
+            one.setblocking(False)
+            one.connect(str(path))  # EAGAIN where the queue is full
+            one.sendall(json.dumps(asked("usrp_info")).encode())
+        free.set()
+        for one in waiting[-clisocket.MOST_OPEN :]:
+            one.settimeout(20)
+            assert json.loads(one.recv(65536))["status"] == 200
+    for one in waiting:
+        one.close()
+
+
+def test_one_who_opens_many_connections_and_asks_nothing_loses_the_oldest_and_keeps_out_nobody(tmp_path):
+    paths = {1: tmp_path / "1", 2: tmp_path / "2"}
+    question = json.dumps(asked("usrp_info")).encode()
+    with clisocket.Server(paths, lambda srn, request: {"status": 200, "srn": srn}):
+        quiet = socket.socket(socket.AF_UNIX)
+        quiet.connect(str(paths[2]))
+        idle = [socket.socket(socket.AF_UNIX) for _ in range(clisocket.MOST_OPEN + 40)]
+        for one in idle:
+            one.connect(str(paths[1]))
+        began = time.monotonic()
+        assert [exchange(paths[srn], question)["srn"] for srn in (1, 2)] == [1, 2]
+        quiet.sendall(question)
+        assert json.loads(quiet.recv(65536))["srn"] == 2, "of another socket none is closed"
+        assert time.monotonic() - began < clisocket.PATIENCE_S - 1, "nobody waits until they have timed out"
+        idle[0].settimeout(5)
+        assert f"more than {clisocket.MOST_OPEN} connections are open" in json.loads(idle[0].recv(65536))["message"]
+        idle[-1].settimeout(0.1)
+        with pytest.raises(TimeoutError):
+            idle[-1].recv(1)
+    for one in (*idle, quiet):
+        one.close()
 
 
 def test_a_list_that_is_too_long_is_cut_and_stays_json():

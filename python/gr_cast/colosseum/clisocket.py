@@ -8,6 +8,7 @@ import selectors
 import socket
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,7 +19,8 @@ from .desk import REFUSED
 MOST_BYTES = 64 * 1024  # of a reply
 MOST_ASKED = 64 * 1024  # of a request: a radio map of 256 nodes has 14 kB
 PATIENCE_S = 5.0  # for a request that was begun
-MOST_WAITING = 64
+MOST_WAITING = 4096  # connections that the kernel holds until they are accepted; its own limit may be lower
+MOST_OPEN = 256  # connections that are open at once, of all sockets: then who has most of them loses the oldest
 TEST_MODE = "COLOSSEMCLI_TEST_MODE"  # spelt so
 
 
@@ -52,7 +54,7 @@ def reply_bytes(reply: dict) -> bytes:
 
 class Server:
     """Answers at one or more sockets until it is left; `answer(key, request)` gives the reply to what came at the socket of
-    `key`, in one thread for all."""
+    `key`, in one thread for all. Connections that ask nothing end after PATIENCE_S, or sooner where there are MOST_OPEN."""
 
     def __init__(self, paths: dict[object, Path], answer: Callable[[object, object], dict]):
         self._answer, self._paths = answer, paths
@@ -86,6 +88,8 @@ class Server:
         while not self._closing.is_set():
             for registered, _ in self._selector.select(0.05):
                 key, data, until_s = registered.data
+                if registered.fileobj.fileno() < 0:  # closed since, for there were too many
+                    continue
                 if data is None:
                     self._accept(registered.fileobj, key)
                 else:
@@ -96,10 +100,22 @@ class Server:
                 self._close(registered.fileobj)
 
     def _accept(self, listener: socket.socket, key) -> None:
-        with contextlib.suppress(OSError):
-            peer, _ = listener.accept()
-            peer.setblocking(False)
-            self._selector.register(peer, selectors.EVENT_READ, (key, bytearray(), time.monotonic() + PATIENCE_S))
+        """All that wait, so that who comes after them need not."""
+        with contextlib.suppress(OSError):  # there is none more
+            for _ in range(MOST_WAITING):
+                peer, _ = listener.accept()
+                peer.setblocking(False)
+                self._selector.register(peer, selectors.EVENT_READ, (key, bytearray(), time.monotonic() + PATIENCE_S))
+                self._keep_few()
+
+    def _keep_few(self) -> None:
+        """Close the oldest connection of the socket that has most, where there are more than MOST_OPEN."""
+        idle = [one for one in self._selector.get_map().values() if one.data[1] is not None]
+        if len(idle) > MOST_OPEN:
+            busiest = Counter(one.data[0] for one in idle).most_common(1)[0][0]
+            oldest = min((one for one in idle if one.data[0] == busiest), key=lambda one: one.data[2])
+            self._send(oldest.fileobj, _refusal(f"request: none came, and more than {MOST_OPEN} connections are open"))
+            self._close(oldest.fileobj)
 
     def _read(self, peer: socket.socket, key, data: bytearray, until_s: float) -> None:
         """Take what has come; answer once it is a whole request, or can become none: the client does not say where it ends."""
