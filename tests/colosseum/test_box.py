@@ -186,6 +186,13 @@ def test_a_container_has_its_names_and_no_more_than_it_needs(boxes):
             time.sleep(0.1)
         assert made.emulator.status()["scenario"] == "All paths 0 dB"
         assert ask(path, command="snapshot", filename="mine")["status"] == 200
+        images = "/share/nas/team/images"
+        assert ask(path, command="snapshot", filename="other", path=f"{images}/here")["status"] == 200
+        (team / "images" / "out").symlink_to(boxes)
+        assert ask(path, command="snapshot", filename="out", path=f"{images}/out")["status"] == 200
+        while not (team / "images" / "here" / "other.tar.gz").exists() and time.monotonic() < until_s + 40:
+            time.sleep(0.1)
+        assert (team / "images" / "here" / "other.tar.gz").exists() and not (boxes / "out.tar.gz").exists()
         while not (team / "images" / "mine.tar.gz").exists() and time.monotonic() < until_s + 20:
             time.sleep(0.1)
         assert ask(path, command="rf_scenario_stop")["status"] == 200
@@ -240,9 +247,9 @@ def test_two_boxes_of_one_name_in_two_folders_do_not_meet(boxes):
     assert left_behind(boxes, "twins") == []
 
 
-def ask(path: Path, **request) -> dict:
+def ask(socket_path: Path, /, **request) -> dict:
     with socket.socket(socket.AF_UNIX) as client:
-        client.connect(str(path))
+        client.connect(str(socket_path))
         client.sendall(json.dumps({"version": "3.0"} | request).encode())
         return json.loads(client.recv(3276800))
 

@@ -150,6 +150,31 @@ def test_one_who_opens_many_connections_and_asks_nothing_loses_the_oldest_and_ke
         one.close()
 
 
+IMAGES = "/share/nas/team/images"
+
+
+@pytest.mark.parametrize(
+    ("path", "name"),
+    [(None, "mine"), ("", "mine"), (IMAGES, "mine"), (f"{IMAGES}/", "mine"), (f"{IMAGES}/of/monday", "of/monday/mine")],
+)  # fmt: skip
+def test_a_snapshot_goes_to_the_teams_images_or_to_a_folder_of_theirs(path, name):
+    request = asked("snapshot", filename="mine", **({} if path is None else {"path": path}))
+    taken, reply, actions = desk.answered(WORLD, Desk(), request, 1, 0.0)
+    assert reply["status"] == 200 and [action.name for action in actions] == [name]
+    _, again, actions = desk.answered(WORLD, taken, request, 1, 0.0)
+    assert again["status"] == 400 and "has an image of that name" in again["message"] and actions == ()
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/etc", f"{IMAGES}/..", f"{IMAGES}/../config", f"{IMAGES}2", "images", f"{IMAGES}//x", f"{IMAGES}/" + 300 * "x", 5, None],
+)
+def test_a_snapshot_goes_nowhere_else_and_the_rule_is_told(path):
+    same, reply, actions = desk.answered(WORLD, Desk(), asked("snapshot", filename="mine", path=path), 1, 0.0)
+    assert reply["status"] == 400 and f"needs {IMAGES}, a folder in it, or none" in reply["message"]
+    assert same == Desk() and actions == ()
+
+
 def test_a_list_that_is_too_long_is_cut_and_stays_json():
     rf = {n: RfScenario(number=n, title="t" * 80, nodes=128, center_frequency_hz=1e9, length_s=None) for n in range(1, 400)}
     world = World(srns=(1,), rf=rf, traffic={n: ("d" * 80, 2) for n in range(2000)})

@@ -10,8 +10,9 @@ from dataclasses import dataclass, field, replace
 
 from ..core.documents import short
 from ..core.errors import CastError
+from ..core.files import is_inside
 from . import maps
-from .storage import is_image_name
+from .storage import IMAGE_RULE, is_image_name
 
 VERSION = "3.0"
 LEAD_S = 2.0  # from a start's being queued to its scenario's beginning
@@ -35,12 +36,13 @@ class RfScenario:
 
 @dataclass(frozen=True, kw_only=True)
 class World:
-    """What does not change during a reservation: its SRNs, scenarios, traffic (number to title and nodes), images' names."""
+    """What does not change during a reservation: its SRNs, scenarios, traffic (number to title and nodes), where images go."""
 
     srns: tuple[int, ...]
     rf: dict[int, RfScenario]
     traffic: dict[int, tuple[str, int]]
     traffic_lead_s: float = TRAFFIC_LEAD_S
+    images: str = "/share/nas/team/images"  # as containers see the team's
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +65,7 @@ class TrafficState:
 
 @dataclass(frozen=True, kw_only=True)
 class Desk:
-    """All that requests have led to so far; `gps` maps an SRN to its scenario and node."""
+    """All that requests have led to so far; `gps` maps an SRN to its scenario and node, `images` are names below the team's."""
 
     rf: RfState | None = None
     traffic: TrafficState | None = None
@@ -223,13 +225,23 @@ def _usrp_flash(world, desk, request, srn, now_s):
 def _snapshot(world, desk, request, srn, now_s):
     name, path = request["filename"], request.get("path", "")
     if not is_image_name(name):
-        raise CastError(f"filename: got {short(name)}, needs letters, digits and dashes, at most 31: jobs take no longer name")
-    if not isinstance(path, str) or path:
-        raise CastError(f"path: got {short(path)}, needs to be empty: images go to the team's")
+        raise CastError(f"filename: got {short(name)}, needs {IMAGE_RULE}")
+    name = _below(world.images, path) + name
     if name in desk.images:
         raise CastError(f"filename: {name}: the team has an image of that name")
     taken = replace(desk, images=desk.images | {name})
     return _done(taken, Action(what="snapshot", srn=srn, name=name), message=f"taking {name}.tar.gz of this container")
+
+
+def _below(images: str, path) -> str:
+    """The folder of a snapshot below the team's images, "" for these themselves."""
+    if isinstance(path, str) and len(path) <= LONGEST_PATH:
+        inner = path.rstrip("/").removeprefix(images)
+        if path.rstrip("/") in ("", images):
+            return ""
+        if inner != path.rstrip("/") and inner.startswith("/") and is_inside(inner[1:]):
+            return f"{inner[1:]}/"
+    raise CastError(f"path: got {short(path)}, needs {images}, a folder in it, or none: images go to the team's")
 
 
 def _gps_start(world, desk, request, srn, now_s):

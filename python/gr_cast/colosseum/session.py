@@ -13,6 +13,7 @@ from ..experiments.traffic import flows
 from . import clisocket, desk, maps, traffic
 from .box import Box, colosseum_config
 from .image import METADATA, RADIO_API
+from .storage import split_suffix
 from .world import world_of
 
 _LOOK_S = 0.1
@@ -24,7 +25,8 @@ class Session:
     def __init__(self, box: Box, time_scale: float = 1.0, *, request: dict | None = None, say=lambda line: None):
         self.box, self._say, self._scale, self._request = box, say, time_scale, request or {}
         self._world = world_of(box.storage, len(box.srns), time_scale)
-        self._desk = desk.Desk(images=frozenset(box.storage.images()))
+        self._images = (box.storage.folder / "images").resolve()
+        self._desk = desk.Desk(images=frozenset({*box.storage.images(), *_names_below(self._images)}))
         self._lock = threading.Lock()
         self._generators: traffic.Generators | None = None
         self._snapshots: list[threading.Thread] = []
@@ -87,7 +89,9 @@ class Session:
             self._generators.stop()
             self._generators = None
         elif action.what == "snapshot":
-            path = self.box.storage.folder / "images" / f"{action.name}.tar.gz"
+            path = self._images / f"{action.name}.tar.gz"
+            if not path.parent.resolve().is_relative_to(self._images):  # a link that a container has made
+                raise CastError(f"{path}: leaves the team's images")
             thread = threading.Thread(target=self._snapshot, args=(action.srn, path), daemon=True)
             self._snapshots.append(thread)
             thread.start()
@@ -109,6 +113,11 @@ class Session:
             self._say(f"snapshot: {path}")
         except (CastError, OSError) as error:
             self._say(f"snapshot: {error}")
+
+
+def _names_below(images: Path) -> set[str]:
+    """Images in folders of the team's, as a snapshot names them."""
+    return {name for path in images.rglob("*") for name, suffix in [split_suffix(str(path.relative_to(images)))] if suffix}
 
 
 def snapshot(pid: int, path: Path, closing: threading.Event) -> None:

@@ -34,5 +34,6 @@ def world_of(storage: Storage, srns: int, time_scale: float = 1.0) -> World:
             continue
         traffic[number] = (f"{len(nodes)} nodes" if path else "none", max(map(int, nodes), default=0))
     return World(
-        srns=tuple(range(1, srns + 1)), rf=rf, traffic=traffic, traffic_lead_s=TRAFFIC_LEAD_S / time_scale
+        srns=tuple(range(1, srns + 1)), rf=rf, traffic=traffic, traffic_lead_s=TRAFFIC_LEAD_S / time_scale,
+        images=f"/share/nas/{storage.team}/images",
     )  # fmt: skip
