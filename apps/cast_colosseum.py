@@ -15,6 +15,7 @@ import _program
 from gr_cast.colosseum import box, build, check, host, image, job, play, session, storage, timeline
 from gr_cast.colosseum.emulator import Channel
 from gr_cast.core import interrupts
+from gr_cast.core.documents import read_bytes
 from gr_cast.core.errors import CastError
 from gr_cast.core.files import check_writable, write_json, write_text
 from gr_cast.core.programs import called
@@ -83,6 +84,7 @@ def up(args) -> int:
     numbers = storage.rf_scenarios()
     if args.scenario is not None and args.scenario not in numbers:
         raise CastError(f"--scenario: got {args.scenario}, needs one of {', '.join(map(str, sorted(numbers)))}")
+    config = read_bytes(args.config, limit=job.MAX_CONFIG) if args.config else None
     asked = _request(args, here, images[args.image])
     if folder := box.boxes().get(args.name):
         return _told_again(args.name, folder, asked)
@@ -91,7 +93,7 @@ def up(args) -> int:
     srns = [box.Srn(number=number, image=images[args.image]) for number in range(1, args.srns + 1)]
     ended = threading.Event()
     with interrupts.heeded(ended.set), box.Box(args.name, here, srns, _channel(args), PROGRAM, interactive=True) as made:
-        kept = session.Session(made, args.time_scale, request=asked, say=lambda line: print(line, flush=True))
+        kept = session.Session(made, args.time_scale, config=config, request=asked, say=lambda line: print(line, flush=True))
         if args.scenario is not None:
             kept.begin(args.scenario)
         kept.run(ended)
@@ -101,6 +103,7 @@ def up(args) -> int:
 def _request(args, here: storage.Storage, path: Path) -> dict:
     """What `up` is asked for, as a box remembers it: option → value."""
     told = {"srns": args.srns, "scenario": args.scenario, "image": str(path.resolve()), "team": str(here.folder.resolve())}
+    told |= {"config": args.config and str(args.config.resolve())}
     channel = {"rate": args.rate, "base-loss": args.base_loss, "noise-power-db": args.noise_power_db, "seed": args.seed}
     return told | channel | {"time-scale": args.time_scale}
 
@@ -291,6 +294,7 @@ def main(argv=None) -> int:
     added.add_argument("--srns", type=int, required=True, metavar="N")
     added.add_argument("--scenario", type=int, metavar="ID", help="started at once; without it nothing passes until rf start")
     added.add_argument("--image", default="cast", metavar="NAME", help="of every SRN (default cast)")
+    added.add_argument("--config", type=Path, metavar="FILE", help="radio.conf of every container, as ModemConfig of a job")
     added.add_argument("--foreground", action="store_true", help="until Ctrl-C")
 
     added = command(enter)

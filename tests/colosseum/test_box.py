@@ -206,6 +206,21 @@ def test_a_container_has_its_names_and_no_more_than_it_needs(boxes):
     assert left_behind(boxes, "names") == []
 
 
+def test_an_interactive_container_gets_the_configuration_that_up_names(boxes):
+    here = storage.Storage(folder=team_with(boxes, {"wire": {}}))
+    ended = threading.Event()
+    srns = [box.Srn(number=1, image=here.images()["wire"])]
+    with box.Box("conf", here, srns, Channel(), APPS / "cast_emulator.py", interactive=True) as made:
+        thread = threading.Thread(target=session.Session(made, config=b'{"nodes": 4}').run, args=(ended,))
+        thread.start()
+        until_s = time.monotonic() + 30
+        while not box.state_of(made.folder).get("ready") and time.monotonic() < until_s:
+            time.sleep(0.1)
+        assert made.containers[1].run("/bin/cat", "/root/radio_api/radio.conf") == '{"nodes": 4}'
+        ended.set()
+        thread.join()
+
+
 def test_up_of_a_box_that_is_up_starts_nothing_and_says_so_or_is_refused(boxes):
     team = team_with(boxes, {"wire": {}, "other": {}})
 
@@ -215,12 +230,20 @@ def test_up_of_a_box_that_is_up_starts_nothing_and_says_so_or_is_refused(boxes):
         program = [sys.executable, str(APPS / "cast_colosseum.py"), "up", "--name", name]
         return subprocess.run([*program, *words], capture_output=True, text=True, check=False)
 
+    (boxes / "conf").write_text("mine")
     try:
         assert up().stdout.startswith("again: team-srn001\n")
         pid = box.state_of(box.boxes()["again"])["pid"]
         same = up()
         assert (same.returncode, same.stdout, same.stderr) == (0, "again: was already up: team-srn001\n", "")
-        for option, value in (("srns", 2), ("image", "other"), ("scenario", 1009), ("base_loss", 50), ("time_scale", 2)):
+        for option, value in (
+            ("config", boxes / "conf"),
+            ("srns", 2),
+            ("image", "other"),
+            ("scenario", 1009),
+            ("base_loss", 50),
+            ("time_scale", 2),
+        ):
             other = up(**{option: value})
             assert other.returncode == 2 and other.stdout == "" and len(other.stderr.splitlines()) == 1, option
             assert other.stderr.startswith(f"error: again: is up already, with --{option.replace('_', '-')} ")

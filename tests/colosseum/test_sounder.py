@@ -133,6 +133,20 @@ def started(folder: Path, node: int, place: Path) -> subprocess.Popen:
         return subprocess.Popen([sys.executable, "-m", "gr_cast.colosseum.sounder"], env=environment, stdout=out, stderr=out)
 
 
+def test_without_a_configuration_it_says_in_a_line_how_one_comes_there(tmp_path):
+    environment = os.environ | {
+        "CAST_RADIO_API": str(tmp_path),
+        "CAST_LOGS": str(tmp_path),
+        "CAST_STATE": str(tmp_path / "state"),
+    }
+    (tmp_path / "start").touch()
+    words = [sys.executable, "-m", "gr_cast.colosseum.sounder"]
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=60)
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 1 and "radio.conf: no such file: a batch job brings it" in line and "up --config FILE" in line
+    assert json.loads((tmp_path / "state").read_text()) == {"STATUS": "ERROR", "INFO": line}
+
+
 def column(folder: Path, node: int, process: subprocess.Popen) -> dict:
     api, ended = folder / f"api{node}", threading.Event()
     for _ in range(1200):

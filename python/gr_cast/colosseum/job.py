@@ -13,6 +13,7 @@ from .storage import IMAGE_RULE, Storage, is_image_name, rf_scenarios, traffic_n
 MAX_SRNS = 128
 MAX_DURATION_S = 7 * 86400
 MAX_LOOPS = 1000
+MAX_CONFIG = 1 << 20  # bytes of a radio.conf
 NODE_TYPES = ("competitor", "bot")
 _KEYS = ("BatchName", "Duration", "RFScenario", "TrafficScenario", "NodeData")
 _NODE_KEYS = ("RFNode_ID", "ImageName", "ModemConfig", "isGateway", "TrafficNode_ID", "node_type")
@@ -173,7 +174,7 @@ def _modem_config(get: Reader, entry: dict, place: str, storage: Storage) -> Pat
         get.faults.add(place, f"got {short(value)}, needs the name of a file in {storage.config}")
         return Path()
     try:
-        read_bytes(storage.config / value, limit=1 << 20)
+        read_bytes(storage.config / value, limit=MAX_CONFIG)
     except CastError as error:
         get.faults.add(place, f"got {short(value)}, needs a file in {storage.config}: {error.faults[0]}")
     return storage.config / value

@@ -22,8 +22,16 @@ _LOOK_S = 0.1
 class Session:
     """A box's desk, kept by `run(ended)` until the event is set; what goes wrong is said, and the session goes on."""
 
-    def __init__(self, box: Box, time_scale: float = 1.0, *, request: dict | None = None, say=lambda line: None):
-        self.box, self._say, self._scale, self._request = box, say, time_scale, request or {}
+    def __init__(
+        self,
+        box: Box,
+        time_scale: float = 1.0,
+        *,
+        config: bytes | None = None,
+        request: dict | None = None,
+        say=lambda line: None,
+    ):
+        self.box, self._say, self._scale, self._config, self._request = box, say, time_scale, config, request or {}
         self._world = world_of(box.storage, len(box.srns), time_scale)
         self._images = (box.storage.folder / "images").resolve()
         self._desk = desk.Desk(images=frozenset({*box.storage.images(), *_names_below(self._images)}))
@@ -43,6 +51,8 @@ class Session:
     def run(self, ended: threading.Event) -> None:
         for container in self.box.containers.values():
             container.put(f"{RADIO_API}/colosseum_config.ini", colosseum_config(self.box.channel, 1e9))
+            if self._config is not None:
+                container.put(f"{RADIO_API}/radio.conf", self._config)
         paths = {number: self.box.place(number, "socket", "clisocket") for number in self.box.srns}
         with clisocket.Server(paths, self._answer):
             self.box.write_state(ready=True, request=self._request)

@@ -32,6 +32,7 @@ LOGS = Path(os.environ.get("CAST_LOGS", "/logs"))
 STATE = Path(os.environ.get("CAST_STATE", "/root/cast/state"))
 USRP = "addr=192.168.40.2"  # of an SRN's X310, where nothing else is said
 START, STOP = STATE.with_name("start"), STATE.with_name("stop")  # made by the scripts of those names
+MISSING = ": a batch job brings it (ModemConfig), an interactive box by up --config FILE, or put it there before start.sh"
 _FRAMES = 10
 _LOOK_S = 0.05
 _DRAW_S = 15.0
@@ -44,7 +45,7 @@ def tell(state: str, info: str = "") -> None:
 
 def settings() -> dict:
     """radio.conf, read strictly: how many nodes, which this is, the code and how often it is repeated in a slot."""
-    get = json_file(API / "radio.conf")
+    get = json_file(API / "radio.conf", missing=MISSING)
     conf = get.keys(
         get.document, "", ("cast_sounder", "nodes", "node", "code", "periods", "amplitude"), ("cast_sounder", "nodes")
     )
@@ -145,7 +146,9 @@ def main() -> None:
 if __name__ == "__main__":
     try:
         main()
+    except CastError as error:  # what its user can mend is a line, not a traceback
+        tell("ERROR", str(error)[:500])
+        sys.exit(str(error))
     except Exception as error:
         tell("ERROR", str(error)[:500])
-        print(error, file=sys.stderr)
         raise
