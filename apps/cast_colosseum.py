@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 import _program
-from gr_cast.colosseum import box, build, check, host, image, job, play, session, storage, timeline
+from gr_cast.colosseum import box, build, check, host, image, job, play, session, storage, timeline, unpacked
 from gr_cast.colosseum.emulator import Channel
 from gr_cast.core import interrupts
 from gr_cast.core.documents import read_bytes
@@ -112,7 +112,7 @@ def _told_again(name: str, folder: Path, asked: dict) -> int:
     """What is said of a box that is there: that it is up as asked for, or why it cannot be."""
     state = box.state_of(folder)
     if not box.is_held(folder):
-        raise CastError(f"{name}: its runner was killed: `{called('cast_colosseum')} down {name}` removes what is left of it")
+        raise CastError(f"{name}: {_killed(name)}")
     if not state.get("ready"):
         raise CastError(f"{name}: is in use: end it by `{called('cast_colosseum')} down {name}`, or give another --name")
     there = state.get("request", {})
@@ -159,7 +159,8 @@ def enter(args) -> int:
 
 
 def down(args) -> int:
-    """End boxes and remove all that is left of them, also after a runner was killed; what no box started is never touched."""
+    """End boxes and remove all that is left of them, also after a runner was killed, and unpacked images once no box is there;
+    what no box started is never touched."""
     host.check_host()
     found = box.boxes()
     unknown = [name for name in args.box if name not in found]
@@ -172,7 +173,38 @@ def down(args) -> int:
     for name in found:
         if name not in chosen and not args.box:
             print(f"{name}: is in use; `down {name}` ends it")
+    if not box.boxes():
+        number, size = unpacked.remove_unused(box.images_folder())
+        if number or not chosen:
+            print(f"no box is left; unpacked images: {number} removed, {size / 1e6:.1f} MB")
     return 0
+
+
+def list_boxes(args) -> int:
+    """The boxes of this machine, what they are, and what unpacked images take."""
+    for name, folder in box.boxes().items():
+        print(f"{name:24s} {_told_of(name, folder)}")
+    if not box.boxes():
+        print("no box is up")
+    if kept := unpacked.kept(box.images_folder()):
+        size = unpacked.used_bytes(*kept) / 1e6
+        print(f"unpacked images: {len(kept)}, {size:.1f} MB in {box.images_folder()}: `down` removes them once no box is up")
+    return 0
+
+
+def _told_of(name: str, folder: Path) -> str:
+    state = box.state_of(folder)
+    if not box.is_held(folder):
+        return _killed(name)
+    if not state.get("ready"):
+        return "starts, or plays a job"
+    asked = state["request"]
+    what = f"scenario {asked['scenario']}" if asked.get("scenario") is not None else "no scenario at its beginning"
+    return f"up: {', '.join(state['srns'])}; {Path(asked['image']).name}, {what}"
+
+
+def _killed(name: str) -> str:
+    return f"its runner was killed: `{called('cast_colosseum')} down {name}` removes what is left of it"
 
 
 def run(args) -> int:
@@ -296,6 +328,8 @@ def main(argv=None) -> int:
     added.add_argument("--image", default="cast", metavar="NAME", help="of every SRN (default cast)")
     added.add_argument("--config", type=Path, metavar="FILE", help="radio.conf of every container, as ModemConfig of a job")
     added.add_argument("--foreground", action="store_true", help="until Ctrl-C")
+
+    command(list_boxes, name="list")
 
     added = command(enter)
     added.add_argument("box")

@@ -17,7 +17,7 @@ import pytest
 
 sys.path.append(str(Path(__file__).parent))
 import team as teams
-from gr_cast.colosseum import box, host, job, play, session, storage, timeline
+from gr_cast.colosseum import box, host, job, play, session, storage, timeline, unpacked
 from gr_cast.colosseum.emulator import Channel
 from gr_cast.report.colosseum_page import page
 
@@ -256,6 +256,43 @@ def test_up_of_a_box_that_is_up_starts_nothing_and_says_so_or_is_refused(boxes):
     finally:
         box.remove("again", boxes / "b" / "again")
     assert left_behind(boxes, "again") == []
+
+
+def test_a_box_is_listed_until_it_is_down_and_unpacked_images_go_with_the_last(boxes):
+    team, images = team_with(boxes, {"wire": {}, "other": {"stop": "#!/bin/sh\n"}}), boxes / "b" / "images"
+
+    def colosseum(*words) -> str:
+        done = subprocess.run(
+            [sys.executable, str(APPS / "cast_colosseum.py"), *map(str, words)], capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    try:
+        for name, image in (("one", "wire"), ("two", "other")):
+            colosseum("up", "--srns", 1, "--image", image, "--scenario", 1009, "--team", team, "--name", name)
+        told = colosseum("list").splitlines()
+        assert [line.split()[:3] for line in told[:2]] == [["one", "up:", "team-srn001;"], ["two", "up:", "team-srn001;"]]
+        assert "wire.tar, scenario 1009" in told[0] and told[2].startswith("unpacked images: 2, ")
+        assert "removed" not in colosseum("down", "one") and len(unpacked.kept(images)) == 2, "the other may use them"
+        assert unpacked.remove_unused(images) == (0, 0), "nor can anybody else remove them"
+        pid = box.state_of(box.boxes()["two"])["pid"]
+        os.kill(pid, signal.SIGKILL)
+        while host.started_at(pid):
+            time.sleep(0.05)
+        assert "its runner was killed" in colosseum("list") and "down two" in colosseum("list")
+        assert "unpacked images: 2 removed" in colosseum("down") and unpacked.kept(images) == []
+        assert colosseum("list") == "no box is up\n"
+    finally:
+        for name, folder in box.boxes().items():
+            box.remove(name, folder)
+
+
+def test_images_that_somebody_holds_stay(tmp_path):
+    (tmp_path / "x").mkdir()
+    with unpacked.held(tmp_path), unpacked.held(tmp_path):
+        assert unpacked.remove_unused(tmp_path) == (0, 0) and unpacked.kept(tmp_path) == [tmp_path / "x"]
+    assert unpacked.remove_unused(tmp_path)[0] == 1 and unpacked.kept(tmp_path) == []
 
 
 def test_two_boxes_of_one_name_in_two_folders_do_not_meet(boxes):

@@ -19,7 +19,7 @@ from . import host
 from .container import Container, Wire, configuration, hardware_address
 from .emulator import Channel, Emulator
 from .storage import Storage
-from .unpacked import unpacked
+from .unpacked import held, unpacked
 
 _COLLABORATION = "col"  # the bridge, in the box's own namespace
 SERVER = "172.30.100.254"
@@ -96,7 +96,8 @@ class Box:
             self._stack.close()
 
     def _up(self) -> None:
-        cache = host.boxes_folder() / "images"
+        cache = images_folder()
+        self._stack.enter_context(held(cache))
         roots = {path: unpacked(path, cache) for path in {srn.image for srn in self.srns.values()}}
         for number in self.srns:
             for part in ("logs", "radio", "upper", "socket", "calls"):
@@ -196,6 +197,11 @@ def _claimed(name: str | None) -> tuple[str, Path]:
     raise CastError(f"box: {name}: there is one of that name: `down {name}` removes it, or give another --name")
 
 
+def images_folder() -> Path:
+    """Where images lie unpacked, for all boxes."""
+    return host.boxes_folder() / "images"
+
+
 def free_name() -> str:
     return f"box{secrets.token_hex(3)}"
 
@@ -240,6 +246,6 @@ def remove(name: str, folder: Path) -> list[str]:
             os.kill(pid, signal.SIGKILL)
     storage = state.get("storage")
     removed = host.sweep(folder, name)
-    for aside in (host.boxes_folder() / "images", *([Path(storage) / "images"] if storage else [])):
+    for aside in (images_folder(), *([Path(storage) / "images"] if storage else [])):
         sweep_dead(aside)  # images that were being unpacked, or taken of a container
     return removed

@@ -1,15 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Images unpacked once and shared by all containers, which only read them: each writes to a layer of its own."""
 
+import contextlib
+import fcntl
 import os
 import shutil
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 from ..core.errors import CastError
 from ..core.files import digest_of, written_aside
 from . import image as images
 from .container import INIT
+
+_LOCK = ".lock"
 
 
 def unpacked(path: Path, cache: Path) -> Path:
@@ -33,6 +38,40 @@ def unpacked(path: Path, cache: Path) -> Path:
             (root / ".init").write_text(INIT)
             (root / ".init").chmod(0o755)
     return folder / "rootfs"
+
+
+@contextlib.contextmanager
+def held(cache: Path) -> Iterator[None]:
+    """While this lasts, also of a process that is killed in it, nobody removes unpacked images."""
+    cache.mkdir(parents=True, exist_ok=True, mode=0o700)
+    with open(cache / _LOCK, "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_SH)
+        yield
+
+
+def kept(cache: Path) -> list[Path]:
+    """The images that lie there unpacked."""
+    return (
+        [path for path in sorted(cache.iterdir()) if path.is_dir() and path.name[0] != "."]
+        if os.access(cache, os.R_OK | os.X_OK)
+        else []
+    )
+
+
+def remove_unused(cache: Path) -> tuple[int, int]:
+    """(number, bytes) of the unpacked images that are removed: all where nobody holds them, else none."""
+    if not cache.is_dir():
+        return 0, 0
+    with open(cache / _LOCK, "w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return 0, 0
+        found = kept(cache)
+        size = used_bytes(*found)
+        for folder in found:
+            shutil.rmtree(folder)
+        return len(found), size
 
 
 def used_bytes(*folders: Path) -> int:
