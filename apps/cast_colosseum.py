@@ -15,13 +15,15 @@ import _program
 from gr_cast.colosseum import box, build, check, host, image, job, play, session, storage, timeline, unpacked
 from gr_cast.colosseum.emulator import Channel
 from gr_cast.core import interrupts
-from gr_cast.core.documents import read_bytes
+from gr_cast.core.documents import listed, read_bytes
 from gr_cast.core.errors import CastError
 from gr_cast.core.files import check_writable, write_json, write_text
 from gr_cast.core.programs import called
 from gr_cast.sounding.result import output_folder
 
 PROGRAM = Path(__file__).resolve().parent / "cast_emulator.py"
+# A shell's word for it, in the place of LXC's; $0 is the container.
+_IF_THERE = 'command -v "$1" > /dev/null || { echo "error: $1: no such command in $0" >&2; exit 127; }; exec "$@"'
 _RANGES = {
     "srns": (1, job.MAX_SRNS, "SRNs"),
     "time_scale": (1, 1e4, ""),
@@ -34,6 +36,14 @@ _RANGES = {
 
 def _storage(args, path: Path) -> storage.Storage:
     return storage.storage_of(path, args.team)
+
+
+def _team(args) -> storage.Storage:
+    """The storage that --team names, else the current folder where it is one."""
+    here = Path.cwd()
+    if args.team is None and not any((here / part).is_dir() for part in ("batch", "config", "images")):
+        raise CastError(f"--team: not given, and {here} is no team's storage, which has batch, config and images")
+    return storage.storage_of(here, args.team or here)
 
 
 def validate(args) -> int:
@@ -77,7 +87,7 @@ def up(args) -> int:
     """Start standard radio nodes as containers on the channel emulator, with the interactive command line in each."""
     _check_name(args.name)
     host.check_host()
-    here = storage.storage_of(Path("x"), args.team or Path.cwd())
+    here = _team(args)
     images = here.images()
     if args.image not in images:
         raise CastError(f"--image: got {args.image!r}, needs an image of the team or a common one: {', '.join(images) or 'none'}")
@@ -150,12 +160,19 @@ def _up_behind(args) -> int:
 def enter(args) -> int:
     """Run a command, or a shell, in a container of a box."""
     folder = box.boxes().get(args.box)
-    if folder is None or not box.is_held(folder):
-        raise CastError(f"{args.box}: no such box: {', '.join(box.boxes()) or 'there is none'}")
-    names = box.state_of(folder).get("srns", [])
+    if folder is None:
+        raise CastError(_no_such(args.box))
+    if not box.is_held(folder):
+        raise CastError(f"{args.box}: {_killed(args.box)}")
+    names = box.state_of(folder).get("srns")
+    if not names:
+        raise CastError(f"{args.box}: {_told_of(args.box, folder)}: it has no container that could be entered yet")
     if args.srn not in names:
-        raise CastError(f"{args.srn}: got no container of {args.box}, which has {', '.join(names)}")
-    return subprocess.run(box.words_into(folder, args.srn, args.words or ["/bin/sh"]), check=False).returncode
+        raise CastError(f"{args.box}: got {args.srn or 'no container'}, needs one of {', '.join(names)}")
+    inside = box.container_of(folder, args.srn)
+    inside.pid()  # names one that has ended
+    words = args.words or ["/bin/sh"]
+    return subprocess.run(inside.words("/bin/sh", "-c", _IF_THERE, args.srn, *words), check=False).returncode
 
 
 def down(args) -> int:
@@ -165,7 +182,7 @@ def down(args) -> int:
     found = box.boxes()
     unknown = [name for name in args.box if name not in found]
     if unknown:
-        raise CastError(*(f"{name}: no such box: {', '.join(found) or 'there is none'}" for name in unknown))
+        raise CastError(*map(_no_such, unknown))
     chosen = args.box or [name for name, folder in found.items() if args.all or not box.is_held(folder)]
     for name in chosen:
         left = box.remove(name, found[name])
@@ -203,18 +220,22 @@ def _told_of(name: str, folder: Path) -> str:
     return f"up: {', '.join(state['srns'])}; {Path(asked['image']).name}, {what}"
 
 
+def _no_such(name: str) -> str:
+    return f"{name}: no such box on this machine, which has {listed(box.boxes())}"
+
+
 def _killed(name: str) -> str:
     return f"its runner was killed: `{called('cast_colosseum')} down {name}` removes what is left of it"
 
 
 def run(args) -> int:
     """Play a batch job by the documented timeline, and write one report of it; all containers are gone afterwards."""
+    _check_name(args.name)
+    host.check_host()  # before anything looks for a user's catalogue
     from gr_cast.report.colosseum_page import page
 
-    _check_name(args.name)
     here = _storage(args, args.job)
     taken = job.read(args.job, here)
-    host.check_host()
     check_writable(args.output)
     clock = timeline.Clock(profile=timeline.PROFILES[args.profile], scale=args.time_scale, duration_s=taken.duration_s)
     scenario = play.sc.load(str(taken.rf_scenario))
@@ -245,7 +266,7 @@ def run(args) -> int:
 
 def image_list(args) -> int:
     """The images that a job may name."""
-    here = storage.storage_of(Path("x"), args.team or Path.cwd())
+    here = _team(args)
     images = here.images()
     if not images:
         print(
@@ -286,10 +307,10 @@ def main(argv=None) -> int:
         added.set_defaults(function=function)
         return added
 
-    def with_team(added):
+    def with_team(added, usual="TEAM of TEAM/batch/JOB.json"):
         added.add_argument(
             "--team", type=Path, metavar="DIR",
-            help="the team's storage: batch, config, images, and ../common (default: TEAM of TEAM/batch/JOB.json)",
+            help=f"the team's storage: batch, config, images, and ../common (default: {usual})",
         )  # fmt: skip
         return added
 
@@ -322,7 +343,7 @@ def main(argv=None) -> int:
     )
     added.add_argument("--updates", type=Path, metavar="FILE", help="mandated outcomes and environments that come during the job")
 
-    added = with_channel(with_team(command(up)))
+    added = with_channel(with_team(command(up), usual="the current folder"))
     added.add_argument("--srns", type=int, required=True, metavar="N")
     added.add_argument("--scenario", type=int, metavar="ID", help="started at once; without it nothing passes until rf start")
     added.add_argument("--image", default="cast", metavar="NAME", help="of every SRN (default cast)")
@@ -333,7 +354,7 @@ def main(argv=None) -> int:
 
     added = command(enter)
     added.add_argument("box")
-    added.add_argument("srn", metavar="TEAM-srnXXX")
+    added.add_argument("srn", nargs="?", metavar="TEAM-srnXXX")
     added.add_argument("words", nargs=argparse.REMAINDER, metavar="COMMAND", help="default: a shell")
 
     added = command(down)
@@ -342,7 +363,7 @@ def main(argv=None) -> int:
 
     images = commands.add_parser("image", help="images of containers", description="Images of containers.")
     images = images.add_subparsers(required=True, metavar="COMMAND")
-    with_team(command(image_list, among=images, name="list"))
+    with_team(command(image_list, among=images, name="list"), usual="the current folder")
     added = command(image_build, among=images, name="build")
     added.add_argument("image", type=Path, metavar="IMAGE.tar.gz", help="such as TEAM/images/cast.tar.gz")
     added = command(image_check, among=images, name="check")

@@ -271,6 +271,15 @@ def test_a_box_is_listed_until_it_is_down_and_unpacked_images_go_with_the_last(b
     try:
         for name, image in (("one", "wire"), ("two", "other")):
             colosseum("up", "--srns", 1, "--image", image, "--scenario", 1009, "--team", team, "--name", name)
+        words = [sys.executable, str(APPS / "cast_colosseum.py"), "enter", "one"]
+        for more, status, line in (
+            ([], 2, "error: one: got no container, needs one of team-srn001"),
+            (["team-srn009"], 2, "error: one: got team-srn009, needs one of team-srn001"),
+            (["team-srn001", "nosuchcmd", "x"], 127, "error: nosuchcmd: no such command in team-srn001"),
+            (["team-srn001", "sh", "-c", "exit 3"], 3, ""),
+        ):
+            done = subprocess.run([*words, *more], capture_output=True, text=True, check=False)
+            assert (done.returncode, done.stderr.strip()) == (status, line)
         told = colosseum("list").splitlines()
         assert [line.split()[:3] for line in told[:2]] == [["one", "up:", "team-srn001;"], ["two", "up:", "team-srn001;"]]
         assert "wire.tar, scenario 1009" in told[0] and told[2].startswith("unpacked images: 2, ")
@@ -281,8 +290,13 @@ def test_a_box_is_listed_until_it_is_down_and_unpacked_images_go_with_the_last(b
         while host.started_at(pid):
             time.sleep(0.05)
         assert "its runner was killed" in colosseum("list") and "down two" in colosseum("list")
+        killed = subprocess.run([*words[:-1], "two", "team-srn001"], capture_output=True, text=True, check=False)
+        assert killed.returncode == 2 and killed.stderr.startswith("error: two: its runner was killed: ")
         assert "unpacked images: 2 removed" in colosseum("down") and unpacked.kept(images) == []
         assert colosseum("list") == "no box is up\n"
+        for verb in ("enter", "down"):
+            gone = subprocess.run([*words[:-2], verb, "two"], capture_output=True, text=True, check=False)
+            assert gone.stderr == "error: two: no such box on this machine, which has none\n"
     finally:
         for name, folder in box.boxes().items():
             box.remove(name, folder)

@@ -51,6 +51,30 @@ def test_without_root_or_lxc_each_missing_thing_is_a_line_and_jobs_are_still_che
     assert refused.returncode == 2 and "lxc" in refused.stderr and not (tmp_path / "out").exists()
 
 
+def test_up_without_a_team_where_there_is_none_names_the_option(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    line = f"error: --team: not given, and {tmp_path} is no team's storage, which has batch, config and images\n"
+    assert colosseum("image", "list").stderr == line
+    done = colosseum("up", "--srns", 1)
+    assert done.returncode == 2 and (done.stderr == line or "error: box: " in done.stderr)  # the machine comes first
+
+
+def test_what_a_job_file_has_wrong_is_named_once_and_in_its_own_words(tmp_path):
+    team = teams.make(tmp_path)
+    for value, words in (
+        ("NaN", "got nan, needs"),
+        ("1" + "0" * 30, "whole number of 100 bits"),
+        ("null", "got null, needs an integer"),
+    ):
+        text = json.dumps(teams.job_document()).replace('"Duration": 60', f'"Duration": {value}')
+        (team / "batch" / "job.json").write_text(text)
+        (line,) = colosseum("validate", team / "batch" / "job.json").stderr.splitlines()
+        assert "Duration: " in line and words in line
+    (team / "batch" / "job.json").write_text(text.replace("null", "9" * 10_000))
+    (line,) = colosseum("validate", team / "batch" / "job.json").stderr.splitlines()
+    assert "limit (4300 digits)" in line and "sys." not in line
+
+
 def test_the_example_of_the_documents_is_a_job_without_a_fault(tmp_path):
     example = ROOT / "docs/examples/colosseum/team"
     team = tmp_path / "team"

@@ -150,6 +150,23 @@ def test_one_who_opens_many_connections_and_asks_nothing_loses_the_oldest_and_ke
         one.close()
 
 
+@pytest.mark.parametrize(
+    ("request_", "words"),
+    [
+        (None, "request: got null, needs an object"), ({}, "request: version and command are missing"),
+        ({"version": "3.0"}, "request: command is missing"),
+        ({"version": "3.0", "command": None}, "command: got null, needs one of"),
+        (asked("rf_scenario_start", scenario_id=5, scenario_cycle=True), f"scenario_id: got 5, needs one of {min(WORLD.rf)}"),
+        (asked("tgen_start", scenario_id=77), "scenario_id: got 77, needs one of 0, 1"),
+        (asked("snapshot", filename="a b"), "filename: got 'a b', needs letters, digits and dashes, none of them first or last"),
+        (asked("tgen_start", scenario_id=1, srn_radio_mapping={"1": 12}), "needs one of the reservation's SRNs: 1, 2, 3"),
+    ],
+)  # fmt: skip
+def test_what_is_refused_says_what_is_known_in_the_words_of_json(request_, words):
+    _, reply, _ = desk.answered(WORLD, Desk(), request_, 1, 0.0)
+    assert reply["status"] == 400 and words in reply["message"] and "None" not in reply["message"]
+
+
 IMAGES = "/share/nas/team/images"
 
 

@@ -18,7 +18,7 @@ WRONG = {
     "nobody": (1, "unknown key 'nobody'"),
     "sample_rate_hz": ("fast", "sample_rate_hz: got 'fast', needs a finite number of Hz"),
     "build": ("make", "build: got 'make', needs a list"),
-    "test": ([None], "test[0]: got None, needs text"),
+    "test": ([None], "test[0]: got null, needs text"),
     "image": (["../bin"], "image[0]: got '../bin', needs a name inside the folder"),
     "sites": (["twin", "twin"], "sites: two are named 'twin'"),
     "environment": ({"system": "debian-12", "packages": [3.5]}, "environment: compiler is missing"),

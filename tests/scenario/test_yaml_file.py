@@ -231,7 +231,7 @@ BESIDES = "time_s: is given besides duration_s or update_s, needs one or the oth
     [
         ("nodes: 0\n" + LINK, "nodes: got 0, needs 1 to 256"),
         ("nodes: 257\n" + LINK, "nodes: got 257, needs 1 to 256"),
-        ("nodes: true\n" + LINK, "nodes: got True, needs a count, a list of names, or a mapping of names"),
+        ("nodes: true\n" + LINK, "nodes: got true, needs a count, a list of names, or a mapping of names"),
         ("nodes: [a, 3.5]\n" + LINK, "nodes[1]: got 3.5, needs text"),
         ("nodes: {a: {place: 1}}\n" + LINK, "nodes.a: unknown key 'place', knows position_m"),
         ("nodes: {a: {position_m: [1, 2, x]}}\n" + LINK, "nodes.a.position_m: got 'x', needs a finite number of m"),

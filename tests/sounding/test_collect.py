@@ -93,8 +93,8 @@ def test_a_file_is_read_back_as_a_campaign(tmp_path):
     [
         (dict(transmitter=None), "transmitter: is not said"),
         (dict(cast_sounding=2), "cast_sounding: got 2, needs 1"),
-        (dict(band_hz=None), "band_hz: got None, needs a finite number of Hz"),
-        (dict(taps=[{"delay_s": 1}]), "taps[0].gain_db: got None"),
+        (dict(band_hz=None), "band_hz: got null, needs a finite number of Hz"),
+        (dict(taps=[{"delay_s": 1}]), "taps[0].gain_db: got null"),
         (dict(set_up_db="much"), "set_up_db: got 'much', needs a finite number of dB"),
     ],
 )

@@ -170,7 +170,7 @@ def test_what_is_written_is_read_back_from_the_first_tap_on(tmp_path):
         ({"taps": []}, "taps: got none: the sounding heard no signal"),
         ({"taps": [{"delay_s": 0.0, "gain_db": "x", "phase_rad": 0.0}]}, r"taps\[0\].gain_db"),
         ({"taps": [3]}, r"taps\[0\]"),
-        ({"noise_floor_db": None}, "noise_floor_db: got None"),
+        ({"noise_floor_db": None}, "noise_floor_db: got null"),
     ],
 )
 def test_what_is_no_sounding_is_refused_with_its_place(tmp_path, changes, says):

@@ -106,7 +106,7 @@ def test_all_faults_of_all_entries_come_at_once_with_their_place(tmp_path):
     ]  # fmt: skip
     text = "\n".join(faults(written(tmp_path, effects, sample_rate_hz=-1.0, center_frequency_hz=True)))
     for place in (
-        "sample_rate_hz: got -1.0", "center_frequency_hz: got True", "effects[0].parameters: unknown key 'offset'",
+        "sample_rate_hz: got -1.0", "center_frequency_hz: got true", "effects[0].parameters: unknown key 'offset'",
         "effects[1].owner.level: got 'receiver', needs one of rx", "effects[2].owner.name: got 'rx9'",
         "effects[2].parameters.level_dbc.std: got -1.0", "effects[3].owner.level: got 'link'",
         "effects[4].parameters.gain_db: got 5000.0, needs a finite number of dB in -400 to 400",

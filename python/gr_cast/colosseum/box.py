@@ -206,10 +206,10 @@ def free_name() -> str:
     return f"box{secrets.token_hex(3)}"
 
 
-def words_into(folder: Path, name: str, words: list[str]) -> list[str]:
-    """The words that run `words` in a container of a box that somebody else holds."""
+def container_of(folder: Path, name: str) -> Container:
+    """A container of a box that somebody else holds."""
     network = state_of(folder)["network"]
-    return Container(name, folder / "lxc", lambda *inner: ["nsenter", f"--net=/proc/{network}/ns/net", *inner]).words(*words)
+    return Container(name, folder / "lxc", lambda *inner: ["nsenter", f"--net=/proc/{network}/ns/net", *inner])
 
 
 def state_of(folder: Path) -> dict:

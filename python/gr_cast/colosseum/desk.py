@@ -8,7 +8,7 @@ world: the emulator plays or is cleared, traffic begins or ends, an image is tak
 import json
 from dataclasses import dataclass, field, replace
 
-from ..core.documents import short
+from ..core.documents import listed, short
 from ..core.errors import CastError
 from ..core.files import is_inside
 from . import maps
@@ -87,7 +87,9 @@ def answered(world: World, desk: Desk, request, srn: int, now_s: float) -> tuple
     """The next desk, the reply and what is to be done, of a request from the container of `srn`."""
     try:
         if not isinstance(request, dict):
-            raise CastError(f"got {short(request)}, needs an object with version and command")
+            raise CastError(f"request: got {short(request)}, needs an object with version and command")
+        if missing := [key for key in ("version", "command") if key not in request]:
+            raise CastError(f"request: {' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing")
         if request.get("version") != VERSION:
             raise CastError(f"version: got {short(request.get('version'))}, needs {VERSION!r}")
         command = request.get("command")
@@ -131,7 +133,9 @@ def _done(desk: Desk, *actions: Action, **reply) -> tuple[Desk, dict, tuple[Acti
 def _integer(request: dict, key: str, known=None) -> int:
     value = request.get(key)
     if not isinstance(value, int) or isinstance(value, bool) or (known is not None and value not in known):
-        raise CastError(f"{key}: got {short(value)}, needs {'an integer' if known is None else 'the number of a scenario'}")
+        raise CastError(
+            f"{key}: got {short(value)}, needs {'an integer' if known is None else f'one of {listed(sorted(known))}'}"
+        )
     return value
 
 

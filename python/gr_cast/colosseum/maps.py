@@ -3,7 +3,7 @@
 
 import re
 
-from ..core.documents import short
+from ..core.documents import listed, short
 from ..core.errors import CastError
 
 RADIOS = 2  # of an SRN; 0 is not connected
@@ -33,7 +33,7 @@ def radio_map(given, nodes: int, srns: tuple[int, ...]) -> dict:
             faults.append(f'{name}: got {short(end)}, needs SRN, RadioA and RadioB, or "None"')
             continue
         if not _is_of(end["SRN"], srns):
-            faults.append(f"{name}: SRN: got {short(end['SRN'])}, needs one of the reservation's")
+            faults.append(f"{name}: SRN: got {short(end['SRN'])}, needs one of the reservation's: {listed(sorted(srns))}")
         elif taken.setdefault(end["SRN"], name) != name:
             faults.append(f"{name}: SRN: got {end['SRN']}, which serves {taken[end['SRN']]}")
         faults += [
@@ -58,7 +58,7 @@ def node_map(given, nodes: int, srns: tuple[int, ...]) -> dict:
         if not re.fullmatch(r"[1-9][0-9]{0,2}", node) or int(node) > nodes:
             faults.append(f"{short(node)}: no node of the traffic scenario, which has 1 to {nodes}")
         if not _is_of(srn, srns):
-            faults.append(f"{short(node)}: got {short(srn)}, needs one of the reservation's SRNs")
+            faults.append(f"{short(node)}: got {short(srn)}, needs one of the reservation's SRNs: {listed(sorted(srns))}")
         elif taken.setdefault(srn, node) != node:
             faults.append(f"{short(node)}: SRN {srn} serves node {taken[srn]}")
     _raise(faults)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What `status.sh` prints, as far as its text tells: words that surely are no JSON with a STATUS."""
 
-import json
 import re
 
-from ..core.documents import short
+from ..core.documents import json_text, short
+from ..core.errors import CastError
 from .blocking import foreground
 from .image import Image
 from .shell import Command, bare, commands
@@ -62,10 +62,10 @@ def _fault(said: str) -> str | None:
     if known != said.strip():
         return f"prints {short(said)}, no JSON: {NEEDS}" if re.search(r"'\s*STATUS\s*'", said) else None
     try:
-        document = json.loads(known)
-    except ValueError:
+        document = json_text(known, "status.sh").document
+    except CastError:
         return f"prints {short(said)}, no JSON: {NEEDS}"
-    return None if isinstance(document, dict) and "STATUS" in document else f"prints {short(said)}, without STATUS: {NEEDS}"
+    return None if "STATUS" in document else f"prints {short(said)}, without STATUS: {NEEDS}"
 
 
 def _python_fault(line: str) -> str | None:

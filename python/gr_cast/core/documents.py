@@ -42,9 +42,19 @@ _TAGS = {f"tag:yaml.org,2002:{kind}" for kind in ("map", "seq")} | {"!"}
 _UNPRINTABLE = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ud800-\udfff]")  # in no text: they end or forge what is shown
 
 
+class _Brief(reprlib.Repr):
+    """Values in the words of documents: Python's None and True are nobody's who wrote YAML or JSON."""
+
+    def repr_NoneType(self, value, level) -> str:
+        return "null"
+
+    def repr_bool(self, value, level) -> str:
+        return "true" if value else "false"
+
+
 def short(value) -> str:
     """A value as a message shows it, on one line of some 60 characters, however large it is."""
-    brief = reprlib.Repr()
+    brief = _Brief()
     brief.maxlevel, brief.maxstring, brief.maxother, brief.maxlong = 2, 60, 60, 40
     brief.maxlist = brief.maxdict = 4
     text = brief.repr(value)
@@ -252,7 +262,8 @@ def _object(pairs: list) -> dict:
 
 
 def _brief(error: Exception) -> str:
-    return "nested too deep" if isinstance(error, RecursionError) else " ".join(str(error).split())
+    text = str(error).partition("; use sys.")[0]  # what Python's own programmers may do about it
+    return "nested too deep" if isinstance(error, RecursionError) else " ".join(text.split())
 
 
 def _checked(reader: Reader, kind: type | tuple, endless: bool = True) -> Reader:
@@ -275,7 +286,7 @@ def _checked(reader: Reader, kind: type | tuple, endless: bool = True) -> Reader
             else:
                 fault = fault or _never(value, endless)
             if fault:
-                reader.faults.add(_below(place, key), fault)
+                reader.faults.add(_below(place, key), fault, last=True)
     return reader
 
 

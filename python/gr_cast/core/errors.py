@@ -26,8 +26,14 @@ class Faults:
         self.where = where
         self._lines: list[str] = []
         self._more = 0
+        self._said: set[str] = set()
 
-    def add(self, place: str, message: str) -> None:
+    def add(self, place: str, message: str, *, last: bool = False) -> None:
+        """Note what is wrong at a place; once the `last` word on it is said, no more is."""
+        if place in self._said:
+            return
+        if last:
+            self._said.add(place)
         if len(self._lines) < MOST_FAULTS:
             self._lines.append(f"{self.where}: {place}: {message}" if place else f"{self.where}: {message}")
         else:
