@@ -67,7 +67,7 @@ def test_an_inventory_of_radios_is_played_as_it_stands(tmp_path, monkeypatch):
         "nodes:\n  '1': {interface: eth2, device: addr=1}\n  '2': {interface: eth2, device: addr=2}\n"
     )
     room = sc.Scenario(nodes=("1", "2"), links={}, name="room", center_frequency_hz=1e9)
-    heard = air.carried(site.read(tmp_path / "arena.yaml"), room, {"1": SENT}, ["2"], RATE, 1, tmp_path)
+    heard = air.carried(site.read(tmp_path / "arena.yaml"), room, {"1": SENT}, ["2"], RATE, 1, tmp_path, 60.0)
     assert len(heard["2"]) == len(SENT) and set(np.abs(heard["2"])) == {0.5}
 
 
