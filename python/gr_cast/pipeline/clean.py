@@ -37,7 +37,7 @@ class Outcome:
 
     def stopped_after(self, limit_s: float) -> str:
         """What is said of one that had its time, and more where the machine was busy."""
-        busy = f", {self.wall_s:.0f} s on a busy machine" if self.wall_s > 1.2 * limit_s else ""
+        busy = f", {self.wall_s:.3g} s on a busy machine" if self.wall_s > 1.2 * limit_s else ""
         return f"stopped after {limit_s:g} s{busy}: {self.last_line}"
 
 

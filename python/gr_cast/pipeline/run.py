@@ -180,7 +180,7 @@ class Commit:
             return _document([Verdict(kind=kind, sentence=self.built["fails"])], self.built, self.stopped(None))
         baseline = before.usable() if before else None
         trials = self.trials()
-        unknown = [f"{before.short}, its baseline: {why}" for why in before.stopped(baseline)] if before else []
+        unknown = [f"{before.short}, its baseline: {why}" for why in dict.fromkeys(before.stopped(baseline))] if before else []
         found = judge.comparisons(self.pipeline, trials, baseline)
         told = verdicts(self, trials, found, baseline, known)
         about = {"similarity": judge.similarities(self.pipeline, trials)} if not judge.failures(trials) else {}
