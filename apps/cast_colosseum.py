@@ -126,7 +126,8 @@ def _told_again(name: str, folder: Path, asked: dict) -> int:
     if not state.get("ready"):
         raise CastError(f"{name}: is in use: end it by `{called('cast_colosseum')} down {name}`, or give another --name")
     there = state.get("request", {})
-    apart = ", ".join(f"--{key} {there.get(key)} (got {value})" for key, value in asked.items() if there.get(key) != value)
+    told = [(key, *("none" if one is None else one for one in (there.get(key), asked[key]))) for key in asked]
+    apart = ", ".join(f"--{key} {has} (got {wants})" for key, has, wants in told if has != wants)
     if apart:
         end = f"{called('cast_colosseum')} down {name}"
         raise CastError(f"{name}: is up already, with {apart}: end it by `{end}`, or give another --name")

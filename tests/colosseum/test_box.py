@@ -247,6 +247,7 @@ def test_up_of_a_box_that_is_up_starts_nothing_and_says_so_or_is_refused(boxes):
             other = up(**{option: value})
             assert other.returncode == 2 and other.stdout == "" and len(other.stderr.splitlines()) == 1, option
             assert other.stderr.startswith(f"error: again: is up already, with --{option.replace('_', '-')} ")
+            assert "None" not in other.stderr
         assert box.state_of(box.boxes()["again"])["pid"] == pid and list(box.boxes()) == ["again"]
         os.kill(pid, signal.SIGKILL)
         while host.started_at(pid):
