@@ -536,3 +536,8 @@ def test_a_body_whose_echo_is_lost_in_noise_goes_where_it_hides_what_is_missing(
     assert before > 2 * count
     found = search._begun_anew(ears, best_of("moving_scatterer", ears), 0)
     assert found.energy - count < 0.05 * (before - count)
+
+
+def test_where_no_path_counts_nobody_hides_one():
+    silent = heard(theirs(), -90.0)
+    assert View(silent, evaluated(silent, ours(), ()), KNOWN).eclipses() == []

@@ -155,7 +155,7 @@ class _Search:
 
     def coarse(self, low: np.ndarray, high: np.ndarray) -> list[np.ndarray]:
         """Lines across a grid of the floor that explain most, apart from each other."""
-        extent_m = float((high - low)[:2].max())
+        extent_m = max(float((high - low)[:2].max()), _CELL_M)
         step_m = max(_CELL_M, extent_m / _CELLS)
         x, y = (np.arange(low[axis], high[axis] + step_m, step_m) for axis in (0, 1))
         foot_m = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 1, 2)
@@ -216,9 +216,10 @@ def _rows(view) -> _Rows | None:
                         points_m=points_m[own][: len(paths)],
                     )
                 )  # fmt: skip
-    if not found:
+    paths = max((len(one["cross"]) for one in found), default=0)
+    if not paths:
         return None
-    paths, corners = max(len(one["cross"]) for one in found), max(one["points_m"].shape[1] for one in found)
+    corners = max(one["points_m"].shape[1] for one in found)
     return _Rows(**{name: np.array([_padded(one[name], paths, corners) for one in found]) for name in found[0]})
 
 
