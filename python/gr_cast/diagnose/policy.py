@@ -233,6 +233,7 @@ SEARCH_MARGIN = 5.0  # nats of evidence that an effect must bring beyond its pri
 BEAM = 2
 REFITS = 3
 MOST_EFFECTS = 6  # more are not searched for: a list of so many is hardly ever the whole truth
+ANOTHER_PATH = 0.5  # of what is left, at most, with another path where the twin's strongest was looked for
 LEAST_STEPS = 3  # of the delay, all the same way, that a clock may make as well as losses
 MOST_AT_ONE_PLACE, SAME_PLACE = 2, 0.5  # echoes (as a tap and its change) within so many samples: of more, one path comes or goes
 LEAST_TURN = 1e-5  # cycles by which late paths must differ for a carrier offset to show its side

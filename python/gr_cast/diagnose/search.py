@@ -16,6 +16,7 @@ from ..twin.model import RIDGE, Model, _run, _start_chain, _steps, effect_column
 from . import heldout, noise, offsets
 from .fit import Data, Fit, filters_noise, in_band, invert, misfit, off_the_rails, smooth_spectrum, solve, with_noise
 from .policy import (
+    ANOTHER_PATH,
     BEAM,
     CLEAR_NATS,
     CLEAR_SHARE,
@@ -469,10 +470,22 @@ def beginnings(data: Data, model: Model) -> list[Fit]:
     plain, *mirrored = ways = _ways_round(data.scene, model)
     turning = [form for way in ways for other in _gross_offsets(data, way) for form in _of_either_side(data.scene, other)]
     fits = [refit(data, plain), *(_on_their_sides(data, delayed_again(data, refit(data, other))) for other in turning)]
+    fits += [refit(data, model) for model in _at_another_path(data, fits[0])]
     fits += [f for f in (refit(data, way) for way in mirrored) if f.evidence > fits[0].evidence + 2 * SEARCH_MARGIN]
     worth = {id(f): f.evidence - SEARCH_MARGIN * f.model.inverted for f in fits}
     fits.sort(key=lambda f: -worth[id(f)])
     return [f for f in fits if worth[id(f)] > worth[id(fits[0])] - 10.0][:BEAM]
+
+
+def _at_another_path(data: Data, fit: Fit) -> list[Model]:
+    """The model of a fit as if its delay were that of another path, for the twin's strongest is gone or weak: those that leave
+    far less, the best first."""
+    found = []
+    for late, effect in itertools.chain.from_iterable(f.elsewhere(data.scene) for f in FAMILIES.values()):
+        base = fit.model.base - late * np.eye(len(fit.model.base))[0]
+        model = offsets.with_gains(data, replace(fit.model, base=base).adding(effect))
+        found.append((misfit(data, predict(data.scene, model).y), len(found), model))
+    return [m for left, _, m in sorted(found)[:BEAM] if left < ANOTHER_PATH * misfit(data, fit.chain.y)]
 
 
 def _of_either_side(scene, model: Model) -> list[Model]:

@@ -204,6 +204,11 @@ class Family:
         """Effects at zero strength at the places worth trying; the search turns them into fits."""
         return []
 
+    def elsewhere(self, scene: Scene) -> Iterable[tuple[float, Effect]]:
+        """[(samples by which the delay that was found is too late, effect)] under which another path stands where the twin's
+        strongest one was looked for."""
+        return ()
+
     def at_once(self, view) -> tuple[float, list[Effect]]:
         """(samples by which the twin's signal is later then, all effects of this family that the recording shows together)."""
         return 0.0, []

@@ -21,6 +21,10 @@ class MissingPath(TapFamily):
             if sum(t.source == view.scene.taps[k].source for t in view.scene.taps) > 1:
                 yield start(self, [], aux={"tap": k}, trials=len(view.scene.taps))
 
+    def elsewhere(self, scene):
+        for k, late in self._others(scene):
+            yield late, start(self, [], aux={"tap": k}, trials=len(scene.taps))
+
     def values(self, scene, effect, p):
         return {"delay_s": self._delay_of(scene, effect)}
 

@@ -4,6 +4,8 @@
 from .base import LINK, Family
 from .extra_path import around
 
+NEXT = 3  # strongest taps but one, of which one may be found where that one was looked for
+
 
 class TapFamily(Family):
     owners = ("link",)
@@ -17,6 +19,12 @@ class TapFamily(Family):
             (k for k, t in enumerate(scene.taps) if t.source == source),
             key=lambda k: abs(scene.taps[k].delay - delay),
         )
+
+    def _others(self, scene):
+        """[(index of the strongest tap, samples by which each of the next strongest ones is later)] of one transmitter."""
+        if len(scene.sources) == 1:
+            k, *others = sorted(range(len(scene.taps)), key=lambda k: -abs(scene.taps[k].gain))
+            yield from ((k, scene.taps[other].delay - scene.taps[k].delay) for other in others[:NEXT])
 
     def _delay_of(self, scene, effect) -> float:
         return scene.taps[effect.aux["tap"]].delay / scene.sample_rate_hz

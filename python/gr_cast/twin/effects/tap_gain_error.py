@@ -9,6 +9,8 @@ from .base import start
 from .tap import TapFamily
 from .values import NEEDED, NUMBER
 
+WEAK = -2.3  # nepers: a strongest path a tenth as strong, which is no longer found at its delay
+
 
 class TapGainError(TapFamily):
     name = "tap_gain_error"
@@ -22,6 +24,10 @@ class TapGainError(TapFamily):
     def starts(self, view):
         for k in view.tap_order():
             yield start(self, [0.0, 0.0], aux={"tap": k}, trials=len(view.scene.taps))
+
+    def elsewhere(self, scene):
+        for k, late in self._others(scene):
+            yield late, start(self, [WEAK, 0.0], aux={"tap": k}, trials=len(scene.taps))
 
     def values(self, scene, effect, p):
         return {
