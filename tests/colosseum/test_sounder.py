@@ -135,6 +135,7 @@ def started(folder: Path, node: int, place: Path) -> subprocess.Popen:
 
 def test_without_a_configuration_it_says_in_a_line_how_one_comes_there(tmp_path):
     environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join(sys.path),
         "CAST_RADIO_API": str(tmp_path),
         "CAST_LOGS": str(tmp_path),
         "CAST_STATE": str(tmp_path / "state"),
