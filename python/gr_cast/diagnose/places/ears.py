@@ -51,6 +51,10 @@ class ResponseEar:
 
     left = nats
 
+    def undisturbed(self, fit: Fitted) -> np.ndarray:
+        """(L, T) weights of responses where all that is left of each is taken for noise."""
+        return np.minimum(1.0, (self.heard.weight > 0).sum(axis=2) / np.maximum(self.row_nats(fit), 1e-300))
+
     def tempered_nats(self, fit: Fitted) -> float:
         """By which `tempered` is less than the energy of all responses."""
         energy = self.row_nats(fit)

@@ -2,6 +2,7 @@
 """Where something passes by: by the paths that it hides, whatever its echoes are."""
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +19,6 @@ _PATHS, _TONES = 6, 12  # of a response, the strongest
 _LEAST_NATS = 1.0  # of a path: less is no reason for someone in its way, nor against
 _CELL_M, _CELLS = 0.15, 60  # of the floor; to a side, at most
 _RADIUS_M, _RADII_M = 0.25, (0.14, 0.17, 0.2, 0.23, 0.27, 0.32, 0.4, 0.55, 0.75, 1.0)  # of bodies: to begin with, and tried
-_HEIGHT_M = 1.8
 _ABOUT, _AS_MUCH, _WIDTHS = (0.7, 0.84, 1.0, 1.19, 1.41), 0.5, 41  # times a radius; of nats; radii that are tried
 _BEGUN, _KEPT = 6, 3  # lines that are moved to where they explain most, and that are returned
 _STEPS_M = (0.15, 0.07, 0.03, 0.015)  # by which both ends of a line are moved
@@ -60,7 +60,7 @@ class _Rows:
         dark = np.empty((*foot_m.shape[:2], self.cross.shape[1]))
         person = Person(
             position_m=(0.0, 0.0, 0.0), velocity_m_per_s=(0.0, 0.0, 0.0), cross_section_m2=0.0, radius_m=radius_m,
-            height_m=_HEIGHT_M, keeps_polarisation=False,
+            height_m=passer.HEIGHT_M, keeps_polarisation=False,
         )  # fmt: skip
         size = max(1, _AT_ONCE // dark[0].size)
         for begin in range(0, len(foot_m), size):
@@ -72,15 +72,54 @@ class _Rows:
         before = tempered(self.energy(np.zeros((1, *dark.shape[1:]))), self.count)
         return before - tempered(self.energy(dark), self.count)
 
+    def along(self, place_m: np.ndarray, velocity: np.ndarray, radius_m: float) -> np.ndarray:
+        """(C,): the same of all responses, of someone at `place_m` (C, 2) at time 0 who goes at `velocity` (C, 2)."""
+        return self.nats(place_m[:, None] + self.time_s[:, None] * velocity[:, None], radius_m).sum(axis=1)
 
-def lines(view, beside=None, height_m: float = 0.0) -> list[tuple[np.ndarray, np.ndarray, float]]:
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Hidden:
+    """What paths may be hidden, and what someone at each place of the floor would say at each of `times`: `maps` (T, X, Y)."""
+
+    rows: _Rows
+    times: np.ndarray
+    extent_m: float
+    step_m: float
+    x_m: np.ndarray
+    y_m: np.ndarray
+    maps: np.ndarray
+
+    @classmethod
+    def of(cls, view) -> "Hidden | None":
+        """None where no path counts at several instants."""
+        rows = _rows(view)
+        if rows is None:
+            return None
+        low, high = view.bounds_m
+        extent_m = max(float((high - low)[:2].max()), _CELL_M)
+        step_m = max(_CELL_M, extent_m / _CELLS)
+        x_m, y_m = (np.arange(low[axis], high[axis] + step_m, step_m) for axis in (0, 1))
+        floor = {"extent_m": extent_m, "step_m": step_m, "x_m": x_m, "y_m": y_m}
+        found = cls(rows=rows, times=np.unique(rows.time_s), **floor, maps=np.zeros(0))
+        return replace(found, maps=np.array([found._map(rows.at(rows.time_s == time_s)) for time_s in found.times]))
+
+    @property
+    def foot_m(self) -> np.ndarray:
+        """(X·Y, 2)"""
+        return np.stack(np.meshgrid(self.x_m, self.y_m, indexing="ij"), axis=-1).reshape(-1, 2)
+
+    def _map(self, now: _Rows) -> np.ndarray:
+        foot_m = np.broadcast_to(self.foot_m[:, None], (len(self.x_m) * len(self.y_m), len(now.count), 2))
+        return now.nats(foot_m, _RADIUS_M).sum(axis=1).reshape(len(self.x_m), -1)
+
+
+def lines(hidden: "Hidden | None", seen: Sequence, height_m: float) -> list[tuple[np.ndarray, np.ndarray, float]]:
     """(place (2,) at time 0, velocity (2,), radius in m) of upright bodies that hide what is missing and little else, the best
-    first; `beside`: the view once something hides it, whose echoes from `height_m` say where along the hidden paths it was."""
-    rows = _rows(view)
-    if rows is None:
+    first; echoes that are `seen` once something hides it say where along the hidden paths it was, at `height_m`."""
+    if hidden is None:
         return []
-    search = _Search(rows=rows, seen=tracks.moving_echoes(beside) if beside else [], height_m=height_m)
-    settled = sorted((search.settled(ends_m) for ends_m in search.coarse(*view.bounds_m)), key=lambda one: -one[0])
+    search = _Search(hidden=hidden, seen=seen, height_m=height_m)
+    settled = sorted((search.settled(ends_m) for ends_m in search.coarse()), key=lambda one: -one[0])
     return [(*search.line(ends_m), radius_m) for nats, ends_m, radius_m in settled[:_KEPT] if nats > 0]
 
 
@@ -93,24 +132,19 @@ class Hiding:
     least: float
 
     @classmethod
-    def of(cls, view, place_m: np.ndarray, velocity: np.ndarray, radius_m: float) -> "Hiding":
-        like = cls(rows=_rows(view), radii_m=radius_m * np.array(_ABOUT), least=-np.inf)
+    def of(cls, rows: _Rows, place_m: np.ndarray, velocity: np.ndarray, radius_m: float) -> "Hiding":
+        like = cls(rows=rows, radii_m=radius_m * np.array(_ABOUT), least=-np.inf)
         return replace(like, least=_AS_MUCH * float(like.nats(place_m[None], velocity[None])[0]))
-
-    def _by_width(self, place_m: np.ndarray, velocity: np.ndarray, radii_m) -> np.ndarray:
-        """(radii, C)"""
-        foot_m = place_m[:, None] + self.rows.time_s[:, None] * velocity[:, None]
-        return np.array([self.rows.nats(foot_m, one).sum(axis=1) for one in radii_m])
 
     def nats(self, place_m: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """(C,) of places (C, 2) at time 0 and velocities (C, 2); −∞ of what hides too little of it."""
-        told = self._by_width(place_m, velocity, self.radii_m).max(axis=0)
+        told = np.max([self.rows.along(place_m, velocity, one) for one in self.radii_m], axis=0)
         return np.where(told >= self.least, told, -np.inf)
 
     def radius_m(self, place_m: np.ndarray, velocity: np.ndarray) -> float:
         """Of the body on one line that hides the most."""
         finely_m = np.geomspace(self.radii_m[0], self.radii_m[-1], _WIDTHS)
-        told = self._by_width(place_m[None], velocity[None], finely_m)[:, 0]
+        told = np.array([self.rows.along(place_m[None], velocity[None], one)[0] for one in finely_m])
         return float(np.median(finely_m[told == told.max()]))
 
 
@@ -118,20 +152,19 @@ class Hiding:
 class _Search:
     """For lines (2, 2) from where they are at the first response to where they are at the last."""
 
-    rows: _Rows
-    seen: list
+    hidden: Hidden
+    seen: Sequence
     height_m: float
 
     def line(self, ends_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places (..., 2) at time 0 and velocities of lines (..., 2, 2)."""
-        begin_s, span_s = self.rows.time_s.min(), max(np.ptp(self.rows.time_s), 1e-9)
-        velocity = (ends_m[..., 1, :] - ends_m[..., 0, :]) / span_s
-        return ends_m[..., 0, :] - velocity * begin_s, velocity
+        times = self.hidden.times
+        velocity = (ends_m[..., 1, :] - ends_m[..., 0, :]) / max(np.ptp(times), 1e-9)
+        return ends_m[..., 0, :] - velocity * times[0], velocity
 
-    def hidden(self, ends_m: np.ndarray, radius_m: float) -> np.ndarray:
+    def hides(self, ends_m: np.ndarray, radius_m: float) -> np.ndarray:
         """Nats (C,) of lines (C, 2, 2) by what they hide."""
-        share = ((self.rows.time_s - self.rows.time_s.min()) / max(np.ptp(self.rows.time_s), 1e-9))[:, None]
-        return self.rows.nats(ends_m[:, :1] * (1 - share) + ends_m[:, 1:] * share, radius_m).sum(axis=1)
+        return self.hidden.rows.along(*self.line(ends_m), radius_m)
 
     def echoed(self, ends_m: np.ndarray) -> np.ndarray:
         """Nats (C,) of lines by their echoes."""
@@ -144,8 +177,8 @@ class _Search:
         for step_m in _STEPS_M:
             for _ in range(_MOVED):
                 near = ends_m + step_m * moves
-                ends_m = near[int(np.argmax(self.hidden(near, radius_m) + self.echoed(near)))]
-                widths = [float(self.hidden(ends_m[None], one)[0]) for one in _RADII_M]
+                ends_m = near[int(np.argmax(self.hides(near, radius_m) + self.echoed(near)))]
+                widths = [float(self.hides(ends_m[None], one)[0]) for one in _RADII_M]
                 radius_m = _RADII_M[int(np.argmax(widths))]
                 now = max(widths) + float(self.echoed(ends_m[None])[0])
                 if now <= nats:
@@ -153,31 +186,23 @@ class _Search:
                 nats = now
         return nats, ends_m, radius_m
 
-    def coarse(self, low: np.ndarray, high: np.ndarray) -> list[np.ndarray]:
+    def coarse(self) -> list[np.ndarray]:
         """Lines across a grid of the floor that explain most, apart from each other."""
-        extent_m = max(float((high - low)[:2].max()), _CELL_M)
-        step_m = max(_CELL_M, extent_m / _CELLS)
-        x, y = (np.arange(low[axis], high[axis] + step_m, step_m) for axis in (0, 1))
-        foot_m = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 1, 2)
-        times = np.unique(self.rows.time_s)
-        maps = np.zeros((len(times), len(foot_m)))
-        for number, time_s in enumerate(times):
-            now = self.rows.at(self.rows.time_s == time_s)
-            maps[number] = now.nats(np.broadcast_to(foot_m, (len(foot_m), len(now.count), 2)), _RADIUS_M).sum(axis=1)
+        hidden, times, step_m = self.hidden, self.hidden.times, self.hidden.step_m
+        foot_m, maps = hidden.foot_m, hidden.maps.copy()
         if self.seen:
-            echoes, heard_s = imaging.passer_maps(self.seen, foot_m[:, 0], self.height_m)
+            echoes, heard_s = imaging.passer_maps(self.seen, foot_m, self.height_m)
             for one, time_s in zip(echoes, heard_s, strict=True):
-                maps[np.argmin(np.abs(times - time_s))] += one
-        speeds = np.arange(-1, 1.001, 2 * step_m / extent_m) * extent_m / max(np.ptp(times), 1e-9)
+                maps[np.argmin(np.abs(times - time_s))] += one.reshape(maps.shape[1:])
+        speeds = np.arange(-1, 1.001, 2 * step_m / hidden.extent_m) * hidden.extent_m / max(np.ptp(times), 1e-9)
         velocity = np.array([(a, b) for a in speeds for b in speeds if np.hypot(a, b) <= speeds[-1]])
         cells = [np.round(np.outer(times - times[0], one) / step_m).astype(int) for one in velocity]
-        scores = np.array([tracks.summed(maps.reshape(-1, len(x), len(y)), one) for one in cells])
+        scores = np.array([tracks.summed(maps, one) for one in cells])
         found = []
         for _ in range(_BEGUN):
             v, p = np.unravel_index(np.argmax(scores), scores.shape)
-            begin_m = foot_m[p, 0]
-            found.append(np.stack([begin_m, begin_m + velocity[v] * np.ptp(times)]))
-            scores[:, np.linalg.norm(foot_m[:, 0] - begin_m, axis=1) < _ELSEWHERE_M] = -np.inf
+            found.append(np.stack([foot_m[p], foot_m[p] + velocity[v] * np.ptp(times)]))
+            scores[:, np.linalg.norm(foot_m - foot_m[p], axis=1) < _ELSEWHERE_M] = -np.inf
         return found
 
 
@@ -226,10 +251,9 @@ def _rows(view) -> _Rows | None:
 def _undisturbed(ear, world) -> Fitted:
     """What is unknown fitted to the responses that are as they should be, more than to those that someone spoils."""
     heard, predicted = ear.heard, ear.predicted(world)
-    fit, count = ear.profiled(predicted), (heard.weight > 0).sum(axis=2)
+    fit = ear.profiled(predicted)
     for _ in range(_REFITTED):
-        share = np.minimum(1.0, count / np.maximum(ear.row_nats(fit), 1e-300))
-        fit = profiled(replace(heard, weight=heard.weight * share[:, :, None]), predicted)
+        fit = profiled(replace(heard, weight=heard.weight * ear.undisturbed(fit)[:, :, None]), predicted)
     return fit
 
 

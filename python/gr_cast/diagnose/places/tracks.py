@@ -41,8 +41,8 @@ def passers(view, height_m: float):
 
 
 def near(view, height_m: float, place_m: np.ndarray, velocity: np.ndarray, otherwise) -> list:
-    """The same of lines near a track that is known but for the phases of its echoes, of those that `otherwise`: a function of
-    places at time 0 and velocities (C, 2)."""
+    """The same of lines near a track that is known but for the phases of its echoes; `otherwise`: nats (C,) that else speak for
+    places at time 0 and velocities (C, 2), −∞ for what may not be."""
     fine = _fine(view, height_m, place_m, velocity, otherwise) if _pairs(view) else []
     return [track for _, track in sorted(fine, key=lambda pair: -pair[0])]
 
@@ -190,7 +190,10 @@ class _Strip:
 def _strip(view, ear, fit, height_m: float, centre_m: np.ndarray, velocity: np.ndarray, reach_m: float, step_m: float) -> _Strip:
     axis_m = step_m * np.arange(-round(reach_m / step_m), round(reach_m / step_m) + 1)
     after_s = ear.predictor.time_s - ear.predictor.time_s.mean()
-    maps = [_map(view, ear, fit, step, centre_m + velocity * t, axis_m, height_m) for step, t in enumerate(after_s)]
+    share = ear.undisturbed(fit)  # what other causes leave is noise here
+    maps = [
+        _map(view, ear, fit, step, share[:, step], centre_m + velocity * t, axis_m, height_m) for step, t in enumerate(after_s)
+    ]
     cross, power = (np.array(part) for part in zip(*maps, strict=True))
     return _Strip(cross=cross, power=power, axis_m=axis_m, after_s=after_s)
 
@@ -214,14 +217,14 @@ def _through(strip: _Strip) -> tuple[np.ndarray, np.ndarray]:
     return tuple(np.concatenate(part) for part in zip(*out, strict=True))
 
 
-def _map(view, ear, fit, step: int, centre_m, axis_m: np.ndarray, height_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """What an echo from each place (X, Y) about a centre at one instant says of all links together, its phase known: its
+def _map(
+    view, ear, fit, step: int, share: np.ndarray, centre_m, axis_m: np.ndarray, height_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """What an echo from each place (X, Y) about a centre at one instant says of all links together, each with its `share`: its
     amplitude is the first over the second, its nats the first's square over the second."""
     heard, world = ear.heard, view.world
     f_hz = heard.frequency_hz
     spacing_hz, size = f_hz[1] - f_hz[0], 1 << int(np.ceil(np.log2(_FINER * len(f_hz))))
-    energy, count = ear.row_nats(fit)[:, step], (heard.weight[:, step] > 0).sum(axis=1)
-    share = np.minimum(1.0, count / np.maximum(energy, 1e-300))  # what other causes leave is noise here
     knots_m, between = _between(axis_m)
     spread = lambda values: between @ values.astype(np.float32) @ between.T  # noqa: E731
     foot_m = centre_m + np.stack(np.meshgrid(knots_m, knots_m, indexing="ij"), axis=-1)

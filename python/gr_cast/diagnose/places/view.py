@@ -506,12 +506,17 @@ class View:
         """(place at time 0, velocity, radius, cross-section) on lines near someone's who hides what he hides, with echoes
         in phase."""
         place_m, velocity = effect.values[:2], effect.values[2:4]
-        hiding = eclipses.Hiding.of(self, place_m, velocity, effect.choice[0])
+        hiding = eclipses.Hiding.of(self.hidden.rows, place_m, velocity, effect.choice[0])
         found = tracks.near(self.among(effect), height_m, place_m, velocity, hiding.nats)
         return [(*line, hiding.radius_m(*line), area_m2) for *line, area_m2 in found]
 
+    @cached_property
+    def hidden(self) -> eclipses.Hidden | None:
+        return eclipses.Hidden.of(self)
+
     def eclipses(self, beside: "View | None" = None, height_m: float = 0.0):
-        return eclipses.lines(self, beside, height_m)
+        """Lines of bodies that hide what is missing; `beside`: the view with one of them, whose echoes count too."""
+        return eclipses.lines(self.hidden, tracks.moving_echoes(beside) if beside else (), height_m)
 
     def lit(self, effect):
         return planes.lit(self, effect)

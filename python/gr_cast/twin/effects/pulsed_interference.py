@@ -108,9 +108,9 @@ def _repeats(e, use, p) -> bool:
     turn = (np.arange(len(e)) - p[2]) / p[1]
     on = use & (turn % 1.0 < p[3])
     pulse = np.floor(turn[on]).astype(int) + 1
-    energy = np.bincount(pulse, e[on])
-    on[on] = pulse != energy.argmax()
-    rest = use & ~(turn % 1.0 < p[3]) | on
+    strongest = np.zeros_like(on)
+    strongest[on] = pulse == np.bincount(pulse, e[on]).argmax()
+    on, rest = on & ~strongest, use & ~strongest
     return two_levels(on.sum(), e[on].sum(), rest.sum(), e[rest].sum()) > np.log(_TRIALS)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from ...scenario.create import images
 
 CENTRE = 0.6  # of the height: where the echo of a body comes from
+HEIGHT_M = 1.8  # of a body of whom nothing is known
 
 
 def with_person(world, predictor, which, tables) -> list[tuple]:

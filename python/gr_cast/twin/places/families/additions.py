@@ -7,7 +7,7 @@ import numpy as np
 
 from ....scenario.create.geometry import Solid
 from ....scenario.create.media import Medium
-from ..passer import CENTRE
+from ..passer import CENTRE, HEIGHT_M
 from ..world import Person
 from .base import Effect, Family, std_of, value
 
@@ -37,7 +37,7 @@ _WELLS, _BOX_WELLS = 3, 6  # of the phase of an echo, either way
 _FAINT_M2 = 0.05  # of an echo that is not known
 _AREA = 4  # the cross-section's place among a passer's numbers
 _WIDER = 1.03 ** np.concatenate([np.arange(-12, 0), np.arange(1, 13)])  # than the radius that was found
-_RADII_M, _HEIGHT_M = (0.4, 0.2, 0.9), 1.8  # of a person or a vehicle: how wide a shadow is; height to begin with
+_RADII_M = (0.4, 0.2, 0.9)  # of a person or a vehicle: how wide a shadow is
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -285,7 +285,7 @@ class MovingScatterer(Family):
         return ["place"] if view.world.person is None and view.has_responses else []
 
     def starts(self, view, owner):
-        height_m = CENTRE * _HEIGHT_M
+        height_m = CENTRE * HEIGHT_M
         dark = view.ranked([self._of(owner, *one) for one in view.eclipses()])[:1]
         if not dark or not view.explains_much(dark[0]):
             return self._seen(view, owner)
@@ -299,14 +299,14 @@ class MovingScatterer(Family):
 
     def _of(self, owner, place_m, velocity, radius_m, area_m2=0.0) -> Effect:
         with np.errstate(divide="ignore"):
-            values = np.array([*place_m, *velocity, np.log(area_m2), _HEIGHT_M])
+            values = np.array([*place_m, *velocity, np.log(area_m2), HEIGHT_M])
         return Effect(family=self, owner=owner, values=values, choice=(radius_m, False))
 
     def _seen(self, view, owner) -> list[Effect]:
         return [
             self._of(owner, *line, radius_m, area_m2)
-            for *line, told in view.passers(CENTRE * _HEIGHT_M)
-            for area_m2 in ((told,) if told else (np.e, np.exp(8.0)))
+            for *line, told in view.passers(CENTRE * HEIGHT_M)
+            for area_m2 in ((told,) if told else (1.0, 8.0))
             for radius_m in (_RADII_M if told else _RADII_M[:1])
         ]
 
