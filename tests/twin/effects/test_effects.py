@@ -315,6 +315,12 @@ def test_the_end_of_a_relaxation_is_still():
     assert FAMILIES["gain_drift"].factor(read, part.u) == pytest.approx(10 ** (3 / 20), rel=1e-9)
 
 
+def test_a_step_tried_far_too_large_still_has_an_energy():
+    """A search steps over 710 nepers at times, where exp is infinite."""
+    factor = FAMILIES["gain_step"].factor(start(FAMILIES["gain_step"], [900.0, 0.5]), np.array([0.0, 0.5, 1.0]))
+    assert factor[0] == 1 and factor[2] > 1e20 and np.isfinite(np.sum(factor**2))
+
+
 @pytest.mark.parametrize("begins", [600, 1900, 2400])
 @pytest.mark.parametrize("name", list(TIMED))
 def test_a_twins_effect_is_in_a_part_of_a_recording_what_it_is_in_the_whole(name, begins):

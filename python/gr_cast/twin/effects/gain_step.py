@@ -11,6 +11,7 @@ from .values import NEEDED, SIDE
 SHARE_APART = 0.01  # of the recording, by which two steps are told apart
 HEAVY = 2.5  # of the standard deviation of its time: its errors fall off like exp(−|t|), one in 200 is eight of them
 LEAST_PART = 16  # samples on either side of a step
+LARGEST_STEP = 100.0  # nepers: a trial beyond it is as far off, and its square can still be held
 
 
 class GainStep(GainFamily):
@@ -26,7 +27,7 @@ class GainStep(GainFamily):
 
     def factor(self, effect, u):
         step, u0 = effect.p
-        return np.where(u >= u0, np.exp(step), 1.0)
+        return np.where(u >= u0, np.exp(min(step, LARGEST_STEP)), 1.0)
 
     def starts(self, view):
         score, norm = view.amplitude_moments()
