@@ -3,7 +3,7 @@
 # What works here must work elsewhere. Each part runs in a folder of its own, which is removed in the end.
 # Usage: bash tests/bench/compat.sh user [PYTEST ARGUMENT…]             without root, HOME not writable, spaces in the path: demo and suite
 #        bash tests/bench/compat.sh python PYTHON [PYTEST ARGUMENT…]    that Python, newest NumPy and pytest (PyPI): tests without GNU Radio
-#        bash tests/bench/compat.sh debian SUITE [PYTEST ARGUMENT…]     a fresh Debian with its own GNU Radio: built and tested; root, debootstrap
+#        bash tests/bench/compat.sh system SUITE [PYTEST ARGUMENT…]     a fresh Debian or Ubuntu with its own GNU Radio: built and tested; root, debootstrap
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 part=${1:-}
@@ -38,12 +38,16 @@ python)
     mapfile -t tests < <(grep -rLE 'gnuradio|blocks|cmake|apps/|PROGRAM|diagnose_bank' tests --include='test_*.py' | grep -v tests/apps)
     CAST_BUILD=$root "$work/venv/bin/python" -B -m pytest -q -p no:cacheprovider "${tests[@]}" "$@"
     ;;
-debian)
-    suite=${1:?SUITE is missing, such as trixie}
+system)
+    suite=${1:?SUITE is missing, such as trixie or noble}
     shift
     system=$work/system
     trap 'umount "$system/proc" "$system/dev" 2>/dev/null || true; rm -rf --one-file-system "$work"' EXIT
-    debootstrap --variant=minbase "$suite" "$system" >/dev/null
+    cp -a /usr/share/debootstrap "$work/debootstrap"
+    [ -e "$work/debootstrap/scripts/$suite" ] || ln -s gutsy "$work/debootstrap/scripts/$suite" # an Ubuntu younger than debootstrap
+    components=main
+    [ "$(readlink "$work/debootstrap/scripts/$suite")" != gutsy ] || components=main,universe
+    DEBOOTSTRAP_DIR=$work/debootstrap debootstrap --variant=minbase --components="$components" "$suite" "$system" >/dev/null
     mount -t proc proc "$system/proc"
     mount --bind /dev "$system/dev"
     git clone -q "$root" "$system/root/a checkout"
