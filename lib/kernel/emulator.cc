@@ -38,6 +38,8 @@ namespace cost
 {
 constexpr double tap = 0.078; // of one sample
 constexpr double wake_threads = 60000;
+// Transforms fill a core's vector units: what shares its core with them gains them little.
+constexpr double wake_threads_for_transforms = 150000;
 double transform(double n_bins) { return 2200 * n_bins * std::log2(n_bins) / (2048 * 11); }
 double product(double n_bins) { return 220 * n_bins / 2048; }
 } // namespace cost
@@ -543,7 +545,12 @@ void emulator::round(const sample* const* in, sample* const* out, std::size_t n,
 {
     const uint64_t first = d_position;
     pieces all = cut(first + n);
-    d_worth_sharing = choose(all, first, n) > cost::wake_threads;
+    const double work = choose(all, first, n);
+    const bool transforms = std::any_of(all.begin(), all.end(), [](const auto& of_output) {
+        return std::any_of(of_output.begin(), of_output.end(),
+                           [](const piece& p) { return p.dense; });
+    });
+    d_worth_sharing = work > (transforms ? cost::wake_threads_for_transforms : cost::wake_threads);
     std::vector<const sample*> x(in, in + d_config.n_inputs);
     if (d_fixed_point)
         x = quantize_inputs(in, n);
