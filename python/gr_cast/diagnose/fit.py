@@ -18,6 +18,7 @@ from scipy import linalg
 from ..twin.columns import Dense, Lags, against, gram
 from ..twin.effects import FAMILIES, Role, is_coarse, plays, stage_of
 from ..twin.effects.base import RX_FILTER, RX_GAIN
+from ..twin.effects.noise_family import LOUD, filled
 from ..twin.model import Model, jacobian, predict
 from .policy import COLOUR_ORDERS, DAMPINGS, LARGE, LEAST_HEARD, SMALL
 
@@ -57,7 +58,9 @@ class Data:
         """Signals (…, n) divided by the noise's spectrum, of the samples `inside` (n,) bool alone."""
         if self.spectrum is None:
             return signal
-        return sp_fft.ifft(sp_fft.fft(signal * inside, axis=-1) / np.sqrt(self.spectrum), axis=-1)
+        loud = self.spectrum.max() > LOUD * np.median(self.spectrum)
+        signal = filled(signal, inside, self.spectrum) if loud else signal * inside
+        return sp_fft.ifft(sp_fft.fft(signal, axis=-1) / np.sqrt(self.spectrum), axis=-1)
 
     @property
     def root(self) -> np.ndarray:

@@ -24,3 +24,22 @@ def test_a_band_of_stronger_noise_is_found_at_its_frequency(centre):
 
 def test_what_is_left_at_half_the_sample_rate_is_no_interference():
     assert FAMILIES["narrowband_interference"].find(_view(0.5, width=0.004))[1] is None
+
+
+def _gapped(width, excess_db, count=60_000):
+    """Noise with a band at 0.2 of the rate, of which an eighth is held out, in runs of 16 samples."""
+    rng = np.random.default_rng(3)
+    noise, loud = rng.normal(size=(2, count, 2)) @ [1, 1j] / np.sqrt(2)
+    inside = np.abs(np.fft.fftfreq(count) - 0.2) < width / 2
+    y = noise + np.fft.ifft(np.fft.fft(loud) * inside) * 10 ** (excess_db / 20)
+    use = np.repeat(rng.integers(0, 8, count // 16) > 0, 16)
+    return NoiseView(use=use, energy=np.abs(y) ** 2, wanted_power=np.ones(count), weighted=y * use)
+
+
+@pytest.mark.parametrize(("width", "excess_db"), [(0.036, 44.0), (0.01, 50.0), (0.1, 20.0), (0.05, 3.0)])
+def test_a_band_is_as_wide_and_as_strong_as_it_is_however_loud(width, excess_db):
+    """Samples that are held out cut it into pieces, whose spectrum is wider."""
+    _, effect = FAMILIES["narrowband_interference"].find(_gapped(width, excess_db))
+    assert effect.p[1:] == pytest.approx([0.2, width], abs=0.006)
+    told_db, true_db = (10 * np.log10(x) for x in (np.exp(effect.p[0]) * effect.p[2], 10 ** (excess_db / 10) * width))
+    assert told_db == pytest.approx(true_db, abs=0.35)

@@ -5,10 +5,12 @@ import numpy as np
 from scipy import fft as sp_fft
 
 from .base import around_circle, at_half_the_rate, start
-from .noise_family import REMEMBERED, NoiseFamily, two_levels
+from .noise_family import LOUD, REMEMBERED, NoiseFamily, filled, two_levels
 from .values import NEEDED, NEEDED_POSITIVE
 
 WIDEST = 3  # a band wider than this part of the rate is what a filter leaves of the noise
+CELLS = 256  # of frequency, at most
+ROUNDS = 5  # in which gaps are filled with what the last one tells of a loud band
 FINE = 12  # steps per cell in which the edges of a band are looked for
 
 
@@ -47,14 +49,9 @@ class NarrowbandInterference(NoiseFamily):
 
     def find(self, view, near=None):
         """(gain, effect) of noise that is stronger in one band."""
-        power = np.abs(sp_fft.fft(view.weighted)) ** 2
-        n = len(power)
-        cells = int(min(256, n // 16))
-        edges = np.linspace(0, n, cells + 1).astype(int)
-        energy = np.add.reduceat(power, edges[:-1])
-        size = np.diff(edges)
-        top = at_half_the_rate((edges[:-1] + size / 2) / n)
-        energy[top] = size[top] * energy[~top].sum() / size[~top].sum()
+        power, share = _periodogram(view), view.use.sum() / len(view.use)
+        n, (edges, size, energy) = len(power), _cells(power)
+        cells = len(size)
         e2, n2 = np.cumsum(np.concatenate([[0], energy, energy])), np.cumsum(np.concatenate([[0], size, size]))
         best = (0.0, 0, 1)
         for length in range(1, cells // 2):
@@ -68,7 +65,6 @@ class NarrowbandInterference(NoiseFamily):
             if gain[i] > best[0]:
                 best = (float(gain[i]), i, length)
         gain, i, length = best
-        share = view.use.sum() / n
         if gain * share < 20 or length > cells // WIDEST:
             return 0.0, None
         gain, first, last = _edges(power, edges[i % cells], edges[i % cells] + n2[i + length] - n2[i], n // cells)
@@ -85,6 +81,35 @@ class NarrowbandInterference(NoiseFamily):
             aux={"_std": [(1 + ratio) / ratio / np.sqrt(on_n * share), 0.1 / cells, 0.2 / cells]},
         )
         return gain * share, effect
+
+
+def _cells(power):
+    """(edges, sizes, energies) of cells of a periodogram; at half the sample rate, where interpolation leaves something of the
+    signal, with what is beside it."""
+    n = len(power)
+    edges = np.linspace(0, n, int(min(CELLS, max(n // 16, 4))) + 1).astype(int)
+    size, energy = np.diff(edges), np.add.reduceat(power, edges[:-1])
+    top = at_half_the_rate((edges[:-1] + size / 2) / n)
+    energy[top] = size[top] * np.interp(np.flatnonzero(top), np.flatnonzero(~top), (energy / size)[~top])
+    return edges, size, energy
+
+
+def _periodogram(view):
+    """(n,) |FFT|² of the noise, as it would be without gaps: these are filled with what goes on of a loud band, and the rest is
+    added that no filling tells (Dempster 1977). What is less than halfway up to the loudest, in dB, is taken for what the gaps
+    spread of that."""
+    power, gaps = np.abs(sp_fft.fft(view.weighted)) ** 2, ~view.use
+    for _ in range(ROUNDS if gaps.any() else 0):
+        _, size, energy = _cells(power)
+        density = energy / size / len(power)
+        floor = np.median(density)
+        if density.max() <= LOUD * floor:
+            break
+        spectrum = np.repeat(np.where(density > np.sqrt(floor * density.max()), density, floor), size)
+        x, loud = filled(view.weighted, view.use, spectrum), spectrum.mean()
+        told = np.clip(np.mean(np.abs(x[gaps]) ** 2) / (loud - floor), 0.0, 1.0)
+        power = np.abs(sp_fft.fft(x)) ** 2 + gaps.sum() * (told * floor + (1 - told) * spectrum)
+    return power
 
 
 def _edges(power, first, last, cell):

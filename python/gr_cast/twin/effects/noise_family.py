@@ -26,6 +26,9 @@ class NoiseView:
     weighted: np.ndarray
 
 
+LOUD = 10.0  # times the median density, from which gaps of a recording spread more of a band than the noise outside it
+FILL_STEPS, LEAST_HELD = 10, 0.1  # of a filling, and the least share of what is in a gap that a loud band does not tell
+
 REMEMBERED = {"floor": POSITIVE, "wanted_rms": POSITIVE}  # in the model of every family of the noise
 
 
@@ -60,6 +63,19 @@ class NoiseFamily(Family):
 
     def model(self, scene, effect):
         return {"floor": effect.aux.get("_floor", scene.floor), "wanted_rms": effect.aux.get("rms", scene.wanted_rms)}
+
+
+def filled(signals: np.ndarray, inside: np.ndarray, spectrum: np.ndarray) -> np.ndarray:
+    """Signals (…, n) with the samples that are not `inside` (n,) bool as noise of this spectrum (n,) most likely goes on there:
+    a gap would spread what is loud in one band over all others (Papoulis 1975; by Chebyshev's iteration)."""
+    quiet, middle, half = spectrum.min() / spectrum, (1 + LEAST_HELD) / 2, (1 - LEAST_HELD) / 2
+    x, step, weight = np.where(inside, signals, 0.0), 0.0, 0.0
+    for k in range(FILL_STEPS):
+        wrong = np.where(inside, 0.0, sp_fft.ifft(quiet * sp_fft.fft(x, axis=-1), axis=-1))
+        weight = 1 / (middle - (half / 2) ** 2 * weight * (1 + (k == 1)))
+        step = -weight * wrong + (middle * weight - 1) * step
+        x = x + step
+    return x
 
 
 def profile(energy: np.ndarray, shape: np.ndarray) -> float:
