@@ -13,6 +13,6 @@ def test_noise_with_a_loud_band_is_white_of_unit_power_beside_samples_that_are_h
     spectrum = np.where(inside, 10 ** (excess_db / 10), 1.0)
     y = np.fft.ifft(np.fft.fft(rng.normal(size=(count, 2)) @ [1, 1j] / np.sqrt(2)) * np.sqrt(spectrum))
     use = np.repeat(rng.integers(0, 8, count // 16) > 0, 16).astype(float)
-    white = Data(scene=None, y=y, use=use, vault=use == 0, spectrum=spectrum).whitened(y)
+    white = Data(scene=None, y=y, use=use, vault=use == 0, spectrum=spectrum, loud=True).whitened(y)
     assert np.mean(np.abs(white[use > 0]) ** 2) == pytest.approx(1.0, abs=0.05)
     assert not white[use == 0].any()

@@ -36,6 +36,7 @@ class Data:
     rounding: float = 0.0  # power that the steps of the file add, behind all else
     variance: np.ndarray | None = None
     spectrum: np.ndarray | None = None
+    loud: bool = False  # whether gaps would spread a band of it over the rest
     impulses: tuple | None = None  # (effect, weight of every sample (n,)) where some hold an impulse
     deadline: float = np.inf  # on time.thread_time(): from then on fits stay where they are
 
@@ -58,8 +59,7 @@ class Data:
         """Signals (…, n) divided by the noise's spectrum, of the samples `inside` (n,) bool alone."""
         if self.spectrum is None:
             return signal
-        loud = self.spectrum.max() > LOUD * np.median(self.spectrum)
-        signal = filled(signal, inside, self.spectrum) if loud else signal * inside
+        signal = filled(signal, inside, self.spectrum) if self.loud else signal * inside
         return sp_fft.ifft(sp_fft.fft(signal, axis=-1) / np.sqrt(self.spectrum), axis=-1)
 
     @property
@@ -229,7 +229,7 @@ def with_noise(fit: Fit, model: Model) -> Data:
     """The data with the noise's shape that the noise effects of `model` give around the prediction of
     `fit`."""
     spectrum = smooth_spectrum(fit.data, fit.residual) if filters_noise(model) else None
-    variance, impulses = shape_of_receiver(fit, model), None
+    variance, impulses, loud = shape_of_receiver(fit, model), None, False
     for effect in model.effects:
         family = FAMILIES[effect.family]
         if family.noise_like:
@@ -238,6 +238,7 @@ def with_noise(fit: Fit, model: Model) -> Data:
                 family.spectrum(fit.data.scene, effect),
             )
             variance = v if variance is None else variance if v is None else variance * v
+            loud |= s is not None and s.max() > LOUD * np.median(s)
             spectrum = s if spectrum is None else spectrum if s is None else spectrum * s
         elif effect.fixed and family.random:
             told = fit.data.noise_power or fit.sigma2
@@ -247,7 +248,7 @@ def with_noise(fit: Fit, model: Model) -> Data:
             weight = family.weight(effect, np.abs(fit.residual) ** 2 / (1.0 if variance is None else variance))
             impulses = effect, weight
             variance = 1 / weight if variance is None else variance / weight
-    return replace(fit.data, variance=variance, spectrum=spectrum, impulses=impulses)
+    return replace(fit.data, variance=variance, spectrum=spectrum, loud=loud, impulses=impulses)
 
 
 def smooth_spectrum(data: Data, residual: np.ndarray, orders: int = COLOUR_ORDERS) -> np.ndarray:

@@ -341,7 +341,9 @@ def _directions(fit: Fit):
 
 def _look_for_rest(finding: Finding) -> None:
     fit = finding.fit
-    explained = max(0.0, finding.twin.sigma2 / fit.sigma2 - 1) * fit.data.count
+    bands = [FAMILIES[e.family].spectrum(fit.data.scene, e) for e in fit.model.found if FAMILIES[e.family].band(e)]
+    level = fit.sigma2 * np.mean(np.prod(bands, axis=0))  # what a band of noise holds is no signal that was explained
+    explained = max(0.0, finding.twin.sigma2 / level - 1) * fit.data.count
     beyond = [_beyond(finding, i) for i, e in enumerate(fit.model.effects) if FAMILIES[e.family].beyond]
     inside = of_even_noise(fit)
     finding.tested = [*residual.leftovers(fit, inside), *flatness.left(fit, inside), *evenness.left(fit, inside)]

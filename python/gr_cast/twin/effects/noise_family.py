@@ -27,7 +27,7 @@ class NoiseView:
 
 
 LOUD = 10.0  # times the median density, from which gaps of a recording spread more of a band than the noise outside it
-FILL_STEPS, LEAST_HELD = 10, 0.1  # of a filling, and the least share of what is in a gap that a loud band does not tell
+FILL_STEPS, LEAST_HELD = 20, 0.1  # of a filling, to 60 dB, and the least share of what is in a gap that a loud band does not tell
 
 REMEMBERED = {"floor": POSITIVE, "wanted_rms": POSITIVE}  # in the model of every family of the noise
 
