@@ -34,8 +34,8 @@ python)
     "$work/venv/bin/python" -m pip install -q 'numpy>=2' 'pytest>=9' scipy matplotlib pyyaml pyzmq hypothesis pytest-timeout pytest-xdist
     "$work/venv/bin/python" -m pip freeze
     cd "$root"
-    # Tests of programs start Debian's Python, and those of blocks need its GNU Radio.
-    mapfile -t tests < <(grep -rLE 'gnuradio|blocks|cmake|apps/|PROGRAM|diagnose_bank' tests --include='test_*.py' | grep -v tests/apps)
+    # Tests of programs and of boxes start Debian's Python, and those of blocks need its GNU Radio.
+    mapfile -t tests < <(grep -rLE 'gnuradio|blocks|cmake|apps/|PROGRAM|diagnose_bank' tests --include='test_*.py' | grep -vE 'tests/(apps|colosseum)')
     CAST_BUILD=$root "$work/venv/bin/python" -B -m pytest -q -p no:cacheprovider "${tests[@]}" "$@"
     ;;
 system)
