@@ -99,3 +99,14 @@ def test_along_a_normal_nats_are_those_of_each_level():
     phased, levels_m = Phased.of(ear, fit, world), np.arange(-9.0, -8.0, 0.004)
     each = phased.nats(np.repeat(LEVEL[None], len(levels_m), axis=0), levels_m)
     assert phased.nats_along(LEVEL, levels_m) == pytest.approx(each, rel=0.01, abs=0.02)
+
+
+def test_a_plane_that_one_still_link_alone_sees_is_found():
+    plate = np.array([(-2.95, -6.6, 4.0), (-2.25, -6.6, 4.0), (-2.25, -5.9, 4.0), (-2.95, -5.9, 4.0)])
+    world = theirs()
+    world["objects"]["plate"] = {"tris": plate[QUAD], "surface": None}
+    world["materials"]["plate"] = "metal"
+    ears = heard(world, 30.0, phase="snapshot")
+    before, count = evaluated(ears, ours(), ()).energy, ears[0].count
+    assert before - count > 500
+    assert best_of("missing_object", ears).energy - count < 0.1 * (before - count)

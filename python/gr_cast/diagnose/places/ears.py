@@ -136,6 +136,14 @@ def thinned(one, instants: int, frequencies: int):
     return ResponseEar(predictor, heard)
 
 
+@functools.lru_cache(maxsize=8)
+def of_link(one: ResponseEar, index: int) -> ResponseEar:
+    """One link of a sounding."""
+    heard, link, own = one.heard, one.predictor.links[index], slice(index, index + 1)
+    predictor = Predictor(link[:1], link[1:], one.predictor.time_s, one.predictor.frequency_hz)
+    return ResponseEar(predictor, replace(heard, links=(link,), y=heard.y[own], weight=heard.weight[own]))
+
+
 def without_phase(one):
     """The same sounding, its phases not believed."""
     return replace(one, heard=replace(one.heard, phase="snapshot")) if one.has_responses else one

@@ -28,6 +28,7 @@ _GRID_SUMS = 600_000  # rows times planes of it
 _SEEN_NATS = 4.0  # of a row that a plane is fitted to
 _TURNED_RAD = np.radians(4)  # by which a plane may be from where an image has it
 _SIDE_RAD = np.radians(15)  # by which a box's side may be turned from where its shadow has it
+_LONE_SHARE = 0.25  # of what is left above noise, that one row's echo must hold to be looked for alone
 _MARGIN_M = 1.5  # beyond the outermost point that is lit, where nothing says that it ends
 
 
@@ -44,6 +45,29 @@ def sheets(view) -> list[Sheet]:
         if not any(_is_same(sheet, other) for other in out):
             out.append(sheet)
     return [*(_whole(view, sheet) for sheet in out[:_WIDE]), *out[:_KEPT]]
+
+
+def lone(view) -> tuple[int, list[Sheet]]:
+    """The link whose echo alone is a good part of what is left, and rectangles that stand as something does and would send it: no
+    other link says more of them than that it sees none."""
+    if not view.wideband:
+        return 0, []
+    rows, count = view.phased, sum(ear.count for ear in view.ears)
+    nats = np.abs(rows.profile) ** 2 / np.maximum(rows.power, 1e-300)[:, None]
+    length_m = np.arange(nats.shape[1]) * SPEED_OF_LIGHT_M_PER_S / rows.bins_per_s
+    direct_m = np.linalg.norm(rows.tx_m - rows.rx_m, axis=1)
+    nats[length_m < direct_m[:, None] + view.resolution_m / 4] = 0.0  # there the direct path's own errors are
+    row, at = np.unravel_index(np.argmax(nats), nats.shape)
+    if nats[row, at] < max(_SEEN_NATS, _LONE_SHARE * view.model.left_nats(count)):
+        return 0, []
+    out = []
+    for normal in normals(view.world.faces):
+        before, after = rows.tx_m[row] @ normal, rows.rx_m[row] @ normal
+        beyond_m = np.sqrt((before - after) ** 2 + length_m[at] ** 2 - direct_m[row] ** 2) / 2
+        for level_m in ((before + after) / 2 + beyond_m, (before + after) / 2 - beyond_m):
+            refined = _refined(view, normal, float(level_m), 0.0, least=1)
+            out += [refined[1]] if refined else []
+    return int(rows.link[row]), out
 
 
 def _whole(view, sheet: Sheet) -> Sheet:
@@ -146,12 +170,12 @@ def mirrors(view, box: Sheet) -> list[Sheet]:
     return [one for _, one in sorted(found, key=lambda pair: -pair[0])]
 
 
-def _refined(view, normal: np.ndarray, level_m: float, most_rad: float):
-    """(nats, sheet) of the best rectangle near a plane; None where nothing coherent is there."""
+def _refined(view, normal: np.ndarray, level_m: float, most_rad: float, least: int = 2):
+    """(nats, sheet) of the best rectangle near a plane; None where nothing coherent is there, in so many rows at least."""
     rows = view.phased
     length_m, met, good = imaging.mirrored((rows.tx_m, rows.rx_m), normal, level_m)
     strong = good & (rows.alone_nats(length_m) > _SEEN_NATS)
-    if strong.sum() < 2:
+    if strong.sum() < least:
         return None
     v = np.array([0.0, 0.0, 1.0]) if abs(normal[2]) < 0.5 else np.array([0.0, 1.0, 0.0])
     u = np.cross(v, normal)

@@ -13,7 +13,7 @@ from ...twin.places.carrying import headings
 from ...twin.places.families import FAMILIES
 from . import eclipses, fringes, imaging, planes, policy, scan, shades, tracks
 from .coherent import Phased
-from .ears import thinned, without_phase
+from .ears import of_link, thinned, without_phase
 from .fit import Model, applied, evaluated, fitted, with_effect
 
 _SCANNED_CARRIERS = 100_000
@@ -487,6 +487,12 @@ class View:
 
     def sheets(self):
         return planes.sheets(self)
+
+    def lone_sheets(self):
+        """Planes that one link alone tells of, and a look at that link."""
+        link, sheets = planes.lone(self)
+        ears = [of_link(self.wideband[0][0], link)] if sheets else []
+        return sheets, View(ears, evaluated(ears, self.model.base, self.model.effects), self.unknown)
 
     def shades(self):
         return shades.shades(self)

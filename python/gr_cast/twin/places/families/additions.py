@@ -33,6 +33,7 @@ _TOPS_M = (-0.1, -0.03, 0.03, 0.1)  # by which a box may be higher in another we
 _STEPS_M, _LEAST_M = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0), 0.05
 _TURNS_RAD = np.radians([-45, -25, -12, -5, 5, 12, 25, 45, 90])
 _COARSE, _BETWEEN, _ENDED = 10, 9, 2  # steps to a wavelength in which a plane is looked for, in how many then; ends looked for
+_LONE = 3  # planes that are looked at which one link alone sees
 _WELLS, _BOX_WELLS = 3, 6  # of the phase of an echo, either way
 _FAINT_M2 = 0.05  # of an echo that is not known
 _AREA = 4  # the cross-section's place among a passer's numbers
@@ -154,7 +155,7 @@ class MissingObject(Family):
         dark = [begun(box, _DARK) for box in view.shades()]
         sides = [begun(box, made) for effect in dark[:1] for box in view.mirrors(effect)[:2] for made in _MATERIALS]
         faced = self._faced(view, begun, dark[0]) if dark and view.explains_much(dark[0]) else []
-        return [*ended, *seen, *dark, *sides, *faced]
+        return [*ended, *seen, *dark, *sides, *faced, *self._lone(view, begun)]
 
     def _faced(self, view, begun, dark: Effect) -> list[Effect]:
         """What stands in the way of much, with one of its sides where it reflects best, as large as is best then."""
@@ -166,6 +167,13 @@ class MissingObject(Family):
 
         begun_at = [one for made in _MATERIALS[:2] for one in near([begun(box, made) for box in boxes])[:_FACED]]
         return view.ranked([near([self._ended(view, one)])[0] for one in begun_at])[:_FACED]
+
+    def _lone(self, view, begun) -> list[Effect]:
+        """What one link alone tells of, where nothing stands in the way of its echo."""
+        sheets, view = view.lone_sheets()
+        found = [begun(sheet, _BOARD) for sheet in sheets]
+        found = [self._in_phase(view, begun, one.choice) for one in found if view.beside(one).lit(one)[0] is not None]
+        return view.ranked(found)[:_LONE]
 
     def _in_phase(self, view, begun, sheet) -> Effect:
         """A plane where its echoes come in phase: the twin, fitted without, hides part of them. Rows where it ends otherwise than
