@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gr_cast.diagnose.places import elsewhere, run
+from gr_cast.diagnose.places.ears import ResponseEar
 from gr_cast.diagnose.places.fit import evaluated, fitted
 from gr_cast.diagnose.places.search import Budget, Found
 from gr_cast.scenario.create.fields import surface_of
@@ -15,12 +16,14 @@ from gr_cast.scenario.create.geometry import Solid
 from gr_cast.scenario.create.media import Medium
 from gr_cast.twin.places.families.base import Effect
 from gr_cast.twin.places.families.objects import ObjectMoved
-from gr_cast.twin.places.world import Mesh
+from gr_cast.twin.places.predict import Predictor
+from gr_cast.twin.places.world import Mesh, Radio
 
 sys.path.insert(0, str(Path(__file__).parent))
 from test_place_edges import CARRIER_HZ, MADE, NODES, SIDES, heard, ours
 
 SHIFT_M = 1.43
+BEHIND = {"e": [-1.0, -6.0, 1.5], "f": [10.0, -6.0, 1.5]}  # of the fence, to either side of a board that is thick
 
 
 def _yard(is_fenced: bool):
@@ -77,12 +80,34 @@ def test_an_object_a_hand_from_its_place_is_no_second_one():
     assert elsewhere.one_more(_sounded(world, SHIFT_M), world, (_moved(0.1),), 0) is None
 
 
-@pytest.mark.parametrize("is_fenced", [True, False])
-def test_of_an_object_that_no_link_saw_nobody_knows_whether_a_new_one_would_stand_in_it(is_fenced):
-    world = _yard(is_fenced)
+def _thick(world):
+    """The yard with a board that is 3 m thick."""
     board = world.mesh.solids[world.mesh.index("board")]
     deep = replace(board, vertices_m=np.vstack([board.vertices_m, board.vertices_m - [0.0, 3.0, 0.0]]), faces=SIDES)
     solids = [deep if solid is board else solid for solid in world.mesh.solids]
-    thick = replace(world, mesh=Mesh.of(tuple(solids), np.array(list(NODES.values()))))
-    both = elsewhere.one_more(_sounded(world, SHIFT_M), thick, (_moved(0.9),), 0)
+    return replace(world, mesh=Mesh.of(tuple(solids), np.array(list(NODES.values()))))
+
+
+@pytest.mark.parametrize("is_fenced", [True, False])
+def test_of_an_object_that_no_link_saw_nobody_knows_whether_a_new_one_would_stand_in_it(is_fenced):
+    world = _yard(is_fenced)
+    both = elsewhere.one_more(_sounded(world, SHIFT_M), _thick(world), (_moved(0.9),), 0)
     assert (both is not None) == is_fenced
+
+
+def test_a_vault_that_is_blocked_by_either_does_not_tell_a_moved_object_from_a_new_one_in_it():
+    world = _thick(_yard(True))
+    told = world.radios["a"].node
+    behind = {name: replace(told, name=name, waypoints_m=np.array([at_m])) for name, at_m in BEHIND.items()}
+    world = replace(world, radios=world.radios | {name: Radio(node=node) for name, node in behind.items()})
+    model = evaluated(ears := _sounded(world, 0.9), world, (_moved(0.9),))
+    link, frequency_hz = tuple(BEHIND), ears[0].heard.frequency_hz
+    predictor = Predictor(link[:1], link[1:], np.zeros(1), frequency_hz)
+    gone = world.with_surface([world.mesh.index("board")], present=False)
+    past = np.abs(predictor.response(gone)).mean()
+    y = predictor.response(model.world)
+    heard = replace(ears[0].heard, links=(link,), y=y, weight=np.full(y.shape, 1e4 / past**2))
+    vault = [ResponseEar(predictor, heard)]
+    assert elsewhere.apart_nats(vault, world, gone) > 100  # the vault looks at its old place
+    found = Found(model=model, start=model, rivals={}, tried=1, count=ears[0].count, spent=False)
+    assert {name for name, *_ in run._alike(found, 0, ears, vault, world)} == {"object_moved", "missing_object"}

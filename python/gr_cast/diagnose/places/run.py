@@ -181,7 +181,7 @@ def _alike(found: search.Found, number: int, ears, vault, base) -> list[tuple]:
     if _MOVED in alike:
         _, words, nats, world = alike[_MOVED]
         moved = next(one for one in (effect, *(rival for rival, _ in _rivals(found, effect))) if one.family.name == _MOVED)
-        if new := elsewhere.one_more((*ears, *vault), base, [*others, moved], len(others)):
+        if new := elsewhere.one_more(ears, base, [*others, moved], len(others)):
             nats += elsewhere.apart_nats((*ears, *vault), world, new)
             if nats < policy.RIVAL_NATS:
                 alike["missing_object"] = "missing_object", f"something new like what is {words}", nats, new
