@@ -35,7 +35,7 @@ python)
     "$work/venv/bin/python" -m pip freeze
     cd "$root"
     # Tests of programs and of boxes start Debian's Python, and those of blocks need its GNU Radio.
-    mapfile -t tests < <(grep -rLE 'gnuradio|blocks|cmake|apps/|PROGRAM|diagnose_bank' tests --include='test_*.py' | grep -vE 'tests/(apps|colosseum)')
+    mapfile -t tests < <(grep -rLE 'gnuradio|blocks|cmake|apps/|PROGRAM|diagnose_bank' tests --include='test_*.py' | grep -vE 'tests/(apps|blocks|colosseum)')
     CAST_BUILD=$root "$work/venv/bin/python" -B -m pytest -q -p no:cacheprovider "${tests[@]}" "$@"
     ;;
 system)
