@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from gr_cast.diagnose import align, claims, policy, read_case
+from gr_cast.diagnose import align, claims, finding, policy, read_case
 from gr_cast.diagnose.finding import Worth
 from gr_cast.diagnose.search import plausible, refit
 from gr_cast.diagnose.verdict import Told
@@ -57,14 +57,28 @@ def test_held_out_samples_contradict_what_loses_there_what_fitted_ones_promise(p
     assert (claims.broken(SimpleNamespace(fit=fit, worth_of=lambda i: worth)) is not None) == is_broken
 
 
+@pytest.mark.parametrize("told, is_throughout", [(range(20_000), True), (range(2_000, 2_400), False)])
+def test_an_offset_in_one_burst_alone_is_no_receivers_dc(world, tmp_path, told, is_throughout):
+    """Fitted to the whole recording it makes the burst likelier, and everything else less likely than without."""
+    y = world.noisy(world.clean())
+    y[told] += 0.02
+    case = read_case(world.write(tmp_path / "case", y))
+    _, data, model = align.build(case, case.observations[0])
+    fit, bare = refit(data, model.adding(dc())), refit(data, model)
+    assert fit.evidence > bare.evidence + 10.0
+    worth = finding.worth(fit, bare)
+    assert worth.throughout == is_throughout
+    assert (claims.broken(SimpleNamespace(fit=fit, worth_of=lambda i: worth)) is None) == is_throughout
+
+
 @pytest.mark.parametrize("ripple, is_broken", [(0.018, True), (0.18, False)])
 def test_a_filter_that_is_hardly_one_and_brings_little_is_not_claimed(part, monkeypatch, ripple, is_broken):
     _, data, model = part
     filtering = start(FAMILIES["front_end_filter"], [0.001, 0.0], aux={"low": 0, "high": 1, "side": "tx", "source": 0})
     fit = SimpleNamespace(data=data, model=model.adding(filtering))
     monkeypatch.setattr(claims, "numbers", lambda f, i: ({"ripple_db": {"value": ripple, "std": 0.009}}, {}))
-    finding = SimpleNamespace(fit=fit, worth_of=lambda i: Worth(evidence=60.0, held_out=15.0))
-    assert (claims.broken(finding) is not None) == is_broken
+    weighed = SimpleNamespace(fit=fit, worth_of=lambda i: Worth(evidence=60.0, held_out=15.0))
+    assert (claims.broken(weighed) is not None) == is_broken
 
 
 @pytest.mark.parametrize("compression, is_broken", [(0.004, True), (0.4, False)])
@@ -72,9 +86,9 @@ def test_an_amplifier_that_hardly_compresses_and_brings_little_is_not_claimed(pa
     _, data, model = part
     fit = SimpleNamespace(data=data, model=model.adding(start(FAMILIES["pa_nonlinearity"], [compression])))
     monkeypatch.setattr(claims, "numbers", lambda f, i: ({"compression_db": {"value": compression, "std": 0.005}}, {}))
-    finding = SimpleNamespace(fit=fit, worth_of=lambda i: Worth(evidence=60.0, held_out=5.0))
-    assert (claims.broken(finding) is not None) == is_broken
-    told = Told(members=[(finding, 0)], finding=finding, index=0, owner={}, nats=60.0, held_out=5.0)  # where no time was left
+    weighed = SimpleNamespace(fit=fit, worth_of=lambda i: Worth(evidence=60.0, held_out=5.0))
+    assert (claims.broken(weighed) is not None) == is_broken
+    told = Told(members=[(weighed, 0)], finding=weighed, index=0, owner={}, nats=60.0, held_out=5.0)  # where no time was left
     assert told.claimed != is_broken
 
 

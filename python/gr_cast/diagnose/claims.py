@@ -39,13 +39,15 @@ def sigmas(fit: Fit, index: int) -> float | None:
 def broken(finding: Finding) -> int | None:
     """The effect of a finding that makes held-out samples less likely where the fitted ones promise that it makes them likelier,
     the worst first, or that is worth less than nothing beside all that was found after it, or that brings little and whose
-    telling number is nothing within its error; None without one. What is there gains g ± √(2g) nats on samples of which the
-    fitted ones promise g."""
+    telling number is nothing within its error, or that passes; None without one. What is there gains g ± √(2g) nats on samples of
+    which the fitted ones promise g."""
     data, worst = finding.fit.data, (BROKEN_SIGMA, None)
     for i, effect in enumerate(finding.fit.model.effects):
         if effect.fixed or "nats" in effect.aux or "read" in effect.aux:
             continue
         worth = finding.worth_of(i)
+        if passes(finding, i):
+            return i
         if worth.held_out is None:
             continue
         promised = worth.evidence * data.vault.sum() / data.count
@@ -63,6 +65,11 @@ def sizeless(finding: Finding, index: int) -> bool:
         return False
     number = numbers(finding, index)[0][telling]
     return abs(number["value"]) < SIZE_SIGMA * number["std"]
+
+
+def passes(finding: Finding, index: int) -> bool:
+    """Whether an effect that lasts explains what a few stretches of the recording hold, and nothing of the others."""
+    return FAMILIES[finding.fit.model.effects[index].family].lasting and not finding.worth_of(index).throughout
 
 
 def _added(fit: Fit, index: int) -> np.ndarray:

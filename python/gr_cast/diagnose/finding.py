@@ -12,6 +12,7 @@ from . import heldout
 from .fit import Fit, invert
 from .policy import LEAST_TOLD
 from .search import refit_or_known
+from .throughout import is_throughout
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,6 +22,7 @@ class Worth:
 
     evidence: float
     held_out: float | None  # None: not worked out
+    throughout: bool = True  # explains something outside the few stretches in which it explains most
     rivals: tuple = ()
 
 
@@ -80,7 +82,12 @@ class Finding:
             )
             if told is None or self.data.late:  # a fit that the time cut short is not the best one without the effect
                 most = self.data.count * np.log(max(self.twin.sigma2 / self.fit.sigma2, 1.0)) + LEAST_TOLD
-                told = Worth(evidence=min(told_by_curvature(self.fit, index), most), held_out=None)
+                plain = predict(self.scene, self.fit.model.without(index)).y  # no better than the best one without it
+                told = Worth(
+                    evidence=min(told_by_curvature(self.fit, index), most),
+                    held_out=None,
+                    throughout=is_throughout(self.fit, plain),
+                )
                 self.complete = self.complete and self.later  # there was no time to prove it
             self.worths[key] = told
         return self.worths[key]
@@ -91,6 +98,7 @@ def worth(fit: Fit, without: Fit, rivals=()) -> Worth:
     return Worth(
         evidence=float(fit.evidence - without.evidence),
         held_out=heldout.gained(fit, without),
+        throughout=is_throughout(fit, without.chain.y),
         rivals=tuple(replace(r, fit=None) for r in rivals),
     )
 

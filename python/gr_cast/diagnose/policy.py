@@ -271,6 +271,10 @@ OPEN_CYCLES = 0.1  # from one part to the next: with a larger error of what they
 UNSEEN_CYCLES = 0.02  # that a part turns without an offset being found in it, at least,
 UNSEEN = 6.0  # standard deviations of what its phase tells of that
 
+# throughout
+STRETCHES, APART = 64, 0.25  # of equal energy, and the share of them, the best ones, that may explain what they do alone
+AGAINST_SIGMA = 6.0  # standard deviations by which the others must be against it; three of them are for the choice of the best
+
 # verdict
 SAME_DELAY_SAMPLES = 0.7
 SURELY_APART = 3.0  # standard deviations

@@ -12,6 +12,7 @@ from gr_cast.twin.effects import FAMILIES
 from gr_cast.twin.effects.adc_clipping import mean_of_limiter
 from gr_cast.twin.effects.base import start
 from gr_cast.twin.effects.noise_family import NoiseView
+from gr_cast.twin.effects.pa_nonlinearity import bent, of_one_level
 from gr_cast.twin.effects.quantization import mean_of_quantizer, variance_of_quantizer
 from gr_cast.twin.entries import effect_of
 from gr_cast.twin.model import Model, jacobian, predict
@@ -186,6 +187,22 @@ def test_an_amplifier_that_remembers_compresses_by_what_a_thousandth_of_the_ampl
     gain = lambda wave, part: np.vdot(wave[part], sent(wave)[part]) / np.vdot(wave[part], wave[part])  # noqa: E731
     lost = 20 * np.log10(abs(gain(1e-3 * x, n) / gain(x, strongest)))
     assert FAMILIES["pa_nonlinearity"].values(here, effect, effect.p)["compression_db"] == pytest.approx(lost, abs=1e-3)
+
+
+@pytest.mark.parametrize("kind, is_one", [("keyed", True), ("keyed, filtered", False), ("chips", False)])
+def test_an_amplifier_turns_and_scales_what_is_of_one_level_but_for_its_ramps(kind, is_one):
+    """So that it cannot be told from a gain. A keyed tone is; behind a steep filter it is not; chips of one level swing between
+    their samples."""
+    rng, n = np.random.default_rng(4), np.arange(8_000)
+    tones = np.convolve(np.repeat(rng.integers(0, 8, 100), 80), np.hanning(97) / 48, "same")
+    ramp = np.clip(np.minimum(n, 7_999 - n) / 60, 0, 1)
+    x = ramp * np.exp(2j * np.pi * np.cumsum(tones) / 60) if "keyed" in kind else rng.choice([-1.0, 1.0], 8_000) + 0j
+    x = np.convolve(x, [1, 0, 0, 0, 0.5j], "same") if "filtered" in kind else x
+    assert of_one_level(x) == is_one
+    cubic = bent(x, 1.0, (1,))[1]
+    middle = slice(200, 7_800)
+    rest = cubic - x * np.vdot(x[middle], cubic[middle]) / np.vdot(x[middle], x[middle])
+    assert (np.linalg.norm(rest[middle]) < 0.02 * np.linalg.norm(cubic[middle])) == is_one
 
 
 def test_noise_that_follows_the_signal_lies_in_its_interval_where_next_to_no_floor_is_heard():

@@ -20,6 +20,9 @@ ORDERS = ((1,), (1, 2), (1, 2, 3), (1, 2, 3, 4))
 
 
 FINER = 4  # an amplifier bends the signal between the samples too
+# Share of a wave's energy at its faintest, and at its strongest, that tells nothing of an amplifier, for a keyed signal's ramps
+# are seldom those that were asked for; and the ratio between what is left of its levels from which an amplifier is told.
+RAMPS, LEVELS = 0.05, 10 ** (0.3 / 20)
 
 
 def bent(x: np.ndarray, peak: float, orders) -> dict[int, np.ndarray]:
@@ -32,6 +35,14 @@ def bent(x: np.ndarray, peak: float, orders) -> dict[int, np.ndarray]:
         wide = sp_fft.fft(fine * power**order) / FINER
         terms[order] = sp_fft.ifft(np.concatenate([wide[:half], wide[len(wide) - (size - half) :]]))
     return terms
+
+
+def of_one_level(x: np.ndarray) -> bool:
+    """Whether a wave is of one level but for its ramps, between its samples too: an amplifier turns and scales it, no more."""
+    level = np.sort(np.abs(oversampled(sp_fft.fft(x), FINER)))
+    energy = np.cumsum(level**2)
+    low, high = level[np.searchsorted(energy, energy[-1] * np.array([RAMPS, 1 - RAMPS]))]
+    return high <= LEVELS * low
 
 
 def kept(scene, i: int, x: np.ndarray, peak: float, orders) -> dict[int, np.ndarray]:
@@ -94,6 +105,15 @@ class PaNonlinearity(Family):
         return Lags(signals=np.array(units), entries=entries, paired=chain.facing)
 
     @staticmethod
+    def _filtered(model, i: int, x: np.ndarray) -> np.ndarray:
+        """A source's wave behind every filter that stands in front of its amplifier, or may."""
+        for e in model.effects:
+            if e.family == FrontEndFilter.name and e.aux.get("source", i) == i:
+                taps = FrontEndFilter().impulse_response(e, e.p)
+                x = sum(tap * np.roll(x, e.aux["low"] + k) for k, tap in enumerate(taps))
+        return x
+
+    @staticmethod
     def _units(orders, lags):
         """(order, lag) of every coefficient."""
         return [(order, 0) for order in orders] + [(order, lag) for lag in lags for order in (0, *orders)]
@@ -103,6 +123,8 @@ class PaNonlinearity(Family):
 
     def starts(self, view):
         for i, source in enumerate(view.scene.sources):
+            if of_one_level(self._filtered(view.fit.model, i, source.samples)):
+                continue
             for orders in ORDERS:
                 aux = {"source": i, "peak": source.peak, "orders": orders}
                 yield start(self, np.zeros(self._shape(orders, ())), aux=aux)
