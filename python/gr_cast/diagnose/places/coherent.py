@@ -91,10 +91,19 @@ class Phased:
         parts = np.array_split(np.arange(len(level_m)), 1 + len(level_m) * len(self.power) // _AT_ONCE)
         return [(normal[part], level_m[part]) for part in parts]
 
+    @property
+    def length_m(self) -> np.ndarray:
+        """(bins,) that an echo has at each delay of the profile."""
+        return np.arange(self.profile.shape[1]) * SPEED_OF_LIGHT_M_PER_S / self.bins_per_s
+
+    def every_nats(self) -> np.ndarray:
+        """Nats (n, bins) of an echo at each delay in each row."""
+        return np.abs(self.profile) ** 2 / np.maximum(self.power, _TINY)[:, None]
+
     def alone_nats(self, length_m: np.ndarray) -> np.ndarray:
         """Nats (n,) of an echo of some length (n,) in each row, noise taken off."""
-        profile = self.profile[np.arange(len(length_m)), self._place(length_m)]
-        return np.abs(profile) ** 2 / np.maximum(self.power, _TINY) - imaging.CHANCE
+        heard = self.profile[np.arange(len(length_m)), self._place(length_m)][:, None]
+        return replace(self, profile=heard).every_nats()[:, 0] - imaging.CHANCE
 
     def _place(self, length_m: np.ndarray) -> np.ndarray:
         return np.mod(np.round(length_m / SPEED_OF_LIGHT_M_PER_S * self.bins_per_s).astype(np.int64), self.profile.shape[1])

@@ -53,8 +53,7 @@ def lone(view) -> tuple[int, list[Sheet]]:
     if not view.wideband:
         return 0, []
     rows, count = view.phased, sum(ear.count for ear in view.ears)
-    nats = np.abs(rows.profile) ** 2 / np.maximum(rows.power, 1e-300)[:, None]
-    length_m = np.arange(nats.shape[1]) * SPEED_OF_LIGHT_M_PER_S / rows.bins_per_s
+    nats, length_m = rows.every_nats(), rows.length_m
     direct_m = np.linalg.norm(rows.tx_m - rows.rx_m, axis=1)
     nats[length_m < direct_m[:, None] + view.resolution_m / 4] = 0.0  # there the direct path's own errors are
     row, at = np.unravel_index(np.argmax(nats), nats.shape)
