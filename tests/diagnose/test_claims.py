@@ -98,3 +98,15 @@ def test_a_path_that_comes_and_goes_is_no_row_of_echoes_at_one_delay():
     two = Model(base=np.array([0.0, 1.0, 0.0])).adding(echo(20.0, 0.0)).adding(echo(20.1, 1.0))
     assert plausible(two) and plausible(two.adding(echo(22.0, 2.0)))
     assert not plausible(two.adding(echo(20.2, 2.0)))
+
+
+@pytest.mark.parametrize("share, is_unfounded", [(0.02, True), (0.98, True), (0.4, False)])
+def test_a_step_where_a_gain_that_fades_begins_or_ends_is_its_own(part, share, is_unfounded):
+    """Cosines have no slope at their ends: with ten of them a moment within a tenth of the recording mends that."""
+    _, data, model = part
+    fading = start(FAMILIES["tap_fading"], np.zeros(20), aux={"tap": 0}, prior=np.ones(20))
+    step = start(FAMILIES["gain_step"], [-0.3, share], free=[True, False])
+    for effects in ((fading, step), (step,)):
+        fit = SimpleNamespace(data=data, model=Model(base=model.base, effects=effects))
+        weighed = SimpleNamespace(fit=fit, worth_of=lambda i: Worth(evidence=300.0, held_out=60.0))
+        assert claims.is_unfounded(weighed, len(effects) - 1) == (is_unfounded and len(effects) == 2)

@@ -4,7 +4,8 @@ fail on samples that were not fitted."""
 
 import numpy as np
 
-from ..twin.effects import FAMILIES
+from ..twin.basis import course_length
+from ..twin.effects import FAMILIES, Role, plays
 from ..twin.model import predict
 from .finding import Finding, numbers
 from .fit import Fit, invert
@@ -38,27 +39,31 @@ def sigmas(fit: Fit, index: int) -> float | None:
 
 def broken(finding: Finding) -> int | None:
     """The effect of a finding that makes held-out samples less likely where the fitted ones promise that it makes them likelier,
-    the worst first, or that is worth less than nothing beside all that was found after it, or that brings little and whose
-    telling number is nothing within its error, or that passes; None without one. What is there gains g ± √(2g) nats on samples of
-    which the fitted ones promise g."""
+    the worst first, or that is worth less than nothing beside all that was found after it, or that is
+    unfounded; None without one. What is there gains g ± √(2g) nats on samples of which the fitted ones promise g."""
     data, worst = finding.fit.data, (BROKEN_SIGMA, None)
     for i, effect in enumerate(finding.fit.model.effects):
         if effect.fixed or "nats" in effect.aux or "read" in effect.aux:
             continue
         worth = finding.worth_of(i)
-        if passes(finding, i):
+        if is_unfounded(finding, i):
             return i
         if worth.held_out is None:
             continue
         promised = worth.evidence * data.vault.sum() / data.count
         if worth.held_out < 0 < promised:
             worst = max(worst, ((promised - worth.held_out) / np.sqrt(2 * promised), i))
-        if worth.evidence < 0 or sizeless(finding, i):
+        if worth.evidence < 0:
             return i
     return worst[1]
 
 
-def sizeless(finding: Finding, index: int) -> bool:
+def is_unfounded(finding: Finding, index: int) -> bool:
+    """Whether an effect is not what its name says, whatever it explains."""
+    return _sizeless(finding, index) or _passes(finding, index) or _ends_a_course(finding, index)
+
+
+def _sizeless(finding: Finding, index: int) -> bool:
     """Whether an effect brings little and its telling number is nothing within its error."""
     telling = FAMILIES[finding.fit.model.effects[index].family].telling
     if not telling or finding.worth_of(index).evidence >= LITTLE_NATS:
@@ -67,9 +72,23 @@ def sizeless(finding: Finding, index: int) -> bool:
     return abs(number["value"]) < SIZE_SIGMA * number["std"]
 
 
-def passes(finding: Finding, index: int) -> bool:
+def _passes(finding: Finding, index: int) -> bool:
     """Whether an effect that lasts explains what a few stretches of the recording hold, and nothing of the others."""
     return FAMILIES[finding.fit.model.effects[index].family].lasting and not finding.worth_of(index).throughout
+
+
+def _ends_a_course(finding: Finding, index: int) -> bool:
+    """Whether an effect of one moment lies where a gain that wanders begins or ends: its cosines have no slope there, and a
+    moment within half a period of the fastest mends that."""
+    data, model = finding.fit.data, finding.fit.model
+    scene, effect = data.scene, model.effects[index]
+    courses = [e for e in model.found if "gain" in FAMILIES[e.family].wanders]
+    moment = FAMILIES[effect.family].moment(scene, effect) if courses and plays(effect, Role.STEP) else None
+    if moment is None:
+        return False
+    fewest = min(len(FAMILIES[e.family].spectrum_of(e)[0]) for e in courses)
+    used = np.flatnonzero(data.use > 0)
+    return min(moment - scene.index[used[0]], scene.index[used[-1]] - moment) < course_length(scene.span) / fewest
 
 
 def _added(fit: Fit, index: int) -> np.ndarray:

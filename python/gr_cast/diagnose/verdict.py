@@ -155,19 +155,11 @@ class Told:
 
     @property
     def claimed(self) -> bool:
-        """No effect is claimed against unseen samples, nor without a size, nor of what passes, whether or not there was time to
-        take it out."""
+        """No effect is claimed against unseen samples, nor unfounded, whether or not there was time to take it out."""
         if self.surely_read:
             return True
-        return self.enough and (self.held_out is None or self.held_out >= 0) and not (self.sizeless or self.passing)
-
-    @property
-    def sizeless(self) -> bool:
-        return all(claims.sizeless(f, i) for f, i in self.members)
-
-    @property
-    def passing(self) -> bool:
-        return all(claims.passes(f, i) for f, i in self.members)
+        founded = not all(claims.is_unfounded(f, i) for f, i in self.members)
+        return self.enough and (self.held_out is None or self.held_out >= 0) and founded
 
     @property
     def refused(self) -> bool:
