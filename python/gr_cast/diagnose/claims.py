@@ -74,7 +74,8 @@ def _sizeless(finding: Finding, index: int) -> bool:
 
 def _passes(finding: Finding, index: int) -> bool:
     """Whether an effect that lasts explains what a few stretches of the recording hold, and nothing of the others."""
-    return FAMILIES[finding.fit.model.effects[index].family].lasting and not finding.worth_of(index).throughout
+    family = FAMILIES[finding.fit.model.effects[index].family]
+    return family.lasting and not family.noise_like and not finding.worth_of(index).throughout
 
 
 def _ends_a_course(finding: Finding, index: int) -> bool:
