@@ -27,10 +27,12 @@ class PowerSupplyHum(GainFamily):
     multiplicity = Multiplicity.ONE
 
     def factor(self, effect, u):
-        angle, gain = 2 * np.pi * effect.p[2] * (u - 0.5), 1.0
-        for k, (a, b) in enumerate(pairs(effect.p), 1):
-            gain = gain + a * np.cos(k * angle) + b * np.sin(k * angle)
-        return gain
+        turn = np.exp(2j * np.pi * effect.p[2] * (u - 0.5))
+        swing = np.zeros_like(turn)
+        for a, b in pairs(effect.p)[::-1]:  # Horner's rule: a polynomial in the fundamental's turn
+            swing += a - 1j * b
+            swing *= turn
+        return 1.0 + swing.real
 
     def starts(self, view):
         for cycles, harmonics in view.hums(count=2):
