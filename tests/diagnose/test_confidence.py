@@ -10,7 +10,9 @@ from gr_cast.diagnose.confidence import Figures, confidence, is_whole, unseen_re
 from gr_cast.diagnose.policy import CLAIMED, OPEN, SUREST, TEMPER_NATS, UNEXPLAINED_NATS
 from scipy import stats
 
-CLEAR = Figures(evidence=3000.0, held_out=400.0, lead=600.0, left=0.0, flexible=False, complete=True, proven=True, open=False)
+CLEAR = Figures(
+    evidence=3000.0, held_out=400.0, lead=600.0, left=0.0, explains=0.0, flexible=False, complete=True, proven=True, open=False
+)
 BARE = replace(CLEAR, evidence=9.0, held_out=1.0, lead=None)
 
 
@@ -48,6 +50,15 @@ def test_an_effect_with_an_equal_rival_is_no_likelier_than_that():
 def test_what_an_unexplained_case_shows_loudly_is_surer_than_what_it_hardly_shows():
     loud, faint = (replace(CLEAR, evidence=e, held_out=e / 7, left=200.0) for e in (2362.0, 0.4))
     assert confidence(loud) > 0.5 > 3 * confidence(faint)
+
+
+@pytest.mark.parametrize(("explains", "claimed"), [(0.0, True), (6e4, False)])
+def test_what_had_no_time_to_prove_itself_must_be_louder_than_what_no_test_of_the_residual_sees(explains, claimed):
+    """A hundredth of what is explained: models are not exact."""
+    hurried = replace(CLEAR, evidence=550.0, held_out=None, lead=None, explains=explains, complete=False, proven=False)
+    assert (confidence(hurried) >= CLAIMED) == claimed
+    assert confidence(replace(hurried, evidence=0.4 * 6e4)) > CLAIMED
+    assert confidence(replace(hurried, complete=True)) == confidence(replace(hurried, complete=True, explains=0.0))
 
 
 @pytest.mark.parametrize("left", [1.0, 30.0, 3e4])

@@ -11,19 +11,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .policy import FREEDOM, HURRIED, OPEN, SUREST, TEMPER_NATS, UNEXPLAINED_NATS, UNPROVEN, WHOLE
+from .policy import FREEDOM, HURRIED, OPEN, SUREST, TEMPER_NATS, UNEXPLAINED_NATS, UNEXPLAINED_SHARE, UNPROVEN, WHOLE
 
 
 @dataclass(frozen=True, kw_only=True)
 class Figures:
     """What tells how sure an effect is. Nats of `evidence`, on unseen samples (`held_out`, None where that was not worked out),
-    of the `lead` over the runner-up (None without one), and what is `left` unexplained; whether its family is `flexible`: has the
-    freedom to look like others; whether the search was `complete`, and the effect `proven` on unseen samples or read off them."""
+    of the `lead` over the runner-up (None without one), what is `left` unexplained, what all that was found `explains`; whether
+    its family is `flexible`: has the freedom to look like others; whether the search was `complete`, and the effect `proven` on
+    unseen samples or read off them."""
 
     evidence: float
     held_out: float | None
     lead: float | None
     left: float
+    explains: float
     flexible: bool
     complete: bool
     proven: bool
@@ -42,7 +44,8 @@ def confidence(figures: Figures) -> float:
         sure *= 1 - FREEDOM * unseen_rest(nats)
     if not f.complete:
         # What was not explained any more may be what this explains: no test of the residual sees so little.
-        sure *= HURRIED if f.proven else UNPROVEN * nats / (nats + UNEXPLAINED_NATS)
+        unseen = max(UNEXPLAINED_NATS, UNEXPLAINED_SHARE * f.explains)
+        sure *= HURRIED if f.proven else UNPROVEN * nats / (nats + unseen)
     return float(min(sure, OPEN) if f.open else sure)
 
 

@@ -42,6 +42,7 @@ class Finding:
     elsewhere_nats: float = 0.0  # by which such a part is likelier where it is than where the first one lets expect it
     stds: dict = field(default_factory=dict)
     tested: list = field(default_factory=list)  # every test of the residual, with what it holds
+    explained_nats: float = 0.0  # by all that was found, bands of noise aside
     left: list = field(default_factory=list)  # what of it, and of the courses, is more than noise
     ambiguous: list = field(default_factory=list)
     worths: dict[int, Worth] = field(default_factory=dict)  # by the effect's key

@@ -348,8 +348,8 @@ def _look_for_rest(finding: Finding) -> None:
     inside = of_even_noise(fit)
     finding.tested = [*residual.leftovers(fit, inside), *flatness.left(fit, inside), *evenness.left(fit, inside)]
     # What is fitted, and no cause, is measured as causes are: in nats.
-    told = fit.data.count * float(np.log1p(explained / fit.data.count))
-    for rest, against in [*((r, explained) for r in finding.tested), *((r, told) for r in beyond)]:
+    finding.explained_nats = fit.data.count * float(np.log1p(explained / fit.data.count))
+    for rest, against in [*((r, explained) for r in finding.tested), *((r, finding.explained_nats) for r in beyond)]:
         if rest.p_value < UNEXPLAINED_P and rest.nats > max(UNEXPLAINED_NATS, UNEXPLAINED_SHARE * against):
             finding.left.append(rest)
     finding.left += [jump for jump in residual.jumps(fit) if jump.p_value < UNEXPLAINED_P]

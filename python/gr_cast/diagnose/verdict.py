@@ -209,6 +209,7 @@ def _confidences(told: list[Told], ambiguous: list[dict], complete: bool) -> lis
             held_out=None if t.surely_read else t.held_out,
             lead=t.rivals[0].evidence if t.rivals else None,
             left=max([rest.nats for rest in t.finding.left if not rest.apart], default=0.0),
+            explains=t.finding.explained_nats,
             flexible=imitates(t.effect),
             complete=complete,
             proven=t.surely_read or t.held_out is not None,
