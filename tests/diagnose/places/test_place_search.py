@@ -138,7 +138,7 @@ def test_a_node_elsewhere_and_a_board_that_is_not_there_are_both_named():
     world = copy.deepcopy(theirs())
     world["nodes"]["b"]["waypoints_m"] = [[4.25, 0.48, 1.9]]
     del world["objects"]["board"], world["materials"]["board"]
-    found = search.run(heard(world, 30.0), ours(), UNKNOWN, 60.0)
+    found = search.run(heard(world, 30.0), ours(), UNKNOWN, 240.0)
     named = {(effect.family.name, effect.owner): effect.values for effect in found.model.effects}
     assert set(named) == {("node_position", "b"), ("extra_object", "board")}
     assert named["node_position", "b"] == pytest.approx([0.15, -0.12, 0.0], abs=0.02)
