@@ -39,8 +39,8 @@ def sigmas(fit: Fit, index: int) -> float | None:
 
 def broken(finding: Finding) -> int | None:
     """The effect of a finding that makes held-out samples less likely where the fitted ones promise that it makes them likelier,
-    the worst first, or that is worth less than nothing beside all that was found after it, or that is
-    unfounded; None without one. What is there gains g ± √(2g) nats on samples of which the fitted ones promise g."""
+    the worst first, or that is worth less than nothing beside all that was found after it, or that is unfounded; None without
+    one. What is there gains g ± √(2g) nats on samples of which the fitted ones promise g."""
     data, worst = finding.fit.data, (BROKEN_SIGMA, None)
     for i, effect in enumerate(finding.fit.model.effects):
         if effect.fixed or "nats" in effect.aux or "read" in effect.aux:

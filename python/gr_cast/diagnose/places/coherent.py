@@ -98,12 +98,11 @@ class Phased:
 
     def every_nats(self) -> np.ndarray:
         """Nats (n, bins) of an echo at each delay in each row."""
-        return np.abs(self.profile) ** 2 / np.maximum(self.power, _TINY)[:, None]
+        return _nats(self.profile, self.power[:, None])
 
     def alone_nats(self, length_m: np.ndarray) -> np.ndarray:
         """Nats (n,) of an echo of some length (n,) in each row, noise taken off."""
-        heard = self.profile[np.arange(len(length_m)), self._place(length_m)][:, None]
-        return replace(self, profile=heard).every_nats()[:, 0] - imaging.CHANCE
+        return _nats(self.profile[np.arange(len(length_m)), self._place(length_m)], self.power) - imaging.CHANCE
 
     def _place(self, length_m: np.ndarray) -> np.ndarray:
         return np.mod(np.round(length_m / SPEED_OF_LIGHT_M_PER_S * self.bins_per_s).astype(np.int64), self.profile.shape[1])
@@ -152,6 +151,11 @@ class Phased:
         both += (_RIDGE * np.trace(both, axis1=1, axis2=2)[:, None, None] + _TINY) * np.eye(2)
         strength = np.linalg.solve(both, seen[..., None])[..., 0]
         return strength, (seen.conj() * strength).real.sum(axis=1)
+
+
+def _nats(heard: np.ndarray, power: np.ndarray) -> np.ndarray:
+    """Nats of echoes of any strength, each by itself, of which `heard` is left against a unit echo of some power."""
+    return np.abs(heard) ** 2 / np.maximum(power, _TINY)
 
 
 def _polarised(tx, rx, out: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -32,6 +32,11 @@ SIZES = (
 FEW = 30_000  # samples, of all transmitters together, in which every length is tried again once the rest is known
 
 
+def filtered(wave: np.ndarray, low: int, taps: np.ndarray) -> np.ndarray:
+    """A transmitter's wave, which goes round, behind taps at the lags from `low` on."""
+    return sum(tap * np.roll(wave, low + k) for k, tap in enumerate(taps) if tap)
+
+
 class FrontEndFilter(Family):
     name = "front_end_filter"
     parameters = {"ripple_db": NUMBER}
@@ -59,9 +64,7 @@ class FrontEndFilter(Family):
     def apply(self, chain, effect):
         if effect.aux.get("side") == "tx":
             i = effect.aux["source"]
-            taps = self.impulse_response(effect, effect.p)
-            lags = range(effect.aux["low"], effect.aux["high"] + 1)
-            chain.waves[i] = sum(tap * np.roll(chain.waves[i], lag) for tap, lag in zip(taps, lags, strict=True) if tap)
+            chain.waves[i] = filtered(chain.waves[i], effect.aux["low"], self.impulse_response(effect, effect.p))
             return
         taps, low = self.impulse_response(effect, effect.p), effect.aux["low"]
         full = np.convolve(chain.y, taps)

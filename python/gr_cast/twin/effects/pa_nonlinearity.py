@@ -12,7 +12,7 @@ from scipy import fft as sp_fft
 from ..columns import Lags
 from ..interpolate import oversampled
 from .base import PROBE, TX_PA, Effect, Family, Multiplicity, Role, db, start
-from .front_end_filter import FrontEndFilter
+from .front_end_filter import FrontEndFilter, filtered
 from .values import NUMBER, NUMBERS, POSITIVE, TRUTH, WHOLES
 
 HIGHEST = 16  # order of |x|² in a gain that a twin may tell
@@ -109,8 +109,7 @@ class PaNonlinearity(Family):
         """A source's wave behind every filter that stands in front of its amplifier, or may."""
         for e in model.effects:
             if e.family == FrontEndFilter.name and e.aux.get("source", i) == i:
-                taps = FrontEndFilter().impulse_response(e, e.p)
-                x = sum(tap * np.roll(x, e.aux["low"] + k) for k, tap in enumerate(taps))
+                x = filtered(x, e.aux["low"], FrontEndFilter().impulse_response(e, e.p))
         return x
 
     @staticmethod
@@ -123,7 +122,11 @@ class PaNonlinearity(Family):
 
     def starts(self, view):
         for i, source in enumerate(view.scene.sources):
-            if of_one_level(self._filtered(view.fit.model, i, source.samples)):
+            x = self._filtered(view.fit.model, i, source.samples)
+            held = view.scene.notes.get(("one level", i))
+            if held is None or held[0] is not x:
+                held = view.scene.notes["one level", i] = (x, of_one_level(x))
+            if held[1]:
                 continue
             for orders in ORDERS:
                 aux = {"source": i, "peak": source.peak, "orders": orders}
