@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Echoes over planes, summed with their phases: what one reflection gives many soundings at once, whatever its strength is."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from ...scenario.create import fields
+from ...scenario.create.media import VACUUM_PERMITTIVITY
 from . import imaging
 from .ears import evenly
 
@@ -106,6 +108,33 @@ class Phased:
 
     def _place(self, length_m: np.ndarray) -> np.ndarray:
         return np.mod(np.round(length_m / SPEED_OF_LIGHT_M_PER_S * self.bins_per_s).astype(np.int64), self.profile.shape[1])
+
+    @property
+    def wavelength_m(self) -> float:
+        return SPEED_OF_LIGHT_M_PER_S / self.carrier_hz
+
+    def met_m(self, normal: np.ndarray, level_m: np.ndarray) -> np.ndarray:
+        """Where (n, P, 3) echoes over planes meet them, if both ends are on one side."""
+        before, after = self.tx_m @ normal.T - level_m, self.rx_m @ normal.T - level_m
+        share = np.where(before * after > 0, before / np.where(before * after > 0, before + after, 1), 0.5)[..., None]
+        foot = self.tx_m[:, None] - before[..., None] * normal
+        return foot + share * (self.rx_m[:, None] - after[..., None] * normal - foot)
+
+    def made_nats(
+        self, normal: np.ndarray, level_m: np.ndarray, made: Sequence[tuple[float, float]], thickness_m: float
+    ) -> np.ndarray:
+        """Nats (M, n, P) by which planes, slabs of each permittivity and conductivity (S/m), explain each row."""
+        eta = np.array([one - 1j * other / (2 * np.pi * self.carrier_hz * VACUUM_PERMITTIVITY) for one, other in made])
+        parts = [self._made(*part, eta[:, None, None], thickness_m) for part in self._parts(normal, level_m)]
+        return np.concatenate(parts, axis=2)
+
+    def _made(self, normal: np.ndarray, level_m: np.ndarray, permittivity: np.ndarray, thickness_m: float) -> np.ndarray:
+        (length_m, after, _), before = self._ways(normal, level_m), self.tx_m @ normal.T - level_m
+        cos_in = np.clip(np.abs(before + after) / length_m, _LEAST, 1)
+        te, tm, _, _ = fields.slab(permittivity, np.float64(thickness_m), cos_in, self.wavelength_m)
+        (heard, power), (across, along) = self._echoes(normal, level_m), self._sides(normal, level_m)
+        echo = te * across + tm * along
+        return 2 * (echo.conj() * heard).real - np.abs(echo) ** 2 * power
 
     def row_nats(self, normal: np.ndarray, level_m: float, which: np.ndarray) -> np.ndarray:
         """Nats (n,) by which the best strengths of rows `which` over one plane explain each row."""

@@ -27,7 +27,6 @@ _SHIFTS, _TURNS = 240, 41  # of the coherent grid, at most
 _GRID_SUMS = 600_000  # rows times planes of it
 _SEEN_NATS = 4.0  # of a row that a plane is fitted to
 _TURNED_RAD = np.radians(4)  # by which a plane may be from where an image has it
-_SIDE_RAD = np.radians(15)  # by which a box's side may be turned from where its shadow has it
 _LONE_SHARE = 0.25  # of what is left above noise, that one row's echo must hold to be looked for alone
 _MARGIN_M = 1.5  # beyond the outermost point that is lit, where nothing says that it ends
 
@@ -134,39 +133,6 @@ def normals(faces) -> list[np.ndarray]:
         if is_upright and len(out) < _NORMALS and all(abs(faces.normal[number] @ other) < _ALIKE_COS for other in out):
             out.append(faces.normal[number])
     return out
-
-
-def mirrors(view, box: Sheet) -> list[Sheet]:
-    """The box with one of its upright sides where echoes in the residual have it, the best side first."""
-    if not view.wideband:
-        return []
-    found = []
-    for number in range(4):
-        side = box.side(number)
-        normal = np.array(side.normal)
-        refined = _refined(view, normal, float(np.array(side.origin_m) @ normal), _SIDE_RAD)
-        if refined is None:
-            continue
-        nats, plane = refined
-        toward = 1.0 if np.array(plane.normal) @ normal > 0 else -1.0
-        normal, u = toward * np.array(plane.normal), toward * np.array(plane.u)
-        middle = np.mean(side.corners_m(), axis=0)
-        middle = middle + ((np.array(plane.origin_m) - middle) @ normal) * normal
-        half, low_m = (side.high_m[0] - side.low_m[0]) / 2, middle[2] - side.high_m[1] / 2
-        found.append(
-            (
-                nats,
-                replace(
-                    side,
-                    origin_m=(middle[0], middle[1], low_m),
-                    normal=tuple(normal),
-                    u=tuple(u),
-                    low_m=(-half, 0.0),
-                    high_m=(half, side.high_m[1]),
-                ),
-            )
-        )
-    return [one for _, one in sorted(found, key=lambda pair: -pair[0])]
 
 
 def _refined(view, normal: np.ndarray, level_m: float, most_rad: float, least: int = 2):

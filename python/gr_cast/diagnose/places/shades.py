@@ -26,10 +26,10 @@ _THIN_M, _AT_ONCE = 0.02, 64
 
 def shades(view) -> list[Sheet]:
     """Boxes on the floor in the way of paths that are not there, and of as few others as may be; the best first."""
-    lost, begin_m, end_m, path = _legs(view)
+    lost, begin_m, end_m, path = view.legs
     if not len(lost):
         return []
-    ways = _Ways.of(lost, begin_m, end_m, path, float(view.bounds_m[0][2]))
+    ways = Ways.of(view)
     groups, member = np.unique(path[:, :-1], axis=0, return_inverse=True)
     total = np.bincount(member.ravel(), lost)
     legs = []
@@ -46,7 +46,7 @@ def shades(view) -> list[Sheet]:
     return [_sheet(box, ways.floor_m) for box, _ in settled[:_KEPT]]
 
 
-def _best(ways: "_Ways", boxes: np.ndarray) -> list[tuple[np.ndarray, float]]:
+def _best(ways: "Ways", boxes: np.ndarray) -> list[tuple[np.ndarray, float]]:
     """The boxes that explain most, apart from each other, and their nats."""
     nats = ways.nats(boxes)
     found: list = []
@@ -85,7 +85,7 @@ def _upon_the_floor(view, begin_m: np.ndarray, end_m: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Ways:
+class Ways:
     """Legs of paths, path after path: `nats` (P,) by which the soundings would rather not have a path, whose legs begin at
     `first` (P,)."""
 
@@ -96,7 +96,8 @@ class _Ways:
     floor_m: float
 
     @classmethod
-    def of(cls, lost, begin_m, end_m, path, floor_m: float) -> "_Ways":
+    def of(cls, view) -> "Ways":
+        (lost, begin_m, end_m, path), floor_m = view.legs, float(view.bounds_m[0][2])
         keep = np.abs(lost) > min(_COUNTS_NATS, np.abs(lost).max() / 10)
         _, first, member = np.unique(
             path[keep][:, [0, 1, *range(3, path.shape[1])]], axis=0, return_index=True, return_inverse=True
@@ -155,7 +156,7 @@ def _sheet(box: np.ndarray, floor_m: float) -> Sheet:
     )  # fmt: skip
 
 
-def _legs(view):
+def legs(view):
     """Nats (n,) by which the soundings would rather not have the path of each leg, both ends of the legs (n, 3), and which they
     are: numbers (n, 4 and more) of ear, link, leg, faces and instant."""
     none = np.zeros((0, 3))

@@ -11,7 +11,7 @@ from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
 from ...scenario.create import fields
 from ...twin.places.carrying import headings
 from ...twin.places.families import FAMILIES
-from . import eclipses, fringes, imaging, planes, policy, scan, shades, tracks
+from . import eclipses, fringes, imaging, planes, policy, scan, shades, sides, tracks
 from .coherent import Phased
 from .ears import of_link, thinned, without_phase
 from .fit import Model, applied, evaluated, fitted, with_effect
@@ -494,12 +494,17 @@ class View:
         ears = [of_link(self.wideband[0][0], link)] if sheets else []
         return sheets, View(ears, evaluated(ears, self.model.base, self.model.effects), self.unknown)
 
+    @cached_property
+    def legs(self):
+        return shades.legs(self)
+
     def shades(self):
         return shades.shades(self)
 
-    def mirrors(self, effect):
-        """The box of an effect with one of its sides where echoes have it that show once the box blocks what it does."""
-        return planes.mirrors(self.among(effect), effect.choice)
+    def sided(self, effect):
+        """Boxes that block what one that sends nothing back blocks, with sides where echoes have them, and what they are made
+        of."""
+        return sides.sides(self.among(effect), effect.choice, shades.Ways.of(self))
 
     def shaded(self, effect) -> np.ndarray:
         """Points (n, 3) on the legs that an added object stands in the way of."""

@@ -27,12 +27,12 @@ _BOX = [
     *(part for i in range(4) for part in ([i, i + 4, (i + 1) % 4], [(i + 1) % 4, i + 4, (i + 1) % 4 + 4])),
 ]
 _DEPTHS_M = np.array([0.3, 0.6, 1.2, 2.4, 4.8])
-_TO_A_WAVE, _FACED = 16, 3  # steps to a wavelength in which a face is looked for at first, and those that are kept
 _SIDE_M, _MOST_FINE = 0.6, 40  # within which a side that reflects is looked for, and in how many steps either way
 _TOPS_M = (-0.1, -0.03, 0.03, 0.1)  # by which a box may be higher in another well of its phase
 _STEPS_M, _LEAST_M = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0), 0.05
 _TURNS_RAD = np.radians([-45, -25, -12, -5, 5, 12, 25, 45, 90])
 _COARSE, _BETWEEN, _ENDED = 10, 9, 2  # steps to a wavelength in which a plane is looked for, in how many then; ends looked for
+_FINE = 8  # steps to a wavelength in which a box's side is
 _LONE = 3  # planes that are looked at which one link alone sees
 _WELLS, _BOX_WELLS = 3, 6  # of the phase of an echo, either way
 _FAINT_M2 = 0.05  # of an echo that is not known
@@ -97,18 +97,6 @@ class Sheet:
         origin_m = np.array(self.origin_m) - more_m * np.array(self.normal)
         return replace(self, origin_m=tuple(origin_m), depth_m=self.depth_m + more_m)
 
-    def side(self, number: int) -> "Sheet":
-        """A box upon the level, as it is from another of its four sides."""
-        if number == 0:
-            return self
-        normal, u, wide_m = np.array(self.normal), np.array(self.u), self.high_m[0] - self.low_m[0]
-        origin_m = np.array(self.origin_m) + self.high_m[0] * u + self.depth_m / 2 * normal
-        next_ = replace(
-            self, origin_m=tuple(origin_m), normal=tuple(-u), u=tuple(normal), depth_m=wide_m,
-            low_m=(-self.depth_m / 2, self.low_m[1]), high_m=(self.depth_m / 2, self.high_m[1]),
-        )  # fmt: skip
-        return next_.side(number - 1)
-
     def around(self, lit_m: np.ndarray, beyond_m: float) -> "Sheet":
         """The same about points (n, 3) on it and somewhat beyond."""
         along = (lit_m - np.array(self.origin_m)) @ np.array([self.u, self.v]).T
@@ -127,7 +115,7 @@ class Sheet:
         )  # fmt: skip
 
 
-def _fine_m(world, to_a_wave: float = _TO_A_WAVE) -> np.ndarray:
+def _fine_m(world, to_a_wave: float) -> np.ndarray:
     """Steps in which the phase of an echo turns little."""
     step_m = world.wavelength_m / to_a_wave
     many = min(int(_SIDE_M / step_m), _MOST_FINE)
@@ -153,20 +141,8 @@ class MissingObject(Family):
         ended = [self._ended(view, one) for one in view.row_by_row(near)[:_ENDED]]
         seen = near + [begun(sheet, made) for sheet in sheets for made in _MATERIALS]
         dark = [begun(box, _DARK) for box in view.shades()]
-        sides = [begun(box, made) for effect in dark[:1] for box in view.mirrors(effect)[:2] for made in _MATERIALS]
-        faced = self._faced(view, begun, dark[0]) if dark and view.explains_much(dark[0]) else []
-        return [*ended, *seen, *dark, *sides, *faced, *self._lone(view, begun)]
-
-    def _faced(self, view, begun, dark: Effect) -> list[Effect]:
-        """What stands in the way of much, with one of its sides where it reflects best, as large as is best then."""
-        boxes, fine_m = [dark.choice.side(number) for number in range(4)], _fine_m(view.world)
-
-        def near(effects):
-            sides = [(one, one.choice.nearer(float(m))) for one in effects for m in fine_m if one.choice.depth_m + m > _LEAST_M]
-            return view.ranked([replace(one, choice=side) for one, side in sides])
-
-        begun_at = [one for made in _MATERIALS[:2] for one in near([begun(box, made) for box in boxes])[:_FACED]]
-        return view.ranked([near([self._ended(view, one)])[0] for one in begun_at])[:_FACED]
+        sides = [begun(*box) for effect in dark[:1] for box in view.sided(effect)]
+        return [*ended, *seen, *dark, *sides, *self._lone(view, begun)]
 
     def _lone(self, view, begun) -> list[Effect]:
         """What one link alone tells of, where nothing stands in the way of its echo."""
@@ -202,7 +178,7 @@ class MissingObject(Family):
 
     def reshaped(self, world, effect, axis):
         is_dark = effect.values[2] <= 0.1 and effect.values[3] < 0.0  # what sends nothing back has no phase
-        fine_m = np.zeros(0) if is_dark else _fine_m(world, _TO_A_WAVE / 2)
+        fine_m = np.zeros(0) if is_dark else _fine_m(world, _FINE)
         return [replace(effect, choice=one) for one in effect.choice.reshaped(axis, fine_m)]
 
     def smaller(self, view, effect, axis):
