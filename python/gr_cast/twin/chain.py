@@ -9,6 +9,7 @@ can be kept and the rest of the chain run again: this is how derivatives are tak
 """
 
 import copy
+from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -19,6 +20,7 @@ from .interpolate import TAU, cubic, moved, oversampled
 from .scene import OVERSAMPLING, Path, Scene, Source
 
 SLOW = 3e-4  # by which a gain may change between two paths that are taken together
+KEPT = 1 << 22  # samples of signals that arrived
 FEW_PATHS = 3  # that are cheaper one by one from a table than together by an FFT
 
 
@@ -57,25 +59,10 @@ class Chain:
             alone = path.delay if path.source in fast else None
             groups.setdefault((path.source, path.doppler, path.drift, id(path.track), alone), []).append(path)
         y = np.zeros(scene.count, complex)
-        spectra = {}
+        spectra: dict[int, np.ndarray] = {}
         carrier = {i: (self.carriers[i][0] / scene.span if i in self.carriers else 0.0) for i in range(len(self.waves))}
-        for (i, doppler, drift, _, alone), paths in groups.items():
-            stretch = self.clock - drift
-            if self.slips(stretch) and len(paths) <= FEW_PATHS and all(p.shape is None for p in paths):
-                signal = sum(
-                    p.gain * _behind(p, carrier[i]) * self.copy_of(scene.sources[i], self.waves[i], p.delay + self.delay, stretch)
-                    for p in paths
-                )
-            else:
-                if i not in spectra:
-                    plain = self.waves[i] is scene.sources[i].samples
-                    spectra[i] = scene.spectrum_of_source(i) if plain else sp_fft.fft(self.waves[i])
-                response = sum(self._response(p, len(self.waves[i]), carrier[i]) for p in paths)
-                signal = self.sample(scene.sources[i], spectra[i] * response, stretch)
-            if doppler:
-                signal = signal * np.exp(1j * TAU * doppler * self.u)
-            if paths[0].track is not None:
-                signal = signal * paths[0].track
+        for (i, *_, alone), paths in groups.items():
+            signal = self._arrived(i, paths, carrier[i], spectra)
             if i in self.carriers or i in self.modulations:
                 signal = signal * self.sent(i, self._first_delay(i) if alone is None else alone)
             y += self.ports.get(i, 1.0) * signal
@@ -88,6 +75,35 @@ class Chain:
                     y += self.ports.get(i, 1.0) * leak * gain * tone * turn
         self.y = y
         self.wanted = self.y
+
+    def _arrived(self, i: int, paths: list[Path], carrier: float, spectra: dict[int, np.ndarray]) -> np.ndarray:
+        """What comes of a source over paths of one movement, but for what its oscillator and gain make of it; the last ones are
+        kept: derivatives by these leave the rest alone."""
+        kept = self.scene.notes.setdefault("arrived", OrderedDict())
+        arrays = [self.waves[i], self.u, self.shift, *(one for p in paths for one in (p.track, p.shape))]
+        numbers = [number for p in paths for number in (p.gain, p.delay, p.doppler, p.drift)]
+        key = i, carrier, self.delay, self.clock, *numbers, *map(id, arrays)
+        if key not in kept:
+            kept[key] = self._came(i, paths, carrier, spectra), arrays
+            while len(kept) > max(1, KEPT // self.scene.count):
+                kept.popitem(last=False)
+        kept.move_to_end(key)
+        return kept[key][0]
+
+    def _came(self, i: int, paths: list[Path], carrier: float, spectra: dict[int, np.ndarray]) -> np.ndarray:
+        source, wave, stretch, doppler = self.scene.sources[i], self.waves[i], self.clock - paths[0].drift, paths[0].doppler
+        if self.slips(stretch) and len(paths) <= FEW_PATHS and all(p.shape is None for p in paths):
+            signal = np.zeros(self.scene.count, complex)
+            for p in paths:
+                signal = signal + p.gain * _behind(p, carrier) * self.copy_of(source, wave, p.delay + self.delay, stretch)
+        else:
+            if i not in spectra:
+                spectra[i] = self.scene.spectrum_of_source(i) if wave is source.samples else sp_fft.fft(wave)
+            response = sum(self._response(p, len(wave), carrier) for p in paths)
+            signal = self.sample(source, spectra[i] * response, stretch)
+        if doppler:
+            signal = signal * np.exp(1j * TAU * doppler * self.u)
+        return signal if paths[0].track is None else signal * paths[0].track
 
     def modulate(self, source: int, factor: Callable[[float], np.ndarray]) -> None:
         """Put a factor over time on what a transmitter sends: a function of the samples by which it is late, to (n,)."""

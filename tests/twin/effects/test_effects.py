@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from gr_cast.diagnose.verdict import Words
 from gr_cast.twin.basis import course
+from gr_cast.twin.chain import Chain
 from gr_cast.twin.columns import Courses, Dense, Lags, gram
 from gr_cast.twin.effects import FAMILIES
 from gr_cast.twin.effects.adc_clipping import mean_of_limiter
@@ -114,6 +115,21 @@ def test_what_a_transmitter_does_over_time_comes_as_late_as_the_path(name):
     got = predicted(taps, start(FAMILIES[name], p, aux={**aux, "side": "tx", "source": 0}))
     want = at(N) * over_time(N) + 0.5j * at(N - 31) * over_time(N - 31)
     assert np.abs(got - want)[40:].max() < 2e-3 * np.abs(want).max()
+
+
+def test_what_a_transmitter_does_over_time_is_put_on_what_arrived_and_the_channel_runs_once(monkeypatch):
+    taps = [Path(source=0, delay=0.3, gain=1.0), Path(source=0, delay=7.8, gain=0.2j, doppler=4.0)]
+    side, place, clock = {"side": "tx", "source": 0}, scene(taps), start(FAMILIES["sample_clock_offset"], [0.9])
+    hum, offset = FAMILIES["power_supply_hum"], start(FAMILIES["carrier_frequency_offset"], [60.0, 0.0], aux=side)
+    runs, came = [], Chain._came
+    monkeypatch.setattr(Chain, "_came", lambda chain, *rest: runs.append(1) or came(chain, *rest))
+    model = lambda *more: Model(base=np.array([0.0, 1.0, 0.0])).adding(clock).adding(start(hum, [0.1, *more], aux=side))  # noqa: E731
+    predict(place, model(-0.05, 40.0))
+    assert len(runs) == 2  # one for each movement
+    got = predict(place, model(0.03, 41.0))
+    assert len(runs) == 2 and got.y == pytest.approx(predict(scene(taps), model(0.03, 41.0)).y, rel=1e-12)
+    for other in (model(0.03, 41.0).adding(offset), replace(model(0.03, 41.0), base=np.array([0.2, 1.0, 0.0]))):
+        assert predict(place, other).y == pytest.approx(predict(scene(taps), other).y, rel=1e-12)
 
 
 def test_two_offsets_of_one_transmitter_add_and_a_loss_moves_their_phase_on_either_side():
