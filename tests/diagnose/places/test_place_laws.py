@@ -73,6 +73,25 @@ def test_energy_is_of_the_mean_likelihood_over_unknown_phases(phase, level):
     assert likelihood.profiled(told, h).energy == pytest.approx(wanted.sum(), rel=1e-4)
 
 
+@pytest.mark.parametrize("faint", [1e-110, 1e-150, 1e-158, 1e-161, 0.0])
+@pytest.mark.parametrize("phase", ["none", "snapshot", "link"])
+def test_a_link_of_which_next_to_nothing_is_predicted_leaves_the_others_fits_as_they_are(phase, faint):
+    rng = np.random.default_rng(3)
+    normal = lambda *shape: rng.normal(size=shape) + 1j * rng.normal(size=shape)  # noqa: E731
+    scale = np.array([1.0, 1.0, faint])[:, None, None]
+    h, y = normal(3, 3, 8) * scale, normal(3, 3, 8) * np.array([1.0, 1.0, 1e-150])[:, None, None]
+
+    def energy(many):
+        told = likelihood.Heard(
+            links=(("a", "b"), ("a", "c"), ("b", "c"))[:many], y=y[:many], weight=np.full(y[:many].shape, 0.5),
+            frequency_hz=1e6 * np.arange(8.0), phase=phase, delay="node", gain="node",
+        )  # fmt: skip
+        return likelihood.profiled(told, h[:many]).energy
+
+    with np.errstate(over="raise", invalid="raise"):
+        assert energy(3) == pytest.approx(energy(2), rel=1e-6)
+
+
 @pytest.mark.parametrize("cells", [[3], [3, 4, 9, 40], range(0, 400, 3)])
 def test_modes_of_a_random_field_are_those_of_its_covariance(cells):
     count, cells = 32, np.array(cells)

@@ -132,6 +132,20 @@ def test_what_a_transmitter_does_over_time_is_put_on_what_arrived_and_the_channe
         assert predict(place, other).y == pytest.approx(predict(scene(taps), other).y, rel=1e-12)
 
 
+@pytest.mark.parametrize(("left", "families"), [(0.0, ["missing_path", "tap_gain_error"]), (0.5j, ["tap_gain_error"])])
+def test_an_echo_at_a_tap_claims_no_more_than_what_that_tap_lost(left, families):
+    taps = [Path(source=0, delay=0.3, gain=1.0), Path(source=0, delay=7.8, gain=0.2j)]
+    lost = (left - 1) * 0.2j
+    echo = start(FAMILIES["extra_path"], [lost.real, lost.imag, 7.8, 0.0], aux={"source": 0})
+    less = list(FAMILIES["extra_path"].less(scene(taps), echo, ()))
+    assert [e.family for e in less] == families
+    for one in less if left else less[:1]:
+        assert predicted(taps, one) == pytest.approx(predicted(taps, echo), abs=1e-9)
+    apart, taken = echo.moved(echo.p + [0.0, 0.0, 0.6, 0.0]), (start(FAMILIES["tap_fading"], [0.0], aux={"tap": 1}),)
+    assert not list(FAMILIES["extra_path"].less(scene(taps), apart, ()))
+    assert not list(FAMILIES["extra_path"].less(scene(taps), echo, taken))
+
+
 def test_two_offsets_of_one_transmitter_add_and_a_loss_moves_their_phase_on_either_side():
     family, lost = FAMILIES["carrier_frequency_offset"], start(FAMILIES["sample_loss"], [1000.0, 37.0], free=[False, False])
     side = {"side": "tx", "source": 0}

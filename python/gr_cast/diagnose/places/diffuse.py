@@ -9,6 +9,7 @@ import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from ...scenario.create import fields, patches
+from . import likelihood
 
 _FINER = 8  # delays per bin of the band
 _COSINES = np.linspace(0, 1, 25)  # of incidence, between which reflections are interpolated
@@ -17,6 +18,7 @@ _INSTANTS = 6  # of a moving link at which its profile is computed
 _FAINT = 1e-10  # of the strongest mode: less is none
 _HEARD, _FEW = 3.0, 12  # times the noise: modes that tell what fills them; fewer of these tell nothing
 _MODES_KEPT = 1024  # of 150 kB at most each
+_PHASED_NATS = 4.0  # of a snapshot's prediction: less tells no phase
 _LARGEST = 2.0**15  # of a half-precision number, to its smallest: 90 dB
 
 
@@ -24,7 +26,7 @@ def gain(ear, fit, world) -> tuple[float, float, float]:
     """(nats, energy, count): what the profile that `world` scatters is worth against white noise on this fit's residual, how much
     less energy the residual has when it is whitened by it, and how many numbers are scattered rather than noise. Static links
     count once: patches keep their phases."""
-    nats = saved = scattered = 0.0
+    nats, saved, scattered = -_turns_nats(ear, fit, world), 0.0, 0.0
     for noise, power, strength in _along_modes(ear, fit, world):
         share = strength / (noise + strength)
         explained = (power * share).sum() / noise
@@ -37,9 +39,9 @@ def gain(ear, fit, world) -> tuple[float, float, float]:
 def _along_modes(ear, fit, world):
     """Of each link and each step of its way: the noise, what the residual has (instants, modes) along the modes of the field that
     `world` scatters, and the power of each mode."""
-    if not ear.has_responses or not (world.surface.scattering > 0).any():
+    if not _scatters(ear, world):
         return
-    unit = _unit(fit)
+    unit = _unit(ear, fit, world)
     for index in range(len(ear.heard.links)):
         known = ear.heard.weight[index] > 0
         if not known.any():
@@ -68,10 +70,10 @@ def unevenness(ears, fits, world) -> float:
 def whitened(ear, fit, world, rows: np.ndarray) -> np.ndarray:
     """Rows (n, numbers of the residual) of a linear problem, over what noise and scattered field together may be: where the world
     scatters, what lies along a mode of the field says less."""
-    if not ear.has_responses or not (world.surface.scattering > 0).any():
+    if not _scatters(ear, world):
         return rows
     half = rows.shape[1] // 2
-    unit = _unit(fit)
+    unit = _unit(ear, fit, world)
     turned = (rows[:, :half] + 1j * rows[:, half:]).reshape(len(rows), *fit.residual.shape) * unit.conj()
     for index in np.flatnonzero((ear.heard.weight > 0).any(axis=(1, 2))):
         noise, fields_, is_still = _fields(ear, fit, world, index)
@@ -83,8 +85,41 @@ def whitened(ear, fit, world, rows: np.ndarray) -> np.ndarray:
     return np.concatenate([flat.real, flat.imag], axis=1)
 
 
-def _unit(fit) -> np.ndarray:
-    return fit.factor / np.maximum(np.abs(fit.factor), 1e-300)
+def _scatters(ear, world) -> bool:
+    return bool(ear.has_responses and (world.surface.scattering > 0).any())
+
+
+def _unphased(ear, fit) -> np.ndarray:
+    """Links of which the twin predicts too little to tell the phases of their snapshots, where these are unknown."""
+    if ear.heard.phase != "snapshot":
+        return np.zeros(0, int)
+    return np.flatnonzero((np.abs(fit.model) ** 2 * ear.heard.weight).sum(axis=2).mean(axis=1) < _PHASED_NATS)
+
+
+def _unit(ear, fit, world) -> np.ndarray:
+    """(L, T, K) phases of snapshots: of what the twin predicts or, where that tells none, those in which they are most alike,
+    and as late as suits what is scattered, where delays are unknown."""
+    unit = fit.factor / np.maximum(np.abs(fit.factor), 1e-300)
+    count = len(ear.heard.frequency_hz)
+    for index in _unphased(ear, fit):
+        rows = np.where(ear.heard.weight[index] > 0, fit.residual[index], 0)
+        left, _, right = np.linalg.svd(rows, full_matrices=False)
+        unit[index] = np.where(np.abs(left[:, :1]) > 0, left[:, :1] / np.maximum(np.abs(left[:, :1]), 1e-300), 1)
+        if ear.heard.delay != "none":
+            profile = profiles(world, ear.predictor, index, count, ear.heard.spacing_hz)[0].sum(axis=0)
+            heard = np.abs(np.fft.ifft(right[0], count * _FINER)) ** 2
+            late = int(np.argmax(np.fft.ifft(np.fft.fft(heard) * np.fft.fft(profile).conj()).real))
+            unit[index] = unit[index] * np.exp(-2j * np.pi * late / (count * _FINER) * np.arange(count))
+    return unit
+
+
+def _turns_nats(ear, fit, world) -> float:
+    """What phases took in which snapshots are most alike: −ln p is of the mean over all that they may be."""
+    if not _scatters(ear, world) or not len(which := _unphased(ear, fit)):
+        return 0.0
+    alike = np.where(ear.heard.weight > 0, fit.residual * _unit(ear, fit, world).conj(), 0)[which]
+    cross = (alike * alike.mean(axis=1, keepdims=True).conj() * ear.heard.weight[which]).sum(axis=2)
+    return likelihood.turns_nats(np.abs(cross))
 
 
 def _fields(ear, fit, world, index: int) -> tuple[float, list[tuple], bool]:
@@ -128,22 +163,41 @@ def _modes(rounded: bytes, count: int) -> tuple[np.ndarray, np.ndarray]:
 def profiles(world, predictor, index: int, count: int, spacing_hz: float) -> tuple[np.ndarray, np.ndarray]:
     """Scattered power (steps, cells) of a link by delay, of unit transmitted power, `_FINER` cells per bin; and the step of each
     instant, one where nothing moves."""
+    kept = predictor.remembered(("reflected", world.carrier_hz, world.surface.key), lambda: _kept(world))
+    steps, number = _steps(world, predictor, index, count, spacing_hz)
+    power = [np.bincount(place, kept[cell] * mirrored, minlength=count * _FINER) for cell, place, mirrored in steps]
+    return np.array(power), number
+
+
+def scatterers(ears, fits, world) -> np.ndarray:
+    """(O,) nats of what would be heard of each object if it scattered all that it reflects."""
+    rough = world.with_surface(np.arange(len(world.mesh.names)), scattering=1.0)
+    kept, nats = _kept(rough), np.zeros(len(world.mesh.names))
+    for ear, fit in zip(ears, fits, strict=True):
+        for index, weight in enumerate(ear.heard.weight if ear.has_responses else ()):
+            steps, number = _steps(rough, ear.predictor, index, len(ear.heard.frequency_hz), ear.heard.spacing_hz)
+            loud = (np.abs(fit.factor[index]) ** 2 * weight).sum() / len(steps)
+            for cell, _, mirrored in steps:
+                nats += loud * np.bincount(cell // len(_COSINES), kept[cell] * mirrored, minlength=len(nats))
+    return nats
+
+
+def _steps(world, predictor, index: int, count: int, spacing_hz: float) -> tuple[list, np.ndarray]:
+    """Of each step of a link's way, powers of perfect mirrors (see `_mirrors`); and the step of each instant."""
     tx_m, rx_m = predictor.ends_m(world, index)
     tx, rx = (world.radios[name] for name in predictor.links[index])
     static = not (tx.node.is_moving or rx.node.is_moving)
     every = max(1, -(-len(tx_m) // _INSTANTS))
     number = np.zeros(1, int) if static else np.arange(len(tx_m)) // every
-    kept = predictor.remembered(("reflected", world.carrier_hz, world.surface.key), lambda: _kept(world))
     made = world.mesh.coarse.key, world.surface.standing
     tx_m, rx_m = (np.round(end_m / _COARSE_M) * _COARSE_M for end_m in (tx_m, rx_m))
-    power = []
+    out = []
     for step in np.unique(number) * every:
         key = made, tx_m[step].tobytes(), rx_m[step].tobytes()
         lit = predictor.remembered(("lit", key), partial(_lit, world, tx_m[step], rx_m[step]))
         key = "mirrors", key, tx.antenna, rx.antenna
-        cell, place, mirrored = predictor.remembered(key, partial(_mirrors, lit, tx.antenna, rx.antenna, count, spacing_hz))
-        power.append(np.bincount(place, kept[cell] * mirrored, minlength=count * _FINER))
-    return np.array(power), number
+        out.append(predictor.remembered(key, partial(_mirrors, lit, tx.antenna, rx.antenna, count, spacing_hz)))
+    return out, number
 
 
 def _kept(world) -> np.ndarray:

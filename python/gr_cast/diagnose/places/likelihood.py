@@ -14,6 +14,7 @@ from scipy.special import ive
 _ROUNDS = 4  # of gains and delays, which are Gauss-Newton steps near the optimum
 _FAR = 1e6  # of a Bessel function's argument, beyond which its asymptote stands
 _FINER = 8  # of the grid of delays over the resolution of the band
+_FAINT = 1e-200  # of a product of model and sounding: less has no phase and no delay, and quotients of it may be infinite
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +116,11 @@ def _turns_nats(heard: Heard, cross: np.ndarray) -> float:
     of the best of them. Without it, a faint echo where the twin has nothing would gain from noise in every snapshot."""
     if heard.phase == "none":
         return 0.0
-    cross = np.abs(cross if heard.phase == "snapshot" else cross.sum(axis=1))
+    return turns_nats(np.abs(cross if heard.phase == "snapshot" else cross.sum(axis=1)))
+
+
+def turns_nats(cross: np.ndarray) -> float:
+    """−ln of the mean over a phase of exp(2·cross·cos) over its greatest value, of all together."""
     near, far = np.minimum(2 * cross, _FAR), np.maximum(2 * cross, _FAR)
     return float(np.where(2 * cross < _FAR, -np.log(ive(0, near)), 0.5 * np.log(2 * np.pi * far)).sum())
 
@@ -126,7 +131,7 @@ def _phases(cross: np.ndarray, kind: str) -> np.ndarray:
     if kind == "link":
         cross = np.broadcast_to(cross.sum(axis=1, keepdims=True), cross.shape)
     size = np.abs(cross)
-    return np.where(size > 0, cross / np.where(size > 0, size, 1), 1)
+    return np.where(size > _FAINT, cross / np.where(size > _FAINT, size, 1), 1)
 
 
 def incidence(links) -> np.ndarray:
@@ -179,8 +184,8 @@ def _delay_step(heard: Heard, sums: np.ndarray, moments: np.ndarray, gain: np.nd
     middle = moments[:, :, 1] / np.maximum(moments[:, :, 0], 1e-300) if heard.phase != "none" else np.zeros(moments.shape[:2])
     top = -(sums[:, :, 1] - middle * sums[:, :, 0]).imag.sum(axis=1)
     spread = moments[:, :, 2] - 2 * middle * moments[:, :, 1] + middle**2 * moments[:, :, 0]
-    bottom = np.maximum(spread.sum(axis=1), 1e-300)
-    return _shared(top / bottom, heard, bottom)
+    bottom = np.maximum(spread.sum(axis=1), _FAINT)
+    return _shared(np.where(bottom > _FAINT, top / bottom, 0.0), heard, bottom)
 
 
 def tangents(heard: Heard, model: np.ndarray) -> list[np.ndarray]:

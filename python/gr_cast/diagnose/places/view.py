@@ -11,12 +11,13 @@ from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
 from ...scenario.create import fields
 from ...twin.places.carrying import headings
 from ...twin.places.families import FAMILIES
-from . import eclipses, fringes, imaging, planes, policy, scan, shades, sides, tracks
+from . import diffuse, eclipses, fringes, imaging, planes, policy, scan, shades, sides, tracks
 from .coherent import Phased
 from .ears import of_link, thinned, without_phase
 from .fit import Model, applied, evaluated, fitted, with_effect
 
 _SCANNED_CARRIERS = 100_000
+_SCATTERERS = 12  # objects that are asked whether they scatter
 _AROUND = 0.3  # change of a link's direction, as a share of its length, from which antennas show from several sides
 
 
@@ -219,9 +220,14 @@ class View:
         return self._names({number for _, traced in self._tables for number in faces[traced.paths.crossing_face].tolist()})
 
     @cached_property
-    def shared_materials(self) -> list[str]:
-        """Materials that two or more objects which are seen are made of."""
-        made = [self.world.media[name].material for name in self.seen_objects]
+    def scatterers(self) -> list[str]:
+        """Objects that would be heard if they scattered what they reflect, the loudest alone."""
+        nats = diffuse.scatterers(self.thin, self._thin_model.fits, self.world)
+        return self._names([number for number in np.argsort(-nats)[:_SCATTERERS] if nats[number] > policy.LEAST_EVIDENCE_NATS])
+
+    def shared_materials(self, names: Sequence[str]) -> list[str]:
+        """Materials that two or more of some objects are made of."""
+        made = [self.world.media[name].material for name in names]
         return sorted({name for name in made if name and made.count(name) > 1 and name not in self.world.mesh.names})
 
     def axes(self, owner: str) -> list[np.ndarray]:

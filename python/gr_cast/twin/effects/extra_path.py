@@ -6,8 +6,12 @@ import numpy as np
 
 from ..scene import Path
 from .base import LINK, Family, Multiplicity, amid, complex_pair, db, start, turned
+from .missing_path import MissingPath
+from .tap import around
+from .tap_gain_error import TapGainError
 from .values import NEEDED, NUMBER
 
+AT_A_TAP, GONE = 0.5, 0.2  # samples from a tap within which an echo may be its own change; of its amplitude that may be left
 FASTEST = 1e-5  # Doppler over the carrier: 3 km/s
 
 
@@ -45,6 +49,18 @@ class ExtraPath(Family):
                 still = abs(doppler) < 0.3 or self._too_fast(view.scene, doppler)
                 yield start(self, [0, 0, delay, 0.0], free=[1, 1, 1, 0], aux={"source": i}, trials=places)
                 yield start(self, [0, 0, delay, 0.0 if still else doppler], aux={"source": i}, trials=trials * 4)
+
+    def less(self, scene, effect, others):
+        """At the delay of one of the twin's taps: that tap's own strength, or the tap that is not there."""
+        source, gain, delay = effect.aux["source"], complex_pair(effect.p), effect.p[2]
+        changed = {e.aux["tap"] for e in others if "tap" in e.aux}
+        for k, tap in enumerate(scene.taps):
+            if tap.source == source and tap.gain and k not in changed and abs(tap.delay - delay) < AT_A_TAP:
+                left = 1 + gain / tap.gain
+                if abs(left) < GONE and sum(t.source == source for t in scene.taps) > 1:
+                    yield start(MissingPath(), [], aux={"tap": k}, trials=len(scene.taps))
+                p = [np.log(max(abs(left), GONE)), float(np.angle(left))]
+                yield start(TapGainError(), p, aux={"tap": k}, trials=len(scene.taps))
 
     @staticmethod
     def _too_fast(scene, cycles: float) -> bool:
@@ -102,8 +118,3 @@ class ExtraPath(Family):
             f"An echo that the twin leaves out: {number('delay_s')} on the scale of its taps, "
             f"{number('gain_db')}, Doppler {number('doppler_hz')}."
         )
-
-
-def around(scene, delay_s: float) -> dict:
-    """The cell of one sample to either side of a delay."""
-    return {"delay_s": [delay_s - 1 / scene.sample_rate_hz, delay_s + 1 / scene.sample_rate_hz]}

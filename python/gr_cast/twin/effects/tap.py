@@ -2,7 +2,6 @@
 """What the families of a twin's tap share: one start per tap, and where it is."""
 
 from .base import LINK, Family
-from .extra_path import around
 
 NEXT = 3  # strongest taps but one, of which one may be found where that one was looked for
 
@@ -34,3 +33,8 @@ class TapFamily(Family):
 
     def where(self, scene, effect, values):
         return around(scene, self._delay_of(scene, effect))
+
+
+def around(scene, delay_s: float) -> dict:
+    """The cell of one sample to either side of a delay."""
+    return {"delay_s": [delay_s - 1 / scene.sample_rate_hz, delay_s + 1 / scene.sample_rate_hz]}

@@ -98,7 +98,7 @@ class MissingScattering(OfThings):
     def owners(self, view):
         if not view.has_responses or (view.world.surface.scattering > 0).any():
             return []
-        return ["place", *view.shared_materials, *view.seen_objects]
+        return ["place", *view.shared_materials(view.scatterers), *view.scatterers]
 
     def starts(self, view, owner):
         grid = np.arange(0.15, _MOST_SCATTERED + 0.01, 0.1)

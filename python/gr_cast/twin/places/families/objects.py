@@ -101,7 +101,7 @@ class Material(_OfObject):
     price_nats = float(np.log(3))
 
     def owners(self, view):
-        return [*view.seen_objects, *view.shared_materials]
+        return [*view.seen_objects, *view.shared_materials(view.seen_objects)]
 
     def starts(self, view, owner):
         out = []
@@ -175,7 +175,7 @@ class Roughness(_OfObject):
     name = "roughness"
 
     def owners(self, view):
-        return [*view.seen_objects, *view.shared_materials] if view.has_responses else []
+        return [*view.seen_objects, *view.shared_materials(view.seen_objects)] if view.has_responses else []
 
     def starts(self, view, owner):
         return [Effect(family=self, owner=owner, values=np.log([part * view.world.wavelength_m])) for part in _ROUGH]

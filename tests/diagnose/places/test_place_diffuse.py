@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Scattered fields of links of which the twin predicts nothing, whose phases and delays are unknown; which objects scatter."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gr_cast.diagnose.places import diffuse
+from gr_cast.diagnose.places.ears import ResponseEar
+from gr_cast.diagnose.places.fit import evaluated
+from gr_cast.diagnose.places.likelihood import Fitted, Heard
+from gr_cast.diagnose.places.view import View
+from gr_cast.twin.places.predict import Predictor
+
+from tests.diagnose.places.test_place_bodies import KNOWN, heard, ours, theirs
+
+LINK, FREQUENCY_HZ, TIME_S = ("n0", "n2"), np.linspace(-4e7, 4e7, 40), np.linspace(0.0, 4.0, 17)
+
+
+def alone(rows: np.ndarray, level: float, **unknown):
+    """One still link's rows (T, K), its noise of variance 1 and the power of its field `level` times the noise's."""
+    told = Heard(
+        links=(LINK,), y=rows[None], weight=np.ones((1, *rows.shape)), frequency_hz=FREQUENCY_HZ, **(KNOWN | unknown)
+    )  # fmt: skip
+    ear = ResponseEar(Predictor(*zip(LINK, strict=True), TIME_S, FREQUENCY_HZ), told)
+    world = ours()
+    world = world.with_surface(np.arange(len(world.mesh.names)), scattering=0.6)
+    power, _ = diffuse.profiles(world, ear.predictor, 0, len(FREQUENCY_HZ), told.spacing_hz)
+    factor = np.full(told.y.shape, np.sqrt(level / power.sum()), complex)
+    fit = Fitted(model=np.zeros(told.y.shape, complex), residual=told.y, energy=0.0, factor=factor)
+    return ear, fit, world, power[0]
+
+
+def field(random, level: float) -> np.ndarray:
+    """(K,) of the profile that the world scatters over that link."""
+    profile = alone(np.zeros((len(TIME_S), len(FREQUENCY_HZ)), complex), 1.0)[3]
+    cells = np.flatnonzero(profile)
+    strength = np.sqrt(level * profile[cells] / profile.sum() / 2) * (random.normal(size=(2, len(cells))).T @ [1, 1j])
+    return np.exp(-2j * np.pi * np.outer(np.arange(len(FREQUENCY_HZ)), cells) / len(profile)) @ strength
+
+
+def noise(random) -> np.ndarray:
+    return random.normal(size=(len(TIME_S), len(FREQUENCY_HZ), 2)) @ [1, 1j] / np.sqrt(2)
+
+
+@pytest.mark.parametrize("level", [1.0, 10.0, 100.0])
+def test_a_field_is_as_likely_in_unknown_phases_and_delays_but_for_what_these_cost(level):
+    random = np.random.default_rng(4)
+    rows = np.broadcast_to(field(random, level), (len(TIME_S), len(FREQUENCY_HZ)))
+    late = np.exp(-2j * np.pi * 57 / (8 * len(FREQUENCY_HZ)) * np.arange(len(FREQUENCY_HZ)))  # by whole eighths of a bin
+    turned = np.exp(2j * np.pi * random.uniform(size=(len(TIME_S), 1))) * rows * late
+    more = noise(random)
+    nats, saved, _ = diffuse.gain(*alone(rows + more, level)[:3])
+    same, saved_too, _ = diffuse.gain(*alone(turned + more, level, phase="snapshot", delay="link")[:3])
+    lost, *_ = diffuse.gain(*alone(turned + more, level, phase="snapshot")[:3])
+    cross = (np.abs(rows) ** 2).sum(axis=1)
+    assert saved_too == pytest.approx(saved, rel=0.1, abs=30)
+    assert same == pytest.approx(nats - 0.5 * np.log(4 * np.pi * cross).sum(), rel=0.02, abs=40)
+    assert level < 10 or lost < same - 50  # at another delay
+
+
+@pytest.mark.parametrize("level", [0.1, 1.0, 10.0])
+def test_noise_gains_nothing_from_phases_that_are_unknown(level):
+    random = np.random.default_rng(6)
+    gained = [diffuse.gain(*alone(noise(random), level, phase="snapshot", delay="link")[:3])[0] for _ in range(20)]
+    assert max(gained) < 4.0
+
+
+def test_objects_that_no_path_meets_may_scatter():
+    ears = heard(theirs(max_depth=0), 30.0)
+    view = View(ears, evaluated(ears, replace(ours(), max_depth=0), ()), KNOWN)
+    assert view.seen_objects == []
+    assert view.scatterers == ["ground", "wall"]
