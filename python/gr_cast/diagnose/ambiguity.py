@@ -117,4 +117,4 @@ def open_beside(fit: Fit, effect: Effect, rivals: list[Rival]) -> dict | None:
 def _holds(rival: Rival, effect: Effect) -> bool:
     """Whether a rival explains the same only by what it has of the effect's own family."""
     less = FAMILIES[rival.effect.family].less(rival.fit.data.scene, rival.effect, rival.fit.model.effects)
-    return any(e.family == effect.family for e in less)
+    return any(e.family == effect.family and e.aux.get("tap") == effect.aux.get("tap") for e in less)

@@ -66,8 +66,21 @@ def test_noise_gains_nothing_from_phases_that_are_unknown(level):
     assert max(gained) < 4.0
 
 
+def test_links_to_which_hardly_anything_is_scattered_pay_for_no_phases():
+    random = np.random.default_rng(7)
+    gained = [diffuse.gain(*alone(noise(random), 1e-9, phase="snapshot", delay="link")[:3])[0] for _ in range(5)]
+    assert gained == pytest.approx([0.0] * 5, abs=0.1)
+
+
+def test_one_snapshot_of_a_field_costs_no_phase():
+    random = np.random.default_rng(4)
+    rows = field(random, 10.0)[None] + noise(random)[:1]
+    nats = [diffuse.gain(*alone(rows, 10.0, phase=phase)[:3])[0] for phase in ("none", "snapshot")]
+    assert nats[1] == pytest.approx(nats[0], rel=1e-9)
+
+
 def test_objects_that_no_path_meets_may_scatter():
     ears = heard(theirs(max_depth=0), 30.0)
     view = View(ears, evaluated(ears, replace(ours(), max_depth=0), ()), KNOWN)
     assert view.seen_objects == []
-    assert view.scatterers == ["ground", "wall"]
+    assert sorted(view.scatterers) == ["ground", "wall"]

@@ -171,5 +171,5 @@ def test_what_fills_few_of_a_fields_modes_is_no_field(links, monkeypatch):
     drawn = [random.exponential(size=(4, 12)) * (noise + strength) for _ in range(links)]
     loud = [power * (8.0 if index == 0 else 0.05) for index, power in enumerate(drawn)]
     for powers, is_field in ((drawn, True), (loud, links == 1)):  # one link alone is as loud as it is
-        monkeypatch.setattr(diffuse, "_along_modes", lambda *_, powers=powers: ((noise, one, strength) for one in powers))
+        monkeypatch.setattr(diffuse, "_along_modes", lambda *_, powers=powers: ((0, noise, one, strength) for one in powers))
         assert (diffuse.unevenness([None], [None], None) < policy.UNEVEN_DEVIATIONS) == is_field

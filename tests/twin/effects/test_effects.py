@@ -120,10 +120,15 @@ def test_what_a_transmitter_does_over_time_comes_as_late_as_the_path(name):
 def test_what_a_transmitter_does_over_time_is_put_on_what_arrived_and_the_channel_runs_once(monkeypatch):
     taps = [Path(source=0, delay=0.3, gain=1.0), Path(source=0, delay=7.8, gain=0.2j, doppler=4.0)]
     side, place, clock = {"side": "tx", "source": 0}, scene(taps), start(FAMILIES["sample_clock_offset"], [0.9])
+    lost = start(FAMILIES["sample_loss"], [1000.0, 37.0], free=[False, False])
     hum, offset = FAMILIES["power_supply_hum"], start(FAMILIES["carrier_frequency_offset"], [60.0, 0.0], aux=side)
     runs, came = [], Chain._came
     monkeypatch.setattr(Chain, "_came", lambda chain, *rest: runs.append(1) or came(chain, *rest))
-    model = lambda *more: Model(base=np.array([0.0, 1.0, 0.0])).adding(clock).adding(start(hum, [0.1, *more], aux=side))  # noqa: E731
+
+    def model(*more):
+        plain = Model(base=np.array([0.0, 1.0, 0.0])).adding(clock)
+        return plain.adding(start(hum, [0.1, *more], aux=side)).adding(lost)
+
     predict(place, model(-0.05, 40.0))
     assert len(runs) == 2  # one for each movement
     got = predict(place, model(0.03, 41.0))
@@ -141,6 +146,12 @@ def test_an_echo_at_a_tap_claims_no_more_than_what_that_tap_lost(left, families)
     assert [e.family for e in less] == families
     for one in less if left else less[:1]:
         assert predicted(taps, one) == pytest.approx(predicted(taps, echo), abs=1e-9)
+    turning = [taps[0], replace(taps[1], doppler=5.0)]
+    turned = echo.moved(np.array([-lost.real, -lost.imag, 7.8, 5.0]))  # told at mid-recording, half a turn later
+    less = list(FAMILIES["extra_path"].less(scene(turning), turned, ()))
+    assert [e.family for e in less] == families
+    assert predicted(turning, less[-1 if left else 0]) == pytest.approx(predicted(turning, turned), abs=1e-9)
+    assert not list(FAMILIES["extra_path"].less(scene(taps), turned, ()))  # which does not turn
     apart, taken = echo.moved(echo.p + [0.0, 0.0, 0.6, 0.0]), (start(FAMILIES["tap_fading"], [0.0], aux={"tap": 1}),)
     assert not list(FAMILIES["extra_path"].less(scene(taps), apart, ()))
     assert not list(FAMILIES["extra_path"].less(scene(taps), echo, taken))

@@ -26,19 +26,21 @@ def gain(ear, fit, world) -> tuple[float, float, float]:
     """(nats, energy, count): what the profile that `world` scatters is worth against white noise on this fit's residual, how much
     less energy the residual has when it is whitened by it, and how many numbers are scattered rather than noise. Static links
     count once: patches keep their phases."""
-    nats, saved, scattered = -_turns_nats(ear, fit, world), 0.0, 0.0
-    for noise, power, strength in _along_modes(ear, fit, world):
+    nats = saved = scattered = 0.0
+    cost = _turns_nats(ear, fit, world)
+    for index, noise, power, strength in _along_modes(ear, fit, world):
         share = strength / (noise + strength)
         explained = (power * share).sum() / noise
-        nats += float(explained - len(power) * np.log1p(strength / noise).sum())
+        more = float(explained - len(power) * np.log1p(strength / noise).sum())
+        nats += more - min(cost.get(index, 0.0), max(more, 0.0))  # turned or not, it is no likelier without the field
         saved += float(explained)
         scattered += float(len(power) * share.sum())
     return nats, saved, scattered
 
 
 def _along_modes(ear, fit, world):
-    """Of each link and each step of its way: the noise, what the residual has (instants, modes) along the modes of the field that
-    `world` scatters, and the power of each mode."""
+    """Of each link and each step of its way: its number, the noise, what the residual has (instants, modes) along the modes of
+    the field that `world` scatters, and the power of each mode."""
     if not _scatters(ear, world):
         return
     unit = _unit(ear, fit, world)
@@ -51,7 +53,7 @@ def _along_modes(ear, fit, world):
         if is_still:  # all instants say the same
             rows = rows.sum(axis=0, keepdims=True) / np.sqrt(max(len(rows), 1))
         for which, strength, modes in fields_:
-            yield noise, np.abs(rows[which] @ modes.conj()) ** 2, strength
+            yield index, noise, np.abs(rows[which] @ modes.conj()) ** 2, strength
 
 
 def unevenness(ears, fits, world) -> float:
@@ -59,7 +61,7 @@ def unevenness(ears, fits, world) -> float:
     exponential: its logarithm has the variance π²/6 and the kurtosis 5.4. What is none fills a few modes, and others not."""
     over = [np.zeros(0)]
     for ear, fit in zip(ears, fits, strict=True):
-        for noise, power, strength in _along_modes(ear, fit, world):
+        for _, noise, power, strength in _along_modes(ear, fit, world):
             over.append((power / (noise + strength))[:, strength > _HEARD * noise].ravel())
     logs = np.log(np.maximum(np.concatenate(over), 1e-12))
     if len(logs) < _FEW:
@@ -89,11 +91,15 @@ def _scatters(ear, world) -> bool:
     return bool(ear.has_responses and (world.surface.scattering > 0).any())
 
 
-def _unphased(ear, fit) -> np.ndarray:
-    """Links of which the twin predicts too little to tell the phases of their snapshots, where these are unknown."""
+def _unphased(ear, fit, world) -> list[int]:
+    """Links without movement of which the twin predicts too little to tell the phases of their snapshots, where these are
+    unknown."""
     if ear.heard.phase != "snapshot":
-        return np.zeros(0, int)
-    return np.flatnonzero((np.abs(fit.model) ** 2 * ear.heard.weight).sum(axis=2).mean(axis=1) < _PHASED_NATS)
+        return []
+    many = np.maximum((ear.heard.weight > 0).any(axis=2).sum(axis=1), 1)
+    told = (np.abs(fit.model) ** 2 * ear.heard.weight).sum(axis=(1, 2)) / many
+    moves = [any(world.radios[name].node.is_moving for name in link) for link in ear.predictor.links]
+    return [index for index, (nats, moving) in enumerate(zip(told, moves, strict=True)) if nats < _PHASED_NATS and not moving]
 
 
 def _unit(ear, fit, world) -> np.ndarray:
@@ -101,25 +107,39 @@ def _unit(ear, fit, world) -> np.ndarray:
     and as late as suits what is scattered, where delays are unknown."""
     unit = fit.factor / np.maximum(np.abs(fit.factor), 1e-300)
     count = len(ear.heard.frequency_hz)
-    for index in _unphased(ear, fit):
-        rows = np.where(ear.heard.weight[index] > 0, fit.residual[index], 0)
-        left, _, right = np.linalg.svd(rows, full_matrices=False)
-        unit[index] = np.where(np.abs(left[:, :1]) > 0, left[:, :1] / np.maximum(np.abs(left[:, :1]), 1e-300), 1)
+    for index in _unphased(ear, fit, world):
+        strength, field = _alike(ear, fit, index)
+        size = np.abs(strength)[:, None]
+        unit[index] = np.where(size > 0, strength[:, None] / np.maximum(size, 1e-300), 1)
         if ear.heard.delay != "none":
             profile = profiles(world, ear.predictor, index, count, ear.heard.spacing_hz)[0].sum(axis=0)
-            heard = np.abs(np.fft.ifft(right[0], count * _FINER)) ** 2
+            heard = np.abs(np.fft.ifft(field, count * _FINER)) ** 2
             late = int(np.argmax(np.fft.ifft(np.fft.fft(heard) * np.fft.fft(profile).conj()).real))
             unit[index] = unit[index] * np.exp(-2j * np.pi * late / (count * _FINER) * np.arange(count))
     return unit
 
 
-def _turns_nats(ear, fit, world) -> float:
-    """What phases took in which snapshots are most alike: −ln p is of the mean over all that they may be."""
-    if not _scatters(ear, world) or not len(which := _unphased(ear, fit)):
-        return 0.0
-    alike = np.where(ear.heard.weight > 0, fit.residual * _unit(ear, fit, world).conj(), 0)[which]
-    cross = (alike * alike.mean(axis=1, keepdims=True).conj() * ear.heard.weight[which]).sum(axis=2)
-    return likelihood.turns_nats(np.abs(cross))
+def _turns_nats(ear, fit, world) -> dict[int, float]:
+    """What the phases took in which a link's snapshots are most alike: −ln p is of the mean over all that they may be. All but
+    one: a random field has a phase of its own."""
+    if not _scatters(ear, world):
+        return {}
+    out = {}
+    for index in _unphased(ear, fit, world):
+        weight = ear.heard.weight[index]
+        many = int((weight > 0).any(axis=1).sum())
+        size = np.abs(_alike(ear, fit, index)[0])
+        if many > 1:
+            cross = size * size.sum() / many * weight[weight > 0].mean()
+            out[index] = likelihood.turns_nats(cross) * (many - 1) / many
+    return out
+
+
+def _alike(ear, fit, index: int) -> tuple[np.ndarray, np.ndarray]:
+    """Strengths (T,) of the field (K,), of unit energy, that a link's snapshots have most in common."""
+    rows = np.where(ear.heard.weight[index] > 0, fit.residual[index], 0)
+    left, size, right = np.linalg.svd(rows, full_matrices=False)
+    return left[:, 0] * size[0], right[0]
 
 
 def _fields(ear, fit, world, index: int) -> tuple[float, list[tuple], bool]:
@@ -175,7 +195,7 @@ def scatterers(ears, fits, world) -> np.ndarray:
     kept, nats = _kept(rough), np.zeros(len(world.mesh.names))
     for ear, fit in zip(ears, fits, strict=True):
         for index, weight in enumerate(ear.heard.weight if ear.has_responses else ()):
-            steps, number = _steps(rough, ear.predictor, index, len(ear.heard.frequency_hz), ear.heard.spacing_hz)
+            steps, _ = _steps(rough, ear.predictor, index, len(ear.heard.frequency_hz), ear.heard.spacing_hz)
             loud = (np.abs(fit.factor[index]) ** 2 * weight).sum() / len(steps)
             for cell, _, mirrored in steps:
                 nats += loud * np.bincount(cell // len(_COSINES), kept[cell] * mirrored, minlength=len(nats))

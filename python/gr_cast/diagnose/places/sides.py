@@ -12,6 +12,7 @@ from .coherent import Phased
 from .ears import evenly
 from .shades import Ways
 
+_AT_ONCE = 200_000  # echoes
 _ROWS = 200  # of soundings that are asked, and the loudest
 _LOUD, _LEAST_NATS = 6, 20.0  # rows whose echoes are asked for their planes, and what such an echo is worth
 _TURNS = 240  # of a side, all around: of a box a quarter of them
@@ -78,12 +79,18 @@ def _planes(rows: Phased, middle_m: np.ndarray, reach_m: float) -> list[tuple[np
     levels_m = _levels_m(rows, inward)
     row, turn = np.nonzero(np.abs(levels_m - inward @ middle_m) < reach_m)
     normals, levels_m = inward[turn], levels_m[row, turn]
+    parts = np.array_split(np.arange(len(levels_m)), 1 + len(levels_m) * len(rows.power) // _AT_ONCE)
+    nats = np.concatenate([_seen_nats(rows, normals[part], levels_m[part], middle_m, reach_m) for part in parts])
+    best = {int(turn[number] % (_TURNS // 4)): number for number in np.argsort(nats) if nats[number] > _LEAST_NATS}
+    return [(normals[number], float(levels_m[number])) for number in best.values()]
+
+
+def _seen_nats(rows: Phased, normals: np.ndarray, levels_m: np.ndarray, middle_m: np.ndarray, reach_m: float) -> np.ndarray:
+    """Nats (P,) of the echoes that sides, of what suits each best, send from near a place to the rows that want them."""
     near = np.linalg.norm((rows.met_m(normals, levels_m) - middle_m)[..., :2], axis=2) < reach_m
     near &= rows.tx_m @ normals.T < levels_m
     told = np.where(near, rows.made_nats(normals, levels_m, _MADE, _WALL_M), 0.0)
-    nats = np.maximum(told, 0.0).sum(axis=1).max(axis=0)
-    best = {int(turn[number] % (_TURNS // 4)): number for number in np.argsort(nats) if nats[number] > _LEAST_NATS}
-    return [(normals[number], float(levels_m[number])) for number in best.values()]
+    return np.maximum(told, 0.0).sum(axis=1).max(axis=0)
 
 
 @dataclass(frozen=True, kw_only=True)

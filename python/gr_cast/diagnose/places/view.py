@@ -17,7 +17,6 @@ from .ears import of_link, thinned, without_phase
 from .fit import Model, applied, evaluated, fitted, with_effect
 
 _SCANNED_CARRIERS = 100_000
-_SCATTERERS = 12  # objects that are asked whether they scatter
 _AROUND = 0.3  # change of a link's direction, as a share of its length, from which antennas show from several sides
 
 
@@ -221,9 +220,12 @@ class View:
 
     @cached_property
     def scatterers(self) -> list[str]:
-        """Objects that would be heard if they scattered what they reflect, the loudest alone."""
-        nats = diffuse.scatterers(self.thin, self._thin_model.fits, self.world)
-        return self._names([number for number in np.argsort(-nats)[:_SCATTERERS] if nats[number] > policy.LEAST_EVIDENCE_NATS])
+        """Objects that would be heard if they scattered what they reflect, the loudest first."""
+        count, part = (sum(ear.count for ear in ears) for ears in (self.ears, self.thin))
+        nats = diffuse.scatterers(self.thin, self._thin_model.fits, self.world) * count / max(part, 1)
+        names, own = self.world.mesh.names, self.model.base.mesh.names
+        loud = [number for number in np.argsort(-nats, kind="stable") if nats[number] > policy.LEAST_EVIDENCE_NATS]
+        return [names[number] for number in loud if names[number] in own]
 
     def shared_materials(self, names: Sequence[str]) -> list[str]:
         """Materials that two or more of some objects are made of."""

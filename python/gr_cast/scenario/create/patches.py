@@ -18,7 +18,7 @@ def patches_of(faces: images.Faces) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     area = faces.triangle_areas_m2
     small = sides < _LARGEST_M
     step_m = max(PATCH_M, float(np.sqrt(area[small].sum() / MOST_PATCHES)))
-    middle, size, owner = [], [], []
+    middle, size, owner = [np.zeros((0, 3))], [np.zeros(0)], [np.zeros(0, int)]
     face_of = np.repeat(np.arange(len(faces.level_m)), np.diff(faces.start))
     for triangle in np.flatnonzero(small):
         a, b, c = faces.triangles_m[triangle]

@@ -11,7 +11,7 @@ from .tap import around
 from .tap_gain_error import TapGainError
 from .values import NEEDED, NUMBER
 
-AT_A_TAP, GONE = 0.5, 0.2  # samples from a tap within which an echo may be its own change; of its amplitude that may be left
+AT_A_TAP, GONE = 0.5, 0.2  # samples and cycles from a tap within which an echo may be its own change; what may be left of it
 FASTEST = 1e-5  # Doppler over the carrier: 3 km/s
 
 
@@ -52,10 +52,16 @@ class ExtraPath(Family):
 
     def less(self, scene, effect, others):
         """At the delay of one of the twin's taps: that tap's own strength, or the tap that is not there."""
-        source, gain, delay = effect.aux["source"], complex_pair(effect.p), effect.p[2]
+        source, delay, doppler = effect.aux["source"], effect.p[2], effect.p[3]
+        gain = complex_pair(effect.p) * np.exp(-1j * np.pi * doppler)  # at the beginning, as a tap's
         changed = {e.aux["tap"] for e in others if "tap" in e.aux}
         for k, tap in enumerate(scene.taps):
-            if tap.source == source and tap.gain and k not in changed and abs(tap.delay - delay) < AT_A_TAP:
+            if (
+                tap.source == source
+                and tap.gain
+                and k not in changed
+                and max(abs(tap.delay - delay), abs(tap.doppler - doppler)) < AT_A_TAP
+            ):
                 left = 1 + gain / tap.gain
                 if abs(left) < GONE and sum(t.source == source for t in scene.taps) > 1:
                     yield start(MissingPath(), [], aux={"tap": k}, trials=len(scene.taps))

@@ -17,6 +17,7 @@ _USUAL_GROUND, _UP = 8.0, np.array([0.0, 0.0, 1.0])  # permittivity with which h
 _GROUNDS, _SHARPENED = (3.0, 7.0, 18.0), 40  # permittivities that are tried there; wells whose bottoms are compared
 _HEIGHTS = 14  # other heights about one that was found, either way
 _ABOUT_M, _STRIP_M, _PER_STRIP = (1.0, 6.0), 0.1, 2  # of an echo's height by its delay, as the band is; looked at at a time
+_ASKED = 12  # objects that are asked whether they scatter
 _OCTAVES = 1.3  # that a carrier may be off, up or down
 _BEST = 3
 _BEAT_M, _WELLS = 40.0, 30  # between paths: whose beats are tried about a carrier that was found, so many either way
@@ -98,7 +99,7 @@ class MissingScattering(OfThings):
     def owners(self, view):
         if not view.has_responses or (view.world.surface.scattering > 0).any():
             return []
-        return ["place", *view.shared_materials(view.scatterers), *view.scatterers]
+        return ["place", *view.shared_materials(view.scatterers), *view.scatterers[:_ASKED]]
 
     def starts(self, view, owner):
         grid = np.arange(0.15, _MOST_SCATTERED + 0.01, 0.1)
