@@ -110,6 +110,9 @@ def test_a_shed_that_nobody_drew_stands_where_it_blocks_and_reflects():
     corners_m = found.world.mesh.solids[-1].vertices_m[:, :2] - CENTRE
     assert (corners_m @ front).min() == pytest.approx(-SIZE_M[0] / 2, abs=0.05)  # the two sides that send echoes
     assert (corners_m @ low).min() == pytest.approx(-SIZE_M[1] / 2, abs=0.05)
+    looks = found.effects[-1].choice.normal_at(found.effects[-1].values[1])
+    turned = np.degrees(np.arctan2(looks[1], looks[0]) - TURN_RAD) % 90
+    assert min(turned, 90 - turned) < 5  # one of its sides looks as one of the shed's
 
 
 @pytest.mark.parametrize(
