@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gr_cast.diagnose import align, diagnose, heldout, read_case
+from gr_cast.diagnose.maps import power_of
 from gr_cast.diagnose.residual import Leftover
 from gr_cast.diagnose.search import proven, refit
 from gr_cast.diagnose.verdict import conclude
@@ -89,6 +90,19 @@ def test_a_cause_that_is_likelier_wrong_than_right_is_left_and_not_claimed(world
         unsure = [w for w in document["residual"]["where"] if "confidence" in w]
         assert document["verdict"] == "unexplained" and bool(document["effects"]) == claimed == (not unsure)
         assert all(0.1 < w["confidence"] < 0.5 and "DC" in w["sentence"] for w in unsure)
+
+
+@pytest.mark.parametrize("held_out", [None, 50.0])
+@pytest.mark.parametrize("left", [0.9, 1.1])
+def test_what_leaves_more_than_is_left_without_it_is_not_claimed_unless_unseen_samples_want_it(world, tmp_path, held_out, left):
+    case = read_case(world.write(tmp_path / "case", world.noisy(world.clean() + 0.02)))
+    (finding,) = diagnose(case).findings
+    index = next(i for i, e in enumerate(finding.fit.model.effects) if e.family == "dc_offset")
+    finding.worths[finding.fit.model.effects[index].key] = replace(finding.worth_of(index), held_out=held_out)
+    finding.steps, finding.complete = [(index, left * power_of(finding.twin))], False
+    document = conclude(case, [finding], lambda entries: [])
+    assert document["verdict"] == "unexplained"
+    assert bool(document["effects"]) == (left < 1 or held_out is not None)
 
 
 def test_a_wild_sample_that_was_held_out_says_no_more_than_the_others_can(part):

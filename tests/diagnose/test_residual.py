@@ -133,6 +133,20 @@ def test_sparks_in_trains_leave_nothing_of_their_colour_and_hide_no_noise_of_a_b
     assert band or [e["family"] for e in document["effects"]] == ["impulsive_noise"]
 
 
+@pytest.mark.parametrize("is_one", [True, False])
+def test_pulses_have_any_one_colour(world, tmp_path, is_one):
+    """Bursts of a packet radio that fills a part of the band; half of them in another part are something else."""
+    rng, count = world.rng, len(world.n)
+    f, white = np.fft.fftfreq(count), rng.normal(size=(2, count)) + 1j * rng.normal(size=(2, count))
+    first, second = (np.fft.ifft((np.abs(f - middle) < 0.2) * np.fft.fft(w)) for w, middle in zip(white, (0.0, 0.3), strict=True))
+    burst = np.where((np.arange(count) < count // 2) | is_one, first, second)
+    gate = (np.arange(count) + 0.3 * count / 9) % (count / 9) < 0.3 * count / 9
+    y = world.clean() + 1.2 * world.noise_rms * gate * burst
+    document = diagnose(read_case(world.write(tmp_path / "case", world.noisy(y))), budget_s=3000).document
+    assert document["verdict"] == ("identified" if is_one else "unexplained")
+    assert not is_one or [e["family"] for e in document["effects"]] == ["pulsed_interference"]
+
+
 def test_a_quantiser_grid_of_few_steps_leaves_nothing_unexplained(world, tmp_path):
     world.code = {"code": "zadoff_chu", "length": 1021, "root": 7, "samples_per_chip": 1}
     index, step = np.arange(1021), 1 / 32

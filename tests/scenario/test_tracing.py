@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from gr_cast.scenario.create import fields, images
 from gr_cast.scenario.create.geometry import Solid
-from gr_cast.twin.places import predict
+from gr_cast.twin.places import passer, predict
+from gr_cast.twin.places.world import Person
 
 pytest.importorskip("gr_cast.scenario.create.tracing", reason="the compiled kernels were not built")
 CARRIER_HZ, BOX = 3.5e9, [[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6], [0, 4, 1], [1, 4, 5], [1, 5, 2], [2, 5, 6], [2, 6, 3],
@@ -53,7 +54,7 @@ def drawn(request):
 def both(monkeypatch, make):
     """What the compiled kernels make, and what NumPy makes."""
     compiled = make()
-    for module in (images, fields):
+    for module in (images, fields, passer):
         monkeypatch.setattr(module, "tracing", None)
     return compiled, make()
 
@@ -129,6 +130,31 @@ def test_sums_over_paths_are_the_same(drawn, monkeypatch, steps):
     np.testing.assert_allclose(one, expected, atol=1e-7)
 
 
+def test_a_body_shades_what_goes_through_it(drawn, monkeypatch):
+    random = drawn[0]
+    points_m = random.uniform([-2, -2, -1], [2, 2, 3], (40, 5, 4, 3))
+    points_m[:8, :, 1, :2] = points_m[:8, :, 0, :2]  # legs that go straight up, which nothing upright shades
+    foot_m = np.append(random.uniform(-1, 1, (6, 40, 2)), np.zeros((6, 40, 1)), axis=2)
+    body = Person(
+        position_m=(0, 0, 0),
+        velocity_m_per_s=(0, 0, 0),
+        cross_section_m2=1.0,
+        radius_m=0.4,
+        height_m=1.8,
+        keeps_polarisation=False,
+    )
+    one, other = both(monkeypatch, lambda: passer.shaded(body, foot_m, points_m))
+    np.testing.assert_array_equal(one, other)
+    way_m = points_m[:, :, :-1, None] + np.linspace(0, 1, 2001)[:, None] * np.diff(points_m, axis=2)[:, :, :, None]
+    slopes = (np.diff(points_m, axis=2)[..., :2] != 0).any(axis=3)[..., None]
+    for place in range(len(foot_m)):
+        apart_m = way_m - foot_m[place][:, None, None, None]
+        within = (np.hypot(apart_m[..., 0], apart_m[..., 1]) < 0.4) & (apart_m[..., 2] > 0) & (apart_m[..., 2] < 1.8) & slopes
+        found = within.any(axis=(2, 3))
+        assert (one[place] >= found).all() and (one[place] > found).mean() < 0.02  # what touches it between two of the points
+    assert 0.1 < one.mean() < 0.9
+
+
 def test_a_convex_body_shows_its_outside_however_its_triangles_are_wound(drawn):
     random, *_ = drawn
     flipped = [face[:: 1 if random.random() < 0.5 else -1] for face in BOX]
@@ -157,6 +183,13 @@ def test_faces_whose_arrays_do_not_belong_together_are_refused(drawn, wrong):
     _, faces, tx_m, rx_m, _ = drawn
     with pytest.raises((ValueError, IndexError), match=r"got .*needs|got .*rows have"):
         images.search(wrong(faces), tx_m, rx_m, 1)
+
+
+def test_feet_that_are_not_of_the_paths_are_refused():
+    kernels = pytest.importorskip("gr_cast.scenario.create.tracing")
+    for foot_m, points_m in ((np.zeros((2, 3, 3)), np.zeros((4, 1, 2, 3))), (np.zeros((3, 3)), np.zeros((3, 1, 2, 3)))):
+        with pytest.raises(ValueError, match="needs feet"):
+            kernels.shaded(0.3, 1.8, foot_m, points_m)
 
 
 def test_paths_over_faces_that_are_not_there_are_refused(drawn):

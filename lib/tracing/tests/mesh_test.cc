@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "kernel/tests/check.h"
+#include "tracing/body.h"
 #include "tracing/fields.h"
 #include "tracing/mesh.h"
 #include <algorithm>
@@ -120,10 +121,24 @@ static void free_space_takes_what_friis_says()
     CHECK(std::abs(gain - wavelength_m / (4 * 3.14159265358979323846 * length_m)) < 1e-15);
 }
 
+// A body shades what goes through it and nothing that goes over it, beside it or straight up.
+static void a_body_shades_what_goes_through_it()
+{
+    const std::array<vec, 2> feet{vec{0, 0, 0}, vec{0, 5, 0}};
+    const std::array<vec, 12> paths{vec{-3, 0.2, 1}, vec{3, 0.2, 1}, vec{3, 9, 1},
+                                    vec{-3, 0.2, 2}, vec{3, 0.2, 2}, vec{3, 9, 2},
+                                    vec{-3, 0.6, 1}, vec{3, 0.6, 1}, vec{3, 0.6, 1},
+                                    vec{0, 0, -1},   vec{0, 0, 3},   vec{0, 0, 3}};
+    std::array<uint8_t, 8> out{};
+    shaded({0.5, 1.8}, feet.data(), 2, 1, paths.data(), 4, 3, out.data());
+    CHECK((out == std::array<uint8_t, 8>{1, 0, 0, 0, 0, 0, 0, 0}));
+}
+
 int main()
 {
     paths_of_an_empty_room_are_its_lattice_of_images();
     a_search_among_some_faces_finds_the_paths_that_meet_one_of_them();
     no_faces_leave_the_line_of_sight();
     free_space_takes_what_friis_says();
+    a_body_shades_what_goes_through_it();
 }

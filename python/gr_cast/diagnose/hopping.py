@@ -44,6 +44,8 @@ def _cells(fit, bins: int) -> np.ndarray:
     share = (fit.data.use[:n] > 0).reshape(-1, bins).mean(1)
     r, between = residual.normal(fit)[:n], np.exp(1j * np.pi * np.arange(n) / bins)
     power = [np.abs(sp_fft.fft(x.reshape(-1, bins), axis=1)) ** 2 for x in (r, r * between)]
+    edges = np.arange(0, n + 1, bins)
+    power = [one / residual.of_pulses(fit, one / bins, np.repeat(share[:, None], bins, 1), edges)[0] for one in power]
     told = ~residual.bands_not_told(fit, np.concatenate([f := sp_fft.fftfreq(bins), f - 0.5 / bins]), bins)
     power = np.concatenate(power, axis=1)[share > HOP_HEARD][:, told] / share[share > HOP_HEARD, None]
     if len(power) < FLATNESS_TIMES:

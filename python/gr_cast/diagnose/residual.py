@@ -21,6 +21,7 @@ from .policy import (
     HEARD,
     LARGEST_TRAIN,
     LEAST_CELL,
+    LEAST_COLOUR,
     LEAST_IMPULSES,
     LEAST_WINDOW,
     LONGEST_IMPULSE,
@@ -71,11 +72,35 @@ def time_frequency(fit, rows: int = 48, bins: int = 32):
 
 
 def told_cells(fit):
-    """`time_frequency` with what is not told as even as noise is."""
+    """`time_frequency` with what is not told as even as noise is: bands, and the colours of what comes and goes."""
     energy, count, edges = time_frequency(fit)
+    level, few = of_pulses(fit, energy, count, edges)
+    energy, count = few * energy / level, few * count
     untold = bands_not_told(fit, np.fft.fftfreq(energy.shape[1]), energy.shape[1])
     energy[:, untold] = count[:, untold]
     return energy, count, edges
+
+
+def of_pulses(fit, energy: np.ndarray, count: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(rows, bins) what cells of rows between `edges` (rows + 1,) hold over what they should, for what comes and goes has its own
+    colour: that, and the colour without, are those of least squares. And of a cell's samples, whose levels differ, the share as
+    which it spreads."""
+    level, few, used = np.ones_like(energy), np.ones_like(energy), fit.data.use > 0
+    for e in fit.model.found:
+        if (gate := FAMILIES[e.family].gate(fit.data.scene, e)) is None:
+            continue
+        on, all_ = (np.add.reduceat(x.astype(float), edges[:-1]) for x in ((gate & used)[: edges[-1]], used[: edges[-1]]))
+        on = (on / np.maximum(all_, 1))[:, None]
+        both = np.concatenate([1 - on, on], axis=1)
+        off_on = np.linalg.lstsq((count[:, :1] * both).T @ both, both.T @ energy, rcond=None)[0]
+        colour = np.maximum(off_on[1], 0) / np.maximum(off_on[0], 1e-300)
+        colour = np.clip(colour, LEAST_COLOUR, 1 / LEAST_COLOUR)
+        mean = 1 + on * (colour - 1)
+        few = few * mean**2 / (1 + on * (colour**2 - 1))
+        if fit.data.spectrum is not None:  # white over all, pulses and the rest
+            mean = mean * count.sum(0) / np.maximum((count * mean).sum(0), 1e-300)
+        level = level * mean
+    return level, few
 
 
 def leftovers(fit, inside) -> list[Leftover]:

@@ -62,7 +62,9 @@ def conclude(case, findings: list[Finding], vault: Callable[[list[dict]], list[t
     else:
         verdict = "no_mismatch"
     open_ones = {family for a in ambiguous for family in a["families"]}
-    likely = [s >= CLAIMED or FAMILIES[t.effect.family].told in open_ones for t, s in zip(claimed, sure, strict=True)]
+    likely = [
+        (s >= CLAIMED or FAMILIES[t.effect.family].told in open_ones) and not t.harms for t, s in zip(claimed, sure, strict=True)
+    ]
     effects = [_entry(t, how_sure) for t, how_sure, kept in zip(claimed, sure, likely, strict=True) if kept]
     doubtful = [(t.finding, _doubtful(t, s)) for t, s, kept in zip(claimed, sure, likely, strict=True) if not kept]
     fit = _fit_numbers(findings, vault(effects))
@@ -162,6 +164,11 @@ class Told:
         return self.enough and (self.held_out is None or self.held_out >= 0) and founded
 
     @property
+    def harms(self) -> bool:
+        """Whether more is left with it, and no unseen samples were asked."""
+        return not self.surely_read and self.held_out is None and (_explains_db(self) or 0.0) < 0
+
+    @property
     def refused(self) -> bool:
         """Whether it explains much of what was fitted, and none of what was not: something is there that has another form."""
         return self.nats >= REFUSED_NATS and not self.claimed
@@ -194,7 +201,7 @@ def _against_unseen(told: Told) -> Leftover:
 
 
 def _doubtful(told: Told, sure: float) -> Leftover:
-    """An effect that is likelier wrong than right, as what is left."""
+    """An effect that is likelier wrong than right, or was not proved and leaves more than is left without it, as what is left."""
     family = FAMILIES[told.effect.family]
     where = {"sentence": family.describe(Words(*numbers(told.finding, told.index))), "confidence": sure}
     return Leftover(test=f"{family.told}, or something else", p_value=1.0, nats=told.nats, where=where, record_next=LONGER)

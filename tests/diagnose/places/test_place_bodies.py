@@ -17,6 +17,7 @@ from gr_cast.scenario.create.fields import surface_of
 from gr_cast.scenario.create.geometry import Solid
 from gr_cast.scenario.create.media import Medium
 from gr_cast.scenario.create.nodes import Node
+from gr_cast.twin.places import passer
 from gr_cast.twin.places.families import FAMILIES
 from gr_cast.twin.places.families.additions import Sheet
 from gr_cast.twin.places.families.base import Effect
@@ -147,6 +148,23 @@ def test_a_passer_whose_shadow_says_more_than_its_echo_is_where_the_echo_comes_f
     assert found.effects[-1].values[:4] == pytest.approx([*place_m, *velocity], abs=0.005)
 
 
+def test_a_passer_whose_echo_a_screen_keeps_from_some_links_is_where_it_comes_from(monkeypatch):
+    monkeypatch.setattr(sys.modules[__name__], "LINKS", [("n0", "n2"), ("n0", "n5"), ("n4", "n2"), ("n4", "n5")])
+    monkeypatch.setattr(sys.modules[__name__], "TIME_S", np.linspace(0.0, 4.0, 15))
+    monkeypatch.setitem(FLAT, "screen", ([(-2.6, -5.9, 0), (0.5, -5.9, 0), (0.5, -5.9, 4), (-2.6, -5.9, 4)], "metal"))
+    place_m, velocity = [-4.63, 1.37], [1.31, -0.46]
+    walk = {
+        "position_m": [*place_m, 0.0],
+        "velocity_m_per_s": [*velocity, 0.0],
+        "radius_m": 0.3,
+        "height_m": 1.8,
+        "rcs_m2": 20.0,
+    }
+    ears = heard(theirs(person=walk), 30.0, band_hz=4e7)
+    at_m, at_m_per_s, _ = View(ears, evaluated(ears, ours(), ()), KNOWN).passers(passer.CENTRE * passer.HEIGHT_M)[0]
+    assert np.array([*at_m, *at_m_per_s]) == pytest.approx([*place_m, *velocity], abs=0.02)
+
+
 def test_what_is_shadowed_for_a_while_leaves_nothing_that_stands_there_at_other_times():
     ear = heard(theirs(), 30.0)[0]
     fit = evaluated([ear], ours(), ()).fits[0]
@@ -186,6 +204,18 @@ def test_who_passed_once_need_not_pass_again():
     with_passer = evaluated(ears, ours(), [gone])
     assert with_passer.energy > 2 * ears[0].count  # somebody else would see it
     assert foretold.holds(View(ears, with_passer, KNOWN), ears)
+
+
+def test_where_something_is_left_a_passer_is_known_as_well_as_a_band_tells_delays():
+    gone = Effect(
+        family=BY_NAME["moving_scatterer"], owner="place", values=np.array([-2.2, 1.4, 0.7, -0.5, 1.0, 1.8]), choice=(0.3, True)
+    )
+    ears = heard(theirs(), 30.0)
+    view = View(ears, evaluated(ears, ours(), [gone]), KNOWN)
+    told = gone.family.told(view, gone, gone.family.besides(view, gone))
+    cell_m = 299_792_458.0 / (8e7 * 32 / 31)  # anywhere in it, alike
+    assert told["position_m"]["std"][:2] == pytest.approx([cell_m / 12**0.5] * 2)
+    assert told["velocity_m_per_s"]["std"][:2] == pytest.approx([2 * cell_m / 12**0.5 / 4.0] * 2)
 
 
 def ridge(begin_m: float, end_m: float, level_m: float = -4.0) -> np.ndarray:

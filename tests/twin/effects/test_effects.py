@@ -109,7 +109,7 @@ def test_what_a_transmitter_does_over_time_comes_as_late_as_the_path(name):
     p, aux, over_time = {
         "power_supply_hum": ([0.1, -0.05, 40.0], {}, lambda n: 1 + 0.1 * np.cos(w(n)) - 0.05 * np.sin(w(n))),
         "phase_noise": ([0.0, 0.0, 0.6], {}, lambda n: np.exp(1j * np.interp(n, N, course(np.array([0.0, 0.0, 0.6]), COUNT)))),
-        "gain_drift": ([0.5, -4.0], {"relaxes": True}, lambda n: np.exp(0.5 * (1 - np.exp(-u(n) / np.exp(-4.0))))),
+        "gain_drift": ([0.5, -4.0], {"law": "relaxation"}, lambda n: np.exp(0.5 * (1 - np.exp(-u(n) / np.exp(-4.0))))),
     }[name]
     w = lambda n: 2 * np.pi * 40.0 * (n / COUNT - 0.5)  # noqa: E731
     got = predicted(taps, start(FAMILIES[name], p, aux={**aux, "side": "tx", "source": 0}))
@@ -323,7 +323,7 @@ FOUND = {
     "diffuse_tail": ([0.1, 0.02, -0.03, 0.01], {"source": 0, "first": 1.0}),
     "second_transmitter": ([0.1, 0.2, 3.3, 4.0], {"code": "other"}),
     "front_end_filter": ([0.05, 0.01, 0.02, 0.0], {"low": -1, "high": 1, "side": "rx"}),
-    "gain_drift": ([0.1, -1.2], {"relaxes": True}),
+    "gain_drift": ([0.1, -1.2], {"law": "relaxation"}),
     "power_supply_hum": ([0.04, 0.03, -17.0, 0.01, -0.02, 0.0, 0.015], {}),
     "dc_offset": ([0.04, 0.03, -1.0], {"decays": True}),
     "tone_interference": ([0.04, 0.03, 517.25], {}),

@@ -35,7 +35,7 @@ FOUND = {  # one effect of every family that predicts, as a search may find it
     "carrier_frequency_offset": ([0.4, 1.5], {}),
     "front_end_filter": ([0.05, 0.01, 0.02, 0.0], {"low": -1, "high": 1, "side": "rx"}),
     "gain_step": ([0.3, 0.7], {}),
-    "gain_drift": ([0.1, -1.2], {"relaxes": True}),
+    "gain_drift": ([0.1, -1.2], {"law": "relaxation"}),
     "power_supply_hum": ([0.04, 0.03, -17.0, 0.01, 0.02], {}),
     "dc_offset": ([0.04, 0.03, -1.0], {"decays": True}),
     "tone_interference": ([0.04, 0.03, 517.25], {}),
@@ -156,10 +156,33 @@ def test_an_echo_has_come_nearer_where_a_later_part_begins(begins):
     assert np.abs(predicted(there, moved, delay=-begins) - want).max() < 1e-3 * np.abs(want).max()
 
 
+@pytest.mark.parametrize("nepers", [0.4, -0.9])
+@pytest.mark.parametrize(
+    ("law", "course"),
+    [
+        ("decibels", lambda total, u: np.exp(total * u)),
+        ("amplitude", lambda total, u: 1 + (np.exp(total) - 1) * u),
+        ("relaxation", lambda total, u: np.exp(total * (1 - np.exp(-u / 0.3)) / (1 - np.exp(-1 / 0.3)))),
+    ],
+)
+def test_a_drift_follows_its_law_in_whole_and_in_part_and_is_read_back(law, course, nepers):
+    family, whole, u = FAMILIES["gain_drift"], scene(), np.linspace(0, 1, 50)
+    drift = start(family, [nepers, np.log(0.3)], aux={"law": law})
+    assert family.factor(drift, u) == pytest.approx(course(nepers, u), rel=1e-12)
+    assert family.factor(family.in_time(whole, drift, 0.4, 0.2), u) == pytest.approx(course(nepers, 0.4 + 0.2 * u), rel=1e-9)
+    told = family.values(whole, drift, drift.p)
+    assert told["total_db"] == pytest.approx(20 * np.log10(course(nepers, 1.0)))
+    assert family.factor(family.parse(whole, told, family.model(whole, drift)), u) == pytest.approx(course(nepers, u), rel=1e-9)
+    longer = replace(whole, whole=3 * COUNT)  # a recording of which this is the first third
+    assert family.values(longer, drift, drift.p)["total_db"] == pytest.approx(
+        20 * np.log10(max(course(nepers, 3.0), 1e-6)), rel=1e-6
+    )
+
+
 def test_a_relaxation_seen_late_is_not_followed_back_without_end():
     """In the thousandth part of a recording a drift of a hundredth of a part's length tells nothing of the beginning."""
     family, late = FAMILIES["gain_drift"], scene(250, begins=250_000)
-    whole = family.since_the_beginning(late, start(family, [1e-3, np.log(0.01)], aux={"relaxes": True}))
+    whole = family.since_the_beginning(late, start(family, [1e-3, np.log(0.01)], aux={"law": "relaxation"}))
     assert whole.p[0] == pytest.approx(1e-3 / 0.05) and np.isfinite(whole.aux["before"])
 
 

@@ -17,7 +17,7 @@ def test_the_period_of_a_few_pulses_is_that_of_the_pulses_and_no_part_of_it(puls
     y = (rng.normal(size=(COUNT, 2)) @ [1, 1j]) * np.where(on, 1.3, 1.0)
     view = NoiseView(use=np.ones(COUNT, bool), energy=np.abs(y) ** 2, wanted_power=np.ones(COUNT), weighted=y)
     _, found = FAMILIES["pulsed_interference"].find(view)
-    assert found.p[1] == pytest.approx(period, rel=0.02) and found.p[3] == pytest.approx(0.1, abs=0.03)
+    assert found.p[1] == pytest.approx(period, rel=0.02) and found.p[3] == pytest.approx(0.1, abs=0.01)
 
 
 @pytest.mark.parametrize("length", [60, 400, 3_000])

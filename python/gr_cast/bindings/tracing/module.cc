@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The kernels of the tracer for Python, without GNU Radio: scenario/create/images.py and fields.py
-// have the same in NumPy.
+// and twin/places/passer.py have the same in NumPy.
+#include "tracing/body.h"
 #include "tracing/fields.h"
 #include "tracing/mesh.h"
 #include <pybind11/numpy.h>
@@ -239,6 +240,21 @@ array<complex> path_sums(const array<int64_t>& instant, const array<complex>& ga
     return out;
 }
 
+array<bool> shaded_paths(double radius_m, double height_m, const array<double>& foot_m,
+                         const array<double>& points_m)
+{
+    if (foot_m.ndim() != 3 || points_m.ndim() != 4 || foot_m.shape(1) != points_m.shape(0) ||
+        foot_m.shape(2) != 3 || points_m.shape(3) != 3)
+        throw std::invalid_argument(
+            "shaded: needs feet (places, rows, 3) and paths (rows, paths, points, 3)");
+    const auto places = foot_m.shape(0), rows = foot_m.shape(1), paths = points_m.shape(1);
+    array<bool> out({places, rows, paths});
+    shaded({radius_m, height_m}, vectors(foot_m), size_t(places), size_t(rows), vectors(points_m),
+           size_t(paths), size_t(points_m.shape(2)),
+           reinterpret_cast<uint8_t*>(out.mutable_data()));
+    return out;
+}
+
 } // namespace
 
 PYBIND11_MODULE(tracing, m)
@@ -256,4 +272,6 @@ PYBIND11_MODULE(tracing, m)
           py::arg("direction"));
     m.def("gains", &path_gains);
     m.def("summed", &path_sums);
+    m.def("shaded", &shaded_paths, py::arg("radius_m"), py::arg("height_m"), py::arg("foot_m"),
+          py::arg("points_m"));
 }

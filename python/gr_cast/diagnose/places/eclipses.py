@@ -24,7 +24,6 @@ _BEGUN, _KEPT = 6, 3  # lines that are moved to where they explain most, and tha
 _STEPS_M = (0.15, 0.07, 0.03, 0.015)  # by which both ends of a line are moved
 _MOVED = 6  # times by each of them, at most
 _ELSEWHERE_M = 0.7  # between beginnings of lines
-_AT_ONCE = 400_000  # rows
 _REFITTED = 4  # times
 
 
@@ -57,18 +56,12 @@ class _Rows:
 
     def nats(self, foot_m: np.ndarray, radius_m: float) -> np.ndarray:
         """(C, R): by which each response is likelier with someone at `foot_m` (C, R, 2)."""
-        dark = np.empty((*foot_m.shape[:2], self.cross.shape[1]))
         person = Person(
             position_m=(0.0, 0.0, 0.0), velocity_m_per_s=(0.0, 0.0, 0.0), cross_section_m2=0.0, radius_m=radius_m,
             height_m=passer.HEIGHT_M, keeps_polarisation=False,
         )  # fmt: skip
-        size = max(1, _AT_ONCE // dark[0].size)
-        for begin in range(0, len(foot_m), size):
-            part = dark[begin : begin + size]
-            feet_m = np.zeros((*part.shape, 3))
-            feet_m[..., :2] = foot_m[begin : begin + size, :, None]
-            points_m = np.broadcast_to(self.points_m, (len(part), *self.points_m.shape)).reshape(-1, *self.points_m.shape[2:])
-            part[:] = passer.shaded(person, feet_m.reshape(-1, 3), points_m).reshape(part.shape)
+        feet_m = np.concatenate([foot_m, np.zeros((*foot_m.shape[:2], 1))], axis=2)
+        dark = passer.shaded(person, feet_m, self.points_m).astype(float)
         before = tempered(self.energy(np.zeros((1, *dark.shape[1:]))), self.count)
         return before - tempered(self.energy(dark), self.count)
 

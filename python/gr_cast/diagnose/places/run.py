@@ -107,7 +107,9 @@ def _told(place: Place, found: search.Found, ears: tuple, vault: tuple, pathless
     clean = found.deviations < policy.CLEAN_DEVIATIONS and not pathless and field and predicted
     there = evaluated(vault, model.base, model.effects) if vault else None
     covariances = [
-        _doubt(found, ears, clean) * own + _over_wells(model.effects[number], search.wells(ears, vault, model, number))
+        _doubt(found, ears, clean) * own
+        + _over_wells(model.effects[number], search.wells(ears, vault, model, number))
+        + (0.0 if clean else model.effects[number].family.besides(view, model.effects[number]))
         for number, own in enumerate(deviations(ears, model))
     ]
     made_of = causes(view, model.effects)

@@ -113,11 +113,15 @@ def energy_along(rows_: Sequence[Row], grid: np.ndarray, scale: np.ndarray | flo
     those in between."""
     between = int(np.ceil(np.sqrt(len(grid))))
     step = grid[1] - grid[0] if len(grid) > 1 else 1.0
-    twice = [replace(row, rates=row.rates[[0, 0]]) for row in rows_]
     coarse, fine = grid[::between], step * np.arange(between)
     if np.ndim(scale):
         scale = np.resize(scale, len(coarse) * between).reshape(len(coarse), between)
-    return energy(twice, coarse, fine, scale).reshape(2, -1)[:, : len(grid)]
+    return energy(_twice(rows_), coarse, fine, scale).reshape(2, -1)[:, : len(grid)]
+
+
+def _twice(rows_: Sequence[Row]) -> list[Row]:
+    """The same along one axis and, from there, along it again."""
+    return [replace(row, rates=row.rates[[0, 0]]) for row in rows_]
 
 
 def minima(grid: np.ndarray, energies: np.ndarray, best: int) -> list[float]:
@@ -133,12 +137,11 @@ def minima(grid: np.ndarray, energies: np.ndarray, best: int) -> list[float]:
 def wells(rows_: Sequence[Row], grid: np.ndarray, best: int) -> list[float]:
     """Bottoms of the lowest minima of `energy_along` a grid, the lowest first: its steps turn phases so far that they do not tell
     which well is the deepest."""
+    near = np.array(minima(grid, energy_along(rows_, grid), 2 * _SOUNDED * best))
     step = (grid[1] - grid[0]) * np.linspace(-1, 1, 2 * _FINER + 1)
-    found: tuple[list, list] = [], []
-    for near in minima(grid, energy_along(rows_, grid), 2 * _SOUNDED * best):
-        for one, energies in zip(found, energy_along(rows_, near + step), strict=True):
-            one.append((float(energies.min()), near + float(step[np.argmin(energies)])))
-    return by_turns(*([value for _, value in sorted(one)] for one in found))[:best]
+    sounded = energy(_twice(rows_), near, step)
+    bottom = near + step[sounded.argmin(axis=2)]
+    return by_turns(*(one[np.argsort(nats)].tolist() for one, nats in zip(bottom, sounded.min(axis=2), strict=True)))[:best]
 
 
 def minima_of(axes: Sequence[np.ndarray], energies: np.ndarray, best: int) -> list[tuple[float, ...]]:

@@ -2,12 +2,14 @@
 """Where something passes by: coarsely by how late its echoes are, then by their phases, instant after instant, along a line."""
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from ...scenario.create import fields
+from ...twin.places import passer
 from . import imaging, scan
 from .ears import thinned
 from .fit import evaluated
@@ -16,13 +18,14 @@ _SPEEDS_M_PER_S, _SPEED_STEP_M_PER_S, _SPEEDS = (2.4, 30.0), 0.4, 60  # that are
 _ELSEWHERE_M = 1.5  # between coarse tracks
 _KEPT, _LINES = 3, 8  # coarse tracks, and lines near one of them, that are returned
 _FOLLOWED = 2  # coarse tracks about which is looked finely
-_REACH_M, _NEAR_M, _MOST = 1.4, 0.4, 840  # about a coarse track, about one that is nearly known; steps across at most
-_FINE = 16  # steps of a wavelength: an echo's phase turns twice as fast as a place moves
-_SMOOTH = 8  # steps between which lengths and strengths are interpolated
+_REACH_M, _NEAR_M, _MOST = 1.4, 0.4, 1200  # about a coarse track, about one that is nearly known; steps across at most
+_FINE = 8  # steps of a wavelength: an echo's phase turns twice as fast as a place moves
+_SMOOTH_M = 0.05  # between places from which lengths and strengths are interpolated
 _FINER = 16  # of the grid of delays over the resolution of the band
-_INSTANTS, _NEAR_INSTANTS = 9, 12  # that are looked at, at most
-_PEAKS = 40  # of each instant, through which lines are drawn: echoes of few links are in phase at many places
-_WITHIN, _WITHIN_STEPS = 2, 4  # cells about a line that is looked at more finely still, and steps of such a cell
+_INSTANTS = 15  # that are looked at, at most
+_PEAKS = 200  # of each instant, through which lines are drawn: echoes of few links are in phase at many places
+_FEW, _SURVIVE = 2, 10  # instants beyond two by which lines are looked at first; one of so many is looked at by all
+_WITHIN, _WITHIN_STEPS = 2, 8  # cells about a line that is looked at more finely still, and steps of such a cell
 _APART = 0.25  # of the time of a campaign, between the instants of a pair
 _WEIGHED = 4000  # lines of which is asked whether they may be
 _SLID, _TURNS = 60, 4  # lines that are moved cell by cell to where they explain most, so many times
@@ -116,14 +119,14 @@ def summed(maps: np.ndarray, moved: np.ndarray) -> np.ndarray:
 def _fine(view, height_m: float, place_m: np.ndarray, velocity: np.ndarray, otherwise=None) -> list:
     """(nats, (place, velocity, cross-section)) of lines near a coarse track along which echoes are in phase as they should."""
     whole = _pairs(view)[0][0]
-    instants, reach_m = (_NEAR_INSTANTS, _NEAR_M) if otherwise else (_INSTANTS, _REACH_M)
-    ear = thinned(whole, instants, len(whole.heard.frequency_hz))
+    reach_m = _NEAR_M if otherwise else _REACH_M
+    ear = thinned(whole, _INSTANTS, len(whole.heard.frequency_hz))
     fit = _moving(ear, evaluated([ear], view.model.base, view.model.effects).fits[0], view.world)
     middle_s = ear.predictor.time_s.mean()
     step_m = view.world.wavelength_m / _FINE
     start_m = place_m + velocity * middle_s
     wide = _strip(view, ear, fit, height_m, start_m, velocity, min(reach_m, step_m * _MOST / 2), step_m)
-    at_m, turn = _through(wide)
+    at_m, turn = _through(wide, _WEIGHED)
 
     def ranked(at_m, turn, most: int, also=None) -> tuple[np.ndarray, np.ndarray]:
         nats = wide.along(at_m, turn)[0]
@@ -168,13 +171,17 @@ class _Strip:
     def step_m(self) -> float:
         return self.axis_m[1] - self.axis_m[0]
 
-    def along(self, at_m: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(nats, amplitude) of lines (..., 2) by their place in the middle and velocity, all echoes of one strength."""
-        cell = np.round((at_m[..., None, :] + self.after_s[:, None] * turn[..., None, :] - self.axis_m[0]) / self.step_m)
-        inside = ((cell >= 0) & (cell < len(self.axis_m))).all(axis=-1)
-        x, y = np.moveaxis(np.where(inside[..., None], cell, 0).astype(int), -1, 0)
-        instants = np.arange(len(self.after_s))
-        top, bottom = ((part[instants, x, y] * inside).sum(axis=-1, dtype=float) for part in (self.cross, self.power))
+    def along(self, at_m: np.ndarray, turn: np.ndarray, instants: Sequence[int] | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """(nats, amplitude) of lines (..., 2) by their place in the middle and velocity, all echoes of one strength, at all
+        instants or those alone."""
+        size = len(self.axis_m)
+        top, bottom = np.zeros((2, *at_m.shape[:-1]))
+        for one in range(len(self.after_s)) if instants is None else instants:
+            x, y = np.moveaxis(np.rint((at_m + self.after_s[one] * turn - self.axis_m[0]) / self.step_m).astype(np.int32), -1, 0)
+            inside = (x >= 0) & (x < size) & (y >= 0) & (y < size)
+            cell = np.where(inside, x * size + y, 0)
+            top += self.cross[one].ravel()[cell] * inside
+            bottom += self.power[one].ravel()[cell] * inside
         return np.maximum(top, 0) ** 2 / (bottom + _LEAST), top / (bottom + _LEAST)
 
     def slid(self, at_m: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -200,21 +207,29 @@ def _strip(view, ear, fit, height_m: float, centre_m: np.ndarray, velocity: np.n
 
 def _between(axis_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Knots (n,) along an axis, and the shares (axis, n) that each has in what is between them, linearly."""
-    knots_m = np.linspace(axis_m[0], axis_m[-1], max(2, -(-len(axis_m) // _SMOOTH) + 1))
+    knots_m = np.linspace(axis_m[0], axis_m[-1], 2 + int((axis_m[-1] - axis_m[0]) / _SMOOTH_M))
     return knots_m, np.array([np.interp(axis_m, knots_m, own) for own in np.eye(len(knots_m))], np.float32).T
 
 
-def _through(strip: _Strip) -> tuple[np.ndarray, np.ndarray]:
-    """Lines through a peak each of any two maps that are some time apart."""
+def _through(strip: _Strip, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """The best lines, at most so many of each two instants, through a peak each of any two maps that are some time apart."""
     nats, after_s = np.maximum(strip.cross, 0) ** 2 / strip.power, strip.after_s
-    peaks = [np.array(scan.minima_of((strip.axis_m, strip.axis_m), -one, _PEAKS)) for one in nats]
-    out = []
+    peaks = [np.array(scan.minima_of((strip.axis_m, strip.axis_m), -one, _PEAKS), np.float32) for one in nats]
+    loudest = np.argsort(-nats.max(axis=(1, 2)))
+    found = []
     for first, last in itertools.combinations(range(len(nats)), 2):
         apart_s = after_s[last] - after_s[first]
         if apart_s >= np.ptp(after_s) * _APART:
             a, b = (one.reshape(-1, 2) for one in np.broadcast_arrays(peaks[first][:, None], peaks[last][None]))
-            out.append((a - after_s[first] * (b - a) / apart_s, (b - a) / apart_s))
-    return tuple(np.concatenate(part) for part in zip(*out, strict=True))
+            turn = (b - a) / np.float32(apart_s)
+            at_m = a - np.float32(after_s[first]) * turn
+            few = [first, last, *loudest[~np.isin(loudest, (first, last))][:_FEW]]
+            for instants, kept in ((few, max(most, len(at_m) // _SURVIVE)), (None, most)):
+                told = strip.along(at_m, turn, instants)[0]
+                best = np.argpartition(-told, min(kept, len(told)) - 1)[:kept]
+                at_m, turn = at_m[best], turn[best]
+            found.append((at_m, turn))
+    return tuple(np.concatenate(part).astype(float) for part in zip(*found, strict=True))
 
 
 def _map(
@@ -230,11 +245,19 @@ def _map(
     foot_m = centre_m + np.stack(np.meshgrid(knots_m, knots_m, indexing="ij"), axis=-1)
     body_m = np.concatenate([foot_m, np.full((*foot_m.shape[:2], 1), height_m)], axis=2)
     cross, power = np.zeros((len(axis_m),) * 2, np.float32), np.full((len(knots_m),) * 2, _LEAST)
+    reached: dict = {}  # whether echoes from each place come to a node, or are kept from it
+
+    def reaches(end_m: np.ndarray) -> np.ndarray:
+        if (key := end_m.tobytes()) not in reached:
+            ways_m = np.stack(np.broadcast_arrays(end_m, body_m.reshape(-1, 3)), axis=1)
+            reached[key] = ~passer.blocked(world, ways_m).reshape(body_m.shape[:2])
+        return reached[key]
+
     for index, link in enumerate(heard.links):
         ends_m = [end[step] for end in ear.predictor.ends_m(world, index)]
         legs = [body_m - ends_m[0], ends_m[1] - body_m]
         far_m = [np.maximum(np.linalg.norm(leg, axis=2), 0.1) for leg in legs]
-        strength = 1 / (far_m[0] * far_m[1])
+        strength = reaches(ends_m[0]) * reaches(ends_m[1]) / (far_m[0] * far_m[1])
         for name, leg, long_m, sign in zip(link, legs, far_m, (1, -1), strict=True):
             direction = (sign * leg / long_m[..., None]).reshape(-1, 3)
             strength = strength * np.linalg.norm(fields.far_field(world.radios[name].antenna, direction), axis=1).reshape(

@@ -389,6 +389,10 @@ class View:
         pairs = zip(self.ears, self.model.fits, strict=True)
         return [(ear, fit) for ear, fit in pairs if ear.has_responses and len(ear.heard.frequency_hz) > 1]
 
+    @property
+    def lasts_s(self) -> float:
+        return max(float(np.ptp(ear.predictor.time_s)) for ear in self.ears)
+
     @cached_property
     def phased(self) -> Phased:
         """Of the first wideband campaign: one points, all are fitted."""

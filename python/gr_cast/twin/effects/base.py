@@ -186,6 +186,10 @@ class Family:
         """Whether it is a quantiser whose error is bound to the signal, and no noise of its own."""
         return False
 
+    def gate(self, scene, effect: Effect) -> np.ndarray | None:
+        """(n,) bool when it is on, of what comes and goes and may have any colour meanwhile."""
+        return None
+
     def band(self, effect: Effect) -> tuple[float, float] | None:
         """(middle, width) of the band that noise fills, shares of the sample rate; None where it is no matter of frequency."""
         return None

@@ -11,6 +11,9 @@ from .noise_family import REMEMBERED, NoiseFamily, two_levels
 from .pulsed_carrier import PulsedCarrier
 
 _TRIALS = 2e4  # periods, starts and lengths that differ
+_FINEST, _COARSE = 2048, 256  # parts of a period by which edges are placed, and by which they are sought
+_NEXT = 0.15  # of a duty, to the next one that is sought
+_EDGE_NATS = 2.5  # of what tells a pulse from the noise, to which an edge is placed (Hinkley 1970)
 
 
 class PulsedInterference(NoiseFamily):
@@ -21,13 +24,12 @@ class PulsedInterference(NoiseFamily):
     lasting = False
     _strengths = 4
 
-    @staticmethod
-    def _gate(scene, effect):
+    def gate(self, scene, effect):
         _, period, first, duty = effect.p
         return ((scene.index - first) / period) % 1.0 < duty
 
     def variance(self, scene, effect, wanted):
-        return 1 + np.exp(effect.p[0]) * self._gate(scene, effect)
+        return 1 + np.exp(effect.p[0]) * self.gate(scene, effect)
 
     def in_time(self, scene, effect, later, longer):
         strength, period, first, duty = effect.p
@@ -64,7 +66,7 @@ class PulsedInterference(NoiseFamily):
             return 0.0, None
         if near is not None:
             gain, p = _fold(e, use, near.p[1], n, total, count, scales=(0.5, 0.1))
-            return (0.0, None) if p is None else (gain, self._found(p, n))
+            return (0.0, None) if p is None else (gain, self._found(_edged(e, use, p), n))
         q = np.where(use, np.minimum(e / mean, 8.0), 0.0)
         q = np.where(use, q - q.sum() / count, 0.0)
         pad = 4
@@ -91,13 +93,14 @@ class PulsedInterference(NoiseFamily):
         # Of a few slow pulses only harmonics stand out.
         slower = (_fold(e, use, top[1][1] * multiple, n, total, count) for multiple in (2, 3) if top[1][1] * multiple < n / 2)
         gain, p = max([top, *(found for found in slower if _repeats(e, use, found[1]))], key=lambda found: found[0])
-        return gain, self._found(p, n)
+        return gain, self._found(_edged(e, use, p), n)
 
     def _found(self, p, n):
         """The effect with the standard deviations of its numbers: of the level from the count of samples, of the others
         from the steps of the search."""
         ratio, period, duty = np.exp(p[0]), p[1], p[3]
-        spread = [(1 + ratio) / ratio / np.sqrt(max(duty * n, 1.0)), period**2 / n / 128, period / 256, duty / 20 + 1 / 512]
+        edge = max(1.0, _EDGE_NATS / (ratio - np.log1p(ratio)) * period / n, period / _FINEST)  # of all pulses together
+        spread = [(1 + ratio) / ratio / np.sqrt(max(duty * n, 1.0)), period**2 / n / 128, edge, np.sqrt(2) * edge / period]
         return start(self, p, free=[False] * 4, trials=_TRIALS, aux={"_std": spread})
 
 
@@ -144,6 +147,25 @@ def _fold(e, use, period, n, total, count, scales=(1.0, 0.15)):
                     ratio = e_on[i] / n_on[i] / off - 1
                     best = (float(gain[i]), [np.log(max(ratio, 1e-3)), p, i / bins * p, length / bins])
     return best
+
+
+def _edged(e, use, p) -> list[float]:
+    """The gate `p` with its edges where energy changes: the best two near where a search has them."""
+    _, period, first, duty = p
+    bins = int(np.clip(period, 8, _FINEST))
+    at = ((((np.arange(len(e)) - first) / period) % 1.0) * bins).astype(int)
+    folded, hits = (np.tile(np.bincount(at, x, bins), 3) for x in (e, use.astype(float)))
+    e2, h2 = (np.cumsum(np.append(0.0, x)) for x in (folded, hits))
+    reach = int(np.ceil(bins * (_NEXT * duty + 2 / _COARSE)))
+    near = np.arange(-reach, reach + 1)
+    begin, end = np.meshgrid(bins + near, bins + round(duty * bins) + near, indexing="ij")
+    end = np.clip(end, begin + 1, begin + bins - 1)
+    e_on, n_on = (x[end] - x[begin] for x in (e2, h2))
+    i, j = np.unravel_index(np.argmax(two_levels(n_on, e_on, hits.sum() / 3, folded.sum() / 3)), e_on.shape)
+    off = (folded.sum() / 3 - e_on[i, j]) / (hits.sum() / 3 - n_on[i, j])
+    ratio = e_on[i, j] / n_on[i, j] / off - 1
+    first = (first + (begin[i, j] - bins) / bins * period) % period
+    return [float(np.log(max(ratio, 1e-3))), period, float(first), float(end[i, j] - begin[i, j]) / bins]
 
 
 def _blocks(e, use, size, held):

@@ -4,6 +4,7 @@
 import numpy as np
 
 from ...scenario.create import images
+from ...scenario.create.images import tracing
 
 CENTRE = 0.6  # of the height: where the echo of a body comes from
 HEIGHT_M = 1.8  # of a body of whom nothing is known
@@ -15,7 +16,7 @@ def with_person(world, predictor, which, tables) -> list[tuple]:
     rows = [at_all_instants(table, len(time_s)) for table in tables]
     axes = [axis(person, time_s if many > 1 else time_s[:1]) for *_, many in rows]
     foot_m = np.concatenate([foot_m[instant] for foot_m, (_, instant, *_) in zip(axes, rows, strict=True)])
-    dark = shaded(person, foot_m, np.concatenate([points_m for points_m, *_ in rows]))
+    dark = shaded(person, foot_m[None], np.concatenate([points_m for points_m, *_ in rows])[:, None])[0, :, 0]
     dark = np.split(dark, np.cumsum([len(instant) for _, instant, *_ in rows])[:-1])
     law = person, world.mesh.key, world.surface.standing, world.carrier_hz
     keys = [("echo", index, *(world.radios[name].end_key for name in predictor.links[index]), law) for index in which]
@@ -48,17 +49,19 @@ def axis(person, time_s: np.ndarray) -> np.ndarray:
 
 
 def shaded(person, foot_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-    """Whether any leg of a path (n, D + 2, 3) goes through the cylinder over `foot_m` (n, 3)."""
-    hit = np.zeros(len(points_m), bool)
-    for leg in range(points_m.shape[1] - 1):
-        begin, step = points_m[:, leg] - foot_m, points_m[:, leg + 1] - points_m[:, leg]
-        flat = (step[:, :2] ** 2).sum(axis=1)
-        middle = np.clip(-(begin[:, :2] * step[:, :2]).sum(axis=1) / np.maximum(flat, 1e-12), 0, 1)
-        nearest = begin + middle[:, None] * step
-        depth = person.radius_m**2 - (nearest[:, :2] ** 2).sum(axis=1)
+    """Whether any leg of paths (R, P, D + 2, 3) goes through the cylinder over feet (C, R, 3): (C, R, P)."""
+    if tracing:
+        return tracing.shaded(person.radius_m, person.height_m, foot_m, points_m)
+    hit = np.zeros((*foot_m.shape[:2], points_m.shape[1]), bool)
+    for leg in range(points_m.shape[2] - 1):
+        begin, step = points_m[:, :, leg] - foot_m[:, :, None], points_m[:, :, leg + 1] - points_m[:, :, leg]
+        flat = (step[..., :2] ** 2).sum(axis=-1)
+        middle = np.clip(-(begin[..., :2] * step[..., :2]).sum(axis=-1) / np.maximum(flat, 1e-12), 0, 1)
+        nearest = begin + middle[..., None] * step
+        depth = person.radius_m**2 - (nearest[..., :2] ** 2).sum(axis=-1)
         half = np.sqrt(np.maximum(depth, 0) / np.maximum(flat, 1e-12))
         low, high = np.clip(middle - half, 0, 1), np.clip(middle + half, 0, 1)
-        heights = np.sort(np.stack([begin[:, 2] + low * step[:, 2], begin[:, 2] + high * step[:, 2]]), axis=0)
+        heights = np.sort(np.stack([begin[..., 2] + low * step[..., 2], begin[..., 2] + high * step[..., 2]]), axis=0)
         hit |= (depth > 0) & (flat > 0) & (heights[0] < person.height_m) & (heights[1] > 0)
     return hit
 
@@ -81,10 +84,15 @@ def echoes(world, predictor, which, axes: list[np.ndarray]) -> list[tuple[np.nda
         (sent * taken).sum(axis=1) if person.keeps_polarisation else np.linalg.norm(sent, axis=1) * np.linalg.norm(taken, axis=1)
     )
     gain = world.wavelength_m * np.sqrt(person.cross_section_m2) / (4 * np.pi) ** 1.5 * kept / (far_m[0] * far_m[1])
-    points_m = np.stack([tx_m, centre_m, rx_m], axis=1)
-    met = np.zeros((len(points_m), 1), np.int64)  # a bounce, so that both legs are looked at
-    path, _, face, _ = images.crossings(world.faces, points_m, met)
-    solid = world.surface.present & ~world.surface.clear
-    gain[path[solid[world.faces.owner[face]]]] = 0
+    gain[blocked(world, np.stack([tx_m, centre_m, rx_m], axis=1))] = 0
     bounds = np.cumsum(counts)[:-1]
     return list(zip(np.split(gain, bounds), np.split(far_m[0] + far_m[1], bounds), strict=True))
+
+
+def blocked(world, points_m: np.ndarray) -> np.ndarray:
+    """Whether something solid stands in the way of (n,) paths over points (n, 2 or 3, 3)."""
+    met = np.zeros((len(points_m), points_m.shape[1] - 2), np.int64)  # a bounce, so that both its legs are looked at
+    path, _, face, _ = images.crossings(world.faces, points_m, met)
+    out = np.zeros(len(points_m), bool)
+    out[path[(world.surface.present & ~world.surface.clear)[world.faces.owner[face]]]] = True
+    return out

@@ -141,7 +141,7 @@ class MissingObject(Family):
         ended = [self._ended(view, one) for one in view.row_by_row(near)[:_ENDED]]
         seen = near + [begun(sheet, made) for sheet in sheets for made in _MATERIALS]
         dark = [begun(box, _DARK) for box in view.shades()]
-        sides = [begun(*box) for effect in dark[:1] for box in view.sided(effect)]
+        sides = [begun(*box) for effect in dark[:1] if view.explains_much(effect) for box in view.sided(effect)]
         return [*ended, *seen, *dark, *sides, *self._lone(view, begun)]
 
     def _lone(self, view, begun) -> list[Effect]:
@@ -319,6 +319,11 @@ class MovingScatterer(Family):
     def bounded(self, values):
         low, high = [-1e4, -1e4, -50, -50, np.log(1e-3), 0.5], [1e4, 1e4, 50, 50, np.log(1e4), 4.5]
         return np.clip(values, low, high)
+
+    def besides(self, view, effect):
+        # Of the many ways along which echoes are in phase it may be another one: delays tell as much as the band resolves.
+        apart_m, lasts_s = view.resolution_m / np.sqrt(12), max(view.lasts_s, 1e-9)
+        return np.diag([apart_m, apart_m, 2 * apart_m / lasts_s, 2 * apart_m / lasts_s, 0.0, 0.0]) ** 2
 
     def told(self, view, effect, covariance):
         std = np.sqrt(np.maximum(np.diag(covariance), 0))

@@ -84,6 +84,10 @@ class Family:
     def bounded(self, values: np.ndarray) -> np.ndarray:
         return values
 
+    def besides(self, view, effect: Effect) -> np.ndarray:
+        """Covariance of what more is open of its numbers where something is left that nobody named."""
+        return np.zeros((len(effect.values),) * 2)
+
     def told(self, view, effect: Effect, covariance: np.ndarray) -> dict:
         """`parameters` of the contract: name → {value, std}; `view` has the world with all effects."""
         raise NotImplementedError
