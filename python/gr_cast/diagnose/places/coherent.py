@@ -8,7 +8,7 @@ import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from ...scenario.create import fields
-from ...scenario.create.media import VACUUM_PERMITTIVITY
+from ...scenario.create.media import with_losses
 from . import imaging
 from .ears import evenly
 
@@ -72,15 +72,13 @@ class Phased:
     def nats(self, normal: np.ndarray, level_m: np.ndarray) -> np.ndarray:
         """Nats (P,) that the best two strengths, across and along the plane of incidence, of planes normal·x = level explain:
         normals (P, 3). Rows with an end on either side see none."""
-        return np.concatenate(
-            [self._solved(self._sides(*part), *self._echoes(*part))[1] for part in self._parts(normal, level_m)]
-        )
+        return np.concatenate([self._solved(self._sides(*part), *self._echoes(*part))[1] for part in self.parts(normal, level_m)])
 
     def nats_along(self, normal: np.ndarray, level_m: np.ndarray) -> np.ndarray:
         """The same of planes of one normal (3,) at evenly rising levels: antennas look hardly elsewhere from one to the next."""
         every = max(1, int(_LOOK_M / (level_m[1] - level_m[0])))
         out = []
-        for normals, levels in self._parts(np.broadcast_to(normal, (len(level_m), 3)), level_m):
+        for normals, levels in self.parts(np.broadcast_to(normal, (len(level_m), 3)), level_m):
             knots = levels[0] + (levels[1] - levels[0]) * every * np.arange(-(-len(levels) // every) + 1)
             sides = self._sides(normals[:1].repeat(len(knots), axis=0), knots)
             low, share = np.divmod(np.arange(len(levels)) / every, 1)
@@ -89,7 +87,8 @@ class Phased:
             out.append(self._solved(sides, *self._echoes(normals, levels))[1])
         return np.concatenate(out)
 
-    def _parts(self, normal: np.ndarray, level_m: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    def parts(self, normal: np.ndarray, level_m: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Planes, some at once."""
         parts = np.array_split(np.arange(len(level_m)), 1 + len(level_m) * len(self.power) // _AT_ONCE)
         return [(normal[part], level_m[part]) for part in parts]
 
@@ -116,16 +115,14 @@ class Phased:
     def met_m(self, normal: np.ndarray, level_m: np.ndarray) -> np.ndarray:
         """Where (n, P, 3) echoes over planes meet them, if both ends are on one side."""
         before, after = self.tx_m @ normal.T - level_m, self.rx_m @ normal.T - level_m
-        share = np.where(before * after > 0, before / np.where(before * after > 0, before + after, 1), 0.5)[..., None]
-        foot = self.tx_m[:, None] - before[..., None] * normal
-        return foot + share * (self.rx_m[:, None] - after[..., None] * normal - foot)
+        return imaging.met_m(self.tx_m[:, None], self.rx_m[:, None], before, after, normal)
 
     def made_nats(
         self, normal: np.ndarray, level_m: np.ndarray, made: Sequence[tuple[float, float]], thickness_m: float
     ) -> np.ndarray:
         """Nats (M, n, P) by which planes, slabs of each permittivity and conductivity (S/m), explain each row."""
-        eta = np.array([one - 1j * other / (2 * np.pi * self.carrier_hz * VACUUM_PERMITTIVITY) for one, other in made])
-        parts = [self._made(*part, eta[:, None, None], thickness_m) for part in self._parts(normal, level_m)]
+        eta = with_losses(*np.array(made).T, self.carrier_hz)
+        parts = [self._made(*part, eta[:, None, None], thickness_m) for part in self.parts(normal, level_m)]
         return np.concatenate(parts, axis=2)
 
     def _made(self, normal: np.ndarray, level_m: np.ndarray, permittivity: np.ndarray, thickness_m: float) -> np.ndarray:

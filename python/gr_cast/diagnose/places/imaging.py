@@ -61,11 +61,16 @@ def mirrored(seen, normal: np.ndarray, level_m: float):
     """Lengths (n,) over one plane's mirror images, where (n, 3) they meet it, and which (n,) have both ends on one side of it."""
     tx_m, rx_m = seen
     a, b = tx_m @ normal - level_m, rx_m @ normal - level_m
-    one_side = a * b > 0
-    share = np.where(one_side, a / np.where(one_side, a + b, 1), 0.5)[:, None]
-    foot_m = tx_m - a[:, None] * normal
-    met_m = foot_m + share * (rx_m - b[:, None] * normal - foot_m)
-    return np.sqrt(((tx_m - rx_m) ** 2).sum(axis=1) + 4 * np.maximum(a * b, 0)), met_m, one_side
+    length_m = np.sqrt(((tx_m - rx_m) ** 2).sum(axis=1) + 4 * np.maximum(a * b, 0))
+    return length_m, met_m(tx_m, rx_m, a, b, normal), a * b > 0
+
+
+def met_m(tx_m: np.ndarray, rx_m: np.ndarray, before_m: np.ndarray, after_m: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Where (..., 3) ways between ends so far before planes meet these, if both ends are on one side."""
+    one_side = before_m * after_m > 0
+    share = np.where(one_side, before_m / np.where(one_side, before_m + after_m, 1), 0.5)[..., None]
+    foot_m = tx_m - before_m[..., None] * normal
+    return foot_m + share * (rx_m - after_m[..., None] * normal - foot_m)
 
 
 def plane_scores(seen: list[Echoes], normal: np.ndarray, level_m: np.ndarray) -> np.ndarray:

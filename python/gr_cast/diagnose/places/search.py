@@ -272,7 +272,11 @@ def _grown(
     """The model with effect after effect as long as they pay, none of them `barred`, and how many were tried; what came next to
     each goes to `others`, what came close to it, with its regret, to `open_`."""
     count, tried = sum(ear.count for ear in ears), 1
-    while len(model.effects) < policy.MOST_EFFECTS and not budget.is_spent:
+    while not budget.is_spent:
+        if len(model.effects) >= policy.MOST_EFFECTS:
+            model = _looked_for_anew(ears, model, unknown, budget, tried)
+            if len(model.effects) >= policy.MOST_EFFECTS:
+                break
         keys = frozenset(effect.key for effect in model.effects)
         if model.energy > expanded.get(keys, np.inf) - policy.LEAST_EVIDENCE_NATS:
             break

@@ -12,7 +12,6 @@ from .coherent import Phased
 from .ears import evenly
 from .shades import Ways
 
-_AT_ONCE = 200_000  # echoes
 _ROWS = 200  # of soundings that are asked, and the loudest
 _LOUD, _LEAST_NATS = 6, 20.0  # rows whose echoes are asked for their planes, and what such an echo is worth
 _TURNS = 240  # of a side, all around: of a box a quarter of them
@@ -79,8 +78,7 @@ def _planes(rows: Phased, middle_m: np.ndarray, reach_m: float) -> list[tuple[np
     levels_m = _levels_m(rows, inward)
     row, turn = np.nonzero(np.abs(levels_m - inward @ middle_m) < reach_m)
     normals, levels_m = inward[turn], levels_m[row, turn]
-    parts = np.array_split(np.arange(len(levels_m)), 1 + len(levels_m) * len(rows.power) // _AT_ONCE)
-    nats = np.concatenate([_seen_nats(rows, normals[part], levels_m[part], middle_m, reach_m) for part in parts])
+    nats = np.concatenate([_seen_nats(rows, *part, middle_m, reach_m) for part in rows.parts(normals, levels_m)])
     best = {int(turn[number] % (_TURNS // 4)): number for number in np.argsort(nats) if nats[number] > _LEAST_NATS}
     return [(normals[number], float(levels_m[number])) for number in best.values()]
 

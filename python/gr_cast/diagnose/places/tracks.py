@@ -4,6 +4,7 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -16,7 +17,8 @@ from .fit import evaluated
 
 _SPEEDS_M_PER_S, _SPEED_STEP_M_PER_S, _SPEEDS = (2.4, 30.0), 0.4, 60  # that are looked for; steps at most
 _ELSEWHERE_M = 1.5  # between coarse tracks
-_KEPT, _LINES = 3, 8  # coarse tracks, and lines near one of them, that are returned
+_KEPT, _LINES = 3, 5  # coarse tracks, and lines near one of them, that are returned
+_LOOKED_AT = 9  # places across that are asked whether anything is in the way of an echo
 _FOLLOWED = 2  # coarse tracks about which is looked finely
 _REACH_M, _NEAR_M, _MOST = 1.4, 0.4, 1200  # about a coarse track, about one that is nearly known; steps across at most
 _FINE = 8  # steps of a wavelength: an echo's phase turns twice as fast as a place moves
@@ -117,43 +119,69 @@ def summed(maps: np.ndarray, moved: np.ndarray) -> np.ndarray:
 
 
 def _fine(view, height_m: float, place_m: np.ndarray, velocity: np.ndarray, otherwise=None) -> list:
-    """(nats, (place, velocity, cross-section)) of lines near a coarse track along which echoes are in phase as they should."""
+    """(nats, (place, velocity, cross-section)) of lines near a coarse track along which echoes are in phase as they should: where
+    nothing keeps them from links and, for the twin may be wrong in that, where what is solid does."""
     whole = _pairs(view)[0][0]
-    reach_m = _NEAR_M if otherwise else _REACH_M
     ear = thinned(whole, _INSTANTS, len(whole.heard.frequency_hz))
     fit = _moving(ear, evaluated([ear], view.model.base, view.model.effects).fits[0], view.world)
     middle_s = ear.predictor.time_s.mean()
-    step_m = view.world.wavelength_m / _FINE
     start_m = place_m + velocity * middle_s
-    wide = _strip(view, ear, fit, height_m, start_m, velocity, min(reach_m, step_m * _MOST / 2), step_m)
+    step_m = view.world.wavelength_m / _FINE
+    reach_m = min(_NEAR_M if otherwise else _REACH_M, step_m * _MOST / 2)
+    told = otherwise and (lambda at_m, turn: otherwise(start_m + at_m - (velocity + turn) * middle_s, velocity + turn))
+    out, seen = [], []
+    for is_solid in (False, True) if _screened(view, ear, height_m, start_m, velocity, reach_m) else (False,):
+        strip = partial(_strip, view, ear, fit, height_m, is_solid)
+        for nats, amplitude, at_m, turn in _in_phase(strip, start_m, velocity, reach_m, step_m, told):
+            speed = velocity + turn
+            if any(np.allclose([*at_m, *turn], other) for other in seen):  # as well with as without
+                continue
+            seen.append([*at_m, *turn])
+            area_m2 = (max(amplitude, 0) * (4 * np.pi) ** 1.5 / view.world.wavelength_m) ** 2
+            out.append((nats, (start_m + at_m - speed * middle_s, speed, max(area_m2, _LEAST_AREA_M2))))
+    return out
+
+
+def _screened(view, ear, height_m: float, start_m: np.ndarray, velocity: np.ndarray, reach_m: float) -> bool:
+    """Whether something solid keeps an echo from about a track from an end of a link."""
+    after_s, grid_m = ear.predictor.time_s - ear.predictor.time_s.mean(), np.linspace(-reach_m, reach_m, _LOOKED_AT)
+    about_m = np.stack(np.meshgrid(grid_m, grid_m, indexing="ij"), axis=-1).reshape(-1, 1, 2)
+    feet_m = start_m + about_m + after_s[:, None] * velocity
+    bodies_m = np.concatenate([feet_m, np.full((*feet_m.shape[:2], 1), height_m)], axis=2)
+    for index in range(len(ear.heard.links)):
+        for end_m in ear.predictor.ends_m(view.world, index):
+            ways_m = np.stack(np.broadcast_arrays(end_m, bodies_m), axis=2).reshape(-1, 2, 3)
+            if passer.blocked(view.world, ways_m).any():
+                return True
+    return False
+
+
+def _in_phase(strip, start_m: np.ndarray, velocity: np.ndarray, reach_m: float, step_m: float, told) -> list:
+    """(nats, amplitude, place in the middle, velocity), both more than those of a track, of lines along which the maps that
+    `strip` makes are loud; `told`: nats that else speak for such lines, or None."""
+    wide = strip(start_m, velocity, reach_m, step_m)
     at_m, turn = _through(wide, _WEIGHED)
 
     def ranked(at_m, turn, most: int, also=None) -> tuple[np.ndarray, np.ndarray]:
-        nats = wide.along(at_m, turn)[0]
-        if also:
-            speed = velocity + turn
-            nats = nats + also(start_m + at_m - speed * middle_s, speed)
+        nats = wide.along(at_m, turn)[0] + (also(at_m, turn) if also else 0.0)
         order = np.argsort(-nats)[:most]
         order = order[np.isfinite(nats[order])]
         return at_m[order], turn[order]
 
-    if otherwise:
+    if told:
         at_m, turn = ranked(at_m, turn, _WEIGHED)
-    at_m, turn = ranked(at_m, turn, _SLID, otherwise)
-    at_m, turn = ranked(*wide.slid(at_m, turn), _SLID, otherwise)
+    at_m, turn = ranked(at_m, turn, _SLID, told)
+    at_m, turn = ranked(*wide.slid(at_m, turn), _SLID, told)
     kept: list = []
     for one in range(len(at_m)):
         if all(np.abs(np.concatenate([at_m[one] - at_m[k], turn[one] - turn[k]])).max() > step_m for k in kept):
             kept.append(one)
     out = []
     for one in kept[:_LINES]:
-        centre_m, speed = start_m + at_m[one], velocity + turn[one]
-        near = _strip(view, ear, fit, height_m, centre_m, speed, _WITHIN * step_m, step_m / _WITHIN_STEPS)
+        near = strip(start_m + at_m[one], velocity + turn[one], _WITHIN * step_m, step_m / _WITHIN_STEPS)
         finer_m, slower = near.slid(np.zeros((1, 2)), np.zeros((1, 2)))
         nats, amplitude = (float(part[0]) for part in near.along(finer_m, slower))
-        area_m2 = (max(amplitude, 0) * (4 * np.pi) ** 1.5 / view.world.wavelength_m) ** 2
-        centre_m, speed = centre_m + finer_m[0], speed + slower[0]
-        out.append((nats, (centre_m - speed * middle_s, speed, max(area_m2, _LEAST_AREA_M2))))
+        out.append((nats, amplitude, at_m[one] + finer_m[0], turn[one] + slower[0]))
     return out
 
 
@@ -194,12 +222,15 @@ class _Strip:
         return at_m, turn
 
 
-def _strip(view, ear, fit, height_m: float, centre_m: np.ndarray, velocity: np.ndarray, reach_m: float, step_m: float) -> _Strip:
+def _strip(
+    view, ear, fit, height_m: float, is_solid: bool, centre_m: np.ndarray, velocity: np.ndarray, reach_m: float, step_m: float
+) -> _Strip:
     axis_m = step_m * np.arange(-round(reach_m / step_m), round(reach_m / step_m) + 1)
     after_s = ear.predictor.time_s - ear.predictor.time_s.mean()
     share = ear.undisturbed(fit)  # what other causes leave is noise here
     maps = [
-        _map(view, ear, fit, step, share[:, step], centre_m + velocity * t, axis_m, height_m) for step, t in enumerate(after_s)
+        _map(view, ear, fit, step, share[:, step], centre_m + velocity * t, axis_m, height_m, is_solid)
+        for step, t in enumerate(after_s)
     ]
     cross, power = (np.array(part) for part in zip(*maps, strict=True))
     return _Strip(cross=cross, power=power, axis_m=axis_m, after_s=after_s)
@@ -233,7 +264,7 @@ def _through(strip: _Strip, most: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _map(
-    view, ear, fit, step: int, share: np.ndarray, centre_m, axis_m: np.ndarray, height_m: float
+    view, ear, fit, step: int, share: np.ndarray, centre_m, axis_m: np.ndarray, height_m: float, is_solid: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """What an echo from each place (X, Y) about a centre at one instant says of all links together, each with its `share`: its
     amplitude is the first over the second, its nats the first's square over the second."""
@@ -250,7 +281,7 @@ def _map(
     def reaches(end_m: np.ndarray) -> np.ndarray:
         if (key := end_m.tobytes()) not in reached:
             ways_m = np.stack(np.broadcast_arrays(end_m, body_m.reshape(-1, 3)), axis=1)
-            reached[key] = ~passer.blocked(world, ways_m).reshape(body_m.shape[:2])
+            reached[key] = ~passer.blocked(world, ways_m).reshape(body_m.shape[:2]) if is_solid else np.ones(body_m.shape[:2])
         return reached[key]
 
     for index, link in enumerate(heard.links):

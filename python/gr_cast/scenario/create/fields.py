@@ -10,12 +10,11 @@ import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S, amplitude_from_db
 from .images import Faces, Paths, chosen, tracing, unfold
-from .media import VACUUM_PERMITTIVITY, Medium
+from .media import Medium, with_losses
 
 _TINY = 1e-12
 _MET = "faces", "crossing_path", "crossing_leg", "crossing_face"
 PATTERNS = "iso", "dipole", "hw_dipole", "tr38901"
-OHM_60 = 59.9584916  # 1/(ε0·ω) over the wavelength in m
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,8 +203,7 @@ def gains(
     `start` (n, 3): the field sent along the first leg; `end` (n, 3): the field that the receiver takes from the last.
     """
     wavelength_m = SPEED_OF_LIGHT_M_PER_S / carrier_hz
-    omega = 2 * np.pi * carrier_hz
-    eta = surface.permittivity - 1j * surface.conductivity / (VACUUM_PERMITTIVITY * omega)
+    eta = with_losses(surface.permittivity, surface.conductivity, carrier_hz)
     if tracing:
         return tracing.gains(
             faces.normal, faces.owner, *(vars(paths)[name] for name in _MET), way.direction, way.length_m,

@@ -21,6 +21,11 @@ THICKNESS_M = 0.1  # of every material, unless the SPEC says otherwise
 VACUUM_PERMITTIVITY = 8.8541878128e-12
 
 
+def with_losses(permittivity, conductivity, frequency_hz: float):
+    """Relative permittivity with the losses of a conductivity (S/m), for fields that turn as exp(j 2π f t) (P.2040-3, eq. 9b)."""
+    return permittivity - 1j * conductivity / (2 * np.pi * frequency_hz * VACUUM_PERMITTIVITY)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Medium:
     """A slab in air: an ITU `material`, with numbers of its own in place of the table's where it has any; rms height of its
@@ -57,8 +62,7 @@ class Medium:
 
     def complex_permittivity(self, frequency_hz: float) -> complex:
         """Relative permittivity with losses, for fields that turn as exp(j 2π f t) (ITU-R P.2040-3, eq. 9b)."""
-        losses = self.conductivity(frequency_hz) / (2 * np.pi * frequency_hz * VACUUM_PERMITTIVITY)
-        return complex(self.permittivity(frequency_hz), -losses)
+        return complex(with_losses(self.permittivity(frequency_hz), self.conductivity(frequency_hz), frequency_hz))
 
     def out_of_band(self, frequency_hz: float) -> str:
         """What is wrong with asking the table at a frequency; "" where nothing is, or where all numbers are its own."""

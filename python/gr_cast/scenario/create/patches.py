@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import fields, images
+from .media import with_losses
 
 PATCH_M = 0.5  # side of a patch
 MOST_PATCHES = 1500  # of a place: beyond, patches are larger
@@ -72,6 +73,6 @@ def seen(patches, faces, surface, tx_m: np.ndarray, rx_m: np.ndarray) -> Seen:
 def reflected(surface, carrier_hz: float, owner: np.ndarray, cos_in: np.ndarray) -> np.ndarray:
     """Share of the power (n,) that objects reflect, both polarisations alike."""
     wavelength_m = fields.SPEED_OF_LIGHT_M_PER_S / carrier_hz
-    eta = surface.permittivity - 1j * surface.conductivity * wavelength_m * fields.OHM_60
+    eta = with_losses(surface.permittivity, surface.conductivity, carrier_hz)
     te, tm, _, _ = fields.slab(eta[owner], surface.thickness_m[owner], np.maximum(cos_in, 1e-6), wavelength_m)
     return (np.abs(te) ** 2 + np.abs(tm) ** 2) / 2

@@ -9,6 +9,7 @@ from scipy.special import fresnel
 
 from . import fields, images
 from .geometry import Solid
+from .media import with_losses
 
 _SAME_PLACE = 5  # decimals of a metre
 _ON_FACE_M = 1e-4  # nearer to a face than this is on it: where two walls meet no edge is free
@@ -147,7 +148,7 @@ def paths(edges: Edges, faces, surface, carrier_hz: float, tx_m: np.ndarray, rx_
     )
     sin_beta = np.maximum(np.linalg.norm(fields.cross(first, along), axis=1), 1e-6)
     k, n = 2 * np.pi / wavelength_m, edges.n[edge]
-    eta = surface.permittivity - 1j * surface.conductivity * wavelength_m * fields.OHM_60
+    eta = with_losses(surface.permittivity, surface.conductivity, fields.SPEED_OF_LIGHT_M_PER_S / wavelength_m)
     owner = edges.owner[edge]
     # Angles of incidence on both faces (Luebbers): from the nearer of both rays.
     graze0, grazen = np.minimum(phi_in, phi_out), np.minimum(n * np.pi - phi_in, n * np.pi - phi_out)
