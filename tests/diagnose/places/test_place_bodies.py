@@ -196,6 +196,26 @@ def test_at_one_instant_nothing_passes(monkeypatch):
     assert BY_NAME["moving_scatterer"].starts(view, "place") == [] and BY_NAME["missing_object"].starts(view, "place")
 
 
+def test_beside_lines_of_a_shadow_those_of_loud_echoes_are_looked_at(monkeypatch):
+    place_m, velocity = [-2.21, 1.37], [0.71, -0.46]
+    walk = {
+        "position_m": [*place_m, 0.0],
+        "velocity_m_per_s": [*velocity, 0.0],
+        "radius_m": 0.3,
+        "height_m": 1.8,
+        "rcs_m2": 1.0,
+    }
+    ears = heard(theirs(person=walk), 30.0)
+    view = View(ears, evaluated(ears, ours(), ()), KNOWN)
+    aside = Effect(
+        family=BY_NAME["moving_scatterer"], owner="place", values=np.array([-1.9, 1.6, *velocity, 0.0, 1.8]), choice=(0.3, False)
+    )
+    monkeypatch.setattr(tracks, "near", lambda *rest: [])
+    at_m, at_m_per_s, radius_m, _ = view.passers_near(aside, passer.CENTRE * passer.HEIGHT_M)[0]
+    assert np.array([*at_m, *at_m_per_s]) == pytest.approx([*place_m, *velocity], abs=0.02)
+    assert 0.2 < radius_m < 0.45
+
+
 def test_who_passed_once_need_not_pass_again():
     gone = Effect(
         family=BY_NAME["moving_scatterer"], owner="place", values=np.array([-2.2, 1.4, 0.7, -0.5, 1.0, 1.8]), choice=(0.3, True)
@@ -373,15 +393,16 @@ def test_paths_after_a_change_are_those_of_a_search_from_the_beginning():
             np.testing.assert_array_equal(one, other)
 
 
-def begun(monkeypatch, left: dict, first: str = "extra_object", settled=lambda one: one):
-    """What is chosen where lists of owners leave `left` nats; `field` is of the family `first`, `settled` what is then."""
+def begun(monkeypatch, left: dict, first: str = "extra_object", settled=lambda one: one, loose=0.0, anew=None):
+    """What is chosen where lists of owners leave `left` nats; `field` is of the family `first`, `settled` what is then; edges gain
+    `loose` nats by bending otherwise; four effects looked for anew are those of `anew`."""
     ears = heard(theirs(), 30.0)
 
     def model(owners) -> Model:
         families = [BY_NAME[first if owner == "field" else "extra_object"] for owner in owners]
         effects = tuple(Effect(family=one, owner=owner, values=np.zeros(0)) for one, owner in zip(families, owners, strict=True))
         nats = left[owners] + ears[0].count
-        return Model(base=None, effects=effects, energy=nats, whitened=nats, slack=0.0, loose=0.0, tempered=nats, fits=())
+        return Model(base=None, effects=effects, energy=nats, whitened=nats, slack=0.0, loose=loose, tempered=nats, fits=())
 
     def candidates(ears, before, *rest):
         have = tuple(effect.owner for effect in before.effects)
@@ -394,6 +415,8 @@ def begun(monkeypatch, left: dict, first: str = "extra_object", settled=lambda o
     monkeypatch.setattr(search, "_shaped", lambda ears, one, *rest: one)
     monkeypatch.setattr(search, "_asked_again", lambda ears, one, *rest: one)
     monkeypatch.setattr(search, "_by_shape", lambda ears, one: 0.0)
+    if anew:
+        monkeypatch.setattr(search, "_looked_for_anew", lambda ears, one, *rest: model(anew) if len(one.effects) > 3 else one)
     monkeypatch.setattr(search.elsewhere, "instead", lambda ears, one, budget: [])
     best, _ = search._explored(ears, model(()), KNOWN, search.Budget.of(60.0), {}, set(), lambda text: None)
     return [effect.owner for effect in best.effects]
@@ -441,6 +464,21 @@ def test_what_a_few_patches_of_a_field_send_alike_accuses_nothing_beside_it(monk
     assert begun(monkeypatch, left, "missing_scattering") == ["field"]
     left |= {("field", "a"): 0.0}
     assert begun(monkeypatch, left, "missing_scattering") == ["field", "a"]
+
+
+def test_what_edges_gain_by_bending_otherwise_accuses_nothing_beside_them(monkeypatch):
+    left = {(): 10_000.0, ("field",): 100.0, ("field", "a"): 67.0}
+    assert begun(monkeypatch, left, "missing_diffraction", loose=490.0) == ["field"]
+    assert begun(monkeypatch, left, "missing_diffraction", loose=100.0) == ["field", "a"]
+
+
+def test_four_effects_that_leave_something_are_looked_for_anew(monkeypatch):
+    left = {("a", "b", "c", "d")[:number]: 10_000.0 - 1000 * number for number in range(5)} | {("a", "b", "x"): 0.0}
+    assert begun(monkeypatch, left) == ["a", "b", "x"]
+    del left["a", "b", "x"]
+    assert begun(monkeypatch, left) == ["a", "b", "c", "d"]
+    left |= {("x", "y"): 0.0}
+    assert begun(monkeypatch, left, anew=("x", "y")) == ["x", "y"]
 
 
 def test_two_laws_of_one_name_and_number_are_two_worlds():

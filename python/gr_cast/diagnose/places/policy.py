@@ -36,6 +36,7 @@ FLEXIBLE_REGRET = 0.15  # of random fields, whatever they explain, and of someth
 QUIET_DEVIATIONS = 1.5  # of the energy of noise: below, wide searches for what moves by wavelengths are spared
 RIVALS_SHARE = 0.3  # of the time of a search: a cause is told only beside what else it might have been
 EDGE_SHARE = 0.5  # of the theory's strength by which an edge's may differ: slabs and corners are no half-planes
+LOOSE_SHARE = 0.1  # of what edges gain so, for what strengths do not mend: on the bench two objects gained 33 nats beside 490
 EDGE_NATS = 0.5  # of such a difference: below, an edge's strength is as the theory has it
 REFUSED_SHARE = 0.1  # of what all effects together leave there, which may be another's fault
 REFUSED_NATS = 10.0  # by which an effect makes soundings that it was not fitted to less likely: then it is none

@@ -285,11 +285,8 @@ def _grown(
         found, tried = candidates(ears, model, unknown, budget, barred)
         unshaped = policy.SHAPE_SHARE * _by_shape(ears, model)
         worths = {id(one): worth(one, model, count, tried) for one in found}
-        paying = [
-            one
-            for one in found
-            if worths[id(one)] >= max(policy.LEAST_EVIDENCE_NATS, model.slack, unshaped, _beside_fields(model))
-        ]
+        least = max(policy.LEAST_EVIDENCE_NATS, model.slack, unshaped, _beside_fields(model))
+        paying = [one for one in found if worths[id(one)] >= max(least, _beside_edges(one))]
         if not paying:
             model, before = _looked_for_anew(ears, model, unknown, budget, tried), model
             if model is before:
@@ -483,12 +480,17 @@ def _beside_fields(model: Model) -> float:
     return policy.BESIDE_FIELDS_NATS if any(effect.family.is_flexible for effect in model.effects) else 0.0
 
 
+def _beside_edges(model: Model) -> float:
+    """Nats that any effect may gain from edges that bend otherwise than the theory has it."""
+    return policy.LOOSE_SHARE * model.loose
+
+
 def pruned(ears, model: Model, count: float, tried: float) -> Model:
     """Without effects that no longer pay."""
     number = 0
     while number < len(model.effects) > 1:
         less = fitted(ears, without_effects(ears, model, [number]), rounds=4)
-        least = max(policy.LEAST_EVIDENCE_NATS / 2, model.slack, _beside_fields(less))
+        least = max(policy.LEAST_EVIDENCE_NATS / 2, model.slack, _beside_fields(less), _beside_edges(model))
         if evidence(less, count, tried) > evidence(model, count, tried) - least:
             model = less
         else:

@@ -17,6 +17,7 @@ from .ears import of_link, thinned, without_phase
 from .fit import Model, applied, evaluated, fitted, with_effect
 
 _SCANNED_CARRIERS = 100_000
+_LOUDEST = 6  # lines of echoes that are looked at beside those of a shadow
 _AROUND = 0.3  # change of a link's direction, as a share of its length, from which antennas show from several sides
 
 
@@ -527,10 +528,11 @@ class View:
 
     def passers_near(self, effect, height_m: float):
         """(place at time 0, velocity, radius, cross-section) on lines near someone's who hides what he hides, with echoes
-        in phase."""
+        in phase, and on those along which echoes are the loudest anywhere."""
         place_m, velocity = effect.values[:2], effect.values[2:4]
         hiding = eclipses.Hiding.of(self.hidden.rows, place_m, velocity, effect.choice[0])
         found = tracks.near(self.among(effect), height_m, place_m, velocity, hiding.nats)
+        found += [line for line in self.passers(height_m) if line[-1]][:_LOUDEST]
         return [(*line, hiding.radius_m(*line), area_m2) for *line, area_m2 in found]
 
     @cached_property

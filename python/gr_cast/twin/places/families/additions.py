@@ -273,7 +273,7 @@ class MovingScatterer(Family):
         dark = view.ranked([self._of(owner, *one) for one in view.eclipses()])[:1]
         if not dark or not view.explains_much(dark[0]):
             return self._seen(view, owner)
-        # Its shadow hides where its echoes come from: beside the shadow they are looked for.
+        # Its shadow hides where its echoes come from: beside the shadow they are looked for, and wherever else they are loud.
         both = [self._of(owner, *one) for one in view.eclipses(view.among(dark[0]), height_m)] or dark
         near = view.passers_near(both[0], height_m)
         return [
