@@ -394,8 +394,8 @@ def test_paths_after_a_change_are_those_of_a_search_from_the_beginning():
 
 
 def begun(monkeypatch, left: dict, first: str = "extra_object", settled=lambda one: one, loose=0.0, anew=None):
-    """What is chosen where lists of owners leave `left` nats; `field` is of the family `first`, `settled` what is then; edges gain
-    `loose` nats by bending otherwise; four effects looked for anew are those of `anew`."""
+    """What is chosen where lists of owners leave `left` nats; `field` is of the family `first`, `settled` what is then; edges
+    gain `loose` nats by bending otherwise; four effects looked for anew are those of `anew`."""
     ears = heard(theirs(), 30.0)
 
     def model(owners) -> Model:
