@@ -94,15 +94,20 @@ def test_a_cause_that_is_likelier_wrong_than_right_is_left_and_not_claimed(world
 
 @pytest.mark.parametrize("held_out", [None, 50.0])
 @pytest.mark.parametrize("left", [0.9, 1.1])
-def test_what_leaves_more_than_is_left_without_it_is_not_claimed_unless_unseen_samples_want_it(world, tmp_path, held_out, left):
+@pytest.mark.parametrize("complete", [True, False])
+def test_what_leaves_more_than_is_left_without_it_is_not_claimed_unless_unseen_samples_want_it(
+    world, tmp_path, held_out, left, complete
+):
     case = read_case(world.write(tmp_path / "case", world.noisy(world.clean() + 0.02)))
     (finding,) = diagnose(case).findings
     index = next(i for i, e in enumerate(finding.fit.model.effects) if e.family == "dc_offset")
     finding.worths[finding.fit.model.effects[index].key] = replace(finding.worth_of(index), held_out=held_out)
-    finding.steps, finding.complete = [(index, left * power_of(finding.twin))], False
+    finding.steps, finding.complete = [(index, left * power_of(finding.twin))], complete
     document = conclude(case, [finding], lambda entries: [])
-    assert document["verdict"] == "unexplained"
-    assert bool(document["effects"]) == (left < 1 or held_out is not None)
+    is_told = left < 1 or held_out is not None
+    assert bool(document["effects"]) == is_told
+    assert (document["verdict"] == "unexplained") == (not is_told or not complete)
+    assert is_told or any("DC" in place.get("sentence", "") for place in document["residual"]["where"])
 
 
 def test_a_wild_sample_that_was_held_out_says_no_more_than_the_others_can(part):

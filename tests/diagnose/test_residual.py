@@ -147,6 +147,29 @@ def test_pulses_have_any_one_colour(world, tmp_path, is_one):
     assert not is_one or [e["family"] for e in document["effects"]] == ["pulsed_interference"]
 
 
+@pytest.mark.parametrize("apart", [0.0, 0.02, 0.3])
+def test_pulses_that_are_white_have_no_colour_whether_or_not_rows_tell_them(apart):
+    """Many pulses to a row are on for the same share of each: nothing tells their colour then."""
+    random, rows, bins = np.random.default_rng(3), 48, 32
+    on = np.clip(0.3 + apart * random.normal(size=(rows, 1)), 0, 1)
+    count = np.full((rows, bins), 20.0)
+    energy = random.gamma(20.0, size=(rows, bins))
+    for is_white in (True, False):
+        level, few = residual._coloured(energy, count, on, is_white)
+        assert level == pytest.approx(1.0) and few == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("is_white", [True, False])
+def test_a_colour_of_pulses_is_told_where_rows_differ(is_white):
+    random, rows, bins = np.random.default_rng(4), 48, 32
+    on, own = random.random((rows, 1)), 1 + 0.8 * np.cos(2 * np.pi * np.arange(bins) / bins)
+    count = np.full((rows, bins), 40.0)
+    level, few = residual._coloured((mean := 1 - on + on * own) * random.gamma(40.0, size=mean.shape), count, on, is_white)
+    shape = mean / (mean.mean(axis=0) if is_white else 1)
+    assert np.abs(level / shape - 1).mean() < 0.06
+    assert (few < 1 + 1e-9).all() and few.min() > 0.1
+
+
 def test_a_quantiser_grid_of_few_steps_leaves_nothing_unexplained(world, tmp_path):
     world.code = {"code": "zadoff_chu", "length": 1021, "root": 7, "samples_per_chip": 1}
     index, step = np.arange(1021), 1 / 32

@@ -202,6 +202,7 @@ LONGEST_IMPULSE, TOGETHER = 8, 2  # samples: what lasts longer is a burst, and h
 # up to which so many are, for some stand on others.
 FEWEST_TRAINS, LARGEST_TRAIN = 8, 0.25
 LEAST_COLOUR = 0.02  # of the mean power of pulses, in any band: noise in front of the receiver is always left
+SURELY_COLOURED = 5.0  # standard deviations of what bands tell of a colour of pulses: with less they are white
 LONGEST_SPARK, MOST_SPARKS = 32, 0.9
 CROWDED_P = 1e-3  # of impulses in one window of time, below which they do not come at random
 FOREIGN_CELLS, LEAST_CELL = 128, 8  # cells of time, and samples in each at least, in which a stretch is looked for that is not

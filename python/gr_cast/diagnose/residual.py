@@ -27,6 +27,7 @@ from .policy import (
     LONGEST_IMPULSE,
     LONGEST_SPARK,
     MOST_SPARKS,
+    SURELY_COLOURED,
     TOGETHER,
     TWIN_FITS,
     WINDOWS,
@@ -83,24 +84,35 @@ def told_cells(fit):
 
 def of_pulses(fit, energy: np.ndarray, count: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(rows, bins) what cells of rows between `edges` (rows + 1,) hold over what they should, for what comes and goes has its own
-    colour: that, and the colour without, are those of least squares. And of a cell's samples, whose levels differ, the share as
-    which it spreads."""
+    colour: that, and the colour without, are those of least squares, as far as rows differ enough to tell. And of a cell's
+    samples, whose levels differ, the share as which it spreads."""
     level, few, used = np.ones_like(energy), np.ones_like(energy), fit.data.use > 0
     for e in fit.model.found:
         if (gate := FAMILIES[e.family].gate(fit.data.scene, e)) is None:
             continue
         on, all_ = (np.add.reduceat(x.astype(float), edges[:-1]) for x in ((gate & used)[: edges[-1]], used[: edges[-1]]))
         on = (on / np.maximum(all_, 1))[:, None]
-        both = np.concatenate([1 - on, on], axis=1)
-        off_on = np.linalg.lstsq((count[:, :1] * both).T @ both, both.T @ energy, rcond=None)[0]
-        colour = np.maximum(off_on[1], 0) / np.maximum(off_on[0], 1e-300)
-        colour = np.clip(colour, LEAST_COLOUR, 1 / LEAST_COLOUR)
-        mean = 1 + on * (colour - 1)
-        few = few * mean**2 / (1 + on * (colour**2 - 1))
-        if fit.data.spectrum is not None:  # white over all, pulses and the rest
-            mean = mean * count.sum(0) / np.maximum((count * mean).sum(0), 1e-300)
-        level = level * mean
+        more, spread = _coloured(energy / level, count, on, fit.data.spectrum is not None)
+        level, few = level * more, few * spread
     return level, few
+
+
+def _coloured(energy: np.ndarray, count: np.ndarray, on: np.ndarray, is_white: bool) -> tuple[np.ndarray, np.ndarray]:
+    """The same of one that is on for a share `on` (rows, 1) of each row; ones where no colour of its own shows. `is_white`: all
+    rows together are, else what they hold is measured by what is there while it is off."""
+    total, bins = np.maximum(count.sum(0), 1e-300), energy.shape[1]
+    mean, middle = energy.sum(0) / total, (count * on).sum(0) / total
+    told = (count * (on - middle) ** 2).sum(0)  # samples that tell on from off
+    slope = ((on - middle) * (energy - count * mean)).sum(0) / (told + 1) / np.maximum(mean, 1e-300)
+    if (slope**2 * told).sum() < bins + SURELY_COLOURED * np.sqrt(2 * bins):
+        return np.ones_like(energy), np.ones_like(energy)
+    off, own = (np.maximum(1 + slope * (at - middle), LEAST_COLOUR) for at in (0, 1))
+    colour = np.clip(own / off, LEAST_COLOUR, 1 / LEAST_COLOUR)
+    level = 1 + on * (colour - 1)
+    few = level**2 / (1 + on * (colour**2 - 1))
+    if is_white:
+        return level * total / np.maximum((count * level).sum(0), 1e-300), few
+    return level, few * told / (told + total * middle**2)  # the level while off is no better known
 
 
 def leftovers(fit, inside) -> list[Leftover]:

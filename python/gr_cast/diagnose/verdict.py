@@ -49,11 +49,12 @@ def conclude(case, findings: list[Finding], vault: Callable[[list[dict]], list[t
     """The contract's document, without `seconds`; `vault` predicts the recordings for the vault with the entries found."""
     heard = [f for f in findings if not f.absent] or findings  # the others say nothing of whose an effect is
     told = [_told(heard, members) for members in _group(findings)]
-    claimed, refused = [t for t in told if t.claimed], [t for t in told if t.refused]
+    claimed, refused = [t for t in told if t.claimed and not t.harms], [t for t in told if t.refused]
+    harmful = [t for t in told if t.claimed and t.harms]
     left = [(f, rest) for f in findings for rest in f.left] + [(t.finding, _against_unseen(t)) for t in refused]
     ambiguous, complete = _ambiguities(findings, claimed), all(f.complete for f in findings)
     sure = _confidences(claimed, ambiguous, complete)
-    if left or not complete:
+    if left or harmful or not complete:
         verdict = "unexplained"
     elif ambiguous:
         verdict = "ambiguous"
@@ -62,11 +63,10 @@ def conclude(case, findings: list[Finding], vault: Callable[[list[dict]], list[t
     else:
         verdict = "no_mismatch"
     open_ones = {family for a in ambiguous for family in a["families"]}
-    likely = [
-        (s >= CLAIMED or FAMILIES[t.effect.family].told in open_ones) and not t.harms for t, s in zip(claimed, sure, strict=True)
-    ]
+    likely = [s >= CLAIMED or FAMILIES[t.effect.family].told in open_ones for t, s in zip(claimed, sure, strict=True)]
     effects = [_entry(t, how_sure) for t, how_sure, kept in zip(claimed, sure, likely, strict=True) if kept]
     doubtful = [(t.finding, _doubtful(t, s)) for t, s, kept in zip(claimed, sure, likely, strict=True) if not kept]
+    doubtful += [(t.finding, _doubtful(t, s)) for t, s in zip(harmful, _confidences(harmful, [], False), strict=True)]
     fit = _fit_numbers(findings, vault(effects))
     return {
         "cast_diagnosis": 1,
@@ -165,7 +165,7 @@ class Told:
 
     @property
     def harms(self) -> bool:
-        """Whether more is left with it, and no unseen samples were asked."""
+        """Whether more is left with it, once all louder ones are there, and no unseen samples were asked."""
         return not self.surely_read and self.held_out is None and (_explains_db(self) or 0.0) < 0
 
     @property

@@ -26,7 +26,7 @@ _SMOOTH_M = 0.05  # between places from which lengths and strengths are interpol
 _FINER = 16  # of the grid of delays over the resolution of the band
 _INSTANTS = 15  # that are looked at, at most
 _PEAKS = 200  # of each instant, through which lines are drawn: echoes of few links are in phase at many places
-_FEW, _SURVIVE = 2, 10  # instants beyond two by which lines are looked at first; one of so many is looked at by all
+_FEW = 2  # instants beyond two by which lines are looked at first
 _WITHIN, _WITHIN_STEPS = 2, 8  # cells about a line that is looked at more finely still, and steps of such a cell
 _APART = 0.25  # of the time of a campaign, between the instants of a pair
 _WEIGHED = 4000  # lines of which is asked whether they may be
@@ -129,16 +129,18 @@ def _fine(view, height_m: float, place_m: np.ndarray, velocity: np.ndarray, othe
     step_m = view.world.wavelength_m / _FINE
     reach_m = min(_NEAR_M if otherwise else _REACH_M, step_m * _MOST / 2)
     told = otherwise and (lambda at_m, turn: otherwise(start_m + at_m - (velocity + turn) * middle_s, velocity + turn))
-    out, seen = [], []
+    found = []
     for is_solid in (False, True) if _screened(view, ear, height_m, start_m, velocity, reach_m) else (False,):
         strip = partial(_strip, view, ear, fit, height_m, is_solid)
-        for nats, amplitude, at_m, turn in _in_phase(strip, start_m, velocity, reach_m, step_m, told):
-            speed = velocity + turn
-            if any(np.allclose([*at_m, *turn], other) for other in seen):  # as well with as without
-                continue
-            seen.append([*at_m, *turn])
-            area_m2 = (max(amplitude, 0) * (4 * np.pi) ** 1.5 / view.world.wavelength_m) ** 2
-            out.append((nats, (start_m + at_m - speed * middle_s, speed, max(area_m2, _LEAST_AREA_M2))))
+        found += _in_phase(strip, start_m, velocity, reach_m, step_m, told)
+    out, seen = [], []
+    for nats, amplitude, at_m, turn in sorted(found, key=lambda line: -line[0]):
+        if any(np.allclose([*at_m, *turn], other) for other in seen):  # as well with as without
+            continue
+        seen.append([*at_m, *turn])
+        speed = velocity + turn
+        area_m2 = (max(amplitude, 0) * (4 * np.pi) ** 1.5 / view.world.wavelength_m) ** 2
+        out.append((nats, (start_m + at_m - speed * middle_s, speed, max(area_m2, _LEAST_AREA_M2))))
     return out
 
 
@@ -228,11 +230,10 @@ def _strip(
     axis_m = step_m * np.arange(-round(reach_m / step_m), round(reach_m / step_m) + 1)
     after_s = ear.predictor.time_s - ear.predictor.time_s.mean()
     share = ear.undisturbed(fit)  # what other causes leave is noise here
-    maps = [
-        _map(view, ear, fit, step, share[:, step], centre_m + velocity * t, axis_m, height_m, is_solid)
-        for step, t in enumerate(after_s)
-    ]
-    cross, power = (np.array(part) for part in zip(*maps, strict=True))
+    cross, power = np.empty((2, len(after_s), len(axis_m), len(axis_m)), np.float32)
+    for step, t in enumerate(after_s):
+        at_m = centre_m + velocity * t
+        cross[step], power[step] = _map(view, ear, fit, step, share[:, step], at_m, axis_m, height_m, is_solid)
     return _Strip(cross=cross, power=power, axis_m=axis_m, after_s=after_s)
 
 
@@ -244,23 +245,24 @@ def _between(axis_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _through(strip: _Strip, most: int) -> tuple[np.ndarray, np.ndarray]:
     """The best lines, at most so many of each two instants, through a peak each of any two maps that are some time apart."""
-    nats, after_s = np.maximum(strip.cross, 0) ** 2 / strip.power, strip.after_s
-    peaks = [np.array(scan.minima_of((strip.axis_m, strip.axis_m), -one, _PEAKS), np.float32) for one in nats]
-    loudest = np.argsort(-nats.max(axis=(1, 2)))
+    after_s, peaks, most_nats = strip.after_s, [], []
+    for cross, power in zip(strip.cross, strip.power, strict=True):
+        nats = np.maximum(cross, 0) ** 2 / power
+        peaks.append(np.array(scan.minima_of((strip.axis_m, strip.axis_m), -nats, _PEAKS)))
+        most_nats.append(nats.max())
+    loudest = np.argsort(-np.array(most_nats))
     found = []
-    for first, last in itertools.combinations(range(len(nats)), 2):
+    for first, last in itertools.combinations(range(len(after_s)), 2):
         apart_s = after_s[last] - after_s[first]
         if apart_s >= np.ptp(after_s) * _APART:
             a, b = (one.reshape(-1, 2) for one in np.broadcast_arrays(peaks[first][:, None], peaks[last][None]))
-            turn = (b - a) / np.float32(apart_s)
-            at_m = a - np.float32(after_s[first]) * turn
+            turn = (b - a) / apart_s
+            at_m = a - after_s[first] * turn
             few = [first, last, *loudest[~np.isin(loudest, (first, last))][:_FEW]]
-            for instants, kept in ((few, max(most, len(at_m) // _SURVIVE)), (None, most)):
-                told = strip.along(at_m, turn, instants)[0]
-                best = np.argpartition(-told, min(kept, len(told)) - 1)[:kept]
-                at_m, turn = at_m[best], turn[best]
-            found.append((at_m, turn))
-    return tuple(np.concatenate(part).astype(float) for part in zip(*found, strict=True))
+            told = strip.along(at_m, turn, few)[0]
+            best = np.argpartition(-told, min(most, len(told)) - 1)[:most]
+            found.append((at_m[best], turn[best]))
+    return tuple(np.concatenate(part) for part in zip(*found, strict=True))
 
 
 def _map(

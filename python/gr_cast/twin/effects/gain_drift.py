@@ -14,6 +14,7 @@ LONGEST_BACK = 50.0  # time constants, beyond which a relaxation is not followed
 LATEST = 0.05  # of a relaxation that a part shows: with less, where it began cannot be told
 DECIBELS, AMPLITUDE, RELAXATION = "decibels", "amplitude", "relaxation"  # what changes evenly, or does not
 LEAST, MOST = 1e-6, 30.0  # of a factor, and nepers: amplitudes end there, whatever a search tries
+LEAST_LEFT = 0.05  # of an amplitude that changes evenly beyond what was heard of it: before it ends it goes on in decibels
 
 
 class GainDrift(GainFamily):
@@ -47,6 +48,8 @@ class GainDrift(GainFamily):
 
     def in_time(self, scene, effect, later, longer):
         change, log_tau = effect.p
+        if _ends(effect, later, later + longer):
+            effect = replace(effect, aux={**effect.aux, "law": DECIBELS})
         if _law(effect) == RELAXATION:
             tau = np.exp(log_tau)
             back, whole = np.exp(min(-later / tau, LONGEST_BACK)), -np.expm1(-1 / tau)
@@ -59,9 +62,14 @@ class GainDrift(GainFamily):
 
     def values(self, scene, effect, p):
         tau_s = float(np.exp(np.clip(p[1], -12, 8))) * scene.duration_s
-        nepers = _over(p[0], scene.duration_s, scene.whole_s, _law(effect), tau_s)
+        law = self._law_of_all(scene, effect.moved(p))
+        nepers = _over(p[0], scene.duration_s, scene.whole_s, law, tau_s)
         told = {"total_db": 20 / np.log(10) * nepers}
         return told | {"time_constant_s": tau_s} if _law(effect) == RELAXATION else told
+
+    def _law_of_all(self, scene, effect) -> str:
+        """Its law over the whole recording, of which `scene` may be a part."""
+        return DECIBELS if _ends(effect, 0.0, scene.whole_s / scene.duration_s) else _law(effect)
 
     def parse(self, scene, parameters, model):
         tau_s = parameters.get("time_constant_s")
@@ -72,7 +80,7 @@ class GainDrift(GainFamily):
         return start(self, [change, log_tau], free=[True, bool(tau_s)], aux={"law": law, **side_of(model)})
 
     def model(self, scene, effect):
-        return {**super().model(scene, effect), "duration_s": scene.whole_s, "law": _law(effect)}
+        return {**super().model(scene, effect), "duration_s": scene.whole_s, "law": self._law_of_all(scene, effect)}
 
     def describe(self, number):
         return f"The gain drifts by {number('total_db')} over the recording."
@@ -80,6 +88,12 @@ class GainDrift(GainFamily):
 
 def _law(effect) -> str:
     return effect.aux.get("law", DECIBELS)
+
+
+def _ends(effect, *at: float) -> bool:
+    """Whether an amplitude that changes evenly has all but ended somewhere `at`."""
+    left = 1 + np.expm1(np.clip(effect.p[0], -MOST, MOST)) * np.array(at)
+    return _law(effect) == AMPLITUDE and bool(left.min() < LEAST_LEFT)
 
 
 def _over(nepers: float, known_s: float, wanted_s: float, law: str, tau_s: float | None) -> float:

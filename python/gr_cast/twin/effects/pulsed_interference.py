@@ -96,10 +96,11 @@ class PulsedInterference(NoiseFamily):
         return gain, self._found(_edged(e, use, p), n)
 
     def _found(self, p, n):
-        """The effect with the standard deviations of its numbers: of the level from the count of samples, of the others
-        from the steps of the search."""
+        """The effect with the standard deviations of its numbers: of the level from the count of samples, of the period from the
+        steps of the search, of the edges from what tells a pulse from the noise."""
         ratio, period, duty = np.exp(p[0]), p[1], p[3]
         edge = max(1.0, _EDGE_NATS / (ratio - np.log1p(ratio)) * period / n, period / _FINEST)  # of all pulses together
+        edge = min(edge, period / np.sqrt(2))
         spread = [(1 + ratio) / ratio / np.sqrt(max(duty * n, 1.0)), period**2 / n / 128, edge, np.sqrt(2) * edge / period]
         return start(self, p, free=[False] * 4, trials=_TRIALS, aux={"_std": spread})
 
@@ -143,9 +144,7 @@ def _fold(e, use, period, n, total, count, scales=(1.0, 0.15)):
                 gain = two_levels(n_on, e_on, count, total)
                 i = int(np.argmax(gain))
                 if gain[i] > best[0]:
-                    off = (total - e_on[i]) / (count - n_on[i])
-                    ratio = e_on[i] / n_on[i] / off - 1
-                    best = (float(gain[i]), [np.log(max(ratio, 1e-3)), p, i / bins * p, length / bins])
+                    best = (float(gain[i]), [_ln_ratio(e_on[i], n_on[i], total, count), p, i / bins * p, length / bins])
     return best
 
 
@@ -153,7 +152,7 @@ def _edged(e, use, p) -> list[float]:
     """The gate `p` with its edges where energy changes: the best two near where a search has them."""
     _, period, first, duty = p
     bins = int(np.clip(period, 8, _FINEST))
-    at = ((((np.arange(len(e)) - first) / period) % 1.0) * bins).astype(int)
+    at = np.minimum(((((np.arange(len(e)) - first) / period) % 1.0) * bins).astype(int), bins - 1)
     folded, hits = (np.tile(np.bincount(at, x, bins), 3) for x in (e, use.astype(float)))
     e2, h2 = (np.cumsum(np.append(0.0, x)) for x in (folded, hits))
     reach = int(np.ceil(bins * (_NEXT * duty + 2 / _COARSE)))
@@ -161,11 +160,16 @@ def _edged(e, use, p) -> list[float]:
     begin, end = np.meshgrid(bins + near, bins + round(duty * bins) + near, indexing="ij")
     end = np.clip(end, begin + 1, begin + bins - 1)
     e_on, n_on = (x[end] - x[begin] for x in (e2, h2))
-    i, j = np.unravel_index(np.argmax(two_levels(n_on, e_on, hits.sum() / 3, folded.sum() / 3)), e_on.shape)
-    off = (folded.sum() / 3 - e_on[i, j]) / (hits.sum() / 3 - n_on[i, j])
-    ratio = e_on[i, j] / n_on[i, j] / off - 1
+    total, count = folded.sum() / 3, hits.sum() / 3
+    i, j = np.unravel_index(np.argmax(two_levels(n_on, e_on, count, total)), e_on.shape)
     first = (first + (begin[i, j] - bins) / bins * period) % period
-    return [float(np.log(max(ratio, 1e-3))), period, float(first), float(end[i, j] - begin[i, j]) / bins]
+    return [_ln_ratio(e_on[i, j], n_on[i, j], total, count), period, float(first), float(end[i, j] - begin[i, j]) / bins]
+
+
+def _ln_ratio(e_on: float, n_on: float, total: float, count: float) -> float:
+    """ln of the power while on over that while off."""
+    off = (total - e_on) / (count - n_on)
+    return float(np.log(max(e_on / n_on / off - 1, 1e-3)))
 
 
 def _blocks(e, use, size, held):

@@ -8,6 +8,7 @@ from ...scenario.create.images import tracing
 
 CENTRE = 0.6  # of the height: where the echo of a body comes from
 HEIGHT_M = 1.8  # of a body of whom nothing is known
+_AT_ONCE = 400_000  # paths, where nothing is compiled
 
 
 def with_person(world, predictor, which, tables) -> list[tuple]:
@@ -52,6 +53,10 @@ def shaded(person, foot_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
     """Whether any leg of paths (R, P, D + 2, 3) goes through the cylinder over feet (C, R, 3): (C, R, P)."""
     if tracing:
         return tracing.shaded(person.radius_m, person.height_m, foot_m, points_m)
+    size = max(1, _AT_ONCE // max(points_m.shape[0] * points_m.shape[1], 1))
+    if len(foot_m) > size:
+        parts = [shaded(person, foot_m[begin : begin + size], points_m) for begin in range(0, len(foot_m), size)]
+        return np.concatenate(parts)
     hit = np.zeros((*foot_m.shape[:2], points_m.shape[1]), bool)
     for leg in range(points_m.shape[2] - 1):
         begin, step = points_m[:, :, leg] - foot_m[:, :, None], points_m[:, :, leg + 1] - points_m[:, :, leg]
