@@ -186,7 +186,7 @@ class Family:
         """Whether it is a quantiser whose error is bound to the signal, and no noise of its own."""
         return False
 
-    def gate(self, scene, effect: Effect) -> np.ndarray | None:
+    def gate(self, scene: Scene, effect: Effect) -> np.ndarray | None:
         """(n,) bool when it is on, of what comes and goes and may have any colour meanwhile."""
         return None
 
