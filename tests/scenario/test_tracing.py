@@ -10,7 +10,6 @@ import pytest
 from gr_cast.scenario.create import fields, images
 from gr_cast.scenario.create.geometry import Solid
 from gr_cast.twin.places import passer, predict
-from gr_cast.twin.places.world import Person
 
 pytest.importorskip("gr_cast.scenario.create.tracing", reason="the compiled kernels were not built")
 CARRIER_HZ, BOX = 3.5e9, [[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6], [0, 4, 1], [1, 4, 5], [1, 5, 2], [2, 5, 6], [2, 6, 3],
@@ -135,15 +134,7 @@ def test_a_body_shades_what_goes_through_it(drawn, monkeypatch):
     points_m = random.uniform([-2, -2, -1], [2, 2, 3], (40, 5, 4, 3))
     points_m[:8, :, 1, :2] = points_m[:8, :, 0, :2]  # legs that go straight up, which nothing upright shades
     foot_m = np.append(random.uniform(-1, 1, (6, 40, 2)), np.zeros((6, 40, 1)), axis=2)
-    body = Person(
-        position_m=(0, 0, 0),
-        velocity_m_per_s=(0, 0, 0),
-        cross_section_m2=1.0,
-        radius_m=0.4,
-        height_m=1.8,
-        keeps_polarisation=False,
-    )
-    one, other = both(monkeypatch, lambda: passer.shaded(body, foot_m, points_m))
+    one, other = both(monkeypatch, lambda: passer.shaded(0.4, 1.8, foot_m, points_m))
     np.testing.assert_array_equal(one, other)
     way_m = points_m[:, :, :-1, None] + np.linspace(0, 1, 2001)[:, None] * np.diff(points_m, axis=2)[:, :, :, None]
     slopes = (np.diff(points_m, axis=2)[..., :2] != 0).any(axis=3)[..., None]

@@ -66,6 +66,12 @@ def theirs(**changes) -> dict:
     } | changes  # fmt: skip
 
 
+def walking(place_m, velocity, *, radius_m: float, rcs_m2: float) -> dict:
+    """Someone of 1.8 m, as the other tracer knows them."""
+    where = {"position_m": [*place_m, 0.0], "velocity_m_per_s": [*velocity, 0.0]}
+    return where | {"radius_m": radius_m, "height_m": 1.8, "rcs_m2": rcs_m2}
+
+
 def ours() -> World:
     solids = tuple(Solid(name=n, vertices_m=np.array(p, float), faces=QUAD) for n, (p, _) in FLAT.items())
     media = {name: Medium(material=material) for name, (_, material) in FLAT.items()}
@@ -120,13 +126,7 @@ def test_a_shed_that_nobody_drew_stands_where_it_blocks_and_reflects():
     ("place_m", "velocity", "area_m2"), [([-2.21, 1.37], [0.71, -0.46], 1.0), ([-8.4, 2.3], [4.2, -1.1], 10.0)]
 )
 def test_what_passes_is_followed_by_the_phases_of_its_echo_as_fast_as_it_may_be(place_m, velocity, area_m2):
-    walk = {
-        "position_m": [*place_m, 0.0],
-        "velocity_m_per_s": [*velocity, 0.0],
-        "radius_m": 0.3,
-        "height_m": 1.8,
-        "rcs_m2": area_m2,
-    }
+    walk = walking(place_m, velocity, radius_m=0.3, rcs_m2=area_m2)
     ears = heard(theirs(person=walk), 30.0)
     found = best_of("moving_scatterer", ears)
     assert found.effects[-1].values[:4] == pytest.approx([*place_m, *velocity], abs=0.02)
@@ -136,13 +136,7 @@ def test_what_passes_is_followed_by_the_phases_of_its_echo_as_fast_as_it_may_be(
 def test_a_passer_whose_shadow_says_more_than_its_echo_is_where_the_echo_comes_from(monkeypatch):
     monkeypatch.setattr(sys.modules[__name__], "CARRIER_HZ", 15e9)
     place_m, velocity = [0.38, -2.9], [0.35, 0.96]
-    walk = {
-        "position_m": [*place_m, 0.0],
-        "velocity_m_per_s": [*velocity, 0.0],
-        "radius_m": 0.26,
-        "height_m": 1.8,
-        "rcs_m2": 1.3,
-    }
+    walk = walking(place_m, velocity, radius_m=0.26, rcs_m2=1.3)
     ears = heard(theirs(person=walk, carrier_hz=15e9), 30.0, band_hz=3e7)
     found = best_of("moving_scatterer", ears)
     assert found.effects[-1].values[:4] == pytest.approx([*place_m, *velocity], abs=0.005)
@@ -153,13 +147,7 @@ def test_a_passer_whose_echo_a_screen_keeps_from_some_links_is_where_it_comes_fr
     monkeypatch.setattr(sys.modules[__name__], "TIME_S", np.linspace(0.0, 4.0, 15))
     monkeypatch.setitem(FLAT, "screen", ([(-2.6, -5.9, 0), (0.5, -5.9, 0), (0.5, -5.9, 4), (-2.6, -5.9, 4)], "metal"))
     place_m, velocity = [-4.63, 1.37], [1.31, -0.46]
-    walk = {
-        "position_m": [*place_m, 0.0],
-        "velocity_m_per_s": [*velocity, 0.0],
-        "radius_m": 0.3,
-        "height_m": 1.8,
-        "rcs_m2": 20.0,
-    }
+    walk = walking(place_m, velocity, radius_m=0.3, rcs_m2=20.0)
     ears = heard(theirs(person=walk), 30.0, band_hz=4e7)
     at_m, at_m_per_s, _ = View(ears, evaluated(ears, ours(), ()), KNOWN).passers(passer.CENTRE * passer.HEIGHT_M)[0]
     assert np.array([*at_m, *at_m_per_s]) == pytest.approx([*place_m, *velocity], abs=0.02)
@@ -198,13 +186,7 @@ def test_at_one_instant_nothing_passes(monkeypatch):
 
 def test_beside_lines_of_a_shadow_those_of_loud_echoes_are_looked_at(monkeypatch):
     place_m, velocity = [-2.21, 1.37], [0.71, -0.46]
-    walk = {
-        "position_m": [*place_m, 0.0],
-        "velocity_m_per_s": [*velocity, 0.0],
-        "radius_m": 0.3,
-        "height_m": 1.8,
-        "rcs_m2": 1.0,
-    }
+    walk = walking(place_m, velocity, radius_m=0.3, rcs_m2=1.0)
     ears = heard(theirs(person=walk), 30.0)
     view = View(ears, evaluated(ears, ours(), ()), KNOWN)
     aside = Effect(
@@ -216,23 +198,22 @@ def test_beside_lines_of_a_shadow_those_of_loud_echoes_are_looked_at(monkeypatch
     assert 0.2 < radius_m < 0.45
 
 
+PASSER = Effect(
+    family=BY_NAME["moving_scatterer"], owner="place", values=np.array([-2.2, 1.4, 0.7, -0.5, 1.0, 1.8]), choice=(0.3, True)
+)
+
+
 def test_who_passed_once_need_not_pass_again():
-    gone = Effect(
-        family=BY_NAME["moving_scatterer"], owner="place", values=np.array([-2.2, 1.4, 0.7, -0.5, 1.0, 1.8]), choice=(0.3, True)
-    )
     ears = heard(theirs(), 30.0)
-    with_passer = evaluated(ears, ours(), [gone])
+    with_passer = evaluated(ears, ours(), [PASSER])
     assert with_passer.energy > 2 * ears[0].count  # somebody else would see it
     assert foretold.holds(View(ears, with_passer, KNOWN), ears)
 
 
 def test_where_something_is_left_a_passer_is_known_as_well_as_a_band_tells_delays():
-    gone = Effect(
-        family=BY_NAME["moving_scatterer"], owner="place", values=np.array([-2.2, 1.4, 0.7, -0.5, 1.0, 1.8]), choice=(0.3, True)
-    )
     ears = heard(theirs(), 30.0)
-    view = View(ears, evaluated(ears, ours(), [gone]), KNOWN)
-    told = gone.family.told(view, gone, gone.family.besides(view, gone))
+    view = View(ears, evaluated(ears, ours(), [PASSER]), KNOWN)
+    told = PASSER.family.told(view, PASSER, PASSER.family.besides(view, PASSER))
     cell_m = 299_792_458.0 / (8e7 * 32 / 31)  # anywhere in it, alike
     assert told["position_m"]["std"][:2] == pytest.approx([cell_m / 12**0.5] * 2)
     assert told["velocity_m_per_s"]["std"][:2] == pytest.approx([2 * cell_m / 12**0.5 / 4.0] * 2)
@@ -595,13 +576,7 @@ def alone(effect: Effect):
 
 @pytest.mark.parametrize("radius_m", [0.17, 0.31, 0.62])
 def test_a_body_whose_echo_is_lost_in_noise_goes_where_it_hides_what_is_missing(radius_m):
-    walk = {
-        "position_m": [-2.6, -3.4, 0.0],
-        "velocity_m_per_s": [0.92, 0.78, 0.0],
-        "radius_m": radius_m,
-        "height_m": 1.8,
-        "rcs_m2": 1e-9,
-    }
+    walk = walking([-2.6, -3.4], [0.92, 0.78], radius_m=radius_m, rcs_m2=1e-9)
     ears = heard(theirs(person=walk), 30.0)
     before, count = evaluated(ears, ours(), ()).energy, ears[0].count
     assert before > 2 * count

@@ -9,7 +9,6 @@ import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from ...twin.places import passer
-from ...twin.places.world import Person
 from . import imaging, tracks
 from .ears import evenly
 from .likelihood import Fitted, profiled, tempered
@@ -56,12 +55,8 @@ class _Rows:
 
     def nats(self, foot_m: np.ndarray, radius_m: float) -> np.ndarray:
         """(C, R): by which each response is likelier with someone at `foot_m` (C, R, 2)."""
-        person = Person(
-            position_m=(0.0, 0.0, 0.0), velocity_m_per_s=(0.0, 0.0, 0.0), cross_section_m2=0.0, radius_m=radius_m,
-            height_m=passer.HEIGHT_M, keeps_polarisation=False,
-        )  # fmt: skip
         feet_m = np.concatenate([foot_m, np.zeros((*foot_m.shape[:2], 1))], axis=2)
-        dark = passer.shaded(person, feet_m, self.points_m).astype(float)
+        dark = passer.shaded(radius_m, passer.HEIGHT_M, feet_m, self.points_m).astype(float)
         before = tempered(self.energy(np.zeros((1, *dark.shape[1:]))), self.count)
         return before - tempered(self.energy(dark), self.count)
 

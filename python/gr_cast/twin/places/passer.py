@@ -17,7 +17,8 @@ def with_person(world, predictor, which, tables) -> list[tuple]:
     rows = [at_all_instants(table, len(time_s)) for table in tables]
     axes = [axis(person, time_s if many > 1 else time_s[:1]) for *_, many in rows]
     foot_m = np.concatenate([foot_m[instant] for foot_m, (_, instant, *_) in zip(axes, rows, strict=True)])
-    dark = shaded(person, foot_m[None], np.concatenate([points_m for points_m, *_ in rows])[:, None])[0, :, 0]
+    ways_m = np.concatenate([points_m for points_m, *_ in rows])
+    dark = shaded(person.radius_m, person.height_m, foot_m[None], ways_m[:, None])[0, :, 0]
     dark = np.split(dark, np.cumsum([len(instant) for _, instant, *_ in rows])[:-1])
     law = person, world.mesh.key, world.surface.standing, world.carrier_hz
     keys = [("echo", index, *(world.radios[name].end_key for name in predictor.links[index]), law) for index in which]
@@ -49,25 +50,25 @@ def axis(person, time_s: np.ndarray) -> np.ndarray:
     return np.array(person.position_m) + np.multiply.outer(time_s, person.velocity_m_per_s)
 
 
-def shaded(person, foot_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-    """Whether any leg of paths (R, P, D + 2, 3) goes through the cylinder over feet (C, R, 3): (C, R, P)."""
+def shaded(radius_m: float, height_m: float, foot_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
+    """Whether any leg of paths (R, P, D + 2, 3) goes through an upright cylinder over feet (C, R, 3): (C, R, P)."""
     if tracing:
-        return tracing.shaded(person.radius_m, person.height_m, foot_m, points_m)
+        return tracing.shaded(radius_m, height_m, foot_m, points_m)
     size = max(1, _AT_ONCE // max(points_m.shape[0] * points_m.shape[1], 1))
     if len(foot_m) > size:
-        parts = [shaded(person, foot_m[begin : begin + size], points_m) for begin in range(0, len(foot_m), size)]
-        return np.concatenate(parts)
+        parts = np.array_split(foot_m, -(-len(foot_m) // size))
+        return np.concatenate([shaded(radius_m, height_m, part, points_m) for part in parts])
     hit = np.zeros((*foot_m.shape[:2], points_m.shape[1]), bool)
     for leg in range(points_m.shape[2] - 1):
         begin, step = points_m[:, :, leg] - foot_m[:, :, None], points_m[:, :, leg + 1] - points_m[:, :, leg]
         flat = (step[..., :2] ** 2).sum(axis=-1)
         middle = np.clip(-(begin[..., :2] * step[..., :2]).sum(axis=-1) / np.maximum(flat, 1e-12), 0, 1)
         nearest = begin + middle[..., None] * step
-        depth = person.radius_m**2 - (nearest[..., :2] ** 2).sum(axis=-1)
+        depth = radius_m**2 - (nearest[..., :2] ** 2).sum(axis=-1)
         half = np.sqrt(np.maximum(depth, 0) / np.maximum(flat, 1e-12))
         low, high = np.clip(middle - half, 0, 1), np.clip(middle + half, 0, 1)
         heights = np.sort(np.stack([begin[..., 2] + low * step[..., 2], begin[..., 2] + high * step[..., 2]]), axis=0)
-        hit |= (depth > 0) & (flat > 0) & (heights[0] < person.height_m) & (heights[1] > 0)
+        hit |= (depth > 0) & (flat > 0) & (heights[0] < height_m) & (heights[1] > 0)
     return hit
 
 
@@ -97,7 +98,8 @@ def echoes(world, predictor, which, axes: list[np.ndarray]) -> list[tuple[np.nda
 def blocked(world, points_m: np.ndarray) -> np.ndarray:
     """Whether something solid stands in the way of (n,) paths over points (n, 2 or 3, 3)."""
     met = np.zeros((len(points_m), points_m.shape[1] - 2), np.int64)  # a bounce, so that both its legs are looked at
-    path, _, face, _ = images.crossings(world.faces, points_m, met)
+    solid = (world.surface.present & ~world.surface.clear)[world.faces.owner]
+    path, *_ = images.crossings(world.faces, points_m, met, solid)
     out = np.zeros(len(points_m), bool)
-    out[path[(world.surface.present & ~world.surface.clear)[world.faces.owner[face]]]] = True
+    out[path] = True
     return out
