@@ -101,27 +101,30 @@ def update_cost(links, nodes, samples=50_000, chunk=12_500, periods=800):
 
 
 def flow_run(nodes, n_samples, connect):
-    """(samples of a run, run) of sources, what connect() puts in, and sinks."""
+    """(samples of a run, run) of a source, what connect() puts between, and a sink: a thread each, of however many ports.
+
+    The first port ends after n_samples, and everything with it.
+    """
 
     def run():
         top = gr.top_block()
-        heads = [stock.head(gr.sizeof_gr_complex, n_samples) for _ in range(nodes)]
-        sinks = [stock.null_sink(gr.sizeof_gr_complex) for _ in range(nodes)]
-        for head in heads:
-            top.connect(stock.null_source(gr.sizeof_gr_complex), head)
-        keep = connect(top, heads, sinks)  # noqa: F841 - GNU Radio's Python blocks need a reference
+        source, head = stock.null_source(gr.sizeof_gr_complex), stock.head(gr.sizeof_gr_complex, n_samples)
+        sink = stock.null_sink(gr.sizeof_gr_complex)
+        top.connect(source, head)
+        sources = [(head, 0), *((source, i) for i in range(1, nodes))]
+        keep = connect(top, sources, [(sink, i) for i in range(nodes)])  # noqa: F841 - Python blocks need a reference
         top.run()
 
     return n_samples, run
 
 
 def through_emulator(links):
-    def connect(top, heads, sinks):
-        emulator = blocks.channel_emulator(len(heads), len(sinks), N_TAPS, 1e6)
+    def connect(top, sources, sinks):
+        emulator = blocks.channel_emulator(len(sources), len(sinks), N_TAPS, 1e6)
         for (tx, rx), (delays, gains) in links.items():
             emulator.set_sparse_taps(tx, rx, delays, gains)
-        for i, (head, sink) in enumerate(zip(heads, sinks, strict=True)):
-            top.connect(head, (emulator, i))
+        for i, (source, sink) in enumerate(zip(sources, sinks, strict=True)):
+            top.connect(source, (emulator, i))
             top.connect((emulator, i), sink)
         return emulator
 
@@ -129,24 +132,27 @@ def through_emulator(links):
 
 
 def through_stock(links, make_filter):
-    def connect(top, heads, sinks):
-        keep = []
+    def connect(top, sources, sinks):
         for rx, sink in enumerate(sinks):
-            total = stock.add_cc() if len(heads) > 1 else sink
-            for tx, head in enumerate(heads):
-                link = make_filter(1, dense(*links[tx, rx]))
-                top.connect(head, link, (total, tx))
-                keep.append(link)
-            if len(heads) > 1:
-                top.connect(total, sink)
-        return keep
+            filters = [make_filter(1, dense(*links[tx, rx])) for tx in range(len(sources))]
+            for source, link in zip(sources, filters, strict=True):
+                top.connect(source, link)
+            if len(filters) == 1:
+                top.connect(filters[0], sink)
+                continue
+            total = stock.add_cc()
+            top.connect(total, sink)
+            for tx, link in enumerate(filters):
+                top.connect(link, (total, tx))
 
     return connect
 
 
-def bare(top, heads, sinks):
-    for head, sink in zip(heads, sinks, strict=True):
-        top.connect(head, stock.copy(gr.sizeof_gr_complex), sink)
+def bare(top, sources, sinks):
+    for source, sink in zip(sources, sinks, strict=True):
+        copy = stock.copy(gr.sizeof_gr_complex)
+        top.connect(source, copy)
+        top.connect(copy, sink)
 
 
 def memory_rate():

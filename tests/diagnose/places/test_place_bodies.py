@@ -381,7 +381,9 @@ def begun(monkeypatch, left: dict, first: str = "extra_object", settled=lambda o
 
     def model(owners) -> Model:
         families = [BY_NAME[first if owner == "field" else "extra_object"] for owner in owners]
-        effects = tuple(Effect(family=one, owner=owner, values=np.zeros(0)) for one, owner in zip(families, owners, strict=True))
+        numbers = [np.zeros(4 if one.shape_axes else 0) for one in families]
+        pairs = zip(families, owners, numbers, strict=True)
+        effects = tuple(Effect(family=one, owner=owner, values=values) for one, owner, values in pairs)
         nats = left[owners] + ears[0].count
         return Model(base=None, effects=effects, energy=nats, whitened=nats, slack=0.0, loose=loose, tempered=nats, fits=())
 

@@ -69,3 +69,15 @@ def test_a_box_has_its_sides_where_few_echoes_have_them(centre_m, turn_rad, size
     front = found.effects[-1].choice.normal_at(found.effects[-1].values[1])
     turned = np.degrees(np.arctan2(front[1], front[0]) - turn_rad) % 90
     assert min(turned, 90 - turned) < 5
+
+
+def test_a_box_lower_than_the_antennas_is_told_by_the_echo_of_its_top():
+    world = theirs()
+    world["objects"]["bench"] = {"tris": box((-1.3, -1.4), 0.3, (2.4, 2.7, 1.1))[SIDES], "surface": None}
+    world["materials"]["bench"] = "metal"
+    ears = heard(world, 30.0)
+    view = View(ears, evaluated(ears, ours(), ()), KNOWN)
+    dark = begun(view.shades()[0], (1.0, 1e-5))
+    shaded, count = with_effect(ears, view.model, dark), ears[0].count
+    fits = [fitted(ears, with_effect(ears, view.model, begun(*one)), rounds=4) for one in view.sided(dark)]
+    assert min(one.energy for one in fits) - count < 0.25 * (shaded.energy - count)

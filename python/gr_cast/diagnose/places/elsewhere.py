@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What seems to be new may be an object that no link sees at its place and that stands elsewhere; which of both, none tells."""
+"""What seems to be new may be one more like an object of the twin, in its row, or an object that no link sees at its place and
+that stands elsewhere; which of both, none tells."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from ...twin.places.families.additions import MissingObject, Sheet, across
 from ...twin.places.families.base import Effect
 from ...twin.places.families.objects import ExtraObject, ObjectMoved
 from ...twin.places.world import World
@@ -13,45 +15,86 @@ from . import policy
 from .ears import thinned
 from .fit import Model, applied, evaluated, fitted, shows_in, with_effect
 
-_MOVED, _GONE = ObjectMoved(), ExtraObject()
+_MOVED, _GONE, _NEW = ObjectMoved(), ExtraObject(), MissingObject()
 _SHIFTS_M = np.arange(0.25, 4.6, 0.25)  # of a face, either way, from its place
 _WITHIN_M = 0.15  # around those that are best
+_FURNITURE_M, _SQUARE_M, _LEVEL = 4.0, 1e-3, 0.5  # longest side of what there may be one more of; of corners beside a box; cosine
+_LEAST = 1e-5  # of a conductivity, S/m
+_ALIKE_NATS = 0.5
 _TRIED, _BEST = 6, 3  # that are looked at finely, and that are fitted
 
 
 def instead(ears: Sequence, model: Model, budget) -> list[Model]:
-    """The model with one effect more, fitted: an object that nobody sees at its place stands where it explains most, or
-    elsewhere where it explains much."""
-    return [fitted(ears, with_effect(ears, model, one)) for one in moves(ears, model, budget)[:_BEST]]
+    """The model with one effect more, fitted: an object that nobody sees at its place, or one more like an object, where it
+    explains most, or elsewhere where it explains much."""
+    if not (thin := _telling(ears, model)):
+        return []
+    found = [*moves(thin, model, budget)[:_BEST], *copies(thin, model, budget)[:_BEST]]
+    return [fitted(ears, with_effect(ears, model, one)) for one in found]
 
 
 def moves(ears: Sequence, rest: Model, budget) -> list[Effect]:
     """Moves of hidden objects that explain most of what `rest` leaves, the best first."""
-    if not (thin := _telling(ears, rest)):
-        return []
-    here = evaluated(thin, rest.base, rest.effects)
+    here = evaluated(ears, rest.base, rest.effects)
     world = here.world
 
-    def at(owner: str, axis: np.ndarray, shifts_m) -> list[Effect]:
-        return [Effect(family=_MOVED, owner=owner, values=np.array([m]), choice=tuple(axis)) for m in shifts_m]
+    def moved(owner: str, axis: np.ndarray, shift_m: float) -> Effect:
+        return Effect(family=_MOVED, owner=owner, values=np.array([shift_m]), choice=tuple(axis))
 
+    ways = [(owner, axis) for owner in hidden(here, ears) for axis in world.axes(world.mesh.index(owner))]
+    return _placed(ears, here, ways, moved, budget)
+
+
+def copies(ears: Sequence, rest: Model, budget) -> list[Effect]:
+    """Objects like those of the twin, beside them along the directions of their sides, that explain most of what is left."""
+    here = evaluated(ears, rest.base, rest.effects)
+    world = here.world
+    ways = [
+        (name, axis)
+        for name in rest.base.mesh.names
+        for axis in world.axes(world.mesh.index(name))
+        if abs(axis[2]) < _LEVEL and _is_furniture(world.mesh.solids[world.mesh.index(name)].vertices_m, axis)
+    ]
+
+    def made(owner: str, axis: np.ndarray, shift_m: float) -> Effect:
+        index, surface = world.mesh.index(owner), world.surface
+        corners_m = world.mesh.solids[index].vertices_m + shift_m * axis
+        made = [max(surface.permittivity[index], 1.0), max(surface.conductivity[index], _LEAST)]
+        sheet = Sheet.about(corners_m, axis, float(surface.thickness_m[index]))
+        return Effect(family=_NEW, owner="place", values=np.array([0.0, 0.0, *np.log(made)]), choice=sheet)
+
+    return _placed(ears, here, ways, made, budget)
+
+
+def _placed(ears: Sequence, here: Model, ways: list[tuple[str, np.ndarray]], make, budget) -> list[Effect]:
+    """Of effects `make(owner, axis, shift_m)` those that explain most, the best of each way (owner, axis) and place first."""
+    world, fine_m = here.world, here.world.wavelength_m / 8
     coarse = []
-    for owner in hidden(here, thin):
-        for axis in world.axes(world.mesh.index(owner)):
-            for one in at(owner, axis, [*_SHIFTS_M, *-_SHIFTS_M]):
-                nats = 0.0 if budget.is_spent else _shown(thin, here, _MOVED.apply(world, one))
-                coarse += [(-nats, one)] if nats > policy.LEAST_EVIDENCE_NATS else []
+    for way in ways:
+        for shift_m in (*_SHIFTS_M, *-_SHIFTS_M):
+            one = make(*way, shift_m)
+            nats = 0.0 if budget.is_spent else _shown(ears, here, one.family.apply(world, one))
+            coarse += [(nats, shift_m, way)] if nats > policy.LEAST_EVIDENCE_NATS else []
     best = []
-    for _, one in sorted(coarse, key=lambda row: row[0])[:_TRIED]:
-        near = at(one.owner, np.array(one.choice), one.values[0] + np.arange(-_WITHIN_M, _WITHIN_M, world.wavelength_m / 8))
-        fine = [] if budget.is_spent else [(with_effect(thin, here, other).energy, other) for other in near]
-        best += sorted(fine, key=lambda row: row[0])[:1]
-    out: list[Effect] = []
-    for _, one in sorted(best, key=lambda row: row[0]):
-        known = [other.values[0] for other in out if (other.owner, other.choice) == (one.owner, one.choice)]
-        if not any(abs(one.values[0] - shift_m) < world.wavelength_m / 8 for shift_m in known):
-            out.append(one)
-    return out
+    for _, shift_m, way in sorted(coarse, key=lambda row: -row[0])[:_TRIED]:
+        near_m = [] if budget.is_spent else shift_m + np.arange(-_WITHIN_M, _WITHIN_M, fine_m)
+        fine = [(with_effect(ears, here, one := make(*way, m)).energy, m, one) for m in near_m]
+        least = min((energy for energy, *_ in fine), default=0.0)
+        if alike := [row for row in fine if row[0] - least < _ALIKE_NATS]:  # what no path tells apart: its middle
+            energy, middle_m, one = alike[len(alike) // 2]
+            best.append((energy, middle_m, way, one))
+    out: list[tuple] = []
+    for _, shift_m, way, one in sorted(best, key=lambda row: row[0]):
+        if not any(way is other and abs(shift_m - known_m) < fine_m for other, known_m, _ in out):
+            out.append((way, shift_m, one))
+    return [one for *_, one in out]
+
+
+def _is_furniture(corners_m: np.ndarray, normal: np.ndarray) -> bool:
+    """Whether corners are a small board's or box's, with sides that face along and across a direction."""
+    at_m = corners_m @ np.stack([normal, *across(normal)], axis=1)
+    low_m, high_m = at_m.min(axis=0), at_m.max(axis=0)
+    return bool((high_m - low_m).max() < _FURNITURE_M and np.minimum(at_m - low_m, high_m - at_m).max() < _SQUARE_M)
 
 
 def _telling(ears: Sequence, rest: Model) -> list:

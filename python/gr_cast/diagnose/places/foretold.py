@@ -4,14 +4,24 @@
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.linalg import eigh
 
 from . import policy
 from .fit import Ear, Model, evaluated, normal_equations, without_effects
 from .view import View
 
+_LEAST_KNOWN = 1e-8  # of what is known of a number with the vault, the part without: what is known is no wider than the place
+
 
 def refused(vault: Sequence[Ear], model: Model) -> list[int]:
-    """Numbers of effects that make the vault less likely, by more than what the model leaves there can account for."""
+    """Numbers of effects that make the vault less likely, by more than what the model leaves there can account for; beside random
+    fields, or without these, which take what is wrong for their own."""
+    stiff = [number for number, effect in enumerate(model.effects) if not effect.family.is_flexible]
+    alone = evaluated(vault, model.base, [model.effects[number] for number in stiff]) if len(stiff) < len(model.effects) else None
+    return sorted({*_refused(vault, model), *(stiff[number] for number in (_refused(vault, alone) if alone else ()))})
+
+
+def _refused(vault: Sequence[Ear], model: Model) -> list[int]:
     nats = told_nats(vault, model)
     if min(nats, default=0.0) > -policy.REFUSED_NATS:
         return []
@@ -32,10 +42,13 @@ def told_nats(vault: Sequence[Ear], model: Model) -> list[float]:
 
 
 def holds(view: View, vault: Sequence[Ear]) -> bool:
-    """Whether the vault is predicted as well as its noise lets one know, with or without what may have been there for once, and
-    wherever what was added ends: that the soundings of one campaign do not show."""
+    """Whether the responses of the vault are predicted as well as their noise lets one know, with or without what may have been
+    there for once, and wherever what was added ends: that the soundings of one campaign do not show; and no effect is refused."""
+    vault = [one for one in vault if one.has_responses]
     if not vault:
         return True
+    if refused(vault, view.model):
+        return False
     model, count = view.model, sum(one.count for one in vault)
     lasting = [one for one in model.effects if one.family.lasts]
     told, other, twin = (evaluated(vault, model.base, effects) for effects in (model.effects, lasting, ()))
@@ -60,5 +73,6 @@ def foreseen(ears: Sequence[Ear], vault: Sequence[Ear], model: Model) -> float:
     (there, side), (here, _) = normal_equations(vault, told, numbers), normal_equations(ears, fitted_to, numbers)
     scale = 1 / np.sqrt(np.diag(here + there) + 1e-300)
     both, here = ((one * scale[:, None] * scale) for one in (here + there, here))
+    known = eigh(here, both + _LEAST_KNOWN * np.eye(len(both)), eigvals_only=True)
     step = np.linalg.lstsq(both, side * scale, rcond=1e-10)[0]
-    return told.energy - float(step @ (side * scale))
+    return told.energy - float(step @ (side * scale)) - 0.5 * float(np.log(np.clip(known, _LEAST_KNOWN, 1.0)).sum())

@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From residual echoes to rectangles: an image of all planes, coherent refinement of the best, extent by who sees them."""
 
-import itertools
-from dataclasses import replace
-
 import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
 from ...scenario.create import fields
-from ...twin.places.families.additions import Sheet
+from ...twin.places.families.additions import Sheet, across
 from . import imaging
 from .coherent import Phased
 
@@ -16,6 +13,7 @@ _AZIMUTHS = 90  # of upright planes
 _IMAGED, _ALIGNED, _KEPT = 4, 4, 5  # planes that are refined: of the image, of those that stand as something does; and returned
 _NORMALS = 8  # of what stands there that are looked along: those of the largest faces
 _ALIKE_COS = np.cos(np.radians(1))  # of normals that are one
+_NARROW_M = 0.3  # less is no wall
 _LEANING = np.sin(np.radians(1))  # more, and a wall is not upright
 _ROWS, _SUMS = 200, 5_000_000  # of a coherent sum along a normal, and rows times levels
 _WELLS = 8  # levels to a wavelength
@@ -43,7 +41,7 @@ def sheets(view) -> list[Sheet]:
     for _, sheet in refined:
         if not any(_is_same(sheet, other) for other in out):
             out.append(sheet)
-    return [*(_whole(view, sheet) for sheet in out[:_WIDE]), *out[:_KEPT]]
+    return [*(sheet.through(*view.bounds_m) for sheet in out[:_WIDE]), *out[:_KEPT]]
 
 
 def lone(view) -> tuple[int, list[Sheet]]:
@@ -68,11 +66,20 @@ def lone(view) -> tuple[int, list[Sheet]]:
     return int(rows.link[row]), out
 
 
-def _whole(view, sheet: Sheet) -> Sheet:
-    """As far as the place goes: where the soundings lit a wall is no word on where it ends."""
-    corners_m = np.array(list(itertools.product(*np.array(view.bounds_m).T))) - sheet.origin_m
-    across = corners_m @ np.array([sheet.u, sheet.v]).T
-    return replace(sheet, low_m=tuple(across.min(axis=0)), high_m=tuple(across.max(axis=0)))
+def gaps(view) -> list[Sheet]:
+    """Rectangles between corners of what the twin has, and the same as wide as the place: rooms are closed, and houses stand in a
+    row. Planes that stand as something in the twin does, or lie level."""
+    corners_m = np.concatenate([solid.vertices_m for solid in view.world.mesh.solids])
+    out = []
+    for normal in normals(view.world.faces):
+        level_m = corners_m @ normal
+        order = np.argsort(level_m)
+        for own in np.split(order, 1 + np.flatnonzero(np.diff(level_m[order]) > _LEAST_M)):
+            on_plane_m = corners_m[own] - (level_m[own] - level_m[own].mean())[:, None] * normal
+            sheet = Sheet.about(on_plane_m, normal)
+            if min(np.subtract(sheet.high_m, sheet.low_m)) > _NARROW_M:
+                out += dict.fromkeys([sheet, sheet.through(*view.bounds_m)])
+    return out
 
 
 def _is_same(one: Sheet, other: Sheet) -> bool:
@@ -125,13 +132,14 @@ def _aligned(view) -> list[tuple[np.ndarray, float]]:
 
 
 def normals(faces) -> list[np.ndarray]:
-    """Of level planes and of the largest upright faces, signs aside."""
+    """Of level planes, of the largest upright faces, and square to these, signs aside."""
     out = [np.array([0.0, 0.0, 1.0])]
     area_m2 = np.add.reduceat(faces.triangle_areas_m2, faces.start[:-1])
     for number in np.argsort(-area_m2, kind="stable"):
-        is_upright = abs(faces.normal[number, 2]) < _LEANING
-        if is_upright and len(out) < _NORMALS and all(abs(faces.normal[number] @ other) < _ALIKE_COS for other in out):
-            out.append(faces.normal[number])
+        x, y, z = faces.normal[number]
+        for normal in (np.array([x, y, z]), np.array([-y, x, 0.0])) if abs(z) < _LEANING else ():
+            if len(out) < _NORMALS and all(abs(normal @ other) < _ALIKE_COS for other in out):
+                out.append(normal)
     return out
 
 
@@ -142,8 +150,7 @@ def _refined(view, normal: np.ndarray, level_m: float, most_rad: float, least: i
     strong = good & (rows.alone_nats(length_m) > _SEEN_NATS)
     if strong.sum() < least:
         return None
-    v = np.array([0.0, 0.0, 1.0]) if abs(normal[2]) < 0.5 else np.array([0.0, 1.0, 0.0])
-    u = np.cross(v, normal)
+    u, v = across(normal)
     origin = met[strong].mean(axis=0)
     origin = origin - (origin @ normal - level_m) * normal
     span_m = max(float(np.ptp((met[strong] - origin) @ u)), 1.0)

@@ -40,6 +40,7 @@ LOOSE_SHARE = 0.1  # of what edges gain so, for what strengths do not mend: on t
 EDGE_NATS = 0.5  # of such a difference: below, an edge's strength is as the theory has it
 REFUSED_SHARE = 0.1  # of what all effects together leave there, which may be another's fault
 REFUSED_NATS = 10.0  # by which an effect makes soundings that it was not fitted to less likely: then it is none
+CONFIRMED_SHARE = 0.5  # of what is left of the vault, which a small effect must explain to be told for that
 UNTOLD_NOISE, UNTOLD_SHARE = 0.5, 0.02  # of the vault's noise, and of what the twin leaves there: more, and the vault is not
 # predicted: of 45 lists that were right on the bench none, of 15 wrong ones 9
 SUREST = 0.95  # of a cause that nothing speaks against: one in twenty was wrong on the bench

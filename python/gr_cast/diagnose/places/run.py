@@ -102,7 +102,7 @@ def _told(place: Place, found: search.Found, ears: tuple, vault: tuple, pathless
     model = found.model
     view = View(ears, model, place.unknown)
     alike = [_alike(found, number, ears, vault, model.base) for number in range(len(model.effects))]
-    predicted = foretold.holds(view, [one for one in vault if one.has_responses])
+    predicted = foretold.holds(view, vault)
     field = diffuse.unevenness(ears, model.fits, model.world) < policy.UNEVEN_DEVIATIONS
     clean = found.deviations < policy.CLEAN_DEVIATIONS and not pathless and field and predicted
     there = evaluated(vault, model.base, model.effects) if vault else None

@@ -29,9 +29,14 @@ class Budget:
         return time.thread_time() > self.end_s
 
 
+def number_price_nats(count: float) -> float:
+    """Schwarz's price of a number."""
+    return 0.5 * float(np.log(2 * max(count, 2)))
+
+
 def numbers_price_nats(effect: Effect, count: float) -> float:
-    """Schwarz's price of the numbers of an effect, and what it names."""
-    return 0.5 * len(effect.values) * float(np.log(2 * max(count, 2))) + effect.family.price_nats
+    """Of the numbers of an effect, and of what it names."""
+    return effect.family.told_numbers(effect) * number_price_nats(count) + effect.family.price_nats
 
 
 def evidence(model: Model, count: float, tried: float) -> float:
@@ -56,7 +61,7 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
     for family in view.families:
         for owner in family.owners(view):
             key = family.name, owner
-            if key in barred or key in have and family.level != "place":
+            if key in barred or key in have and not _may_recur(family):
                 continue
             if budget.is_spent:
                 return [], tried
@@ -73,17 +78,34 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
     chosen, crowd = [], {}
     for one in screened:
         name = one.effects[-1].family.name
-        if crowd.get(name, 0) < policy.FITTED_PER_FAMILY and len(chosen) < policy.FITTED_AFTER_SCREEN:
+        is_known = any(one.effects[-1].key == other.effects[-1].key and one.energy == other.energy for other in chosen)
+        if crowd.get(name, 0) < policy.FITTED_PER_FAMILY and len(chosen) < policy.FITTED_AFTER_SCREEN and not is_known:
             crowd[name] = crowd.get(name, 0) + 1
-            chosen.append((promise(one), one if heard is ears else evaluated(ears, model.base, one.effects)))
+            chosen.append(one)
     final: list[Model] = []
-    chosen.sort(key=lambda pair: _has_shape(pair[1]))  # what has a shape takes long, and may have to wait for what has none
-    for promised, one in chosen:
+    chosen.sort(key=_has_shape)  # what has a shape takes long, and may have to wait for what has none
+    for one in chosen:
+        promised, one = promise(one), one if heard is ears else evaluated(ears, model.base, one.effects)
         is_far_behind = final and promised < policy.BEHIND_SHARE * max(worth(done, model, count, tried) for done in final)
         is_hopeless = _has_shape(one) and any(_is_plain(done) and _explains_most(done, model, count) for done in final)
         waits = is_far_behind or is_hopeless
         final.append(fitted(ears, one, rounds=policy.SCREEN_ROUNDS) if waits else _settled(ears, one, unknown, budget))
+    final = [one for one in final if _stands_out(ears, one, count, tried)]
     return sorted(final, key=lambda one: -worth(one, model, count, tried)), tried
+
+
+def _may_recur(family) -> bool:
+    """Whether one owner may have several: a place is where all that nobody drew is."""
+    return family.level == "place"
+
+
+def _stands_out(ears, model: Model, count: float, tried: float) -> bool:
+    """Whether the last effect explains more than the same without what sets its family apart."""
+    last, last_s = len(model.effects) - 1, max(float(ear.predictor.time_s[-1]) for ear in ears)
+    others = model.effects[last].family.plainer(last_s, model.effects[last])
+    plain = (fitted(ears, replaced(ears, model, last, one), free=[last]) for one in others)
+    least = evidence(model, count, tried) - policy.LEAST_EVIDENCE_NATS
+    return all(evidence(one, count, tried) < least for one in plain)
 
 
 def _screened(view: View, heard: Sequence[Ear], here: Model, family, owner: str) -> list[Model]:
@@ -110,7 +132,7 @@ def _settled(ears, model: Model, unknown: dict, budget: Budget) -> Model:
     last = len(model.effects) - 1
     model = _begun_anew(ears, fitted(ears, model), last)
     for _ in range(policy.RESHAPED):
-        shaped = _shaped(ears, model, last, budget)
+        shaped = _shaped(ears, model, last, unknown, budget)
         if model.energy - shaped.energy < policy.SHAPE_NATS:
             break
         model = _begun_anew(ears, shaped, last)
@@ -170,17 +192,21 @@ def _distinct(base, effects: list[Effect]) -> list[Effect]:
     return out
 
 
-def _shaped(ears, model: Model, number: int, budget: Budget) -> Model:
-    """One effect in the shape that explains best: along one axis after the other, until none gives more."""
-    family = model.effects[number].family
+def _shaped(ears, model: Model, number: int, unknown: dict, budget: Budget) -> Model:
+    """One effect in the shape that explains best: with its ends, along one axis after the other, until none gives more."""
+    before, own = model, model.effects[number]
+    family = own.family
+    if not family.shape_axes:
+        return model
+    if (other := own if budget.is_spent else family.ended(View(ears, model, unknown), own)) is not own:
+        model = min(model, replaced(ears, model, number, other), key=lambda one: one.energy)
     for _ in range(policy.RESHAPED):
-        before = model
         for axis in range(family.shape_axes if not budget.is_spent else 0):
             trials = [replaced(ears, model, number, one) for one in family.reshaped(model.base, model.effects[number], axis)]
             model = min((model, *trials), key=lambda one: one.energy)
         if before.energy - model.energy < policy.SHAPE_NATS:
-            return model
-        model = fitted(ears, model, rounds=policy.SCREEN_ROUNDS, free=[number])
+            break
+        before = model = fitted(ears, model, rounds=policy.SCREEN_ROUNDS, free=[number])
     return model
 
 
@@ -221,21 +247,52 @@ def run(
     count = sum(ear.count for ear in ears)
     others: dict = {}
     barred: set = set()
+    found: list[Model] = []
     while True:
         model, tried = _explored(ears, model, unknown, budget, others, barred, progress)
         refused = foretold.refused(vault, model)
         if refused and (other := _otherwise(ears, vault, model, refused[0], others)):
             model, refused = other, foretold.refused(vault, other)
+        found.append(model)
         if not refused:
+            model = _confirmed(ears, vault, model, unknown, budget, others, barred)
             break
         barred |= {model.effects[number].key for number in refused}
         model = fitted(ears, without_effects(ears, model, refused))
         if budget.is_spent:
             break
+    if not _is_foretold(ears, vault, model, unknown, count):  # nor was what was refused, which may lack its shape alone
+        model = max([*found, model], key=lambda one: evidence(one, count, tried) - evaluated(vault, base, one.effects).energy)
+        barred -= {effect.key for effect in model.effects}
     spent = budget.is_spent
     others = {key: [one for one in found if one.key not in barred] for key, found in others.items()}
     model, rivals = exchanged(ears, model, others, count, tried, Budget.of(policy.RIVALS_SHARE * budget_s), vault)
     return Found(model=model, start=start, rivals=rivals, tried=tried, count=count, spent=spent)
+
+
+def _is_foretold(ears, vault: Sequence[Ear], model: Model, unknown: dict, count: float) -> bool:
+    """Whether a model leaves nothing of what it was fitted to, nor of the vault."""
+    return _excess(model, count) < policy.CLEAN_DEVIATIONS and foretold.holds(View(ears, model, unknown), vault)
+
+
+def _confirmed(ears, vault: Sequence[Ear], model: Model, unknown: dict, budget: Budget, others: dict, barred: set) -> Model:
+    """The model with what explains too little beside an added object, whose shape may be wrong by as much, or beside edges, to be
+    told for what it was fitted to, but is told by the vault too."""
+    count = sum(ear.count for ear in ears)
+    while vault and len(model.effects) < policy.MOST_EFFECTS and not budget.is_spent:
+        if _is_foretold(ears, vault, model, unknown, count):
+            break
+        found, tried = candidates(ears, model, unknown, budget, barred)
+        least = max(policy.LEAST_EVIDENCE_NATS, model.slack, _beside_fields(model))
+        paying = [one for one in found if worth(one, model, count, tried) > least and not foretold.refused(vault, one)]
+        before = evaluated(vault, model.base, model.effects).energy
+        told = {id(one): before - evaluated(vault, one.base, one.effects).energy for one in paying}
+        best = max(paying, key=lambda one: told[id(one)], default=None)
+        if best is None or told[id(best)] < policy.CONFIRMED_SHARE * (before - sum(ear.count for ear in vault)):
+            break
+        others[best.effects[-1].key] = [one.effects[-1] for one in found if one is not best]
+        model = best
+    return model
 
 
 def _explored(ears, model: Model, unknown: dict, budget: Budget, others: dict, barred: set, progress) -> tuple[Model, int]:
@@ -310,7 +367,7 @@ def _grown(
         model = pruned(ears, best, count, tried)
         before = model
         for number in range(len(model.effects) - 1):  # what was found before fits what is known now
-            model = _shaped(ears, model, number, budget)
+            model = _shaped(ears, model, number, unknown, budget)
             if _excess(model, count) > policy.QUIET_DEVIATIONS and not budget.is_spent:
                 model = _begun_anew(ears, model, number)
         if model is not before:
@@ -345,7 +402,8 @@ def _asked_again(ears, model: Model, count: float, tried: float, others: dict, b
     node's once another of this node's links loses as much."""
     for number in range(len(model.effects) - 1):
         own, keys = model.effects[number], {effect.key for effect in model.effects}
-        close = [one for one in others.get(own.key, ()) if one.key not in keys and not one.family.is_flexible]
+        found = others.get(own.key, ())
+        close = [one for one in found if (one.key not in keys or _may_recur(one.family)) and not one.family.is_flexible]
         for other in close[: 0 if budget.is_spent else policy.ASKED_AGAIN]:
             trial = pruned(ears, fitted(ears, replaced(ears, model, number, other), rounds=4), count, tried)
             if worth(trial, model, count, tried) > policy.SHAPE_NATS:
@@ -391,12 +449,16 @@ def _good_stiff(paying: list[Model], model: Model, count: float) -> Model | None
 
 def _otherwise(ears, vault: Sequence[Ear], model: Model, number: int, others: dict) -> Model | None:
     """The model with another fit of a refused effect that explains the soundings as well and is not refused: the same wall, or
-    another, elsewhere, or the same in another well of its phase."""
+    another, elsewhere, or the same in another well of its phase, or beside where it is as far as they do not tell."""
     for one in (*_kinds(ears, model, number, others), *_restarted(ears, model, number, policy.WELLS)):
         other = fitted(ears, one, rounds=4)
         if other.energy < model.energy + policy.RIVAL_NATS and number not in foretold.refused(vault, other):
             return other
-    return None
+    own = model.effects[number]
+    beside = [replaced(ears, model, number, one) for one in own.family.beside(model.base, own)]
+    open_ = [one for one in beside if one.energy < model.energy + policy.RIVAL_NATS]
+    best = min(open_, key=lambda one: evaluated(vault, one.base, one.effects).energy, default=model)
+    return best if number not in foretold.refused(vault, best) else None
 
 
 def _kinds(ears, model: Model, number: int, others: dict) -> list[Model]:
@@ -429,50 +491,52 @@ def exchanged(ears, model: Model, others: dict, count: float, tried: float, budg
     alike, it is the one that predicts the vault. What tells of the vault is nothing that was there for once."""
     rivals: dict = {}
     for number in range(len(model.effects)):
-        model = _of_its_kinds(ears, vault, model, number, others)
+        model = _of_its_kinds(ears, vault, model, number, others, count)
         effect = model.effects[number]
         trials, stays = [], foretold.told_nats(vault, model)[number] > policy.REFUSED_NATS
         for other in others.get(effect.key, ()):
             if other.key in {e.key for e in model.effects} or budget.is_spent or stays and not other.family.lasts:
                 continue
             trials.append(fitted(ears, replaced(ears, model, number, other), rounds=4))
-        apart = {id(one): foreseen_nats(ears, vault, one, model, number) for one in trials}
+        apart = {id(one): foreseen_nats(ears, vault, one, model, number, count) for one in trials}
         trials.sort(key=lambda one: apart[id(one)] - worth(one, model, count, tried))
         if trials and worth(trials[0], model, count, tried) - apart[id(trials[0])] > 1.0:
             trials[0], model = model, trials[0]
-            apart = {id(one): foreseen_nats(ears, vault, one, model, number) for one in trials}
+            apart = {id(one): foreseen_nats(ears, vault, one, model, number, count) for one in trials}
         own = model.effects[number]
-        rivals[own.key] = sorted(
-            ((one.effects[number], behind_nats(one, model, number) + apart[id(one)]) for one in trials), key=lambda pair: pair[1]
-        )
+        behind = [(one.effects[number], behind_nats(one, model, number, count) + apart[id(one)]) for one in trials]
+        rivals[own.key] = sorted(behind, key=lambda pair: pair[1])
     return model, rivals
 
 
-def _of_its_kinds(ears, vault: Sequence[Ear], model: Model, number: int, others: dict) -> Model:
+def _of_its_kinds(ears, vault: Sequence[Ear], model: Model, number: int, others: dict, count: float) -> Model:
     """The model with that fit of an effect which, of those that explain the soundings alike, predicts the vault best: a pattern
     of a node, or a wall, that the fitted soundings leave open."""
     for one in _kinds(ears, model, number, others):
         other = fitted(ears, one, rounds=4)
-        if behind_nats(other, model, number) + foreseen_nats(ears, vault, other, model, number) < -1.0:
+        if behind_nats(other, model, number, count) + foreseen_nats(ears, vault, other, model, number, count) < -1.0:
             model = other
     return model
 
 
-def foreseen_nats(ears, vault: Sequence[Ear], rival: Model, model: Model, number: int) -> float:
-    """By how much a rival that the fitted soundings leave open predicts the vault worse than the model; 0 of all others, and
-    where one of both is of what may have been there for once."""
-    lasts = rival.effects[number].family.lasts and model.effects[number].family.lasts
-    if not vault or not lasts or behind_nats(rival, model, number) > policy.RIVAL_NATS:
+def foreseen_nats(ears, vault: Sequence[Ear], rival: Model, model: Model, number: int, count: float) -> float:
+    """By how much a rival that the fitted soundings leave open predicts the vault worse than the model; 0 of all others. Where
+    one of both may have been there for once, the other one is likelier for what it explains of the vault, and not less for what
+    it does not."""
+    lasts, stays = rival.effects[number].family.lasts, model.effects[number].family.lasts
+    if not vault or not (lasts or stays) or behind_nats(rival, model, number, count) > 2 * policy.RIVAL_NATS:
         return 0.0
-    return foretold.foreseen(ears, vault, rival) - foretold.foreseen(ears, vault, model)
+    nats = foretold.foreseen(ears, vault, rival) - foretold.foreseen(ears, vault, model)
+    return nats if lasts and stays else min(nats, 0.0) if lasts else max(nats, 0.0)
 
 
-def behind_nats(rival: Model, model: Model, number: int) -> float:
+def behind_nats(rival: Model, model: Model, number: int, count: float) -> float:
     """How far a rival of one effect is behind, by what the soundings say and one nat (Akaike) per number: that it is less simple
-    does not rule it out."""
+    does not rule it out. But that something moves wants to be shown: a way that fits what stands still is one of many."""
     one, other = rival.effects[number], model.effects[number]
-    more = len(one.values) - len(other.values) + one.family.price_nats - other.family.price_nats
-    return rival.energy - model.energy + more
+    more = one.family.price_nats - other.family.price_nats
+    each = 1.0 if one.family.lasts == other.family.lasts else number_price_nats(count)
+    return rival.energy - model.energy + more + each * (one.family.told_numbers(one) - other.family.told_numbers(other))
 
 
 def _beside_fields(model: Model) -> float:

@@ -11,7 +11,7 @@ from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
 from ...scenario.create import fields
 from ...twin.places.carrying import headings
 from ...twin.places.families import FAMILIES
-from . import diffuse, eclipses, fringes, imaging, planes, policy, scan, shades, sides, tracks
+from . import diffuse, eclipses, extents, fringes, imaging, planes, policy, scan, shades, sides, tracks
 from .coherent import Phased
 from .ears import of_link, thinned, without_phase
 from .fit import Model, applied, evaluated, fitted, with_effect
@@ -500,6 +500,15 @@ class View:
 
     def sheets(self):
         return planes.sheets(self)
+
+    def gaps(self):
+        return planes.gaps(self)
+
+    def ended(self, effect):
+        """An added plane with the ends that explain most: the model's own, or one more on thinned soundings."""
+        own = self.model.effects
+        ears, effects = (self.ears, own) if effect in own else (self.thin, (*own, effect))
+        return extents.ended(ears, self.model.base, effects, effects.index(effect), self.bounds_m)
 
     def lone_sheets(self):
         """Planes that one link alone tells of, and a look at that link."""

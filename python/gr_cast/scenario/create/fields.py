@@ -188,11 +188,16 @@ def slab(permittivity: np.ndarray, thickness_m: np.ndarray, cos_in: np.ndarray, 
 
 def unblocked(faces: Faces, paths: Paths, surface: Surface) -> Paths:
     """Paths whose objects are all there and whose legs go through clear ones at most."""
+    return chosen(paths, are_unblocked(faces, paths, surface))
+
+
+def are_unblocked(faces: Faces, paths: Paths, surface: Surface) -> np.ndarray:
+    """(n,) whether a path is one of these."""
     object_of = faces.owner
     keep = ~((paths.faces >= 0) & ~surface.present[object_of[paths.faces]]).any(axis=1)
     shut = (surface.present & ~surface.clear)[object_of[paths.crossing_face]]
     keep[paths.crossing_path[shut]] = False
-    return chosen(paths, keep)
+    return keep
 
 
 def gains(

@@ -146,11 +146,14 @@ class Predictor:
         return _remembered(self._tables, keys, lambda missing: self._tabled(world, [which[one] for one in missing]))
 
     def _tabled(self, world: World, which: Sequence[int]) -> list[Table]:
+        return self.tabled(world, which, [traced.paths for traced in self._traced_of(world, which)])
+
+    def tabled(self, world: World, which: Sequence[int], known: Sequence[images.Paths]) -> list[Table]:
+        """Of some paths of links those that nothing which they cross blocks, with instant, gain, optics."""
         base = world.frozen or world
         faces = world.mesh.thick if base.is_clear else world.mesh.thin
         tx_m, rx_m, counts = self._ends_of(world).joined_m(which)
-        known = images.joined_paths([traced.paths for traced in self._traced_of(world, which)], counts)
-        paths = fields.unblocked(faces, known, world.surface)
+        paths = fields.unblocked(faces, images.joined_paths(known, counts), world.surface)
         way = fields.optics(faces, paths.faces, tx_m[paths.pair], rx_m[paths.pair])
         link = np.repeat(np.arange(len(which)), counts)[paths.pair]
         start, end = (

@@ -22,6 +22,7 @@ from .document import Place
 from .meters import Fading, Meter
 
 _COARSE_M = 0.25
+SLAB_M = 0.1  # of an object of whose surface nothing is said
 _numbers = itertools.count()
 _MOST_KNOWN = 100_000  # of interned keys, before they are forgotten
 _known: dict = {}
@@ -228,7 +229,13 @@ class World:
 
     def with_object(self, solid: Solid, **surface) -> "World":
         """One more object; what is not said of its surface is a smooth slab of 0.1 m."""
-        values = {"thickness_m": 0.1, "height_rms_m": 0.0, "scattering": 0.0, "present": True, "clear": self.is_clear} | surface
+        values = {
+            "thickness_m": SLAB_M,
+            "height_rms_m": 0.0,
+            "scattering": 0.0,
+            "present": True,
+            "clear": self.is_clear,
+        } | surface
         arrays = {key: np.append(own, values[key]) for key, own in self.surface.numbers.items()}
         return replace(self, mesh=self.mesh.joined(solid), surface=Surface(**arrays))
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What is in the world and not in the mesh: a plane that reflects and shades, something that passes by."""
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,17 +9,18 @@ import numpy as np
 from ....scenario.create.geometry import Solid
 from ....scenario.create.media import Medium
 from ..passer import CENTRE, HEIGHT_M
-from ..world import Person
+from ..world import SLAB_M, Person
 from .base import Effect, Family, std_of, value
+from .objects import fringes, usual_at
 
 _BOARD = (2.5, 0.03)  # a weak echo in phase explains some of a strong one, and not the other way round
-_MATERIALS = ((1.0, 1e7), (6.0, 0.05), _BOARD)  # permittivity and conductivity (S/m) to begin with: metal, stone, board
+_MADE = ((1.0, 1e7), (6.0, 0.05), _BOARD)  # permittivity and conductivity (S/m) to begin with: metal, stone, board
 _DARK = (1.0, 1e-5)  # what shades and sends nothing back
 _PERMITTIVITIES = (1.5, 2.0, 2.7, 3.4, 4.2, 5.2, 6.3, 7.5, 10.0, 15.0)  # to begin anew with, once the plane is where it is
 _BODY_M = 1.0  # between faces of one thing, or between a face and a way that it blocks
 _BEYOND_LIT_M = 4.0  # that a wall goes on beyond what was lit of it
+_FLAT_M = 1e-3  # of a box: less is no depth
 _FAR_M = 3.0  # that a plane may move from where it was imaged
-_ENDS = (0, 1, 2, 3) * 2  # axes of a shape, twice: along u, along v
 _QUAD = [[0, 1, 2], [0, 2, 3]]
 _BOX = [
     *_QUAD,
@@ -31,12 +33,15 @@ _SIDE_M, _MOST_FINE = 0.6, 40  # within which a side that reflects is looked for
 _TOPS_M = (-0.1, -0.03, 0.03, 0.1)  # by which a box may be higher in another well of its phase
 _STEPS_M, _LEAST_M = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0), 0.05
 _TURNS_RAD = np.radians([-45, -25, -12, -5, 5, 12, 25, 45, 90])
-_COARSE, _BETWEEN, _ENDED = 10, 9, 2  # steps to a wavelength in which a plane is looked for, in how many then; ends looked for
+_COARSE, _BETWEEN = 10, 9  # steps to a wavelength in which a plane is looked for, in how many then
 _FINE = 8  # steps to a wavelength in which a box's side is
+_BESIDE = 32  # steps to a wavelength, of which a box may be half a one beside itself where nothing lights its sides
 _LONE = 3  # planes that are looked at which one link alone sees
+_ENDED, _WALLS = 3, 3  # planes whose ends are looked for: where echoes have them, where other things end
 _WELLS, _BOX_WELLS = 3, 6  # of the phase of an echo, either way
 _FAINT_M2 = 0.05  # of an echo that is not known
-_AREA = 4  # the cross-section's place among a passer's numbers
+_AREA, _GOES = 4, (2, 3)  # the cross-section's place among a passer's numbers, and his velocity's
+_STANDS = 3  # places of his way where he may as well have stood still
 _WIDER = 1.03 ** np.concatenate([np.arange(-12, 0), np.arange(1, 13)])  # than the radius that was found
 _RADII_M = (0.4, 0.2, 0.9)  # of a person or a vehicle: how wide a shadow is
 
@@ -44,7 +49,7 @@ _RADII_M = (0.4, 0.2, 0.9)  # of a person or a vehicle: how wide a shadow is
 @dataclass(frozen=True, kw_only=True)
 class Sheet:
     """A rectangle: `origin_m` on the plane, `normal`, and along unit `u` and `v` from low to high (m). With `depth_m`, along the
-    normal, the face of a box."""
+    normal, the face of a box. It is made of slabs of some thickness."""
 
     origin_m: tuple[float, float, float]
     normal: tuple[float, float, float]
@@ -53,14 +58,37 @@ class Sheet:
     low_m: tuple[float, float]
     high_m: tuple[float, float]
     depth_m: float = 0.0
+    thickness_m: float = SLAB_M
+
+    @classmethod
+    def about(cls, points_m: np.ndarray, normal: np.ndarray, thickness_m: float = SLAB_M) -> "Sheet":
+        """The smallest rectangle with a normal, or box behind it, that holds some points (n, 3)."""
+        u, v = across(normal)
+        frame = np.stack([normal, u, v], axis=1)
+        low, high = np.min(points_m @ frame, axis=0), np.max(points_m @ frame, axis=0)
+        middle_m, half_m, deep_m = frame @ np.append(low[0], (low + high)[1:] / 2), (high - low)[1:] / 2, high[0] - low[0]
+        return cls(
+            origin_m=tuple(middle_m), normal=tuple(normal), u=tuple(u), v=tuple(v), low_m=tuple(-half_m), high_m=tuple(half_m),
+            depth_m=float(deep_m) if deep_m > _FLAT_M else 0.0, thickness_m=thickness_m,
+        )  # fmt: skip
+
+    def frame(self, shift_m: float = 0.0, turn_rad: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Origin (m), u and v, shifted along the normal and turned about v."""
+        normal, u = np.array(self.normal), np.array(self.u)
+        turned = np.cos(turn_rad) * u + np.sin(turn_rad) * normal
+        return np.array(self.origin_m) + shift_m * normal, turned, np.array(self.v)
 
     def corners_m(self, shift_m: float = 0.0, turn_rad: float = 0.0) -> np.ndarray:
         """(4, 3), shifted along the normal and turned about v."""
-        normal, u = np.array(self.normal), np.array(self.u)
-        turned = np.cos(turn_rad) * u + np.sin(turn_rad) * normal
-        origin = np.array(self.origin_m) + shift_m * normal
+        origin, u, v = self.frame(shift_m, turn_rad)
         (u0, v0), (u1, v1) = self.low_m, self.high_m
-        return np.array([origin + a * turned + b * np.array(self.v) for a, b in ((u0, v0), (u1, v0), (u1, v1), (u0, v1))])
+        return np.array([origin + a * u + b * v for a, b in ((u0, v0), (u1, v0), (u1, v1), (u0, v1))])
+
+    def through(self, low_m: np.ndarray, high_m: np.ndarray) -> "Sheet":
+        """As far as a box between two corners goes, and no less far than it went."""
+        corners_m = np.array(list(itertools.product(*np.array([low_m, high_m]).T))) - self.origin_m
+        across = np.concatenate([corners_m @ np.array([self.u, self.v]).T, [self.low_m, self.high_m]])
+        return replace(self, low_m=tuple(across.min(axis=0)), high_m=tuple(across.max(axis=0)))
 
     def normal_at(self, turn_rad: float) -> np.ndarray:
         return np.cos(turn_rad) * np.array(self.normal) - np.sin(turn_rad) * np.array(self.u)
@@ -115,11 +143,22 @@ class Sheet:
         )  # fmt: skip
 
 
+def across(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two directions of a plane, the second one upright where it can be."""
+    v = np.array([0.0, 0.0, 1.0]) if abs(normal[2]) < 0.5 else np.array([0.0, 1.0, 0.0])
+    return np.cross(v, normal), v
+
+
 def _fine_m(world, to_a_wave: float) -> np.ndarray:
     """Steps in which the phase of an echo turns little."""
     step_m = world.wavelength_m / to_a_wave
     many = min(int(_SIDE_M / step_m), _MOST_FINE)
     return step_m * np.arange(-many, many + 1)
+
+
+def _is_dark(effect: Effect) -> bool:
+    """Whether an added object sends nothing back: then its place has no phase, and what it is made of is all one."""
+    return effect.values[2] <= 0.1 and effect.values[3] < 0.0
 
 
 class MissingObject(Family):
@@ -129,6 +168,9 @@ class MissingObject(Family):
     price_nats = 12.0  # of where it ends, and of all planes that were looked at
     ranks_unfitted = False  # how strong an echo is, and its last centimetre, are found by the fit
 
+    def told_numbers(self, effect):
+        return 0 if _is_dark(effect) else len(effect.values)  # beside its shape
+
     def owners(self, view):
         return ["place"] if view.has_responses else []
 
@@ -137,12 +179,15 @@ class MissingObject(Family):
             return Effect(family=self, owner=owner, values=np.array([shift_m, 0.0, *np.log(made)]), choice=sheet)
 
         sheets = view.sheets()
-        near = [self._in_phase(view, begun, sheet) for sheet in sheets]
-        ended = [self._ended(view, one) for one in view.row_by_row(near)[:_ENDED]]
-        seen = near + [begun(sheet, made) for sheet in sheets for made in _MATERIALS]
+        found = [self._in_phase(view, begun, sheet) for sheet in sheets]
+        found = [view.ended(one) for one in view.row_by_row(found)[:_ENDED]] + found
+        found += [begun(sheet, one) for sheet in sheets for one in _MADE]
+        usual = usual_at(view.world.carrier_hz)
+        walls = view.row_by_row([begun(sheet, one) for sheet in view.gaps() for one in usual])[: len(usual) * _WALLS]
+        walls = list({id(one.choice): one for one in reversed(walls)}.values())[-_WALLS:]
         dark = [begun(box, _DARK) for box in view.shades()]
         sides = [begun(*box) for effect in dark[:1] if view.explains_much(effect) for box in view.sided(effect)]
-        return [*ended, *seen, *dark, *sides, *self._lone(view, begun)]
+        return [*walls, *(view.ended(one) for one in walls), *found, *dark, *sides, *self._lone(view, begun)]
 
     def _lone(self, view, begun) -> list[Effect]:
         """What one link alone tells of, where nothing stands in the way of its echo."""
@@ -156,14 +201,7 @@ class MissingObject(Family):
         it was told to have no say."""
         coarse_m, fine_m = _fine_m(view.world, _COARSE), view.world.wavelength_m / _COARSE * np.linspace(-1, 1, _BETWEEN)
         best = view.row_by_row([begun(sheet, _BOARD, m) for m in coarse_m])[0]
-        return view.row_by_row([begun(sheet, made, best.values[0] + m) for m in fine_m for made in _MATERIALS])[0]
-
-    def _ended(self, view, effect) -> Effect:
-        """As large as explains a thinned sounding best: one end after the other, in plain steps."""
-        for axis in _ENDS:
-            others = effect.choice.reshaped(axis, np.zeros(0))
-            effect = view.ranked([effect, *(replace(effect, choice=other) for other in others)])[0]
-        return effect
+        return view.row_by_row([begun(sheet, one, best.values[0] + m) for m in fine_m for one in _MADE])[0]
 
     def restarts(self, world, effect):
         made = [(1.0, 1e7), _DARK, *((permittivity, 0.03) for permittivity in _PERMITTIVITIES)]
@@ -174,11 +212,27 @@ class MissingObject(Family):
             tops = [sheet, *(replace(sheet, high_m=(sheet.high_m[0], float(m))) for m in tops_m if m > sheet.low_m[1] + _LEAST_M)]
             elsewhere = [replace(effect, choice=top, values=np.array([m, *effect.values[1:]])) for m in wells_m for top in tops]
             return elsewhere + [effect.moved(np.array([*effect.values[:2], *np.log(one)])) for one in made]
-        return [effect.moved(np.array([m, effect.values[1], *np.log(one)])) for m in wells_m for one in made]
+        made = [effect.moved(np.array([m, effect.values[1], *np.log(one)])) for m in wells_m for one in made]
+        return made + [
+            effect.moved(np.array([*effect.values[:2], *one]))
+            for one in fringes(*effect.values[2:], world, effect.choice.thickness_m)
+        ]
+
+    def beside(self, world, effect):
+        sheet = effect.choice
+        if not sheet.depth_m:
+            return []
+        steps_m = world.wavelength_m / _BESIDE * np.arange(-_BESIDE // 2, _BESIDE // 2 + 1)
+        ways = np.array([sheet.u, sheet.normal])
+        return [replace(effect, choice=replace(sheet, origin_m=tuple(sheet.origin_m + m * way))) for way in ways for m in steps_m]
+
+    def ended(self, view, effect):
+        return effect if effect.choice.depth_m else view.ended(effect)
 
     def reshaped(self, world, effect, axis):
-        is_dark = effect.values[2] <= 0.1 and effect.values[3] < 0.0  # what sends nothing back has no phase
-        fine_m = np.zeros(0) if is_dark else _fine_m(world, _FINE)
+        if axis < 4 and not effect.choice.depth_m:
+            return []  # all ends of a plane are looked for at once
+        fine_m = np.zeros(0) if _is_dark(effect) else _fine_m(world, _FINE)
         return [replace(effect, choice=one) for one in effect.choice.reshaped(axis, fine_m)]
 
     def smaller(self, view, effect, axis):
@@ -198,12 +252,17 @@ class MissingObject(Family):
 
     def apply(self, world, effect):
         shift_m, turn_rad, permittivity, conductivity = *effect.values[:2], *np.exp(effect.values[2:])
-        number = sum(name.startswith("missing_") for name in world.mesh.names) + 1
-        name = f"missing_{number}"
+        name = self.called(sum(name.startswith("missing_") for name in world.mesh.names) + 1)
         solid = effect.choice.solid(name, shift_m, turn_rad)
-        medium = Medium(own_permittivity=float(permittivity), own_conductivity_s_per_m=float(conductivity))
-        made = world.with_object(solid, permittivity=permittivity, conductivity=conductivity)
+        own = float(permittivity), float(conductivity), effect.choice.thickness_m
+        medium = Medium(own_permittivity=own[0], own_conductivity_s_per_m=own[1], thickness_m=own[2])
+        made = world.with_object(solid, permittivity=own[0], conductivity=own[1], thickness_m=own[2])
         return replace(made, media={**world.media, name: medium})
+
+    @staticmethod
+    def called(number: int) -> str:
+        """The name of the object that the first, second, … effect adds."""
+        return f"missing_{number}"
 
     def steps(self, world, effect):
         return np.array([world.wavelength_m * 1e-3, 1e-5, 1e-4, 1e-3])
@@ -294,6 +353,11 @@ class MovingScatterer(Family):
             for radius_m in (_RADII_M if told else _RADII_M[:1])
         ]
 
+    def plainer(self, last_s, effect):
+        place_m, velocity, others = np.split(effect.values, [2, 4])
+        at_s = last_s * np.linspace(0, 1, _STANDS)
+        return [replace(effect, family=_STANDING, values=np.array([*place_m + velocity * s, *others])) for s in at_s]
+
     def restarts(self, world, effect):
         step_m = world.wavelength_m / 3  # the next wells of its phase
         wells = [(a, b) for a in range(-_WELLS, _WELLS + 1) for b in range(-_WELLS, _WELLS + 1) if a or b]
@@ -336,3 +400,19 @@ class MovingScatterer(Family):
     def sentence(self, effect, told):
         x, y, vx, vy = effect.values[:4]
         return f"Something passes by: at ({x:.2f}, {y:.2f}) m at the beginning, {np.hypot(vx, vy):.2f} m/s."
+
+
+class _Standing(MovingScatterer):
+    """Something that could have passed by and does not move."""
+
+    def apply(self, world, effect):
+        return super().apply(world, replace(effect, values=np.insert(effect.values, 2, [0.0, 0.0])))
+
+    def steps(self, world, effect):
+        return np.delete(super().steps(world, effect), _GOES)
+
+    def bounded(self, values):
+        return np.delete(super().bounded(np.insert(values, 2, [0.0, 0.0])), _GOES)
+
+
+_STANDING = _Standing()

@@ -40,6 +40,10 @@ class Family:
     lasts = True  # what it changes is there on another day, at another position
     is_in_spec = True  # a SPEC has keys for it; what has none stands in its `effects`
 
+    def told_numbers(self, effect: Effect) -> int:
+        """How many of an effect's numbers soundings say anything of."""
+        return len(effect.values)
+
     def owners(self, view) -> Sequence[str]:
         """Names that may have it, those that the soundings can see alone."""
         raise NotImplementedError
@@ -55,6 +59,10 @@ class Family:
     def choices(self, world: World, effect: Effect) -> list[Effect]:
         """The same numbers, what none of them says chosen otherwise, where energy goes in steps: many, none of them fitted."""
         return []
+
+    def ended(self, view, effect: Effect) -> Effect:
+        """An effect of the model with what it adds no larger and no smaller than explains most."""
+        return effect
 
     def reshaped(self, world: World, effect: Effect, axis: int) -> list[Effect]:
         """The same with another shape along one of its `shape_axes`."""
@@ -73,6 +81,15 @@ class Family:
         moved out of sight or as rough or as thin as air."""
         same = rival.owner == effect.owner or effect.owner in [world.mesh.names[one] for one in world.made_of(rival.owner)]
         return same and not len(effect.values) and len(rival.values) > 0
+
+    def beside(self, world: World, effect: Effect) -> list[Effect]:
+        """The same a little beside where it is, along what none of its numbers says: soundings may not tell of that."""
+        return []
+
+    def plainer(self, last_s: float, effect: Effect) -> list[Effect]:
+        """The same without what sets the family apart, from several beginnings, heard until `last_s`: what any of
+        these explains is not its own."""
+        return []
 
     def apply(self, world: World, effect: Effect) -> World:
         raise NotImplementedError

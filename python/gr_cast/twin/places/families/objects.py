@@ -17,6 +17,8 @@ _BEST = 3  # maxima of a scan that are fitted
 _WELLS = 8  # of the phase, either way, that are tried beside one that was found
 _PERMITTIVITIES, _CONDUCTIVITIES = np.geomspace(1.15, 30, 14), (0.003, 0.05, 0.5)  # relative; S/m
 _FRINGES, _DENSEST = 10, 6.0  # either way, of a slab that holds many waves; refractive index
+_STRONGEST_FIRST = "metal", "glass", "concrete", "brick", "plasterboard", "wood"
+_USUAL_HZ = (1e9, 1e11)  # for which all usual materials are known
 _ROUGH = (1 / 60, 1 / 25, 1 / 12, 1 / 6)  # of a wavelength: first guesses of the roughness
 
 
@@ -115,11 +117,8 @@ class Material(_OfObject):
         return [*out, Effect(family=self, owner=owner, values=np.log([1.0, 1e7]))]
 
     def restarts(self, world, effect):
-        # A slab reflects alike with half a wave more or less in it: the next wells of its refractive index, with other losses.
-        half_wave = world.wavelength_m / (2 * world.surface.thickness_m[world.made_of(effect.owner)].min())
-        index = np.exp(effect.values[0] / 2) + half_wave * np.arange(-_FRINGES, _FRINGES + 1)
-        losses = effect.values[1], *np.log(_CONDUCTIVITIES)
-        return [effect.moved(np.array([2 * np.log(one), loss])) for one in index if 1 < one < _DENSEST for loss in losses]
+        thickness_m = world.surface.thickness_m[world.made_of(effect.owner)].min()
+        return [effect.moved(np.array(one)) for one in fringes(*effect.values, world, thickness_m)]
 
     def apply(self, world, effect):
         permittivity, conductivity = np.exp(effect.values)
@@ -143,6 +142,15 @@ class Material(_OfObject):
     def sentence(self, effect, told):
         error_db, rather = told["reflection_error_db"]["value"], told["nearest"].replace("_", " ")
         return f"{effect.owner} reflects {error_db:+.1f} dB against its material in the twin: rather like {rather}."
+
+
+def fringes(log_permittivity: float, log_conductivity: float, world, thickness_m: float) -> list[tuple[float, float]]:
+    """Logarithms of other permittivities, with several losses, of which a slab reflects alike: it has half a wave more or less in
+    it, in the next wells of its refractive index."""
+    half_wave = world.wavelength_m / (2 * thickness_m)
+    index = np.exp(log_permittivity / 2) + half_wave * np.arange(-_FRINGES, _FRINGES + 1)
+    losses = log_conductivity, *np.log(_CONDUCTIVITIES)
+    return [(2 * np.log(one), loss) for one in index if 1 < one < _DENSEST for loss in losses]
 
 
 def nearest(permittivity: float, conductivity: float, carrier_hz: float) -> str:
@@ -169,6 +177,23 @@ def numbers_of(name: str, carrier_hz: float) -> tuple[float, float]:
     """Relative permittivity and conductivity (S/m) of an ITU material."""
     medium = Medium(material=name)
     return medium.permittivity(carrier_hz), medium.conductivity(carrier_hz)
+
+
+def usual_at(carrier_hz: float) -> tuple[tuple[float, float], ...]:
+    """Relative permittivity and conductivity (S/m) of what objects are made of more often than not: metal, stone, board, the
+    faintest last."""
+    return tuple(numbers_of(name, _usual_hz(carrier_hz)) for name in ("metal", "concrete", "wood"))
+
+
+def made_at(carrier_hz: float) -> tuple[tuple[float, float], ...]:
+    """The same of materials from the strongest reflection to the faintest."""
+    known = known_at(_usual_hz(carrier_hz))
+    return tuple(numbers_of(name, _usual_hz(carrier_hz)) for name in _STRONGEST_FIRST if name in known)
+
+
+def _usual_hz(carrier_hz: float) -> float:
+    """The carrier, or the nearest to it for which usual materials are known."""
+    return float(np.clip(carrier_hz, *_USUAL_HZ))
 
 
 class Roughness(_OfObject):
