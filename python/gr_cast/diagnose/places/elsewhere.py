@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...twin.places.families import FAMILIES
 from ...twin.places.families.additions import MissingObject, Sheet, across
 from ...twin.places.families.base import Effect
 from ...twin.places.families.objects import ExtraObject, ObjectMoved
@@ -15,8 +16,9 @@ from . import policy
 from .ears import thinned
 from .fit import Model, applied, evaluated, fitted, shows_in, with_effect
 
-_MOVED, _GONE, _NEW = ObjectMoved(), ExtraObject(), MissingObject()
+_MOVED, _GONE, _NEW = (next(one for one in FAMILIES if type(one) is kind) for kind in (ObjectMoved, ExtraObject, MissingObject))
 _SHIFTS_M = np.arange(0.25, 4.6, 0.25)  # of a face, either way, from its place
+_APART_M = 0.5  # of an object from its place, beyond which it may be a second one
 _WITHIN_M = 0.15  # around those that are best
 _FURNITURE_M, _SQUARE_M, _LEVEL = 4.0, 1e-3, 0.5  # longest side of what there may be one more of; of corners beside a box; cosine
 _LEAST = 1e-5  # of a conductivity, S/m
@@ -135,7 +137,7 @@ def one_more(ears: Sequence, base: World, effects: Sequence, number: int) -> Wor
         return None
     world, index = applied(base, effects), base.mesh.index(effect.owner)
     offset_m, size_m = np.abs(effect.values[0] * np.array(effect.choice)), np.ptp(base.mesh.solids[index].vertices_m, axis=0)
-    if (offset_m < _SHIFTS_M[0]).all():  # a hand from its place
+    if (offset_m < _APART_M).all():  # nobody puts two things up so near to each other
         return None
     rest = [one for one in effects if one is not effect]
     if (offset_m < size_m).all() and not _is_unseen(ears, evaluated(ears, base, rest), effect.owner):

@@ -19,6 +19,7 @@ from .fit import applied
 
 _COARSE, _BEGUN = 7, 3  # places along an axis where all ends are tried together; of these, from which one end after the other is
 _TRIED, _TURNS = 12, 4  # places of one end; turns of all four
+_INSTANTS = 25  # of a sounding that are heard
 _SAME_M = 1e-3  # of two places where paths meet the plane
 _BEYOND_M = 0.5  # of the outermost
 _WORTH_NATS, _SAME_NATS = 0.5, 0.01  # of a turn; of another end
@@ -27,21 +28,22 @@ _WORTH_NATS, _SAME_NATS = 0.5, 0.01  # of a turn; of another end
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Heard:
     """One sounding beside an endless plane: `rest` (L, T, K) of what it has no part in; n paths that it has, by `row` of (L, T):
-    what they send, `open` and `shut` (n, K), as they do not, and do, cross the plane; where they meet it (n, D, 2), NaN where
-    they do not, and where they cross it."""
+    what is `sent` over them (n, K) where none of their legs crosses it; what it lets pass of each leg (n, D + 1), polarised
+    as if no other leg crossed it; where they meet it (n, D, 2) and where their legs cross it (n, D + 1, 2), NaN where they do
+    not."""
 
     ear: ResponseEar
     rest: np.ndarray
     row: np.ndarray
-    open: np.ndarray
-    shut: np.ndarray
+    sent: np.ndarray
+    passed: np.ndarray
     met_m: np.ndarray
     crossed_m: np.ndarray
 
     def response(self, low_m: np.ndarray, high_m: np.ndarray) -> np.ndarray:
-        sent = np.isnan(self.met_m[..., 0]) | _within(self.met_m, low_m, high_m)
-        through = _within(self.crossed_m, low_m, high_m).any(axis=1)
-        parts = np.where(through[:, None], self.shut, self.open) * sent.all(axis=1)[:, None]
+        there = (np.isnan(self.met_m[..., 0]) | _within(self.met_m, low_m, high_m)).all(axis=1)
+        share = np.where(_within(self.crossed_m, low_m, high_m), self.passed, 1.0).prod(axis=1) * there
+        parts = share[:, None] * self.sent
         out = np.zeros((self.rest.shape[0] * self.rest.shape[1], self.rest.shape[2]), complex)
         np.add.at(out, self.row, parts)
         return self.rest + out.reshape(self.rest.shape)
@@ -64,9 +66,10 @@ def ended(ears: Sequence, base: World, effects: Sequence[Effect], number: int, b
     here, endless = (
         applied(base, [*effects[:number], replace(effect, choice=one), *effects[number + 1 :]]) for one in (effect.choice, whole)
     )
-    owner = endless.mesh.index(effect.family.called(sum(one.family is effect.family for one in effects[: number + 1])))
+    own = [index for index, name in enumerate(endless.mesh.names) if name not in base.mesh.names and effect.family.adds(name)]
+    owner = own[sum(one.family.name == effect.family.name for one in effects[:number])]
     heard = [
-        _heard_beside(thinned(ear, len(ear.predictor.time_s), policy.THIN_FREQUENCIES), here, endless, owner, effect)
+        _heard_beside(thinned(ear, _INSTANTS, policy.THIN_FREQUENCIES), here, endless, owner, effect)
         for ear in ears
         if ear.has_responses
     ]
@@ -161,9 +164,9 @@ class _Plane:
         return out
 
 
-def _without(paths: Paths, own: np.ndarray) -> Paths:
-    """The same paths, none of which crosses some faces."""
-    keep = ~own[paths.crossing_face]
+def _crossing(paths: Paths, own: np.ndarray, leg: int = -1) -> Paths:
+    """The same paths, that cross some faces with one of their legs alone, or with none."""
+    keep = ~own[paths.crossing_face] | (paths.crossing_leg == leg)
     crossings = {key: getattr(paths, key)[keep] for key in ("crossing_path", "crossing_leg", "crossing_face")}
     return replace(paths, **crossings)
 
@@ -172,31 +175,26 @@ def _heard_beside(ear: ResponseEar, here: World, endless: World, owner: int, eff
     predictor, faces, plane = ear.predictor, endless.faces, _Plane.of(effect)
     own, links, times = faces.owner == owner, range(len(predictor.links)), np.arange(len(predictor.time_s))
     traced = [predictor.traced(endless, index).paths for index in links]
-    bare = [_without(paths, own) for paths in traced]
-    tables = predictor.tabled(endless, links, bare)
-    shut = predictor.tabled(endless, links, traced) if endless.surface.clear[owner] else None
+    tables = predictor.tabled(endless, links, [_crossing(paths, own) for paths in traced])
+    legs = range(endless.max_depth + 1 if endless.surface.clear[owner] else 0)
+    held = [predictor.tabled(endless, links, [_crossing(paths, own, leg) for paths in traced]) for leg in legs]
     columns = []
     for index, table in enumerate(tables):
-        kept = np.flatnonzero(are_unblocked(faces, bare[index], endless.surface))
+        kept = np.flatnonzero(are_unblocked(faces, _crossing(traced[index], own), endless.surface))
         met_m, crossed_m = plane.met_m(own, table), plane.crossed_m(own, traced[index], kept, table)
-        through = shut[index].gain if shut else np.zeros(len(table.gain))
-        sent, held = (
-            (phasors(gain, table.way.length_m, endless.carrier_hz, predictor.frequency_hz) * cable[:, None]).T
-            for cable in [predictor.cables(endless, index)]
-            for gain in (table.gain, through)
-        )
-        still = table.many < len(times)  # one instant stands for all
-        path = np.tile(np.arange(len(kept)), len(times)) if still else np.arange(len(kept))
-        row = index * len(times) + (np.repeat(times, len(kept)) if still else table.instant)
-        columns.append((row, sent[path], held[path], met_m[path], crossed_m[path]))
-    row, sent, held, met_m, crossed_m = (np.concatenate(column) for column in zip(*columns, strict=True))
-    has = ~np.isnan(np.concatenate([met_m, crossed_m], axis=1)[..., 0]).all(axis=1)
-    rest = np.zeros((len(links) * len(times), len(predictor.frequency_hz)), complex)
-    np.add.at(rest, row[~has], sent[~has])
-    rest = rest.reshape(len(links), len(times), -1)
+        passed = np.zeros(crossed_m.shape[:2], complex)
+        for leg, through in zip(legs, held, strict=True):
+            passed[:, leg] = through[index].gain / np.where(table.gain == 0, 1, table.gain)
+        has = np.flatnonzero(~np.isnan(np.concatenate([met_m, crossed_m], axis=1)[..., 0]).all(axis=1))
+        phases = phasors(table.gain[has], table.way.length_m[has], endless.carrier_hz, predictor.frequency_hz)
+        sent = (phases * predictor.cables(endless, index)[:, None]).T
+        instant, path = table.instant[has], np.arange(len(has))
+        if table.many < len(times):  # one instant stands for all
+            instant, path = np.repeat(times, len(has)), np.tile(path, len(times))
+        columns.append((index * len(times) + instant, sent[path], *(one[has][path] for one in (passed, met_m, crossed_m))))
+    row, sent, passed, met_m, crossed_m = (np.concatenate(column) for column in zip(*columns, strict=True))
     heard = _Heard(
-        ear=ear, rest=rest, row=row[has], open=sent[has], shut=held[has], met_m=met_m[has], crossed_m=crossed_m[has]
+        ear=ear, rest=np.zeros_like(ear.heard.y), row=row, sent=sent, passed=passed, met_m=met_m, crossed_m=crossed_m
     )  # fmt: skip
-    # What bends, and what passes by, is as it is beside the plane as it was.
-    more = ear.predicted(here) - heard.response(np.array(effect.choice.low_m), np.array(effect.choice.high_m))
-    return replace(heard, rest=rest + more)
+    ends_m = np.array(effect.choice.low_m), np.array(effect.choice.high_m)
+    return replace(heard, rest=ear.predicted(here) - heard.response(*ends_m))

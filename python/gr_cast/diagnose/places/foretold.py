@@ -58,8 +58,11 @@ def holds(view: View, vault: Sequence[Ear]) -> bool:
         float((one.row_nats(fits[0]) - np.minimum.reduce([one.row_nats(fit) for fit in fits])).sum())
         for one, *fits in zip(vault, told.fits, *(each.fits for each in resized), strict=True)
     )
-    after = min(told.left_nats(count) - ended, other.left_nats(count))
-    return after < max(policy.UNTOLD_NOISE * count, policy.UNTOLD_SHARE * twin.left_nats(count))
+    after, before = min(told.left_nats(count) - ended, other.left_nats(count)), twin.left_nats(count)
+    foretells = len(lasting) == len(model.effects) and not any(one.family.is_flexible for one in lasting)
+    if foretells and before > policy.CLEAN_DEVIATIONS * np.sqrt(count) and after > policy.UNTOLD_MOST * before:
+        return False  # the vault shows something, and it is not this
+    return after < max(policy.UNTOLD_NOISE * count, policy.UNTOLD_SHARE * before)
 
 
 def foreseen(ears: Sequence[Ear], vault: Sequence[Ear], model: Model) -> float:
@@ -73,6 +76,7 @@ def foreseen(ears: Sequence[Ear], vault: Sequence[Ear], model: Model) -> float:
     (there, side), (here, _) = normal_equations(vault, told, numbers), normal_equations(ears, fitted_to, numbers)
     scale = 1 / np.sqrt(np.diag(here + there) + 1e-300)
     both, here = ((one * scale[:, None] * scale) for one in (here + there, here))
-    known = eigh(here, both + _LEAST_KNOWN * np.eye(len(both)), eigvals_only=True)
+    ridge = _LEAST_KNOWN * np.eye(len(both))  # what neither tells is as it was
+    known = eigh(here + ridge, both + ridge, eigvals_only=True)
     step = np.linalg.lstsq(both, side * scale, rcond=1e-10)[0]
     return told.energy - float(step @ (side * scale)) - 0.5 * float(np.log(np.clip(known, _LEAST_KNOWN, 1.0)).sum())

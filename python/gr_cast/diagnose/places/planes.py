@@ -227,7 +227,7 @@ def _grown(places: np.ndarray, nats: np.ndarray, low: np.ndarray, high: np.ndarr
 def lit(view, effect):
     """Points (n, 3) where first-order paths meet the added object, and its mean reflection in dB; (None, 0) where none does."""
     world = view.world
-    name = [name for name in world.mesh.names if name.startswith("missing_")]
+    name = [name for name in world.mesh.names if effect.family.adds(name)]
     points, ratio = [], []
     for ear in view.ears:
         for index, link in enumerate(ear.predictor.links):

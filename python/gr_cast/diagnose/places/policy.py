@@ -43,6 +43,7 @@ REFUSED_NATS = 10.0  # by which an effect makes soundings that it was not fitted
 CONFIRMED_SHARE = 0.5  # of what is left of the vault, which a small effect must explain to be told for that
 UNTOLD_NOISE, UNTOLD_SHARE = 0.5, 0.02  # of the vault's noise, and of what the twin leaves there: more, and the vault is not
 # predicted: of 45 lists that were right on the bench none, of 15 wrong ones 9
+UNTOLD_MOST = 0.9  # of what the twin leaves there, where it is more than noise: a list that leaves so much tells none of it
 SUREST = 0.95  # of a cause that nothing speaks against: one in twenty was wrong on the bench
 SURE_IF_REFUSED, SURE_IF_UNSHOWN = 0.5, 0.8  # the vault speaks against it, or has nothing that shows it
 SURE_IF_MANY = 0.8  # as many causes as are looked for: pieces of what was not found, more often than not

@@ -89,8 +89,8 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
         is_far_behind = final and promised < policy.BEHIND_SHARE * max(worth(done, model, count, tried) for done in final)
         is_hopeless = _has_shape(one) and any(_is_plain(done) and _explains_most(done, model, count) for done in final)
         waits = is_far_behind or is_hopeless
-        final.append(fitted(ears, one, rounds=policy.SCREEN_ROUNDS) if waits else _settled(ears, one, unknown, budget))
-    final = [one for one in final if _stands_out(ears, one, count, tried)]
+        one = fitted(ears, one, rounds=policy.SCREEN_ROUNDS) if waits else _settled(ears, one, unknown, budget)
+        final += [one] if _stands_out(ears, one, count, tried) else []
     return sorted(final, key=lambda one: -worth(one, model, count, tried)), tried
 
 
@@ -101,8 +101,8 @@ def _may_recur(family) -> bool:
 
 def _stands_out(ears, model: Model, count: float, tried: float) -> bool:
     """Whether the last effect explains more than the same without what sets its family apart."""
-    last, last_s = len(model.effects) - 1, max(float(ear.predictor.time_s[-1]) for ear in ears)
-    others = model.effects[last].family.plainer(last_s, model.effects[last])
+    last, times_s = len(model.effects) - 1, np.concatenate([ear.predictor.time_s for ear in ears])
+    others = model.effects[last].family.plainer((times_s.min(), times_s.max()), model.effects[last])
     plain = (fitted(ears, replaced(ears, model, last, one), free=[last]) for one in others)
     least = evidence(model, count, tried) - policy.LEAST_EVIDENCE_NATS
     return all(evidence(one, count, tried) < least for one in plain)
@@ -285,10 +285,11 @@ def _confirmed(ears, vault: Sequence[Ear], model: Model, unknown: dict, budget: 
         found, tried = candidates(ears, model, unknown, budget, barred)
         least = max(policy.LEAST_EVIDENCE_NATS, model.slack, _beside_fields(model))
         paying = [one for one in found if worth(one, model, count, tried) > least and not foretold.refused(vault, one)]
-        before = evaluated(vault, model.base, model.effects).energy
-        told = {id(one): before - evaluated(vault, one.base, one.effects).energy for one in paying}
+        before = evaluated(vault, model.base, model.effects)
+        told = {id(one): before.energy - evaluated(vault, one.base, one.effects).energy for one in paying}
         best = max(paying, key=lambda one: told[id(one)], default=None)
-        if best is None or told[id(best)] < policy.CONFIRMED_SHARE * (before - sum(ear.count for ear in vault)):
+        least = max(least, policy.CONFIRMED_SHARE * before.left_nats(sum(ear.count for ear in vault)))
+        if best is None or told[id(best)] < least:
             break
         others[best.effects[-1].key] = [one.effects[-1] for one in found if one is not best]
         model = best

@@ -19,6 +19,7 @@ _DARK = (1.0, 1e-5)  # what shades and sends nothing back
 _PERMITTIVITIES = (1.5, 2.0, 2.7, 3.4, 4.2, 5.2, 6.3, 7.5, 10.0, 15.0)  # to begin anew with, once the plane is where it is
 _BODY_M = 1.0  # between faces of one thing, or between a face and a way that it blocks
 _BEYOND_LIT_M = 4.0  # that a wall goes on beyond what was lit of it
+_ADDED = "missing_"  # begins the names of objects that are added
 _FLAT_M = 1e-3  # of a box: less is no depth
 _FAR_M = 3.0  # that a plane may move from where it was imaged
 _QUAD = [[0, 1, 2], [0, 2, 3]]
@@ -144,8 +145,10 @@ class Sheet:
 
 
 def across(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two directions of a plane, the second one upright where it can be."""
-    v = np.array([0.0, 0.0, 1.0]) if abs(normal[2]) < 0.5 else np.array([0.0, 1.0, 0.0])
+    """Two directions of a plane, square to each other, the second one upright where it can be."""
+    up = np.array([0.0, 0.0, 1.0]) if abs(normal[2]) < 0.5 else np.array([0.0, 1.0, 0.0])
+    v = up - (up @ normal) * normal
+    v /= np.linalg.norm(v)
     return np.cross(v, normal), v
 
 
@@ -182,9 +185,10 @@ class MissingObject(Family):
         found = [self._in_phase(view, begun, sheet) for sheet in sheets]
         found = [view.ended(one) for one in view.row_by_row(found)[:_ENDED]] + found
         found += [begun(sheet, one) for sheet in sheets for one in _MADE]
-        usual = usual_at(view.world.carrier_hz)
-        walls = view.row_by_row([begun(sheet, one) for sheet in view.gaps() for one in usual])[: len(usual) * _WALLS]
-        walls = list({id(one.choice): one for one in reversed(walls)}.values())[-_WALLS:]
+        best = {}
+        for one in view.row_by_row([begun(sheet, one) for sheet in view.gaps() for one in usual_at(view.world.carrier_hz)]):
+            best.setdefault(id(one.choice), one)
+        walls = [*best.values()][:_WALLS]
         dark = [begun(box, _DARK) for box in view.shades()]
         sides = [begun(*box) for effect in dark[:1] if view.explains_much(effect) for box in view.sided(effect)]
         return [*walls, *(view.ended(one) for one in walls), *found, *dark, *sides, *self._lone(view, begun)]
@@ -252,7 +256,7 @@ class MissingObject(Family):
 
     def apply(self, world, effect):
         shift_m, turn_rad, permittivity, conductivity = *effect.values[:2], *np.exp(effect.values[2:])
-        name = self.called(sum(name.startswith("missing_") for name in world.mesh.names) + 1)
+        name = next(name for name in (f"{_ADDED}{number}" for number in itertools.count(1)) if name not in world.mesh.names)
         solid = effect.choice.solid(name, shift_m, turn_rad)
         own = float(permittivity), float(conductivity), effect.choice.thickness_m
         medium = Medium(own_permittivity=own[0], own_conductivity_s_per_m=own[1], thickness_m=own[2])
@@ -260,9 +264,9 @@ class MissingObject(Family):
         return replace(made, media={**world.media, name: medium})
 
     @staticmethod
-    def called(number: int) -> str:
-        """The name of the object that the first, second, … effect adds."""
-        return f"missing_{number}"
+    def adds(name: str) -> bool:
+        """Whether an object may be one that an effect adds."""
+        return name.startswith(_ADDED)
 
     def steps(self, world, effect):
         return np.array([world.wavelength_m * 1e-3, 1e-5, 1e-4, 1e-3])
@@ -292,7 +296,7 @@ class MissingObject(Family):
         return [points.min(axis=0).tolist(), points.max(axis=0).tolist()]
 
     def is_one_with(self, view, effect, other):
-        if other.family is not self:
+        if other.family.name != self.name:
             return False
         boxes = [np.array(self.extent_m(view, one)) for one in (effect, other) if self.is_telling(view, one)]
         if len(boxes) == 2:  # two faces of a body: hardly apart
@@ -353,9 +357,9 @@ class MovingScatterer(Family):
             for radius_m in (_RADII_M if told else _RADII_M[:1])
         ]
 
-    def plainer(self, last_s, effect):
+    def plainer(self, span_s, effect):
         place_m, velocity, others = np.split(effect.values, [2, 4])
-        at_s = last_s * np.linspace(0, 1, _STANDS)
+        at_s = np.linspace(*span_s, _STANDS)
         return [replace(effect, family=_STANDING, values=np.array([*place_m + velocity * s, *others])) for s in at_s]
 
     def restarts(self, world, effect):

@@ -86,8 +86,8 @@ class Family:
         """The same a little beside where it is, along what none of its numbers says: soundings may not tell of that."""
         return []
 
-    def plainer(self, last_s: float, effect: Effect) -> list[Effect]:
-        """The same without what sets the family apart, from several beginnings, heard until `last_s`: what any of
+    def plainer(self, span_s: tuple[float, float], effect: Effect) -> list[Effect]:
+        """The same without what sets the family apart, from several beginnings, heard over `span_s`: what any of
         these explains is not its own."""
         return []
 
