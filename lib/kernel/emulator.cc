@@ -21,6 +21,8 @@ namespace
 // cache.
 constexpr std::size_t largest_tile = 1152;
 
+constexpr std::size_t paths_in_part = 128; // whose products one running sum takes
+
 // As many tiles as give every thread its share, in whole register blocks.
 std::size_t tile_length(std::size_t n, std::size_t n_threads)
 {
@@ -659,6 +661,22 @@ void emulator::mix_tile(const std::vector<piece>& of_output, int output, const s
     }
 }
 
+// At most one tile. A sum in single precision rounds at every product, by what is in it by then:
+// that of many paths is made in parts.
+void emulator::mix_parts(const sample* const* in, const path_list& paths, sample* out,
+                         std::size_t n, const sample* soon) const
+{
+    const std::size_t first = std::min(paths.size(), paths_in_part);
+    mix_paths(d_isa, in, paths.data(), first, out, n, soon);
+    for (std::size_t from = first; from < paths.size(); from += paths_in_part) {
+        sample part[largest_tile];
+        mix_paths(d_isa, in, paths.data() + from, std::min(paths.size() - from, paths_in_part),
+                  part, n);
+        for (std::size_t k = 0; k < n; k++)
+            out[k] += part[k];
+    }
+}
+
 // in[i] and out point at sample `begin`; at most one tile. As many samples from `soon` on are
 // wanted next.
 void emulator::mix_sparse(const recipe& r, const sample* const* in, sample* out, uint64_t begin,
@@ -668,10 +686,10 @@ void emulator::mix_sparse(const recipe& r, const sample* const* in, sample* out,
         std::memcpy(out, in[r.paths[0].input] - r.paths[0].delay, n * sizeof(sample));
         return;
     }
-    mix_paths(d_isa, in, r.paths.data(), r.paths.size(), out, n, soon);
+    mix_parts(in, r.paths, out, n, soon);
     for (const ramp& slope : r.ramps) {
         sample full[largest_tile];
-        mix_paths(d_isa, in, slope.paths.data(), slope.paths.size(), full, n);
+        mix_parts(in, slope.paths, full, n, nullptr);
         add_ramp(out, full, n, begin, slope.begin, slope.end);
     }
 }

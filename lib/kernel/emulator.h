@@ -237,6 +237,8 @@ private:
     void mix_tile(const std::vector<piece>& of_output, int output, const sample* const* in,
                   sample* out, uint64_t first, std::size_t at, std::size_t n, level* measured,
                   const sample* soon);
+    void mix_parts(const sample* const* in, const path_list& paths, sample* out, std::size_t n,
+                   const sample* soon) const;
     void mix_sparse(const recipe& r, const sample* const* in, sample* out, uint64_t begin,
                     std::size_t n, const sample* soon) const;
     void make_filters(const std::vector<recipe*>& without);
