@@ -52,10 +52,10 @@ def copies(ears: Sequence, rest: Model, budget) -> list[Effect]:
     here = evaluated(ears, rest.base, rest.effects)
     world = here.world
     ways = [
-        (name, axis)
-        for name in rest.base.mesh.names
-        for axis in world.axes(world.mesh.index(name))
-        if abs(axis[2]) < _LEVEL and _is_furniture(world.mesh.solids[world.mesh.index(name)].vertices_m, axis)
+        (solid.name, axis)
+        for index, solid in enumerate(world.mesh.solids)
+        for axis in world.axes(index)
+        if solid.name in rest.base.mesh.names and abs(axis[2]) < _LEVEL and _is_furniture(solid.vertices_m, axis)
     ]
 
     def made(owner: str, axis: np.ndarray, shift_m: float) -> Effect:

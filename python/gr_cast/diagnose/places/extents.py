@@ -175,12 +175,13 @@ def _heard_beside(ear: ResponseEar, here: World, endless: World, owner: int, eff
     predictor, faces, plane = ear.predictor, endless.faces, _Plane.of(effect)
     own, links, times = faces.owner == owner, range(len(predictor.links)), np.arange(len(predictor.time_s))
     traced = [predictor.traced(endless, index).paths for index in links]
-    tables = predictor.tabled(endless, links, [_crossing(paths, own) for paths in traced])
+    bare = [_crossing(paths, own) for paths in traced]
+    tables = predictor.tabled(endless, links, bare)
     legs = range(endless.max_depth + 1 if endless.surface.clear[owner] else 0)
     held = [predictor.tabled(endless, links, [_crossing(paths, own, leg) for paths in traced]) for leg in legs]
     columns = []
     for index, table in enumerate(tables):
-        kept = np.flatnonzero(are_unblocked(faces, _crossing(traced[index], own), endless.surface))
+        kept = np.flatnonzero(are_unblocked(faces, bare[index], endless.surface))
         met_m, crossed_m = plane.met_m(own, table), plane.crossed_m(own, traced[index], kept, table)
         passed = np.zeros(crossed_m.shape[:2], complex)
         for leg, through in zip(legs, held, strict=True):

@@ -88,8 +88,8 @@ class Sheet:
     def through(self, low_m: np.ndarray, high_m: np.ndarray) -> "Sheet":
         """As far as a box between two corners goes, and no less far than it went."""
         corners_m = np.array(list(itertools.product(*np.array([low_m, high_m]).T))) - self.origin_m
-        across = np.concatenate([corners_m @ np.array([self.u, self.v]).T, [self.low_m, self.high_m]])
-        return replace(self, low_m=tuple(across.min(axis=0)), high_m=tuple(across.max(axis=0)))
+        at_m = np.concatenate([corners_m @ np.array([self.u, self.v]).T, [self.low_m, self.high_m]])
+        return replace(self, low_m=tuple(at_m.min(axis=0)), high_m=tuple(at_m.max(axis=0)))
 
     def normal_at(self, turn_rad: float) -> np.ndarray:
         return np.cos(turn_rad) * np.array(self.normal) - np.sin(turn_rad) * np.array(self.u)
