@@ -2,6 +2,8 @@
 """The compiled kernels of the tracer do what its NumPy does, in rooms and yards drawn at random."""
 
 import pickle
+import subprocess
+import sys
 from dataclasses import fields as numbers_of
 from dataclasses import replace
 
@@ -188,3 +190,12 @@ def test_paths_over_faces_that_are_not_there_are_refused(drawn):
     for met in ([[len(faces.level_m)]], [[-2]]):
         with pytest.raises(IndexError, match="met: got"):
             fields.optics(faces, np.array(met), tx_m[:1], rx_m[:1])
+
+
+def test_a_numpy_that_the_build_cannot_read_is_refused():
+    """pybind11 before 2.12 gave pairs that were all zero under NumPy 2: then NumPy's own search is taken."""
+    built_by = subprocess.run(["pkg-config", "--modversion", "pybind11"], capture_output=True, text=True, check=True).stdout
+    knows_2 = tuple(map(int, built_by.split(".")[:2])) >= (2, 12)
+    lines = 'import numpy; numpy.__version__ = "2.1.0"; from gr_cast.scenario.create import images; print(images.tracing is None)'
+    said = subprocess.run([sys.executable, "-c", lines], capture_output=True, text=True, check=True).stdout
+    assert said.strip() == str(not knows_2)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include <pybind11/pybind11.h>
+#include "numpy_layout.h"
 
 namespace py = pybind11;
 
@@ -10,6 +10,7 @@ void bind_zmq_ports(py::module& m);
 
 PYBIND11_MODULE(cast_python, m)
 {
+    expect_known_numpy();
     py::module::import("gnuradio.gr"); // registers the base classes that the blocks derive from
     bind_glfsr_source(m);
     bind_bpsk_correlator(m);

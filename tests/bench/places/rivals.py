@@ -4,13 +4,14 @@
 import numpy as np
 from causes import Unfit, one_of, shifted, with_media, with_node, without_object
 from mirror import patches
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 from slabs import C_M_PER_S, TABLE, medium
 from world import excess, is_moving, position_m, response
 
 ENOUGH = 16  # frequencies and
 INSTANTS = 4  # instants are enough to compare explanations
 MANY = 6  # objects, the most lit ones, are enough to be rivals
+ANY = (1.3, 1.7, 2.3, 3.0, 4.0, 5.5, 8.0)  # permittivities of materials that are in no table
 LIKELY = ("metal", "glass", "wood", "concrete", "ceiling_board", "brick", "marble", "medium_dry_ground")
 
 
@@ -148,12 +149,24 @@ def _distances(world, judge):
     return np.array([np.linalg.norm(at[a] - at[b], axis=1) for a, b in judge.links])[:, :, None]
 
 
+def _made(judge, world, o):
+    """Least energy over what an object is made of: materials of the table, and any numbers from the best of these on."""
+    fc = world["carrier_hz"]
+
+    def energy(logs):
+        permittivity, conductivity = np.exp(logs)
+        return judge(with_media(world, o, permittivity=max(permittivity, 1.0), conductivity=conductivity))
+
+    known = [np.log(np.maximum(medium(m, fc), 1e-6)) for m in LIKELY if TABLE[m][4] <= fc / 1e9 <= TABLE[m][5]]
+    known += [np.log([permittivity, conductivity]) for permittivity in ANY for conductivity in (0.01, 0.1)]
+    best = sorted(known, key=energy)[:2]
+    return min(minimize(energy, one, method="Nelder-Mead", options={"maxfev": 25}).fun for one in best)
+
+
 def _of_object(judge, world, o, add):
     fc = world["carrier_hz"]
     add("extra_object", o, judge(without_object(world, o)))
-    for m in (m for m in LIKELY if TABLE[m][4] <= fc / 1e9 <= TABLE[m][5]):
-        permittivity, conductivity = medium(m, fc)
-        add("material", o, judge(with_media(world, o, permittivity=permittivity, conductivity=conductivity)))
+    add("material", o, _made(judge, world, o))
     depths = np.sqrt(np.array([0.05, 0.4, 2]) / 8) * C_M_PER_S / fc / np.pi
     add("roughness", o, _scalar(lambda x: judge(with_media(world, o, height_rms_m=x)), depths))
     normals = patches({o: world["objects"][o]["tris"]}).normal

@@ -21,7 +21,7 @@ from gr_cast.twin.places import passer
 from gr_cast.twin.places.families import FAMILIES
 from gr_cast.twin.places.families.additions import Sheet
 from gr_cast.twin.places.families.base import Effect
-from gr_cast.twin.places.families.mechanisms import ExcessLoss
+from gr_cast.twin.places.families.mechanisms import DistanceLaw, ExcessLoss
 from gr_cast.twin.places.predict import Predictor
 from gr_cast.twin.places.world import Mesh, Radio, World
 
@@ -294,6 +294,46 @@ def test_links_that_lose_alike_are_their_nodes_gain():
     model = search._asked_again(ears, losses, ears[0].count, 10, others, search.Budget.of(60.0))
     assert [effect.key for effect in model.effects] == [("node_gain", "n4")]
     assert model.effects[0].values == pytest.approx([3.0], abs=0.05)
+
+
+def test_what_was_found_before_gives_way_to_what_is_tried_beside_it():
+    """The law of distance alone takes some of what a missing wall does for its own: at what it is then, no wall is missed."""
+    world = theirs(exponent=2.6)
+    world["objects"].pop("wall")
+    ears = heard(world, 30.0)
+    law = Effect(family=DistanceLaw(), owner="place", values=np.array([2.4]), choice="link")
+    model = fitted(ears, evaluated(ears, ours(), [law]))
+    gone = of("extra_object", "wall")
+    tried = search._screened(View(ears, model, KNOWN), ears, model, gone.family, "wall")
+    assert min(one.left_nats(ears[0].count) for one in tried) < 4 * ears[0].count ** 0.5
+    assert with_effect(ears, model, gone).left_nats(ears[0].count) > 40 * ears[0].count ** 0.5
+
+
+@pytest.mark.parametrize(("far_m", "is_told"), [(1e-5, False), (0.01, True)])
+@pytest.mark.parametrize(
+    ("family", "owner", "way"), [("node_position", "n4", np.eye(3)[0]), ("object_moved", "wall", np.ones(1))]
+)
+def test_what_no_survey_knows_is_nothing_to_speak_of(far_m, is_told, family, owner, way):
+    ears = heard(theirs(), 30.0)
+    effect = replace(of(family, owner, *(far_m * way)), choice=(0.0, 1.0, 0.0) if family == "object_moved" else None)
+    assert search._stands_out(ears, evaluated(ears, ours(), [effect]), ears[0].count, 10) == is_told
+
+
+def test_a_hundredth_of_what_the_vault_shows_is_too_much_to_leave_but_for_fields():
+    plain, shed_too = theirs(), theirs()
+    shed_too["objects"]["shed"], shed_too["materials"]["shed"] = {"tris": shed()[SIDES], "surface": None}, "concrete"
+    quiet, loud = (heard(world, 50.0)[0] for world in (plain, shed_too))
+    gain = of("node_gain", "n4", 3.0)
+    vault = louder([quiet], "n4", 3.0)
+    before = evaluated(vault, ours(), ())
+    count, more = quiet.count, loud.heard.y - quiet.heard.y
+    much = np.sqrt(0.01 * before.left_nats(count) / (np.abs(more) ** 2 * quiet.heard.weight).sum())
+    vault = [replace(vault[0], heard=replace(vault[0].heard, y=vault[0].heard.y + much * more))]
+    left = [evaluated(vault, ours(), effects).left_nats(count) for effects in ((), (gain,))]
+    assert left[1] > 0.5 * count and 0.005 < left[1] / left[0] < 0.02
+    field = Effect(family=BY_NAME["missing_scattering"], owner="wall", values=np.zeros(0), choice=1e-6)
+    told = [foretold.holds(View(vault, evaluated(vault, ours(), effects), KNOWN), vault) for effects in ([gain], [gain, field])]
+    assert told == [False, True]
 
 
 @pytest.mark.parametrize(("is_node", "told"), [(True, ("node_gain", "n4")), (False, ("excess_loss", "n4>n2"))])

@@ -246,3 +246,16 @@ def test_a_moved_thing_and_a_new_one_at_its_place_are_one_more_like_it(monkeypat
     model = search._asked_again(ears, both, ears[0].count, 50, {moved.key: [copy]}, search.Budget.of(60.0))
     assert [one.family.name for one in model.effects] == ["missing_object"]
     assert np.abs(np.array(model.effects[0].choice.origin_m) - copy.choice.origin_m).max() < 1e-9
+
+
+def test_a_box_stands_where_the_vault_has_it_as_far_as_the_soundings_leave_it_open():
+    """No fitted link is heard here: of all places beside the box the vault has a say alone."""
+    world = theirs()
+    world["objects"]["shed"], world["materials"]["shed"] = {"tris": shed()[SIDES], "surface": None}, "metal"
+    vault, turn = heard(world, 30.0), np.array([np.cos(0.5), np.sin(0.5), 0.0])
+    deaf = [replace(vault[0], heard=replace(vault[0].heard, weight=np.zeros_like(vault[0].heard.weight)))]
+    shape = Sheet.about(shed(), turn, 0.02)
+    aside_m = ours().wavelength_m * 5 / 32
+    box = added(replace(shape, origin_m=tuple(shape.origin_m + aside_m * turn)), (1.0, 1e7))
+    model = search._confirmed(deaf, vault, evaluated(deaf, ours(), [box]), KNOWN, search.Budget.of(0.0), {}, set())
+    assert np.array(model.effects[0].choice.origin_m) == pytest.approx(shape.origin_m, abs=1e-9)

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The kernels of the tracer for Python, without GNU Radio: scenario/create/images.py and fields.py
 // and twin/places/passer.py have the same in NumPy.
+#include "../numpy_layout.h"
 #include "tracing/body.h"
 #include "tracing/fields.h"
 #include "tracing/mesh.h"
@@ -259,6 +260,7 @@ array<bool> shaded_paths(double radius_m, double height_m, const array<double>& 
 
 PYBIND11_MODULE(tracing, m)
 {
+    expect_known_numpy();
     py::class_<mesh>(m, "Mesh")
         .def(py::init(&make_mesh), py::arg("normal"), py::arg("level_m"), py::arg("sided"),
              py::arg("start"), py::arg("triangles_m"))

@@ -59,10 +59,12 @@ def holds(view: View, vault: Sequence[Ear]) -> bool:
         for one, *fits in zip(vault, told.fits, *(each.fits for each in resized), strict=True)
     )
     after, before = min(told.left_nats(count) - ended, other.left_nats(count)), twin.left_nats(count)
-    foretells = len(lasting) == len(model.effects) and not any(one.family.is_flexible for one in lasting)
+    is_flexible = any(one.family.is_flexible for one in lasting)
+    foretells = len(lasting) == len(model.effects) and not is_flexible
     if foretells and before > policy.CLEAN_DEVIATIONS * np.sqrt(count) and after > policy.UNTOLD_MOST * before:
         return False  # the vault shows something, and it is not this
-    return after < max(policy.UNTOLD_NOISE * count, policy.UNTOLD_SHARE * before)
+    share = policy.UNTOLD_BY_FIELDS if is_flexible else policy.UNTOLD_SHARE
+    return after < max(policy.UNTOLD_NOISE * count, share * before)
 
 
 def foreseen(ears: Sequence[Ear], vault: Sequence[Ear], model: Model) -> float:

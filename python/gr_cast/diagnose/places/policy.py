@@ -41,8 +41,9 @@ EDGE_NATS = 0.5  # of such a difference: below, an edge's strength is as the the
 REFUSED_SHARE = 0.1  # of what all effects together leave there, which may be another's fault
 REFUSED_NATS = 10.0  # by which an effect makes soundings that it was not fitted to less likely: then it is none
 CONFIRMED_SHARE = 0.5  # of what is left of the vault, which a small effect must explain to be told for that
-UNTOLD_NOISE, UNTOLD_SHARE = 0.5, 0.02  # of the vault's noise, and of what the twin leaves there: more, and the vault is not
-# predicted: of 45 lists that were right on the bench none, of 15 wrong ones 9
+UNTOLD_NOISE = 0.5  # of the vault's noise: what is left more is not predicted, unless it is no more than
+UNTOLD_SHARE, UNTOLD_BY_FIELDS = 0.005, 0.02  # of what the twin leaves there; where random fields are told, which have no place:
+# of 45 lists that were right on the bench none left more, of 15 wrong ones 9; none of 60 without fields left half the noise
 UNTOLD_MOST = 0.9  # of what the twin leaves there, where it is more than noise: a list that leaves so much tells none of it
 SUREST = 0.95  # of a cause that nothing speaks against: one in twenty was wrong on the bench
 SURE_IF_REFUSED, SURE_IF_UNSHOWN = 0.5, 0.8  # the vault speaks against it, or has nothing that shows it

@@ -100,7 +100,9 @@ def _may_recur(family) -> bool:
 
 
 def _stands_out(ears, model: Model, count: float, tried: float) -> bool:
-    """Whether the last effect explains more than the same without what sets its family apart."""
+    """Whether the last effect is one to speak of, and explains more than the same without what sets its family apart."""
+    if model.effects[-1].family.is_negligible(model.effects[-1]):
+        return False
     last, times_s = len(model.effects) - 1, np.concatenate([ear.predictor.time_s for ear in ears])
     others = model.effects[last].family.plainer((times_s.min(), times_s.max()), model.effects[last])
     plain = (fitted(ears, replaced(ears, model, last, one), free=[last]) for one in others)
@@ -109,7 +111,7 @@ def _stands_out(ears, model: Model, count: float, tried: float) -> bool:
 
 
 def _screened(view: View, heard: Sequence[Ear], here: Model, family, owner: str) -> list[Model]:
-    """Models with one effect more, from the most promising of its family's first guesses, that effect alone fitted."""
+    """Models with one effect more, from the most promising of its family's first guesses."""
     starts = family.starts(view, owner)
     if len(starts) > policy.FULL_STARTS and family.ranks_unfitted:
         starts = list({id(one): one for one in (*view.ranked(starts)[: policy.FULL_STARTS], starts[0])}.values())
@@ -211,9 +213,11 @@ def _shaped(ears, model: Model, number: int, unknown: dict, budget: Budget) -> M
 
 
 def _quick(ears, model: Model) -> Model:
-    if not len(model.effects[-1].values):
-        return model
-    return fitted(ears, model, rounds=policy.SCREEN_ROUNDS, free=[len(model.effects) - 1])
+    """With the last effect fitted alone, then with those before it, which have taken some of what is its own for theirs."""
+    last = len(model.effects) - 1
+    if len(model.effects[last].values):
+        model = fitted(ears, model, rounds=policy.SCREEN_ROUNDS, free=[last])
+    return fitted(ears, model, rounds=policy.SCREEN_ROUNDS) if last else model
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -276,10 +280,15 @@ def _is_foretold(ears, vault: Sequence[Ear], model: Model, unknown: dict, count:
 
 
 def _confirmed(ears, vault: Sequence[Ear], model: Model, unknown: dict, budget: Budget, others: dict, barred: set) -> Model:
-    """The model with what explains too little beside an added object, whose shape may be wrong by as much, or beside edges, to be
-    told for what it was fitted to, but is told by the vault too."""
+    """The model as the vault has it, where it is not predicted: what was added there where it predicts it best, and with what
+    explains too little beside an added object, whose shape may be wrong by as much, or beside edges, to be told for what it was
+    fitted to, but is told by the vault too."""
     count = sum(ear.count for ear in ears)
-    while vault and len(model.effects) < policy.MOST_EFFECTS and not budget.is_spent:
+    if not vault or _is_foretold(ears, vault, model, unknown, count):
+        return model
+    for number in range(len(model.effects)):
+        model = _beside(ears, vault, model, number)
+    while len(model.effects) < policy.MOST_EFFECTS and not budget.is_spent:
         if _is_foretold(ears, vault, model, unknown, count):
             break
         found, tried = candidates(ears, model, unknown, budget, barred)
@@ -455,11 +464,17 @@ def _otherwise(ears, vault: Sequence[Ear], model: Model, number: int, others: di
         other = fitted(ears, one, rounds=4)
         if other.energy < model.energy + policy.RIVAL_NATS and number not in foretold.refused(vault, other):
             return other
+    other = _beside(ears, vault, model, number)
+    return other if number not in foretold.refused(vault, other) else None
+
+
+def _beside(ears, vault: Sequence[Ear], model: Model, number: int) -> Model:
+    """The model with an effect beside where it is, of all places that the soundings leave open the one that predicts the vault
+    best."""
     own = model.effects[number]
     beside = [replaced(ears, model, number, one) for one in own.family.beside(model.base, own)]
-    open_ = [one for one in beside if one.energy < model.energy + policy.RIVAL_NATS]
-    best = min(open_, key=lambda one: evaluated(vault, one.base, one.effects).energy, default=model)
-    return best if number not in foretold.refused(vault, best) else None
+    open_ = [model, *(one for one in beside if one.energy < model.energy + policy.RIVAL_NATS)]
+    return min(open_, key=lambda one: evaluated(vault, one.base, one.effects).energy)
 
 
 def _kinds(ears, model: Model, number: int, others: dict) -> list[Model]:

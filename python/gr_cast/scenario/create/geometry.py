@@ -12,7 +12,7 @@ from .media import Medium
 MAX_COORDINATE_M = 1e5
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Solid:
     """One object: `vertices_m` (V, 3) float64, `faces` (F, 3) vertex indices, the surface name its file gives, and the
     medium it is assigned, if any. Raises CastError for geometry that no ray can meet."""

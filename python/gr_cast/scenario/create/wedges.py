@@ -2,6 +2,7 @@
 """First-order diffraction at edges: the uniform theory (Kouyoumjian & Pathak 1974), with slab coefficients on both faces
 (Luebbers 1984; ITU-R P.526 and P.2040-3), shadow and lit side."""
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from .media import with_losses
 _SAME_PLACE = 5  # decimals of a metre
 _ON_FACE_M = 1e-4  # nearer to a face than this is on it: where two walls meet no edge is free
 _TINY = 1e-12
+_KEPT = 4096  # objects whose edges are remembered
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,19 +34,23 @@ class Edges:
 
 def edges_of(solids: tuple[Solid, ...], faces: images.Faces) -> Edges:
     """Free edges of sheets (n = 2) and outward edges between two faces of hulls; none that lies on a face of another object."""
-    rows = []
-    for index, solid in enumerate(solids):
-        rows += [row for row in _edges(index, solid) if _is_free(row, faces)]
+    rows = [(*row, index) for index, solid in enumerate(solids) for row in _edges(solid)]
     if not rows:
         empty = np.zeros((0, 3))
         return Edges(
             begin_m=empty, along=empty, length_m=np.zeros(0), face=empty, normal=empty, n=np.zeros(0), owner=np.zeros(0, int)
         )
-    columns = [np.array(column) for column in zip(*rows, strict=True)]
-    return Edges(**dict(zip(("begin_m", "along", "length_m", "face", "normal", "n", "owner"), columns, strict=True)))
+    begin_m, along, length_m, face, normal, n, owner = (np.array(column) for column in zip(*rows, strict=True))
+    free = _are_free(begin_m + along * length_m[:, None] / 2, owner, faces)
+    return Edges(
+        begin_m=begin_m[free], along=along[free], length_m=length_m[free], face=face[free], normal=normal[free], n=n[free],
+        owner=owner[free],
+    )  # fmt: skip
 
 
-def _edges(index: int, solid: Solid) -> list[tuple]:
+@functools.lru_cache(maxsize=_KEPT)
+def _edges(solid: Solid) -> list[tuple]:
+    """Columns of `Edges` but the last."""
     places, same = np.unique(np.round(solid.vertices_m, _SAME_PLACE), axis=0, return_inverse=True)
     corners = same.reshape(-1)[solid.faces]
     shared: dict[tuple[int, int], list[int]] = {}
@@ -60,7 +66,7 @@ def _edges(index: int, solid: Solid) -> list[tuple]:
         along = (end - begin) / length
         inward = [_inward(places[corners[t]], begin, along) for t in triangles]
         if len(triangles) == 1:
-            out.append((begin, along, length, inward[0], np.cross(along, inward[0]), 2.0, index))
+            out.append((begin, along, length, inward[0], np.cross(along, inward[0]), 2.0))
             continue
         cos = float(np.clip(inward[0] @ inward[1], -1, 1))
         if cos < -1 + 1e-6:  # one plane
@@ -69,15 +75,17 @@ def _edges(index: int, solid: Solid) -> list[tuple]:
         outward = -(inward[0] + inward[1])  # a convex edge: the solid is between the faces
         normal = np.cross(along, inward[0])
         normal = normal if normal @ outward > 0 else -normal
-        out.append((begin, along, length, inward[0], normal, 2 - inner / np.pi, index))
+        out.append((begin, along, length, inward[0], normal, 2 - inner / np.pi))
     return out
 
 
-def _is_free(row: tuple, faces: images.Faces) -> bool:
-    begin, along, length_m, *_, owner = row
-    middle = begin + along * length_m / 2
-    near = np.flatnonzero((faces.owner != owner) & (np.abs(faces.normal @ middle - faces.level_m) < _ON_FACE_M))
-    return not images.on_face(faces, near, np.broadcast_to(middle, (len(near), 3))).any()
+def _are_free(middle_m: np.ndarray, owner: np.ndarray, faces: images.Faces) -> np.ndarray:
+    """Which edges (E,) of `owner` (E,), known by their middles (E, 3), lie on no face of another object."""
+    near = np.abs(middle_m @ faces.normal.T - faces.level_m) < _ON_FACE_M
+    edge, face = np.nonzero(near & (faces.owner != owner[:, None]))
+    free = np.ones(len(owner), bool)
+    free[edge[images.on_face(faces, face, middle_m[edge])]] = False
+    return free
 
 
 def _inward(triangle_m: np.ndarray, begin: np.ndarray, along: np.ndarray) -> np.ndarray:

@@ -44,6 +44,10 @@ class Family:
         """How many of an effect's numbers soundings say anything of."""
         return len(effect.values)
 
+    def is_negligible(self, effect: Effect) -> bool:
+        """Whether it is less than any twin claims to know: what explains something by so little is no cause."""
+        return False
+
     def owners(self, view) -> Sequence[str]:
         """Names that may have it, those that the soundings can see alone."""
         raise NotImplementedError
@@ -127,6 +131,9 @@ class Family:
 
     def sentence(self, effect: Effect, told: dict) -> str:
         raise NotImplementedError
+
+
+SURVEYED_M = 2e-4  # within which no mesh is drawn and no node surveyed
 
 
 class OfThings(Family):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ....scenario.create.nodes import ANTENNAS
-from .base import Effect, Family, std_of, value
+from .base import SURVEYED_M, Effect, Family, std_of, value
 
 _FAR_M = 0.7  # farthest offset that is looked for on the grid
 _FARTHEST_M = 10.0  # that a fit may go
@@ -39,6 +39,9 @@ class NodePosition(_OfNode):
     name = "node_position"
     order = 2
     ranks_unfitted = False
+
+    def is_negligible(self, effect):
+        return float(np.linalg.norm(effect.values)) < SURVEYED_M
 
     def owners(self, view):
         return view.nodes if view.has_responses else []

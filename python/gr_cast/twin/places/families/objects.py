@@ -8,7 +8,7 @@ import numpy as np
 
 from ....core.units import db_from_amplitude
 from ....scenario.create.media import ITU, Medium
-from .base import Effect, OfThings, std_of, value
+from .base import SURVEYED_M, Effect, OfThings, std_of, value
 
 _FAR_M = 3.0  # farthest move that is looked for
 _NEAR_M, _STRIP_M, _PER_STRIP = 0.6, 0.1, 3  # within which wells are looked for strip by strip; of each
@@ -52,6 +52,9 @@ class ObjectMoved(_OfObject):
     name = "object_moved"
     order = 1
     price_nats = float(np.log(3))  # axes
+
+    def is_negligible(self, effect):
+        return abs(effect.values[0]) < SURVEYED_M
 
     def owners(self, view):
         return view.near_objects if view.has_responses else []  # what stands in the way may stand in another
