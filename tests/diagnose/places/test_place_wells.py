@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.places import policy, scan
+from gr_cast.diagnose.places import policy, scan, search
 from gr_cast.diagnose.places.ears import ResponseEar
 from gr_cast.diagnose.places.fit import evaluated, fitted, with_effect
 from gr_cast.diagnose.places.likelihood import Heard
@@ -35,9 +35,14 @@ def twin(*without: str):
 
 def sounded(name: str, offset_m, band_hz: float, tris=None) -> list[ResponseEar]:
     """The room of the other tracer with one object elsewhere, `tris` if it looks otherwise; 30 dB over the noise."""
-    world = theirs() | {"carrier_hz": CARRIER_HZ, "bandwidth_hz": band_hz}
+    world = theirs()
     own = world["objects"][name]
     world["objects"] = world["objects"] | {name: own | {"tris": (own["tris"] if tris is None else tris) + np.asarray(offset_m)}}
+    return of_world(world, band_hz)
+
+
+def of_world(world: dict, band_hz: float) -> list[ResponseEar]:
+    world = world | {"carrier_hz": CARRIER_HZ, "bandwidth_hz": band_hz}
     frequency_hz = np.linspace(-band_hz / 2, band_hz / 2, 20)
     clean, random = response(world, LINKS, TIME_S, frequency_hz), np.random.default_rng(3)
     noise = (np.abs(clean) ** 2).mean() / 1e3
@@ -51,6 +56,12 @@ def first(ears, world, family: str, owner: str):
     view = View(ears, evaluated(ears, world, ()), UNKNOWN)
     best = view.ranked(BY_NAME[family].starts(view, owner))[: policy.FULL_STARTS]
     return min((fitted(ears, with_effect(ears, view.model, one)) for one in best), key=lambda one: one.energy)
+
+
+def best(ears, world, family: str, owner: str):
+    """The best of what a search screens of a family."""
+    view = View(ears, evaluated(ears, world, ()), UNKNOWN)
+    return min(search._screened(view, ears, view.model, BY_NAME[family], owner), key=lambda one: one.energy)
 
 
 @pytest.mark.parametrize("band_hz", [2e8, 2e7])
@@ -90,3 +101,32 @@ def test_the_deepest_well_is_told_by_its_bottom():
     grid = np.arange(-6, 6, 1 / 4)
     assert scan.wells([row], grid, 1) == pytest.approx([at], abs=1 / 32)
     assert scan.minima(grid, scan.energy_along([row], grid), 1) != pytest.approx([at], abs=1 / 8)
+
+
+@pytest.mark.parametrize("is_free", [False, True])
+def test_bottoms_of_wells_are_where_every_step_aside_leaves_more(is_free):
+    random = np.random.default_rng(4)
+    rows, at = [], np.array([0.4, -0.7, 0.2])
+    for _ in range(9):
+        rates = 2 * np.pi * random.uniform(-1, 1, (3, 4, 1)).repeat(5, axis=2) * np.linspace(0.95, 1.05, 5)
+        base, rest = (random.normal(size=(n, 5)) + 1j * random.normal(size=(n, 5)) for n in (4, 1))
+        y = (base * np.exp(-1j * np.einsum("a,apk->pk", at, rates))).sum(axis=0) + rest[0]
+        y = y * np.exp(0.7j * is_free) + 0.01 * random.normal(size=5)
+        rows.append(scan.Row(base=base, rates=rates, rest=rest[0], y=y, weight=np.full(5, 1e4), is_free=is_free))
+    places, nats = scan.bottoms(rows, at + 0.04 * random.normal(size=(5, 3)), 0.1, rounds=8)
+    assert places == pytest.approx(np.tile(places[0], (5, 1)), abs=1e-5) and places[0] == pytest.approx(at, abs=0.01)
+
+    def energy(place):
+        turned = [row.turned(2, place[2]) for row in rows]
+        return scan.energy(turned, place[:1], place[1:2]).ravel()
+
+    assert nats[:, 0] == pytest.approx(energy(places[0]), rel=1e-2)  # which is in single precision
+    assert all(energy(places[0] + step)[1] > nats[1, 0] + 0.1 for step in 0.01 * np.vstack([np.eye(3), -np.eye(3)]))
+
+
+@pytest.mark.parametrize("offset_m", [(0.21, -0.17, 0.05), (0.02, 0.03, -0.01)])
+def test_a_node_is_begun_where_it_stands_though_it_is_many_waves_off(offset_m):
+    world = theirs()
+    world["nodes"]["a"]["waypoints_m"] = [(np.array(world["nodes"]["a"]["waypoints_m"][0]) + offset_m).tolist()]
+    found = best(of_world(world, 2e8), twin(), "node_position", "a")
+    assert found.effects[0].values == pytest.approx(offset_m, abs=2e-3)

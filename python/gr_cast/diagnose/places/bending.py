@@ -9,25 +9,33 @@ import numpy as np
 from ...twin.places.predict import phasors
 from . import policy
 
+_UNSPOILT = 0.5  # of a response's say, which noise alone hardly takes
+
 
 def loosened(ear, fit, world):
-    """The fit with the likeliest strength of every edge on every link, Gaussian about the theory; energy: all strengths alike."""
+    """The fit with the likeliest strength of every edge on every link, Gaussian about the theory; energy: all strengths alike.
+    And the same where responses that these leave spoilt, by another cause, have no more say than their noise would give them."""
     if not ear.has_responses or not world.diffraction:
-        return fit
+        return fit, fit
+    links = [_columns(ear, fit, world, index) for index in range(len(ear.heard.links))]
+    plain = _loosened(ear, fit, links, ear.heard.weight)
+    share = ear.undisturbed(plain)[:, :, None]
+    return plain, plain if share.min() > _UNSPOILT else _loosened(ear, fit, links, ear.heard.weight * share)
+
+
+def _loosened(ear, fit, links: list[np.ndarray], weight: np.ndarray):
     model, residual = fit.model.copy(), fit.residual.copy()
     price = 0.0
-    for index in range(len(ear.heard.links)):
-        columns = _columns(ear, fit, world, index)
+    for index, columns in enumerate(links):
         if not len(columns):
             continue
-        weight = ear.heard.weight[index]
-        inner = np.einsum("etk,ftk->ef", columns.conj(), columns * weight) * policy.EDGE_SHARE**2
-        side = (columns.conj() * (residual[index] * weight)).sum(axis=(1, 2)) * policy.EDGE_SHARE
+        inner = np.einsum("etk,ftk->ef", columns.conj(), columns * weight[index]) * policy.EDGE_SHARE**2
+        side = (columns.conj() * (residual[index] * weight[index])).sum(axis=(1, 2)) * policy.EDGE_SHARE
         inner[np.diag_indices(len(inner))] += 1
         change = np.linalg.solve(inner, side)
         more = policy.EDGE_SHARE * np.einsum("e,etk->tk", change, columns)
         model[index] += more
-        residual[index] -= np.where(weight > 0, more, 0)
+        residual[index] -= np.where(weight[index] > 0, more, 0)
         price += float((np.abs(change) ** 2).sum() + np.linalg.slogdet(inner)[1])
     energy = float((np.abs(residual) ** 2 * ear.heard.weight).sum()) + fit.offset + price
     return replace(fit, model=model, residual=residual, energy=energy, offset=fit.offset + price)

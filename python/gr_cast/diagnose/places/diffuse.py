@@ -147,16 +147,29 @@ def _fields(ear, fit, world, index: int) -> tuple[float, list[tuple], bool]:
     keep their phases: then it is of the sum of all instants over the root of their number."""
     heard = ear.heard
     known, count = heard.weight[index] > 0, len(heard.frequency_hz)
-    power, step = profiles(world, ear.predictor, index, count, heard.spacing_hz)
-    noise = 1 / heard.weight[index][known].mean()
-    is_still = len(step) == 1
+    key = (
+        "shapes",
+        ear.predictor.ends_key(world, index),
+        world.mesh.coarse.key,
+        world.surface.key,
+        world.is_clear,
+        world.carrier_hz,
+    )
+    told = ear.predictor.remembered(key, lambda: _shapes(*profiles(world, ear.predictor, index, count, heard.spacing_hz)))
+    noise, (is_still, shapes) = 1 / heard.weight[index][known].mean(), told
     scale = float((np.abs(fit.factor[index]) ** 2).mean()) * (len(heard.y[index]) if is_still else 1) * known.mean()
     out = []
-    for number, row in enumerate(power):
-        if total := row.max():
-            strength, modes = _modes(_rounded(row / total), count)
-            out.append((np.flatnonzero(step == number), scale * total * strength, modes))
+    for which, total, rounded in shapes:
+        strength, modes = _modes(rounded, count)
+        out.append((which, scale * total * strength, modes))
     return noise, out, is_still
+
+
+def _shapes(power: np.ndarray, step: np.ndarray) -> tuple[bool, list[tuple]]:
+    """Whether nothing moves; of each step of a link's way to which anything is scattered its instants, the strongest cell and all
+    over that, rounded."""
+    loud = [(number, row, row.max()) for number, row in enumerate(power) if row.any()]
+    return len(step) == 1, [(np.flatnonzero(step == number), most, _rounded(row / most)) for number, row, most in loud]
 
 
 def _rounded(row: np.ndarray) -> bytes:

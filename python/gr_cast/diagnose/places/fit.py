@@ -28,9 +28,9 @@ Ear = ResponseEar | PowerEar
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Model:
     """A twin with effects, fitted. `energy` is −ln p, `whitened` what noise keeps at its count but for `slack`: scattered fields
-    may be off their law. `loose`: nats that edges gain by bending more or less than the theory has it. `tempered`: −ln p where
-    each response may have more noise than it is known to have: what a model leaves of causes that it lacks is no reason for or
-    against those that it has. Random fields are such noise, and are not given it twice."""
+    may be off their law. `tempered`: −ln p where each response may have more noise than it is known to have: what a model leaves
+    of causes that it lacks is no reason for or against those that it has. Random fields are such noise, and are not given it
+    twice. `loose`: nats that edges gain by bending more or less than the theory has it, tempered."""
 
     base: World
     effects: tuple[Effect, ...]
@@ -75,18 +75,24 @@ def _applied(base: World, effects: Sequence[Effect]) -> World:
 def evaluated(ears: Sequence[Ear], base: World, effects: Sequence[Effect]) -> Model:
     world = applied(base, effects)
     theory = [ear.profiled(ear.predicted(world)) for ear in ears]
-    fits = tuple(bending.loosened(ear, fit, world) for ear, fit in zip(ears, theory, strict=True))
+    bent = [bending.loosened(ear, fit, world) for ear, fit in zip(ears, theory, strict=True)]
+    fits, apart = (tuple(pair[part] for pair in bent) for part in (0, 1))
     plain = sum(fit.energy for fit in fits)
-    loose = sum(fit.energy for fit in theory) - plain
+    loose = _tempered(ears, theory) - _tempered(ears, apart)
     scattered = [diffuse.gain(ear, fit, world) for ear, fit in zip(ears, fits, strict=True)]
     nats, saved, count = (sum(one[part] for one in scattered) for part in range(3))
     slack = min(policy.DIFFUSE_SHARE * saved, policy.DIFFUSE_NUMBERS * count)
     noisier = not any(effect.family.is_flexible for effect in effects)
-    more = sum(ear.tempered_nats(fit) for ear, fit in zip(ears, fits, strict=True)) if noisier else 0.0
+    more = plain - _tempered(ears, apart) if noisier else 0.0
     return Model(
         base=base, effects=tuple(effects), energy=plain - nats, whitened=plain - saved, slack=slack, loose=loose,
         tempered=plain - nats - more, fits=fits,
     )  # fmt: skip
+
+
+def _tempered(ears: Sequence[Ear], fits: Sequence[Fitted]) -> float:
+    """−ln p of fits without what is scattered, where each response may have more noise."""
+    return sum(fit.energy - ear.tempered_nats(fit) for ear, fit in zip(ears, fits, strict=True))
 
 
 def _split(effects: Sequence[Effect], vector: np.ndarray) -> tuple[Effect, ...]:

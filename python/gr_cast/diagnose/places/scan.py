@@ -144,6 +144,45 @@ def wells(rows_: Sequence[Row], grid: np.ndarray, best: int) -> list[float]:
     return by_turns(*(one[np.argsort(nats)].tolist() for one, nats in zip(bottom, sounded.min(axis=2), strict=True)))[:best]
 
 
+def bottoms(rows_: Sequence[Row], places: np.ndarray, most: float, rounds: int = 4) -> tuple[np.ndarray, np.ndarray]:
+    """Bottoms (n, axes) of the wells that places lie in, and energies there (2, n) as `energy` has them: Gauss-Newton steps of no
+    more than `most`, for which what leaves much has the say of its noise alone."""
+    places = np.array(places, float)
+    for _ in range(rounds):
+        top, side = np.zeros((len(places), *(len(places[0]),) * 2)), np.zeros(places.shape)
+        for row in rows_:
+            model, slopes, left = _slopes(row, places)
+            count = (row.weight > 0).sum()
+            share = np.minimum(1.0, count / np.maximum((np.abs(left) ** 2 * row.weight).sum(axis=1), 1e-300))
+            if row.is_free:
+                along = ((slopes * model.conj()[:, None]).imag * row.weight).sum(axis=2, keepdims=True)
+                power = (np.abs(model) ** 2 * row.weight).sum(axis=1)[:, None, None]
+                slopes = slopes - 1j * model[:, None] * along / np.maximum(power, 1e-300)
+            told = slopes.conj() * (row.weight * share[:, None])[:, None]
+            top += np.einsum("wak,wbk->wab", told, slopes).real
+            side += np.einsum("wak,wk->wa", told, left).real
+        size = np.einsum("waa->wa", top)
+        top += 1e-6 * size.max(axis=1)[:, None, None] * np.eye(places.shape[1]) + 1e-300 * np.eye(places.shape[1])
+        step = np.linalg.solve(top, side[:, :, None])[:, :, 0]
+        places = places + step * np.minimum(1.0, most / np.maximum(np.linalg.norm(step, axis=1), 1e-300))[:, None]
+    total = np.zeros((2, len(places)))
+    for row in rows_:
+        left = (np.abs(_slopes(row, places)[2]) ** 2 * row.weight).sum(axis=1)
+        total += tempered(left, (row.weight > 0).sum()), left
+    return places, total
+
+
+def _slopes(row: Row, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What a row would be at places (n, axes): (n, K), its derivatives (n, axes, K), and what it leaves, turned as suits it."""
+    paths = row.base * np.exp(-1j * np.einsum("wa,apk->wpk", places, row.rates))
+    model = paths.sum(axis=1) + row.rest
+    left = row.y
+    if row.is_free:
+        cross = (row.y * row.weight * model.conj()).sum(axis=1)
+        left = row.y * np.exp(-1j * np.angle(cross))[:, None]
+    return model, np.einsum("wpk,apk->wak", -1j * paths, row.rates), left - model
+
+
 def minima_of(axes: Sequence[np.ndarray], energies: np.ndarray, best: int) -> list[tuple[float, ...]]:
     """Places on a grid over several axes at the lowest local minima, the lowest first; of several energies by turns."""
     found = []

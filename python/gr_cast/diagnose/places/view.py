@@ -18,6 +18,7 @@ from .fit import Model, applied, evaluated, fitted, with_effect
 
 _SCANNED_CARRIERS = 100_000
 _LOUDEST = 6  # lines of echoes that are looked at beside those of a shadow
+_SOUNDED, _ONE_WELL = 300, 0.05  # wells of a grid of places whose bottoms are looked for; wavelengths between bottoms of one
 _AROUND = 0.3  # change of a link's direction, as a share of its length, from which antennas show from several sides
 
 
@@ -307,7 +308,16 @@ class View:
         if not rows:
             return []
         energies = [scan.energy([row.turned(2, float(up)) for row in rows], grid_m, grid_m) for up in up_m]
-        return scan.minima_of((grid_m, grid_m, up_m), np.stack(energies, axis=3), best)
+        wells = scan.minima_of((grid_m, grid_m, up_m), np.stack(energies, axis=3), _SOUNDED)
+        at_m, nats = scan.bottoms(rows, np.array(wells), self.world.wavelength_m / 8)
+        found = np.zeros((0, 3))
+        for number in scan.by_turns(*np.argsort(nats, axis=1).tolist()):
+            if (
+                len(found) < best
+                and np.linalg.norm(found - at_m[number], axis=1).min(initial=np.inf) > _ONE_WELL * self.world.wavelength_m
+            ):
+                found = np.vstack([found, at_m[number]])
+        return [tuple(at_m) for at_m in found.tolist()]
 
     def scan_timing(
         self, name: str, middle_s: float, later_s: np.ndarray, faster: np.ndarray, best: int

@@ -95,6 +95,10 @@ class Predictor:
                 self._ends.popitem(last=False)
         return self._ends[key]
 
+    def ends_key(self, world: World, index: int):
+        """Of both ends of a link: where they are, and their antennas."""
+        return self._ends_of(world).keys[index]
+
     def remembered(self, key, make):
         """What others compute of a link and want to keep."""
         return self.remembered_all([key], lambda _: [make()])[0]

@@ -12,6 +12,15 @@ from .base import SURVEYED_M, Effect, Family, std_of, value
 _FAR_M = 0.7  # farthest offset that is looked for on the grid
 _FARTHEST_M = 10.0  # that a fit may go
 _GRID = 90  # points of the grid across, at most
+_COARSE_M, _COARSE_UP_M = (
+    (-0.45, -0.15, 0.15, 0.45),
+    (-0.2, 0.0, 0.2),
+)  # offsets about the best of which, by no phase, is looked again
+_STAGES, _ELSEWHERE, _SHARPENED = (
+    3,
+    2,
+    8,
+)  # of looking about the best, so many of them; of what is found, whose bottoms are looked for
 _BEST = 4  # maxima of a grid that are fitted
 _UP = np.arange(-4, 5) / 3  # wavelengths up that are looked at: floors and ceilings show them
 _WELLS = 10  # minima of a grid of places that are fitted: a deep well is narrow, and lies between two points of the grid
@@ -50,11 +59,23 @@ class NodePosition(_OfNode):
         zero = Effect(family=self, owner=owner, values=np.zeros(3))
         if view.is_quiet:
             return [zero]
+        if not _holds_most(view, owner):
+            return [zero, *self._about(view, zero)]
+        coarse = [zero.moved(np.array(at_m)) for at_m in itertools.product(_COARSE_M, _COARSE_M, _COARSE_UP_M)]
+        found, middles = [], [zero, *view.promising(coarse)[:_ELSEWHERE]]
+        for _ in range(_STAGES):  # paths have other directions there
+            found = view.ranked(found + [one for begun in middles for one in self._about(view, begun)])[:_SHARPENED]
+            found = view.sharpened(found)
+            middles = found[:_ELSEWHERE]
+        return [zero, *found]
+
+    def _about(self, view, begun: Effect) -> list[Effect]:
+        """Places about one that would explain best, by phases that turn evenly from there on."""
         step_m = view.world.wavelength_m / 5
         reach = min(_GRID // 2, int(np.ceil(_FAR_M / step_m)))
-        grid_m = step_m * np.arange(-reach, reach + 1)
-        found = view.scan_node(owner, grid_m, view.world.wavelength_m * _UP, best=_WELLS)
-        return [zero, *(Effect(family=self, owner=owner, values=np.array(offset_m)) for offset_m in found)]
+        grid_m, up_m = step_m * np.arange(-reach, reach + 1), view.world.wavelength_m * _UP
+        found = (view.beside(begun) if begun.values.any() else view).scan_node(begun.owner, grid_m, up_m, best=_WELLS)
+        return [begun.moved(begun.values + np.array(offset_m)) for offset_m in found]
 
     def restarts(self, world, effect):
         # The next wells of its phase, higher and lower too than the scan looked.
@@ -181,7 +202,7 @@ class AntennaPattern(_OfNode):
 
 
 def _holds_most(view, owner: str) -> bool:
-    """Whether links of a node hold most of what is left above noise: its track leaves nothing on others, what does goes first."""
+    """Whether links of a node hold most of what is left above noise: where it is leaves nothing on others, which go first."""
     own = every = 0.0
     for ear, fit in zip(view.ears, view.model.fits, strict=True):
         above = ear.left(fit) - (ear.root > 0).sum(axis=(1, 2))
