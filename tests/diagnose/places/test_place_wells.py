@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from gr_cast.diagnose.places import policy, scan, search
 from gr_cast.diagnose.places.ears import ResponseEar
-from gr_cast.diagnose.places.fit import evaluated, fitted, with_effect
+from gr_cast.diagnose.places.fit import applied, evaluated, fitted, with_effect
 from gr_cast.diagnose.places.likelihood import Heard
 from gr_cast.diagnose.places.view import View
 from gr_cast.scenario.create.fields import surface_of
 from gr_cast.scenario.create.geometry import Solid
 from gr_cast.twin.places.families import FAMILIES
+from gr_cast.twin.places.families.base import Effect
 from gr_cast.twin.places.predict import Predictor
 from gr_cast.twin.places.world import Mesh
 
@@ -130,3 +131,35 @@ def test_a_node_is_begun_where_it_stands_though_it_is_many_waves_off(offset_m):
     world["nodes"]["a"]["waypoints_m"] = [(np.array(world["nodes"]["a"]["waypoints_m"][0]) + offset_m).tolist()]
     found = best(of_world(world, 2e8), twin(), "node_position", "a")
     assert found.effects[0].values == pytest.approx(offset_m, abs=2e-3)
+
+
+def test_a_wall_and_a_node_that_move_images_alike_are_heard_alike_over_that_wall():
+    world, ears = twin(), sounded("board", [0, 0, 0], 2e8)
+    normal = world.axes(world.mesh.index("west"))[0]
+    moved = Effect(family=BY_NAME["object_moved"], owner="west", values=np.array([0.083]), choice=tuple(normal))
+    shift_m, view = moved.family.images_moved_m(moved), View(ears, evaluated(ears, world, ()), UNKNOWN)
+    nodes = BY_NAME["node_position"].moving_images(view, shift_m)
+    assert {one.owner for one in nodes} == set(view.nodes)
+    assert all(one.family.images_moved_m(one) == pytest.approx(shift_m) for one in nodes)
+    walls = [one for one in BY_NAME["object_moved"].moving_images(view, shift_m) if one.owner == "west"]
+    assert [one.values[0] * np.array(one.choice) for one in walls] == [pytest.approx(0.083 * normal)]
+
+    def over_the_wall(effect) -> np.ndarray:
+        changed = applied(world, [effect])
+        table = ears[0].predictor.path_table(changed, LINKS.index(("a", "c")))
+        west = changed.faces.owner[table.paths.faces] == world.mesh.index("west")
+        return table.way.length_m[(west & (table.paths.faces >= 0)).sum(axis=1) == (table.paths.faces >= 0).sum(axis=1)]
+
+    for name in ("a", "c"):
+        node = next(one for one in nodes if one.owner == name)
+        lengths_m = [np.sort(over_the_wall(one))[-1] for one in (moved, node)]
+        assert lengths_m[0] == pytest.approx(lengths_m[1], abs=1e-9)
+
+
+def test_what_moves_images_alike_is_a_rival():
+    ears, world = of_world(theirs(), 2e8), twin()
+    moved = Effect(family=BY_NAME["object_moved"], owner="west", values=np.array([0.083]), choice=(1.0, 0.0, 0.0))
+    others = search._with_images(ears, evaluated(ears, world, [moved]), {moved.key: [moved]}, UNKNOWN)[moved.key]
+    assert others[0] is moved and any(one.family.name == "node_position" for one in others[1:])
+    gain = Effect(family=BY_NAME["node_gain"], owner="a", values=np.array([1.0]))
+    assert search._with_images(ears, evaluated(ears, world, [gain]), {}, UNKNOWN) == {}

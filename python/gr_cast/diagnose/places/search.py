@@ -270,6 +270,7 @@ def run(
         barred -= {effect.key for effect in model.effects}
     spent = budget.is_spent
     others = {key: [one for one in found if one.key not in barred] for key, found in others.items()}
+    others = _with_images(ears, model, others, unknown)
     model, rivals = exchanged(ears, model, others, count, tried, Budget.of(policy.RIVALS_SHARE * budget_s), vault)
     return Found(model=model, start=start, rivals=rivals, tried=tried, count=count, spent=spent)
 
@@ -500,6 +501,21 @@ def wells(ears, vault: Sequence[Ear], model: Model, number: int) -> list[tuple[f
     apart = _distinct(model.base, [own, *(one.effects[number] for one in open_)])[1:]
     rows = [(one.energy - model.energy, one.effects[number]) for one in open_]
     return [(max(behind, 0.0), effect.values) for behind, effect in rows if effect in apart]
+
+
+def _with_images(ears, model: Model, others: dict, unknown: dict) -> dict:
+    """What came close to each effect, and what moves mirror images as it does: another mirror, or a node."""
+    out = dict(others)
+    for number, effect in enumerate(model.effects):
+        shift_m = effect.family.images_moved_m(effect)
+        if shift_m is None:
+            continue
+        view = View(ears, without_effects(ears, model, [number]), unknown)
+        same = [one for family in view.families for one in family.moving_images(view, shift_m) if one.key != effect.key]
+        fits = [fitted(ears, replaced(ears, model, number, one), rounds=policy.SCREEN_ROUNDS, free=[number]) for one in same]
+        fits.sort(key=lambda one: one.energy)
+        out[effect.key] = [*out.get(effect.key, ()), *(one.effects[number] for one in fits[: policy.ASKED_AGAIN])]
+    return out
 
 
 def exchanged(ears, model: Model, others: dict, count: float, tried: float, budget: Budget, vault: Sequence[Ear] = ()):

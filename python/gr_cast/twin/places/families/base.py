@@ -90,6 +90,15 @@ class Family:
         """The same a little beside where it is, along what none of its numbers says: soundings may not tell of that."""
         return []
 
+    def images_moved_m(self, effect: Effect) -> np.ndarray | None:
+        """(3,) by which it moves the mirror images of nodes, where it moves any: all that moves these alike looks the same where
+        nothing but one mirror's echoes are heard."""
+        return None
+
+    def moving_images(self, view, shift_m: np.ndarray) -> list[Effect]:
+        """Effects of this family that move mirror images by (3,)."""
+        return []
+
     def plainer(self, span_s: tuple[float, float], effect: Effect) -> list[Effect]:
         """The same without what sets the family apart, from several beginnings, heard over `span_s`: what any of
         these explains is not its own."""

@@ -77,6 +77,12 @@ class NodePosition(_OfNode):
         found = (view.beside(begun) if begun.values.any() else view).scan_node(begun.owner, grid_m, up_m, best=_WELLS)
         return [begun.moved(begun.values + np.array(offset_m)) for offset_m in found]
 
+    def images_moved_m(self, effect):
+        return -effect.values  # against what stays
+
+    def moving_images(self, view, shift_m):
+        return [Effect(family=self, owner=name, values=-shift_m) for name in self.owners(view)]
+
     def restarts(self, world, effect):
         # The next wells of its phase, higher and lower too than the scan looked.
         steps = [step for step in itertools.product((-1, 0, 1), repeat=3) if any(step)]

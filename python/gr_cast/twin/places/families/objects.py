@@ -13,6 +13,7 @@ from .base import SURVEYED_M, Effect, OfThings, std_of, value
 _FAR_M = 3.0  # farthest move that is looked for
 _NEAR_M, _STRIP_M, _PER_STRIP = 0.6, 0.1, 3  # within which wells are looked for strip by strip; of each
 _ALONG_M = (-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4)  # moves of an object along what is seen of it
+_ALONG = 0.95  # of a shift that lies along a normal
 _BEST = 3  # maxima of a scan that are fitted
 _WELLS = 8  # of the phase, either way, that are tried beside one that was found
 _PERMITTIVITIES, _CONDUCTIVITIES = np.geomspace(1.15, 30, 14), (0.003, 0.05, 0.5)  # relative; S/m
@@ -74,6 +75,17 @@ class ObjectMoved(_OfObject):
             # along what is seen of it, its ends meet other paths and few phases turn
             out += [moved(shift_m, normal) for shift_m in (0.0, *_ALONG_M, *far_m, *near_m)]
         return out
+
+    def images_moved_m(self, effect):
+        return 2 * effect.values[0] * np.array(effect.choice)
+
+    def moving_images(self, view, shift_m):
+        ways = [(owner, normal, float(shift_m @ normal)) for owner in view.near_objects for normal in view.axes(owner)]
+        return [
+            Effect(family=self, owner=owner, values=np.array([along_m / 2]), choice=tuple(normal))
+            for owner, normal, along_m in ways
+            if abs(along_m) > _ALONG * np.linalg.norm(shift_m)
+        ]
 
     def restarts(self, world, effect):
         # The next wells of its phase, a quarter of a wave apart.
