@@ -34,6 +34,21 @@ def test_a_recording_is_trimmed_to_what_is_known_and_the_waveform_stays_in_place
     assert part.first == 3007 - policy.ALIGN_MARGIN and len(part.samples) == 800 + 2 * policy.ALIGN_MARGIN
 
 
+@pytest.mark.parametrize("recorded", [10_007, 53_017, 139_241, 260_003])  # primes
+def test_parts_are_as_long_as_transforms_are_quick_and_hardly_less_than_the_recording(burst, recorded):
+    x = noise(np.random.default_rng(1), recorded)
+    found = burst(0.1 * x, x)
+    parts = [part for part, _ in align.parts_of(found, found.observations[0])]
+    for part in parts:
+        left = len(part.samples)
+        for factor in (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31):
+            while left % factor == 0:
+                left //= factor
+        assert left == 1
+    assert recorded - sum(len(part.samples) for part in parts) < recorded / 400
+    assert parts[0].whole == recorded and align.quick(97) == 97 and align.quick(1 << 12) == 1 << 12
+
+
 def test_a_burst_is_found_in_a_long_recording_and_only_its_surroundings_are_looked_at(burst):
     rng = np.random.default_rng(2)
     x, at = noise(rng, 20_000), 101_234

@@ -20,12 +20,14 @@ from .policy import (
     ALIGN_MARGIN,
     DELAY_SHORTEST,
     EDGE,
+    FACTORS,
     FAST,
     FEWEST_PARTS,
     HIGHEST_LAG,
     LAGS_AROUND,
     LEAST_GATHERED,
     LEAST_HEARD,
+    LEAST_OF_QUICK,
     LEAST_PART,
     LONGEST_EVERYWHERE,
     LONGEST_FAST,
@@ -71,6 +73,18 @@ def _window(waveform, amplitude: float, delay: int, count: int) -> Source:
     return _stretch(waveform, amplitude, -delay - PAD, sp_fft.next_fast_len(count + 2 * PAD))
 
 
+def quick(size: int) -> int:
+    """The most samples, no more than that, of which a transform takes no small factor's time: none for a long prime factor."""
+    for fewer in range(size, size - size // LEAST_OF_QUICK, -1):
+        left = fewer
+        for factor in FACTORS:
+            while left % factor == 0:
+                left //= factor
+        if left == 1:
+            return fewer
+    return size
+
+
 def parts_of(case, observation) -> list[tuple]:
     """[(part, its `near` for `build`)]: a short recording whole, a long one in parts that are fitted one by one, the part
     of which most is known first."""
@@ -109,7 +123,7 @@ def _parts(case, observation, waves, low: int, high: int, near) -> list[tuple]:
     part = PART if share > MOSTLY else PART_OF_PIECES
     size = min(high - low, int(part / max(share, part / LONGEST_PART)))
     count = min(max(-(-(high - low) // size), FEWEST_PARTS if share > MOSTLY and high - low > LONGEST_WHOLE else 1), MOST_PARTS)
-    size = min(size, -(-(high - low) // count))  # no sample is in two parts
+    size = quick(min(size, -(-(high - low) // count)))  # no sample is in two parts
     parts = [observation.part(int(f), int(f) + size) for f in np.linspace(low, high - size, count)]
     known = [min(_known(w, part.first, size) for w in waves) for part in parts]
     order = sorted(range(count), key=lambda k: -known[k])
@@ -131,10 +145,10 @@ def around(case, observation, gap: tuple[int, int], size: int):
 
 
 def _trimmed(observation, waves, near) -> tuple:
-    """(part, near): a recording without the beginning and the end of which nothing is known."""
+    """(part, near): a recording without the beginning and the end of which nothing is known, of a length that is quick."""
     n = len(observation.samples)
     if near is None:
-        return observation.part(0, n), None
+        return observation.part(0, quick(n)), None
     known = np.ones(n, bool)
     for w in waves:
         begin, end = max(0, near[0]), max(0, min(n, near[0] + len(w.samples)))
@@ -144,7 +158,7 @@ def _trimmed(observation, waves, near) -> tuple:
             known[begin:end] &= here
     at = np.flatnonzero(known)
     low, high = (max(0, at[0] - ALIGN_MARGIN), min(n, at[-1] + 1 + ALIGN_MARGIN)) if len(at) else (0, n)
-    return observation.part(int(low), int(high)), (near[0] - int(low), near[1])
+    return observation.part(int(low), int(low) + quick(int(high - low))), (near[0] - int(low), near[1])
 
 
 def _known(waveform, first: int, size: int) -> int:
