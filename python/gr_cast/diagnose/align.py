@@ -74,7 +74,8 @@ def _window(waveform, amplitude: float, delay: int, count: int) -> Source:
 
 
 def quick(size: int) -> int:
-    """The most samples, no more than that, of which a transform takes no small factor's time: none for a long prime factor."""
+    """The most samples, no more than that and hardly less, whose number has small prime factors alone: transforms of others take
+    several times as long. Where there is no such number, of few samples, `size`."""
     for fewer in range(size, size - size // LEAST_OF_QUICK, -1):
         left = fewer
         for factor in FACTORS:
@@ -86,8 +87,8 @@ def quick(size: int) -> int:
 
 
 def parts_of(case, observation) -> list[tuple]:
-    """[(part, its `near` for `build`)]: a short recording whole, a long one in parts that are fitted one by one, the part
-    of which most is known first."""
+    """[(part, its `near` for `build`)]: a short recording whole (see `quick`), a long one in parts that are fitted one by one,
+    the part of which most is known first."""
     low, high = 0, len(observation.samples)
     waves = [case.waveforms[w] for w, _ in observation.on_air.values()]
     near = None if any(w.repeat for w in waves) else locate(case, observation.part(0, min(high, LONGEST_SCAN)))

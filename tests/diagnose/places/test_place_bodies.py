@@ -425,7 +425,9 @@ def begun(monkeypatch, left: dict, first: str = "extra_object", settled=lambda o
         pairs = zip(families, owners, numbers, strict=True)
         effects = tuple(Effect(family=one, owner=owner, values=values) for one, owner, values in pairs)
         nats = left[owners] + ears[0].count
-        return Model(base=None, effects=effects, energy=nats, whitened=nats, slack=0.0, loose=loose, tempered=nats, fits=())
+        return Model(
+            base=None, effects=effects, energy=nats, whitened=nats, slack=0.0, loose=(loose, loose), tempered=nats, fits=()
+        )
 
     def candidates(ears, before, *rest):
         have = tuple(effect.owner for effect in before.effects)
@@ -564,7 +566,9 @@ def test_what_the_vault_refuses_is_looked_for_in_the_next_wells(monkeypatch):
 def test_a_wall_that_leaves_far_less_waits_only_for_what_explains_half(told, first):
     def model(family: str, left: float) -> Model:
         effect = Effect(family=BY_NAME[family], owner=family, values=np.zeros(0))
-        return Model(base=None, effects=(effect,), energy=left, whitened=left, slack=0.0, loose=0.0, tempered=left, fits=())
+        return Model(
+            base=None, effects=(effect,), energy=left, whitened=left, slack=0.0, loose=(0.0, 0.0), tempered=left, fits=()
+        )
 
     before, wall, node = model("ground", 10_100.0), model("missing_object", 600.0), model("node_position", 10_100.0 - told)
     paying = [model("missing_scattering", 300.0), wall, node]

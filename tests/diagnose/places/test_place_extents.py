@@ -257,5 +257,5 @@ def test_a_box_stands_where_the_vault_has_it_as_far_as_the_soundings_leave_it_op
     shape = Sheet.about(shed(), turn, 0.02)
     aside_m = ours().wavelength_m * 5 / 32
     box = added(replace(shape, origin_m=tuple(shape.origin_m + aside_m * turn)), (1.0, 1e7))
-    model = search._confirmed(deaf, vault, evaluated(deaf, ours(), [box]), KNOWN, search.Budget.of(0.0), {}, set())
+    model = search._confirmed(deaf, vault, evaluated(deaf, ours(), [box]), KNOWN, search.Budget.of(60.0), {}, set())
     assert np.array(model.effects[0].choice.origin_m) == pytest.approx(shape.origin_m, abs=1e-9)

@@ -14,6 +14,7 @@ from gr_cast.scenario.create.fields import surface_of
 from gr_cast.scenario.create.geometry import Solid
 from gr_cast.twin.places.families import FAMILIES
 from gr_cast.twin.places.families.base import Effect
+from gr_cast.twin.places.families.nodes import _holds_most
 from gr_cast.twin.places.predict import Predictor
 from gr_cast.twin.places.world import Mesh
 
@@ -159,7 +160,22 @@ def test_a_wall_and_a_node_that_move_images_alike_are_heard_alike_over_that_wall
 def test_what_moves_images_alike_is_a_rival():
     ears, world = of_world(theirs(), 2e8), twin()
     moved = Effect(family=BY_NAME["object_moved"], owner="west", values=np.array([0.083]), choice=(1.0, 0.0, 0.0))
-    others = search._with_images(ears, evaluated(ears, world, [moved]), {moved.key: [moved]}, UNKNOWN)[moved.key]
+    others = search._with_images(ears, evaluated(ears, world, [moved]), {moved.key: [moved]}, UNKNOWN, search.Budget.of(60.0))[
+        moved.key
+    ]
     assert others[0] is moved and any(one.family.name == "node_position" for one in others[1:])
     gain = Effect(family=BY_NAME["node_gain"], owner="a", values=np.array([1.0]))
-    assert search._with_images(ears, evaluated(ears, world, [gain]), {}, UNKNOWN) == {}
+    assert search._with_images(ears, evaluated(ears, world, [gain]), {}, UNKNOWN, search.Budget.of(60.0)) == {}
+
+
+def test_what_a_node_spoils_on_links_that_share_delays_and_gains_with_its_own_is_not_theirs():
+    world = theirs()
+    world["nodes"]["a"]["waypoints_m"] = [(np.array(world["nodes"]["a"]["waypoints_m"][0]) + [0.21, -0.17, 0.05]).tolist()]
+    (ear,) = of_world(world, 2e8)
+    ear = replace(ear, heard=replace(ear.heard, phase="none", delay="node", gain="common"))
+    view = View([ear], evaluated([ear], twin(), ()), UNKNOWN | {"delay": "node", "gain": "common"})
+    others = np.array(["a" not in link for link in LINKS])
+    shared = ear.left(view.model.fits[0]) - (ear.root > 0).sum(axis=(1, 2))
+    alone = np.array([nats for _, nats in view.left_alone])
+    assert alone[others].sum() < 4 * np.sqrt(ear.count) < 50 * np.sqrt(ear.count) < shared[others].sum()
+    assert _holds_most(view, "a") and not _holds_most(view, "b")

@@ -9,7 +9,7 @@ import numpy as np
 from ...twin.places.predict import phasors
 from . import policy
 
-_UNSPOILT = 0.5  # of a response's say, which noise alone hardly takes
+_UNSPOILT = 0.5  # of a response's say: where all have more, nothing is to be weighed anew
 
 
 def loosened(ear, fit, world):
@@ -17,16 +17,17 @@ def loosened(ear, fit, world):
     And the same where responses that these leave spoilt, by another cause, have no more say than their noise would give them."""
     if not ear.has_responses or not world.diffraction:
         return fit, fit
-    links = [_columns(ear, fit, world, index) for index in range(len(ear.heard.links))]
-    plain = _loosened(ear, fit, links, ear.heard.weight)
-    share = ear.undisturbed(plain)[:, :, None]
-    return plain, plain if share.min() > _UNSPOILT else _loosened(ear, fit, links, ear.heard.weight * share)
+    weight = ear.heard.weight
+    plain = _loosened(ear, fit, world, weight)
+    share = np.where((weight > 0).any(axis=2), ear.undisturbed(plain), 1.0)[:, :, None]
+    return plain, plain if share.min() > _UNSPOILT else _loosened(ear, fit, world, weight * share)
 
 
-def _loosened(ear, fit, links: list[np.ndarray], weight: np.ndarray):
+def _loosened(ear, fit, world, weight: np.ndarray):
     model, residual = fit.model.copy(), fit.residual.copy()
     price = 0.0
-    for index, columns in enumerate(links):
+    for index in range(len(ear.heard.links)):
+        columns = _columns(ear, fit, world, index)
         if not len(columns):
             continue
         inner = np.einsum("etk,ftk->ef", columns.conj(), columns * weight[index]) * policy.EDGE_SHARE**2

@@ -144,6 +144,14 @@ def of_link(one: ResponseEar, index: int) -> ResponseEar:
     return ResponseEar(predictor, replace(heard, links=(link,), y=heard.y[own], weight=heard.weight[own]))
 
 
+def alone(one):
+    """The same sounding, each link with a gain, a phase and, where one is unknown, a delay of its own."""
+    if not one.has_responses:
+        return one
+    own = {"gain": "link", "delay": one.heard.delay if one.heard.delay == "none" else "link"}
+    return replace(one, heard=replace(one.heard, **own, phase="link" if one.heard.phase == "none" else one.heard.phase))
+
+
 def without_phase(one):
     """The same sounding, its phases not believed."""
     return replace(one, heard=replace(one.heard, phase="snapshot")) if one.has_responses else one

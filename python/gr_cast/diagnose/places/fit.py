@@ -30,14 +30,14 @@ class Model:
     """A twin with effects, fitted. `energy` is −ln p, `whitened` what noise keeps at its count but for `slack`: scattered fields
     may be off their law. `tempered`: −ln p where each response may have more noise than it is known to have: what a model leaves
     of causes that it lacks is no reason for or against those that it has. Random fields are such noise, and are not given it
-    twice. `loose`: nats that edges gain by bending more or less than the theory has it, tempered."""
+    twice. `loose`: nats that edges gain by bending more or less than the theory has it, and the same tempered."""
 
     base: World
     effects: tuple[Effect, ...]
     energy: float
     whitened: float
     slack: float
-    loose: float
+    loose: tuple[float, float]
     tempered: float
     fits: tuple[Fitted, ...]
 
@@ -78,7 +78,7 @@ def evaluated(ears: Sequence[Ear], base: World, effects: Sequence[Effect]) -> Mo
     bent = [bending.loosened(ear, fit, world) for ear, fit in zip(ears, theory, strict=True)]
     fits, apart = (tuple(pair[part] for pair in bent) for part in (0, 1))
     plain = sum(fit.energy for fit in fits)
-    loose = _tempered(ears, theory) - _tempered(ears, apart)
+    loose = sum(fit.energy for fit in theory) - plain, _tempered(ears, theory) - _tempered(ears, apart)
     scattered = [diffuse.gain(ear, fit, world) for ear, fit in zip(ears, fits, strict=True)]
     nats, saved, count = (sum(one[part] for one in scattered) for part in range(3))
     slack = min(policy.DIFFUSE_SHARE * saved, policy.DIFFUSE_NUMBERS * count)

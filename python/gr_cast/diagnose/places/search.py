@@ -47,8 +47,14 @@ def evidence(model: Model, count: float, tried: float) -> float:
 def worth(model: Model, before: Model, count: float, tried: float) -> float:
     """Evidence for a model beyond that for the one before it. What edges gain by bending otherwise than the theory has it is no
     reason to let them bend: so free, they would explain anything."""
-    freedom = max(0.0, model.loose - before.loose)
-    return evidence(model, count, tried) - evidence(before, count, tried) - freedom
+    return evidence(model, count, tried) - evidence(before, count, tried) - _freedom(model, before)
+
+
+def _freedom(model: Model, before: Model) -> float:
+    """What edges gain beyond what they gained before, in nats as the evidence of both has them."""
+    is_flexible = any(effect.family.is_flexible for effect in (*model.effects, *before.effects))
+    part = 0 if is_flexible else 1
+    return max(0.0, model.loose[part] - before.loose[part])
 
 
 def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, barred: Collection) -> tuple[list[Model], int]:
@@ -71,7 +77,7 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
 
     def promise(one: Model) -> float:
         effect = one.effects[-1]
-        gain = here.tempered - one.tempered - max(0.0, one.loose - here.loose)
+        gain = here.tempered - one.tempered - _freedom(one, here)
         return more * gain - numbers_price_nats(effect, count)
 
     screened.sort(key=promise, reverse=True)
@@ -101,7 +107,7 @@ def _may_recur(family) -> bool:
 
 def _stands_out(ears, model: Model, count: float, tried: float) -> bool:
     """Whether the last effect is one to speak of, and explains more than the same without what sets its family apart."""
-    if model.effects[-1].family.is_negligible(model.effects[-1]):
+    if _is_negligible(model, -1):
         return False
     last, times_s = len(model.effects) - 1, np.concatenate([ear.predictor.time_s for ear in ears])
     others = model.effects[last].family.plainer((times_s.min(), times_s.max()), model.effects[last])
@@ -110,12 +116,22 @@ def _stands_out(ears, model: Model, count: float, tried: float) -> bool:
     return all(evidence(one, count, tried) < least for one in plain)
 
 
+def _is_negligible(model: Model, number: int) -> bool:
+    return model.effects[number].family.is_negligible(model.effects[number])
+
+
 def _screened(view: View, heard: Sequence[Ear], here: Model, family, owner: str) -> list[Model]:
     """Models with one effect more, from the most promising of its family's first guesses."""
     starts = family.starts(view, owner)
     if len(starts) > policy.FULL_STARTS and family.ranks_unfitted:
         starts = list({id(one): one for one in (*view.ranked(starts)[: policy.FULL_STARTS], starts[0])}.values())
-    return [_quick(heard, with_effect(heard, here, start)) for start in starts]
+    alone = sorted((_quick(heard, with_effect(heard, here, start)) for start in starts), key=lambda one: one.tempered)
+    if not here.effects:
+        return alone
+    # What was found before has taken some of what is another's for its own.
+    return [fitted(heard, one, rounds=policy.SCREEN_ROUNDS) for one in alone[: policy.FITTED_PER_FAMILY]] + alone[
+        policy.FITTED_PER_FAMILY :
+    ]
 
 
 def _overheard(view: View) -> tuple[Sequence[Ear], Model, float]:
@@ -124,7 +140,8 @@ def _overheard(view: View) -> tuple[Sequence[Ear], Model, float]:
     if not shows_in(view.thin, view.ears, view.model):
         return view.ears, view.model, 1.0
     count, part = (sum(ear.count for ear in ears) for ears in (view.ears, view.thin))
-    return view.thin, evaluated(view.thin, view.model.base, view.model.effects), count / max(part, 1)
+    here = fitted(view.thin, evaluated(view.thin, view.model.base, view.model.effects), rounds=policy.SCREEN_ROUNDS)
+    return view.thin, here, count / max(part, 1)
 
 
 def _settled(ears, model: Model, unknown: dict, budget: Budget) -> Model:
@@ -213,11 +230,9 @@ def _shaped(ears, model: Model, number: int, unknown: dict, budget: Budget) -> M
 
 
 def _quick(ears, model: Model) -> Model:
-    """With the last effect fitted alone, then with those before it, which have taken some of what is its own for theirs."""
-    last = len(model.effects) - 1
-    if len(model.effects[last].values):
-        model = fitted(ears, model, rounds=policy.SCREEN_ROUNDS, free=[last])
-    return fitted(ears, model, rounds=policy.SCREEN_ROUNDS) if last else model
+    if not len(model.effects[-1].values):
+        return model
+    return fitted(ears, model, rounds=policy.SCREEN_ROUNDS, free=[len(model.effects) - 1])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -244,8 +259,8 @@ def _excess(model: Model, count: float) -> float:
 def run(
     ears: Sequence[Ear], base, unknown: dict, budget_s: float, progress=lambda text: None, vault: Sequence[Ear] = ()
 ) -> Found:
-    """Search, elimination, rivals; `budget_s` of processor time, a part of it for the rivals. What the `vault`, which nothing is
-    fitted to, refuses is taken out again, and the search goes on without it."""
+    """Search, elimination, rivals; `budget_s` of processor time, a part of it for the rivals. What the `vault` refuses is taken
+    out again, and the search goes on without it; no number is fitted to it, of what is open it has the choice."""
     budget = Budget.of((1 - policy.RIVALS_SHARE) * budget_s)
     start = model = evaluated(ears, base, ())
     count = sum(ear.count for ear in ears)
@@ -269,9 +284,10 @@ def run(
         model = max([*found, model], key=lambda one: evidence(one, count, tried) - evaluated(vault, base, one.effects).energy)
         barred -= {effect.key for effect in model.effects}
     spent = budget.is_spent
+    budget = Budget.of(policy.RIVALS_SHARE * budget_s)
+    others = _with_images(ears, model, others, unknown, budget)
     others = {key: [one for one in found if one.key not in barred] for key, found in others.items()}
-    others = _with_images(ears, model, others, unknown)
-    model, rivals = exchanged(ears, model, others, count, tried, Budget.of(policy.RIVALS_SHARE * budget_s), vault)
+    model, rivals = exchanged(ears, model, others, count, tried, budget, vault)
     return Found(model=model, start=start, rivals=rivals, tried=tried, count=count, spent=spent)
 
 
@@ -285,10 +301,11 @@ def _confirmed(ears, vault: Sequence[Ear], model: Model, unknown: dict, budget: 
     explains too little beside an added object, whose shape may be wrong by as much, or beside edges, to be told for what it was
     fitted to, but is told by the vault too."""
     count = sum(ear.count for ear in ears)
-    if not vault or _is_foretold(ears, vault, model, unknown, count):
+    if not vault or budget.is_spent or _is_foretold(ears, vault, model, unknown, count):
         return model
+    most = model.energy + policy.RIVAL_NATS
     for number in range(len(model.effects)):
-        model = _beside(ears, vault, model, number)
+        model = _beside(ears, vault, model, number, most)
     while len(model.effects) < policy.MOST_EFFECTS and not budget.is_spent:
         if _is_foretold(ears, vault, model, unknown, count):
             break
@@ -465,16 +482,16 @@ def _otherwise(ears, vault: Sequence[Ear], model: Model, number: int, others: di
         other = fitted(ears, one, rounds=4)
         if other.energy < model.energy + policy.RIVAL_NATS and number not in foretold.refused(vault, other):
             return other
-    other = _beside(ears, vault, model, number)
+    other = _beside(ears, vault, model, number, model.energy + policy.RIVAL_NATS)
     return other if number not in foretold.refused(vault, other) else None
 
 
-def _beside(ears, vault: Sequence[Ear], model: Model, number: int) -> Model:
-    """The model with an effect beside where it is, of all places that the soundings leave open the one that predicts the vault
-    best."""
+def _beside(ears, vault: Sequence[Ear], model: Model, number: int, most: float) -> Model:
+    """The model with an effect beside where it is, of all places that leave at `most` so much energy the one that predicts the
+    vault best."""
     own = model.effects[number]
     beside = [replaced(ears, model, number, one) for one in own.family.beside(model.base, own)]
-    open_ = [model, *(one for one in beside if one.energy < model.energy + policy.RIVAL_NATS)]
+    open_ = [model, *(one for one in beside if one.energy < most)]
     return min(open_, key=lambda one: evaluated(vault, one.base, one.effects).energy)
 
 
@@ -503,16 +520,17 @@ def wells(ears, vault: Sequence[Ear], model: Model, number: int) -> list[tuple[f
     return [(max(behind, 0.0), effect.values) for behind, effect in rows if effect in apart]
 
 
-def _with_images(ears, model: Model, others: dict, unknown: dict) -> dict:
+def _with_images(ears, model: Model, others: dict, unknown: dict, budget: Budget) -> dict:
     """What came close to each effect, and what moves mirror images as it does: another mirror, or a node."""
-    out = dict(others)
+    out, have = dict(others), {effect.key for effect in model.effects}
     for number, effect in enumerate(model.effects):
         shift_m = effect.family.images_moved_m(effect)
-        if shift_m is None:
+        if shift_m is None or budget.is_spent:
             continue
         view = View(ears, without_effects(ears, model, [number]), unknown)
-        same = [one for family in view.families for one in family.moving_images(view, shift_m) if one.key != effect.key]
-        fits = [fitted(ears, replaced(ears, model, number, one), rounds=policy.SCREEN_ROUNDS, free=[number]) for one in same]
+        same = [one for family in view.families for one in family.moving_images(view, shift_m) if one.key not in have]
+        begun = sorted((replaced(ears, model, number, one) for one in same), key=lambda one: one.energy)[: 2 * policy.ASKED_AGAIN]
+        fits = [fitted(ears, one, rounds=policy.SCREEN_ROUNDS, free=[number]) for one in begun]
         fits.sort(key=lambda one: one.energy)
         out[effect.key] = [*out.get(effect.key, ()), *(one.effects[number] for one in fits[: policy.ASKED_AGAIN])]
     return out
@@ -529,7 +547,8 @@ def exchanged(ears, model: Model, others: dict, count: float, tried: float, budg
         for other in others.get(effect.key, ()):
             if other.key in {e.key for e in model.effects} or budget.is_spent or stays and not other.family.lasts:
                 continue
-            trials.append(fitted(ears, replaced(ears, model, number, other), rounds=4))
+            trial = fitted(ears, replaced(ears, model, number, other), rounds=4)
+            trials += [] if _is_negligible(trial, number) else [trial]
         apart = {id(one): foreseen_nats(ears, vault, one, model, number, count) for one in trials}
         trials.sort(key=lambda one: apart[id(one)] - worth(one, model, count, tried))
         if trials and worth(trials[0], model, count, tried) - apart[id(trials[0])] > 1.0:
@@ -578,16 +597,16 @@ def _beside_fields(model: Model) -> float:
 
 def _beside_edges(model: Model) -> float:
     """Nats that any effect may gain from edges that bend otherwise than the theory has it."""
-    return policy.LOOSE_SHARE * model.loose
+    return policy.LOOSE_SHARE * model.loose[1]
 
 
 def pruned(ears, model: Model, count: float, tried: float) -> Model:
-    """Without effects that no longer pay."""
+    """Without effects that no longer pay, or are none to speak of."""
     number = 0
     while number < len(model.effects) > 1:
         less = fitted(ears, without_effects(ears, model, [number]), rounds=4)
         least = max(policy.LEAST_EVIDENCE_NATS / 2, model.slack, _beside_fields(less), _beside_edges(model))
-        if evidence(less, count, tried) > evidence(model, count, tried) - least:
+        if _is_negligible(model, number) or evidence(less, count, tried) > evidence(model, count, tried) - least:
             model = less
         else:
             number += 1

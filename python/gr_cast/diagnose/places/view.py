@@ -13,7 +13,7 @@ from ...twin.places.carrying import headings
 from ...twin.places.families import FAMILIES
 from . import diffuse, eclipses, extents, fringes, imaging, planes, policy, scan, shades, sides, tracks
 from .coherent import Phased
-from .ears import of_link, thinned, without_phase
+from .ears import alone, of_link, thinned, without_phase
 from .fit import Model, applied, evaluated, fitted, with_effect
 
 _SCANNED_CARRIERS = 100_000
@@ -91,6 +91,16 @@ class View:
         here = evaluated(ears, self.model.base, self.model.effects)
         models = [with_effect(ears, here, start) for start in starts]
         return [starts[number] for number in _order(models) if _pays(models[number], here)]
+
+    @cached_property
+    def left_alone(self) -> list[tuple[tuple[str, str], float]]:
+        """(link, nats above noise) where each link has a gain and a phase of its own, and a delay where one is unknown:
+        a node spoils those that others share with it, and thereby what others leave."""
+        out = []
+        for ear in (alone(ear) for ear in self.ears):
+            fit = evaluated([ear], self.model.base, self.model.effects).fits[0]
+            out += zip(ear.predictor.links, (ear.left(fit) - (ear.root > 0).sum(axis=(1, 2))).tolist(), strict=True)
+        return out
 
     @cached_property
     def is_quiet(self) -> bool:

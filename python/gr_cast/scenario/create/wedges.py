@@ -15,7 +15,8 @@ from .media import with_losses
 _SAME_PLACE = 5  # decimals of a metre
 _ON_FACE_M = 1e-4  # nearer to a face than this is on it: where two walls meet no edge is free
 _TINY = 1e-12
-_KEPT = 4096  # objects whose edges are remembered
+_KEPT, _SMALL = 2048, 200  # objects whose edges are remembered, if they have fewer faces
+_AT_ONCE = 2_000_000  # edges times faces in memory at the same time
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,9 +49,17 @@ def edges_of(solids: tuple[Solid, ...], faces: images.Faces) -> Edges:
     )  # fmt: skip
 
 
-@functools.lru_cache(maxsize=_KEPT)
 def _edges(solid: Solid) -> list[tuple]:
     """Columns of `Edges` but the last."""
+    return _remembered(solid) if len(solid.faces) < _SMALL else _found(solid)
+
+
+@functools.lru_cache(maxsize=_KEPT)
+def _remembered(solid: Solid) -> list[tuple]:
+    return _found(solid)
+
+
+def _found(solid: Solid) -> list[tuple]:
     places, same = np.unique(np.round(solid.vertices_m, _SAME_PLACE), axis=0, return_inverse=True)
     corners = same.reshape(-1)[solid.faces]
     shared: dict[tuple[int, int], list[int]] = {}
@@ -81,10 +90,12 @@ def _edges(solid: Solid) -> list[tuple]:
 
 def _are_free(middle_m: np.ndarray, owner: np.ndarray, faces: images.Faces) -> np.ndarray:
     """Which edges (E,) of `owner` (E,), known by their middles (E, 3), lie on no face of another object."""
-    near = np.abs(middle_m @ faces.normal.T - faces.level_m) < _ON_FACE_M
-    edge, face = np.nonzero(near & (faces.owner != owner[:, None]))
-    free = np.ones(len(owner), bool)
-    free[edge[images.on_face(faces, face, middle_m[edge])]] = False
+    free, step = np.ones(len(owner), bool), max(1, _AT_ONCE // max(len(faces.level_m), 1))
+    for first in range(0, len(owner), step):
+        own = slice(first, first + step)
+        near = np.abs(middle_m[own] @ faces.normal.T - faces.level_m) < _ON_FACE_M
+        edge, face = np.nonzero(near & (faces.owner != owner[own, None]))
+        free[first + edge[images.on_face(faces, face, middle_m[own][edge])]] = False
     return free
 
 

@@ -21,6 +21,7 @@ _STAGES, _ELSEWHERE, _SHARPENED = (
     2,
     8,
 )  # of looking about the best, so many of them; of what is found, whose bottoms are looked for
+_ONE_WELL = 0.05  # wavelengths between places of one well
 _BEST = 4  # maxima of a grid that are fitted
 _UP = np.arange(-4, 5) / 3  # wavelengths up that are looked at: floors and ceilings show them
 _WELLS = 10  # minima of a grid of places that are fitted: a deep well is narrow, and lies between two points of the grid
@@ -65,7 +66,7 @@ class NodePosition(_OfNode):
         found, middles = [], [zero, *view.promising(coarse)[:_ELSEWHERE]]
         for _ in range(_STAGES):  # paths have other directions there
             found = view.ranked(found + [one for begun in middles for one in self._about(view, begun)])[:_SHARPENED]
-            found = view.sharpened(found)
+            found = _apart(view.sharpened(found), _ONE_WELL * view.world.wavelength_m)
             middles = found[:_ELSEWHERE]
         return [zero, *found]
 
@@ -207,14 +208,19 @@ class AntennaPattern(_OfNode):
         return f"The antenna of {effect.owner} is rather a {effect.choice} than what the twin says."
 
 
+def _apart(effects: list[Effect], least_m: float) -> list[Effect]:
+    """The first of those that are nearer than that to each other."""
+    out: list[Effect] = []
+    for one in effects:
+        if all(np.linalg.norm(one.values - other.values) > least_m for other in out):
+            out.append(one)
+    return out
+
+
 def _holds_most(view, owner: str) -> bool:
     """Whether links of a node hold most of what is left above noise: where it is leaves nothing on others, which go first."""
-    own = every = 0.0
-    for ear, fit in zip(view.ears, view.model.fits, strict=True):
-        above = ear.left(fit) - (ear.root > 0).sum(axis=(1, 2))
-        own += sum(nats for nats, link in zip(above, ear.predictor.links, strict=True) if owner in link)
-        every += above.sum()
-    return own > 0.5 * every
+    left = view.left_alone
+    return sum(nats for link, nats in left if owner in link) > 0.5 * sum(nats for _, nats in left)
 
 
 class TrackTiming(_OfNode):
