@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The compiled kernels of the tracer do what its NumPy does, in rooms and yards drawn at random."""
 
+import os
 import pickle
 import shutil
 import subprocess
@@ -200,5 +201,6 @@ def test_a_numpy_that_the_build_cannot_read_is_refused():
     built_by = subprocess.run(["pkg-config", "--modversion", "pybind11"], capture_output=True, text=True, check=True).stdout
     knows_2 = tuple(map(int, built_by.split(".")[:2])) >= (2, 12)
     lines = 'import numpy; numpy.__version__ = "2.1.0"; from gr_cast.scenario.create import images; print(images.tracing is None)'
-    said = subprocess.run([sys.executable, "-c", lines], capture_output=True, text=True, check=True).stdout
+    where = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    said = subprocess.run([sys.executable, "-c", lines], capture_output=True, text=True, check=True, env=where).stdout
     assert said.strip() == str(not knows_2)
