@@ -151,7 +151,8 @@ def bottoms(rows_: Sequence[Row], places: np.ndarray, most: float, rounds: int =
     for _ in range(rounds):
         top, side = np.zeros((len(places), *(len(places[0]),) * 2)), np.zeros(places.shape)
         for row in rows_:
-            model, slopes, left = _slopes(row, places)
+            paths, model, left = _left(row, places)
+            slopes = np.einsum("wpk,apk->wak", -1j * paths, row.rates)
             count = (row.weight > 0).sum()
             share = np.minimum(1.0, count / np.maximum((np.abs(left) ** 2 * row.weight).sum(axis=1), 1e-300))
             if row.is_free:
@@ -167,20 +168,20 @@ def bottoms(rows_: Sequence[Row], places: np.ndarray, most: float, rounds: int =
         places = places + step * np.minimum(1.0, most / np.maximum(np.linalg.norm(step, axis=1), 1e-300))[:, None]
     total = np.zeros((2, len(places)))
     for row in rows_:
-        left = (np.abs(_slopes(row, places)[2]) ** 2 * row.weight).sum(axis=1)
+        left = (np.abs(_left(row, places)[2]) ** 2 * row.weight).sum(axis=1)
         total += tempered(left, (row.weight > 0).sum()), left
     return places, total
 
 
-def _slopes(row: Row, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What a row would be at places (n, axes): (n, K), its derivatives (n, axes, K), and what it leaves, turned as suits it."""
+def _left(row: Row, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Paths (n, P, K) of a row at places (n, axes), what it would be there (n, K), and what it leaves, turned as suits it."""
     paths = row.base * np.exp(-1j * np.einsum("wa,apk->wpk", places, row.rates))
     model = paths.sum(axis=1) + row.rest
     left = row.y
     if row.is_free:
         cross = (row.y * row.weight * model.conj()).sum(axis=1)
         left = row.y * np.exp(-1j * np.angle(cross))[:, None]
-    return model, np.einsum("wpk,apk->wak", -1j * paths, row.rates), left - model
+    return paths, model, left - model
 
 
 def minima_of(axes: Sequence[np.ndarray], energies: np.ndarray, best: int) -> list[tuple[float, ...]]:

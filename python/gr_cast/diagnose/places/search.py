@@ -128,10 +128,9 @@ def _screened(view: View, heard: Sequence[Ear], here: Model, family, owner: str)
     alone = sorted((_quick(heard, with_effect(heard, here, start)) for start in starts), key=lambda one: one.tempered)
     if not here.effects:
         return alone
+    best, rest = alone[: policy.FITTED_PER_FAMILY], alone[policy.FITTED_PER_FAMILY :]
     # What was found before has taken some of what is another's for its own.
-    return [fitted(heard, one, rounds=policy.SCREEN_ROUNDS) for one in alone[: policy.FITTED_PER_FAMILY]] + alone[
-        policy.FITTED_PER_FAMILY :
-    ]
+    return [fitted(heard, one, rounds=policy.SCREEN_ROUNDS) for one in best] + rest
 
 
 def _overheard(view: View) -> tuple[Sequence[Ear], Model, float]:

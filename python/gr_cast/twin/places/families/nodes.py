@@ -12,15 +12,10 @@ from .base import SURVEYED_M, Effect, Family, std_of, value
 _FAR_M = 0.7  # farthest offset that is looked for on the grid
 _FARTHEST_M = 10.0  # that a fit may go
 _GRID = 90  # points of the grid across, at most
-_COARSE_M, _COARSE_UP_M = (
-    (-0.45, -0.15, 0.15, 0.45),
-    (-0.2, 0.0, 0.2),
-)  # offsets about the best of which, by no phase, is looked again
-_STAGES, _ELSEWHERE, _SHARPENED = (
-    3,
-    2,
-    8,
-)  # of looking about the best, so many of them; of what is found, whose bottoms are looked for
+_COARSE_M = (-0.45, -0.15, 0.15, 0.45)  # offsets about the best of which, by no phase, is looked again,
+_COARSE_UP_M = (-0.2, 0.0, 0.2)  # and upwards
+_STAGES, _ELSEWHERE = 3, 2  # of looking about the best, so many of them
+_SHARPENED = 8  # of what is found there, whose bottoms are looked for
 _ONE_WELL = 0.05  # wavelengths between places of one well
 _BEST = 4  # maxima of a grid that are fitted
 _UP = np.arange(-4, 5) / 3  # wavelengths up that are looked at: floors and ceilings show them
