@@ -3,6 +3,7 @@
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -18,6 +19,8 @@ import cases
 import grade
 import recompute
 import world as worlds
+
+import build
 
 PLACES = Path(cases.__file__).parent
 SEED = 4
@@ -137,3 +140,13 @@ def test_the_truth_said_back_scores_full_marks_and_silence_none(bank, tmp_path):
     said, silent = (grade.grade(tmp_path / name, truths) for name in ("said", "nothing"))
     assert {k: v[:2] for k, v in said["families"].items() if v[0] != v[1]} == {}
     assert {row[0] for row in silent["failures"]} == {p.stem for p in truths.glob("*.json")}
+
+
+@pytest.mark.parametrize("family", ["ground", "node_delay", "track_timing"])
+def test_what_no_key_of_a_spec_holds_is_played_as_the_diagnosis_tells_it(family, tmp_path):
+    name, _ = build.make("single", 3, family, tmp_path)
+    truth, case = json.loads((tmp_path / "truth" / f"{name}.json").read_text()), tmp_path / "places" / name
+    shutil.copy(case / "spec.yaml", case / "spec_corrected.yaml")
+    effects = [e for e in truth["effects"] if e["family"] == family]
+    assert recompute.excess_removed(truth, case, case, {"effects": effects}) > 0.99
+    assert recompute.excess_removed(truth, case, case, {"effects": []}) < 0.01

@@ -44,6 +44,12 @@ def corrected(folder, diagnosis):
                 w["link_loss_db"][tuple(name.split(">"))] = float(p["loss_db"])
             else:
                 w["node_gain_db"][name] = -float(p["loss_db"])
+        elif family == "ground" and "height_m" in p:
+            w["ground"] = {
+                "height_m": float(p["height_m"]),
+                "permittivity": float(p.get("permittivity") or 5.0),
+                "conductivity": 0.01,
+            }
         elif family == "track_timing" and name in w["nodes"]:
             w["nodes"][name]["speed_factor"] = float(p.get("speed_factor") or 1.0)
             w["nodes"][name]["time_offset_s"] = float(p.get("time_offset_s") or 0.0)
