@@ -219,6 +219,27 @@ def test_where_something_is_left_a_passer_is_known_as_well_as_a_band_tells_delay
     assert told["velocity_m_per_s"]["std"][:2] == pytest.approx([2 * cell_m / 12**0.5 / 4.0] * 2)
 
 
+@pytest.mark.parametrize(("aside_m", "is_open"), [(0.0, True), (2.5, False)])
+def test_who_passes_may_as_well_pass_on_the_other_side_of_nodes_in_a_row(aside_m, is_open):
+    random = np.random.default_rng(3)
+    rows = {name: [x_m, aside_m if name == "n3" else 0.0, z_m] for name, (x_m, _, z_m) in zip(NODES, POSTS, strict=True)}
+    told = {"antenna": "dipole", "orientation_rad": (0.0, 0.0, 0.0)}
+    radios = {name: Radio(node=Node(name=name, waypoints_m=[at_m], speed_m_per_s=0.0, **told)) for name, at_m in rows.items()}
+    world = replace(ours(), radios=radios, max_depth=0)
+    silent = ResponseEar(heard(theirs(), 30.0)[0].predictor, replace(heard(theirs(), 30.0)[0].heard, y=np.zeros((9, 7, 32))))
+    y = -evaluated([silent], world, [PASSER]).fits[0].residual
+    noise = 1e-3 * (np.abs(y) ** 2).mean()
+    y = y + np.sqrt(noise / 2) * (random.normal(size=y.shape) + 1j * random.normal(size=y.shape))
+    ears = [ResponseEar(silent.predictor, replace(silent.heard, y=y, weight=np.full(y.shape, 1 / noise)))]
+    model = evaluated(ears, world, [PASSER])
+    beyond = PASSER.moved(PASSER.values * np.array([1, -1, 1, -1, 1, 1]))
+    found = search.Found(
+        model=model, start=model, rivals={}, tried=1, count=ears[0].count, spent=False, ways={PASSER.key: [PASSER, beyond]}
+    )
+    assert evaluated(ears, world, ()).energy - model.energy > 500
+    assert search.is_one_of_many(ears, found, 0) is is_open
+
+
 def ridge(begin_m: float, end_m: float, level_m: float = -4.0) -> np.ndarray:
     """Corners of a fence from one end to the other, along x."""
     return np.array([(begin_m, level_m, 0), (end_m, level_m, 0), (end_m, level_m, 6), (begin_m, level_m, 6)], float)

@@ -109,7 +109,7 @@ def _told(place: Place, found: search.Found, ears: tuple, vault: tuple, pathless
     covariances = [
         _doubt(found, ears, clean) * own
         + _over_wells(model.effects[number], search.wells(ears, vault, model, number))
-        + (0.0 if clean else model.effects[number].family.besides(view, model.effects[number]))
+        + (_besides(view, found, number) if not clean or search.is_one_of_many(ears, found, number) else 0.0)
         for number, own in enumerate(deviations(ears, model))
     ]
     made_of = causes(view, model.effects)
@@ -264,6 +264,11 @@ def _over_wells(effect, wells: list) -> np.ndarray:
         if np.exp(-behind) / total > policy.WELL_SHARE:
             out += np.outer(far, far) / norm.ppf(0.975) ** 2
     return out
+
+
+def _besides(view: View, found: search.Found, number: int) -> np.ndarray:
+    effect = found.model.effects[number]
+    return effect.family.besides(view, effect)
 
 
 def _doubt(found: search.Found, ears, clean: bool) -> float:

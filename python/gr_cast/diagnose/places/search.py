@@ -3,7 +3,7 @@
 
 import time
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -84,7 +84,7 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
     chosen, crowd = [], {}
     for one in screened:
         name = one.effects[-1].family.name
-        is_known = any(one.effects[-1].key == other.effects[-1].key and one.energy == other.energy for other in chosen)
+        is_known = any(_is_again(one, other) for other in chosen)
         if crowd.get(name, 0) < policy.FITTED_PER_FAMILY and len(chosen) < policy.FITTED_AFTER_SCREEN and not is_known:
             crowd[name] = crowd.get(name, 0) + 1
             chosen.append(one)
@@ -98,6 +98,13 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
         one = fitted(ears, one, rounds=policy.SCREEN_ROUNDS) if waits else _settled(ears, one, unknown, budget)
         final += [one] if _stands_out(ears, one, count, tried) else []
     return sorted(final, key=lambda one: -worth(one, model, count, tried)), tried
+
+
+def _is_again(one: Model, other: Model) -> bool:
+    """Whether the last effects are the same, or one way of the same passer."""
+    mine, its = one.effects[-1], other.effects[-1]
+    is_same = mine.family.has_ways and mine.family.is_same_way(one.base, mine, its)
+    return mine.key == its.key and (is_same or one.energy == other.energy)
 
 
 def _may_recur(family) -> bool:
@@ -244,6 +251,7 @@ class Found:
     tried: int
     count: float
     spent: bool
+    ways: dict = field(default_factory=dict)  # of what passes by, others that came close
 
     @property
     def deviations(self) -> float:
@@ -286,8 +294,9 @@ def run(
     budget = Budget.of(policy.RIVALS_SHARE * budget_s)
     others = _with_images(ears, model, others, unknown, budget)
     others = {key: [one for one in found if one.key not in barred] for key, found in others.items()}
+    ways = {key: [one for one in found if one.key == key and one.family.has_ways] for key, found in others.items()}
     model, rivals = exchanged(ears, model, others, count, tried, budget, vault)
-    return Found(model=model, start=start, rivals=rivals, tried=tried, count=count, spent=spent)
+    return Found(model=model, start=start, rivals=rivals, tried=tried, count=count, spent=spent, ways=ways)
 
 
 def _is_foretold(ears, vault: Sequence[Ear], model: Model, unknown: dict, count: float) -> bool:
@@ -517,6 +526,16 @@ def wells(ears, vault: Sequence[Ear], model: Model, number: int) -> list[tuple[f
     apart = _distinct(model.base, [own, *(one.effects[number] for one in open_)])[1:]
     rows = [(one.energy - model.energy, one.effects[number]) for one in open_]
     return [(max(behind, 0.0), effect.values) for behind, effect in rows if effect in apart]
+
+
+def is_one_of_many(ears, found: Found, number: int) -> bool:
+    """Whether another way than an effect's explains nearly as much: then a third, which nobody found, may be the one."""
+    model, own = found.model, found.model.effects[number]
+    others = [fitted(ears, replaced(ears, model, number, one), rounds=4) for one in found.ways.get(own.key, ())]
+    return any(
+        one.energy < model.energy + policy.WAY_NATS and not own.family.is_same_way(model.base, own, one.effects[number])
+        for one in others
+    )
 
 
 def _with_images(ears, model: Model, others: dict, unknown: dict, budget: Budget) -> dict:

@@ -325,6 +325,7 @@ class MissingObject(Family):
 class MovingScatterer(Family):
     name = "moving_scatterer"
     is_in_spec = lasts = False
+    has_ways = True
     order = 4
     price_nats = 12.0
 
@@ -366,6 +367,9 @@ class MovingScatterer(Family):
         step_m = world.wavelength_m / 3  # the next wells of its phase
         wells = [(a, b) for a in range(-_WELLS, _WELLS + 1) for b in range(-_WELLS, _WELLS + 1) if a or b]
         return [effect.moved(effect.values + step_m * np.array([a, b, 0, 0, 0, 0])) for a, b in wells]
+
+    def is_same_way(self, world, effect, other):
+        return bool(np.all(np.abs((effect.values - other.values)[:4]) < world.wavelength_m / 4))
 
     def choices(self, world, effect):
         radii_m = {*_RADII_M, *(effect.choice[0] * _WIDER)} - {effect.choice[0]}

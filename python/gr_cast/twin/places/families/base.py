@@ -38,6 +38,7 @@ class Family:
     shows_in_power = False  # also where received power is all there is
     shape_axes = 0  # along which it is looked for what its numbers do not say
     lasts = True  # what it changes is there on another day, at another position
+    has_ways = False  # of many to go, of which others explain nearly as much as the right one
     is_in_spec = True  # a SPEC has keys for it; what has none stands in its `effects`
 
     def told_numbers(self, effect: Effect) -> int:
@@ -59,6 +60,10 @@ class Family:
     def restarts(self, world: World, effect: Effect) -> list[Effect]:
         """Other beginnings once an effect is fitted, where one number decides which minimum another falls into."""
         return []
+
+    def is_same_way(self, world: World, effect: Effect, other: Effect) -> bool:
+        """Whether two effects of a family that `has_ways` go the same one."""
+        raise NotImplementedError
 
     def choices(self, world: World, effect: Effect) -> list[Effect]:
         """The same numbers, what none of them says chosen otherwise, where energy goes in steps: many, none of them fitted."""
@@ -115,7 +120,7 @@ class Family:
         return values
 
     def besides(self, view, effect: Effect) -> np.ndarray:
-        """Covariance of what more is open of its numbers where something is left that nobody named."""
+        """Covariance of what more is open of its numbers where something is left that nobody named, or another way does too."""
         return np.zeros((len(effect.values),) * 2)
 
     def told(self, view, effect: Effect, covariance: np.ndarray) -> dict:
