@@ -59,6 +59,18 @@ def test_a_field_is_as_likely_in_unknown_phases_and_delays_but_for_what_these_co
     assert level < 10 or lost < same - 50  # at another delay
 
 
+@pytest.mark.parametrize("level", [1.0, 10.0])
+def test_what_a_field_explains_is_not_left_on_its_links(level):
+    random = np.random.default_rng(4)
+    rows = np.broadcast_to(field(random, level), (len(TIME_S), len(FREQUENCY_HZ))) + noise(random)
+    ear, fit, world, _ = alone(rows, level)
+    left, count = diffuse.left(ear, fit, world), rows.size
+    assert ear.left(fit)[0] > (1 + level / 2) * count
+    assert left == pytest.approx(ear.left(fit) - diffuse.gain(ear, fit, world)[1], abs=1.0)
+    assert left[0] == pytest.approx(count, abs=4 * np.sqrt(count))
+    assert diffuse.left(ear, fit, ours()) == pytest.approx(ear.left(fit))
+
+
 @pytest.mark.parametrize("level", [0.1, 1.0, 10.0])
 def test_noise_gains_nothing_from_phases_that_are_unknown(level):
     random = np.random.default_rng(6)

@@ -87,6 +87,14 @@ def whitened(ear, fit, world, rows: np.ndarray) -> np.ndarray:
     return np.concatenate([flat.real, flat.imag], axis=1)
 
 
+def left(ear, fit, world) -> np.ndarray:
+    """(L,) energy of each link over what noise and scattered field together may be."""
+    if not _scatters(ear, world):
+        return ear.left(fit)
+    row = whitened(ear, fit, world, ear.rows(fit)[None])
+    return (row.reshape(2, len(ear.heard.links), -1) ** 2).sum(axis=(0, 2))
+
+
 def _scatters(ear, world) -> bool:
     return bool(ear.has_responses and (world.surface.scattering > 0).any())
 

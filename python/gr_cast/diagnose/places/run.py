@@ -308,10 +308,10 @@ def residual_over_received(ears, before: Model, after: Model, first: int, is_vau
 
 
 def _residual(found: search.Found, ears, after: Model) -> dict:
-    """What is left above noise on the fitted soundings, and the links that hold it."""
-    where = []
+    """What is left above noise and random fields on the fitted soundings, and the links that hold it."""
+    where, world = [], found.model.world
     for one, fit in zip(ears, after.fits, strict=False):
-        per = one.left(fit)
+        per = diffuse.left(one, fit, world)
         count = (one.root > 0).sum(axis=(1, 2)) * (1.0 if one.has_responses else 0.5)
         for index, (tx, rx) in enumerate(one.predictor.links):
             above = (per[index] - count[index]) / np.sqrt(max(count[index], 1.0))

@@ -609,8 +609,10 @@ def behind_nats(rival: Model, model: Model, number: int, count: float) -> float:
 
 
 def _beside_fields(model: Model) -> float:
-    """Nats that any effect may gain from what few patches of a random field send alike."""
-    return policy.BESIDE_FIELDS_NATS if any(effect.family.is_flexible for effect in model.effects) else 0.0
+    """Nats that any effect may gain from what few patches of a random field send alike: more of a strong one."""
+    if not any(effect.family.is_flexible for effect in model.effects):
+        return 0.0
+    return max(policy.BESIDE_FIELDS_NATS, policy.FIELDS_SHARE * (sum(fit.energy for fit in model.fits) - model.energy))
 
 
 def _beside_edges(model: Model) -> float:
