@@ -103,8 +103,9 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
 def _is_again(one: Model, other: Model) -> bool:
     """Whether the last effects are the same, or one way of the same passer."""
     mine, its = one.effects[-1], other.effects[-1]
-    is_same = mine.family.has_ways and mine.family.is_same_way(one.base, mine, its)
-    return mine.key == its.key and (is_same or one.energy == other.energy)
+    if mine.key != its.key:
+        return False
+    return one.energy == other.energy or mine.family.has_ways and mine.family.is_same_way(one.base, mine, its)
 
 
 def _may_recur(family) -> bool:
