@@ -4,7 +4,6 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -436,9 +435,9 @@ def test_paths_after_a_change_are_those_of_a_search_from_the_beginning():
             np.testing.assert_array_equal(one, other)
 
 
-def begun(monkeypatch, left: dict, first: str = "extra_object", settled=lambda one: one, loose=0.0, anew=None, scattered=0.0):
+def begun(monkeypatch, left: dict, first: str = "extra_object", settled=lambda one: one, loose=0.0, anew=None):
     """What is chosen where lists of owners leave `left` nats; `field` is of the family `first`, `settled` what is then; edges
-    gain `loose` nats by bending otherwise, fields explain `scattered`; four effects looked for anew are those of `anew`."""
+    gain `loose` nats by bending otherwise; four effects looked for anew are those of `anew`."""
     ears = heard(theirs(), 30.0)
 
     def model(owners) -> Model:
@@ -447,9 +446,8 @@ def begun(monkeypatch, left: dict, first: str = "extra_object", settled=lambda o
         pairs = zip(families, owners, numbers, strict=True)
         effects = tuple(Effect(family=one, owner=owner, values=values) for one, owner, values in pairs)
         nats = left[owners] + ears[0].count
-        fits = (SimpleNamespace(energy=nats + scattered, offset=0.0),)
         return Model(
-            base=None, effects=effects, energy=nats, whitened=nats, slack=0.0, loose=(loose, loose), tempered=nats, fits=fits
+            base=None, effects=effects, energy=nats, whitened=nats, slack=0.0, loose=(loose, loose), tempered=nats, fits=()
         )
 
     def candidates(ears, before, *rest):
@@ -512,7 +510,6 @@ def test_what_a_few_patches_of_a_field_send_alike_accuses_nothing_beside_it(monk
     assert begun(monkeypatch, left, "missing_scattering") == ["field"]
     left |= {("field", "a"): 0.0}
     assert begun(monkeypatch, left, "missing_scattering") == ["field", "a"]
-    assert begun(monkeypatch, left, "missing_scattering", scattered=20_000.0) == ["field"]
 
 
 def test_what_edges_gain_by_bending_otherwise_accuses_nothing_beside_them(monkeypatch):

@@ -2,6 +2,7 @@
 """Where added planes end, walls that close a room, one more of what stands there: told apart by one trace, and by the vault."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -172,6 +173,15 @@ def test_what_a_field_takes_for_its_own_is_refused_by_the_vault():
     field = Effect(family=BY_NAME["missing_scattering"], owner="place", values=np.zeros(0), choice=0.6)
     model = evaluated(ears, ours(), [wrong, field])
     assert 0 not in foretold._refused(ears, model) and 0 in foretold.refused(ears, model)
+
+
+@pytest.mark.parametrize(("explains", "shown", "goes"), [(150.0, 0.0, [0]), (150.0, 30.0, []), (400.0, 0.0, [])])
+def test_a_hundredth_beside_a_field_wants_to_be_shown_by_the_vault(explains, shown, goes, monkeypatch):
+    field = Effect(family=BY_NAME["missing_scattering"], owner="place", values=np.zeros(0), choice=0.6)
+    model = SimpleNamespace(effects=(of("node_gain", "n4", 1.0), field), energy=1e3, fits=(SimpleNamespace(energy=21e3),))
+    monkeypatch.setattr(search, "without_effects", lambda *rest: SimpleNamespace(energy=1e3 + explains))
+    monkeypatch.setattr(foretold, "told_nats", lambda *rest: [shown, 500.0])
+    assert search._unshown((), [SimpleNamespace(has_responses=True)], model) == goes
 
 
 def test_a_list_that_tells_nothing_of_what_the_vault_shows_is_not_all_there_is():

@@ -280,6 +280,7 @@ def run(
         refused = foretold.refused(vault, model)
         if refused and (other := _otherwise(ears, vault, model, refused[0], others)):
             model, refused = other, foretold.refused(vault, other)
+        refused = refused or _unshown(ears, vault, model)
         found.append(model)
         if not refused:
             model = _confirmed(ears, vault, model, unknown, budget, others, barred)
@@ -610,10 +611,22 @@ def behind_nats(rival: Model, model: Model, number: int, count: float) -> float:
 
 
 def _beside_fields(model: Model) -> float:
-    """Nats that any effect may gain from what few patches of a random field send alike: more of a strong one."""
-    if not any(effect.family.is_flexible for effect in model.effects):
-        return 0.0
-    return max(policy.BESIDE_FIELDS_NATS, policy.FIELDS_SHARE * (sum(fit.energy for fit in model.fits) - model.energy))
+    """Nats that any effect may gain from what few patches of a random field send alike."""
+    return policy.BESIDE_FIELDS_NATS if any(effect.family.is_flexible for effect in model.effects) else 0.0
+
+
+def _unshown(ears, vault: Sequence[Ear], model: Model) -> list[int]:
+    """Numbers of effects that explain a small part of what random fields beside them do, and nothing of the vault: patches that
+    send alike."""
+    if not any(ear.has_responses for ear in vault) or not any(effect.family.is_flexible for effect in model.effects):
+        return []
+    least = policy.FIELDS_SHARE * (sum(fit.energy for fit in model.fits) - model.energy)
+    return [
+        number
+        for number, (effect, nats) in enumerate(zip(model.effects, foretold.told_nats(vault, model), strict=True))
+        if effect.family.lasts and not effect.family.is_flexible and nats < policy.LEAST_EVIDENCE_NATS
+        and without_effects(ears, model, [number]).energy - model.energy < least
+    ]  # fmt: skip
 
 
 def _beside_edges(model: Model) -> float:
