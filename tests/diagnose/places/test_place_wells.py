@@ -179,3 +179,12 @@ def test_what_a_node_spoils_on_links_that_share_delays_and_gains_with_its_own_is
     alone = np.array([nats for _, nats in view.left_alone])
     assert alone[others].sum() < 4 * np.sqrt(ear.count) < 50 * np.sqrt(ear.count) < shared[others].sum()
     assert _holds_most(view, "a") and not _holds_most(view, "b")
+
+
+def test_beside_what_nobody_named_a_node_may_be_where_it_was_surveyed_or_as_far_off_as_told():
+    offset_m = np.array([0.064, -0.084, -0.109])
+    effect = Effect(family=BY_NAME["node_position"], owner="n0", values=offset_m)
+    std_m = np.array(effect.family.told(None, effect, effect.family.besides(None, effect))["offset_m"]["std"])
+    for direction in np.random.default_rng(5).normal(size=(50, 3)):
+        true_m = offset_m + np.linalg.norm(offset_m) * direction / np.linalg.norm(direction)
+        assert np.all(np.abs(true_m - offset_m) <= 1.9600 * std_m)

@@ -5,6 +5,7 @@ import itertools
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import norm
 
 from ....scenario.create.nodes import ANTENNAS
 from .base import SURVEYED_M, Effect, Family, std_of, value
@@ -93,6 +94,10 @@ class NodePosition(_OfNode):
 
     def bounded(self, values):
         return np.clip(values, -_FARTHEST_M, _FARTHEST_M)
+
+    def besides(self, view, effect):
+        # Phases that another cause spoils may lead to any well about as far off.
+        return np.eye(3) * (np.linalg.norm(effect.values) / norm.ppf(0.975)) ** 2
 
     def told(self, view, effect, covariance):
         return {"offset_m": value(effect.values, np.sqrt(np.maximum(np.diag(covariance), 0)))}
