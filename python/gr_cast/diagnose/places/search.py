@@ -280,7 +280,10 @@ def run(
         refused = foretold.refused(vault, model)
         if refused and (other := _otherwise(ears, vault, model, refused[0], others)):
             model, refused = other, foretold.refused(vault, other)
-        refused = refused or _unshown(ears, vault, model)
+        if not refused and (unshown := _unshown(ears, vault, model)):
+            barred |= {model.effects[number].key for number in unshown}
+            model = fitted(ears, without_effects(ears, model, unshown))
+            continue
         found.append(model)
         if not refused:
             model = _confirmed(ears, vault, model, unknown, budget, others, barred)
