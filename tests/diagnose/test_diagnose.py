@@ -60,6 +60,20 @@ def test_a_clock_that_the_twin_knows_of_one_radio_says_nothing_of_the_others(wor
     assert abs(ppm["value"] + 4.0) < 2.5 * ppm["std"] < 1.0 and ppm["std"] > std
 
 
+def test_a_drift_that_the_twin_rules_out_is_found_beside_an_offset_that_it_leaves_open(world, tmp_path):
+    seconds = world.n / RATE_HZ
+    drift_hz_per_s = -0.6 / seconds[-1] ** 2
+    told = {"offset_hz": {"value": 300.0, "std": 40.0}, "drift_hz_per_s": {"value": 0.0, "std": 0.0}}
+    own = {"family": "carrier_frequency_offset", "owner": {"level": "rx", "name": "rx1"}, "parameters": told}
+    world.twin = (lambda twin: lambda: twin)(world.twin() | {"effects": [own]})
+    for drifts in (0.0, drift_hz_per_s):
+        turn = np.exp(2j * np.pi * (311.0 * seconds + 0.5 * drifts * seconds**2))
+        document = run(world, tmp_path / str(drifts), world.noisy(world.clean() * turn))
+        assert named(document) == (["carrier_frequency_offset"] if drifts else [])
+    found = said(document, "carrier_frequency_offset", "drift_hz_per_s")
+    assert abs(found["value"] - drift_hz_per_s) < 4 * found["std"] < 0.2 * abs(drift_hz_per_s)
+
+
 @pytest.mark.parametrize("offset_hz", [-23e3, 9e3])
 @pytest.mark.parametrize("side", ["tx", "rx"])
 def test_late_paths_tell_whose_a_large_offset_is_and_its_sign(world, tmp_path, side, offset_hz):

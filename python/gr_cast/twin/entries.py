@@ -76,8 +76,10 @@ def effect_of(scene, entry):
     stds = {k: std for k, std in told.items() if std > 0 and k in values}
     free = effect.free & (family.random or bool(stds))
     off = [read({**values, k: values[k] + std}).p for k, std in stds.items() if family.role in (Role.CARRIER, Role.CLOCK)]
-    aux = {**effect.aux, "_told": np.linalg.norm(np.array(off) - effect.p, axis=0)} if off else effect.aux
-    return replace(effect, fixed=True, free=free, aux=aux)
+    if not off:
+        return replace(effect, fixed=True, free=free)
+    told = np.linalg.norm(np.array(off) - effect.p, axis=0)
+    return replace(effect, fixed=True, free=free & (told > 0), aux={**effect.aux, "_told": told})
 
 
 def in_either_seconds(scene, effects: tuple) -> tuple:

@@ -40,6 +40,11 @@ class CarrierFrequencyOffset(Family):
             chain.wanted = chain.y
 
     def starts(self, view):
+        own = [e for e in view.fit.model.effects if e.fixed and e.family == self.name]
+        if any(e.free[0] for e in own):  # how far it lies off is fitted already
+            if self._can_drift(view.scene):
+                yield start(self, [0.0, 0.0], free=[False, True])
+            return
         yield start(self, [0.0, 0.0], free=[True, False])
         if self._can_drift(view.scene):
             yield start(self, [0.0, 0.0])
@@ -53,7 +58,7 @@ class CarrierFrequencyOffset(Family):
         return not scene.carrier_hz or FASTEST_DRIFT * scene.carrier_hz * scene.duration_s**2 > LEAST_DRIFT
 
     def settled(self, scene, effect):
-        return np.array([True, self._can_drift(scene)])
+        return np.array([effect.free[0], self._can_drift(scene)])
 
     def mirrored(self, effect):
         return effect.moved(-effect.p)
