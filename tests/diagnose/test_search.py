@@ -201,6 +201,22 @@ def test_a_transmitter_that_fades_out_under_steady_noise_is_told_though_the_sign
     assert abs(total["value"] + 12.0) < 4 * total["std"] < 2.0
 
 
+@pytest.mark.parametrize(("cycles", "less"), [(0.7, ["gain_drift"]), (3.0, [])])
+def test_a_hum_of_which_not_one_period_is_seen_is_a_drift(tmp_path, cycles, less):
+    rng, count, begins, size = np.random.default_rng(4), 20_000, 9000, 7000
+    sent = np.fft.ifft(np.fft.fft(rng.normal(size=(size, 2)) @ [1, 1j]) * (np.abs(np.fft.fftfreq(size)) < 0.3))
+    y = np.zeros(count, complex)
+    y[begins : begins + size] = sent
+    y += 0.03 * rng.normal(size=(count, 2)) @ [1, 1j]
+    u = np.arange(count) / count
+    y *= np.exp(0.3 * u) if less else 1 + 0.1 * np.cos(2 * np.pi * cycles * u)
+    case = sent_once(tmp_path, y, sent)
+    _, data, model = align.build(case, case.observations[0])
+    fit = refit(data, model.adding(start(FAMILIES["power_supply_hum"], [0.01, 0.01, cycles])))
+    found = search._lesser(data, fit, len(model.effects), [])
+    assert [e.family for e in found.model.found] == less and bool(less) == (found.evidence > fit.evidence)
+
+
 def test_a_burst_under_a_known_carrier_promises_no_more_than_chance(tmp_path):
     """Between its ends a course that turns all of the burst is the carrier itself, and gains nothing beside it."""
     rng, count, silent, offset_hz = np.random.default_rng(4), 20_000, 8000, 50.0

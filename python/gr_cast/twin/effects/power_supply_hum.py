@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from .base import Multiplicity, amid, side_of, start, turned
+from .gain_drift import AMPLITUDE, DECIBELS, GainDrift
 from .gain_family import GainFamily
 from .values import NEEDED, NUMBER, SIDE
 
@@ -39,8 +40,14 @@ class PowerSupplyHum(GainFamily):
             yield start(self, [0.0, 0.0, cycles, *[0.0] * (2 * harmonics - 2)], trials=view.hum_bins)
 
     def less(self, scene, effect, others):
+        """Without harmonics; and where not even one period is seen, a drift."""
         plain = effect.p[:3]
-        return (replace(effect, p=plain, free=effect.free[:3]),) if len(effect.p) > len(plain) else ()
+        if len(effect.p) > len(plain):
+            yield replace(effect, p=plain, free=effect.free[:3])
+        if abs(effect.p[2]) < 1.0 and not any(e.family == GainDrift.name for e in others):
+            side = {k: effect.aux[k] for k in ("side", "source") if k in effect.aux}
+            for law in (DECIBELS, AMPLITUDE):
+                yield start(GainDrift(), [0.0, 0.0], free=[True, False], aux={"law": law, **side})
 
     def in_time(self, scene, effect, later, longer):
         p = effect.p.copy()
