@@ -228,6 +228,7 @@ ACROSS = (
     0.5  # of a band's power, by which more is across the signal than along it: all of an oscillator's, none of an interference's
 )
 UNEXPLAINED_P = 1e-5
+ALIKE = 0.5  # of the power of two paths' courses, that is the same in both: paths fade each on its own
 UNEXPLAINED_NATS = 40.0
 UNEXPLAINED_SHARE = 0.01
 

@@ -10,6 +10,7 @@ from ..twin.effects import FAMILIES, Role, plays, stage_of
 from ..twin.effects.base import RX_FILTER
 from ..twin.effects.noise_family import profile
 from . import align, ambiguity, claims, evenness, flatness, floor, gate, noise, offsets, presence, residual, slips, slow
+from .doubts import doubts
 from .exchange import exchanged
 from .finding import Finding, nmse, numbers, worth
 from .fit import Fit, of_even_noise, off_the_rails, solve
@@ -353,6 +354,7 @@ def _look_for_rest(finding: Finding) -> None:
         if rest.p_value < UNEXPLAINED_P and rest.nats > max(UNEXPLAINED_NATS, UNEXPLAINED_SHARE * against):
             finding.left.append(rest)
     finding.left += [jump for jump in residual.jumps(fit) if jump.p_value < UNEXPLAINED_P]
+    finding.left += doubts(finding)
     later = finding.observation.first / finding.scene.sample_rate_hz
     for rest in finding.left:
         if "time_s" in rest.where:

@@ -245,6 +245,10 @@ class Family:
         """The one effect that two of this family are at one place; None: they are apart."""
         return None
 
+    def unsteady(self, effect: Effect, other: Effect) -> bool:
+        """Whether two of this family are one whose numbers change."""
+        return False
+
     def values(self, scene: Scene, effect: Effect, p: np.ndarray) -> dict[str, float]:
         """The contract's parameters of internal `p`."""
         raise NotImplementedError

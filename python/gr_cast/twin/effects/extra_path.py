@@ -11,6 +11,7 @@ from .tap import around
 from .tap_gain_error import TapGainError
 from .values import NEEDED, NUMBER
 
+ONE_PLACE = 0.7  # samples within which two echoes come from one place
 AT_A_TAP, GONE = 0.5, 0.2  # samples and cycles from a tap within which an echo may be its own change; what may be left of it
 FASTEST = 1e-5  # Doppler over the carrier: 3 km/s
 
@@ -49,6 +50,11 @@ class ExtraPath(Family):
                 still = abs(doppler) < 0.3 or self._too_fast(view.scene, doppler)
                 yield start(self, [0, 0, delay, 0.0], free=[1, 1, 1, 0], aux={"source": i}, trials=places)
                 yield start(self, [0, 0, delay, 0.0 if still else doppler], aux={"source": i}, trials=trials * 4)
+
+    def unsteady(self, effect, other):
+        """At one delay, turning by half a cycle more: an echo that fades, or a filter that changes."""
+        far, turns = np.abs(effect.p[2:] - other.p[2:])
+        return effect.aux["source"] == other.aux["source"] and far < ONE_PLACE and turns > 0.5
 
     def less(self, scene, effect, others):
         """At the delay of one of the twin's taps: that tap's own strength, or the tap that is not there."""

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What effects that leave nothing tell by each other: that they are pieces of something that no family is."""
+
+import itertools
+
+import numpy as np
+
+from ..twin.effects import FAMILIES
+from .finding import Finding
+from .policy import ALIKE, UNEXPLAINED_P
+from .residual import Leftover
+
+
+def doubts(finding: Finding) -> list[Leftover]:
+    """What is there in pieces, as what is left."""
+    return [*_unsteady(finding), *_all_alike(finding), *_gates_at_moments(finding)]
+
+
+def _found(finding: Finding) -> list[tuple[int, object]]:
+    return [(i, e) for i, e in enumerate(finding.fit.model.effects) if finding.is_cause(e)]
+
+
+def _of(finding: Finding, test: str, numbers, p_value: float, where: dict, record_next: str) -> Leftover:
+    """Told of effects `numbers`, of which none is surer than not."""
+    nats = max(finding.gain_of(i) for i in numbers)
+    return Leftover(test=test, p_value=p_value, nats=max(nats, 0.0), where=where, record_next=record_next)
+
+
+def _unsteady(finding: Finding):
+    """Two of a family that are one whose numbers change."""
+    for (i, one), (j, other) in itertools.combinations(_found(finding), 2):
+        family, scene = FAMILIES[one.family], finding.scene
+        if one.family == other.family and family.unsteady(one, other):
+            late = [FAMILIES[e.family].delays(scene, e) for e in (one, other)]
+            where = {"delay_s": [float(f(late) / scene.sample_rate_hz) for f in (np.min, np.max)]} if all(late) else {}
+            p_value = float(np.exp(-max(min(finding.gain_of(i), finding.gain_of(j)), 0.0)))
+            yield _of(finding, "two of one place: it changes in a way of its own", (i, j), p_value, where, "longer_recording")
+
+
+def _all_alike(finding: Finding):
+    """Paths each of which changes as all others do: what they have in common changes."""
+    scene, courses = finding.scene, {}
+    for i, effect in _found(finding):
+        family = FAMILIES[effect.family]
+        if {"gain", "phase"} <= {*family.wanders} and "tap" in effect.aux:
+            courses[i] = family.course(scene, effect, effect.p), len(family.spectrum_of(effect)[0])
+    if len(courses) < max(2, len(scene.taps)):
+        return
+    p_value = 0.0
+    for (a, rank), (b, other) in itertools.combinations(courses.values(), 2):
+        a, b = a - a.mean(), b - b.mean()
+        share = float(np.abs(np.vdot(a, b)) ** 2 / (np.vdot(a, a).real * np.vdot(b, b).real + 1e-300))
+        by_chance = (1 - min(share, 1.0)) ** (min(rank, other) - 1)  # of two random courses of so many numbers
+        p_value = max(p_value, by_chance if share > ALIKE else 1.0)
+    if p_value < UNEXPLAINED_P:
+        where = {"time_s": [0.0, scene.duration_s]}
+        yield _of(finding, "all paths change alike, as no fading does", courses, p_value, where, "second_link")
+
+
+def _gates_at_moments(finding: Finding):
+    """What comes and goes, and is on where something else happens, and nowhere else."""
+    scene, found = finding.scene, _found(finding)
+    moments = [FAMILIES[e.family].moment(scene, e) for _, e in found]
+    at = [np.searchsorted(scene.index, moment) for moment in moments if moment is not None and np.isfinite(moment)]
+    for i, effect in found:
+        gate = FAMILIES[effect.family].gate(scene, effect)
+        if gate is None or not gate.any():
+            continue
+        turns = np.flatnonzero(np.diff(np.concatenate([[0], gate.astype(np.int8), [0]])))
+        begins, ends = turns[::2], turns[1::2]
+        near = ends - begins  # within its own length
+        if all(any(a - wide <= moment <= b + wide for moment in at) for a, b, wide in zip(begins, ends, near, strict=True)):
+            where = {"time_s": [float(scene.index[k] / scene.sample_rate_hz) for k in (begins[0], ends[-1] - 1)]}
+            test = "interference that is on where something else happens, and nowhere else"
+            yield _of(finding, test, (i,), float(np.exp(-max(finding.gain_of(i), 0.0))), where, "mute_transmitter")

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Effects that together leave nothing, and are pieces of what no family is: a filter that changes, an oscillator that hops."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest_world import RATE_HZ
+from gr_cast.diagnose import align, diagnose, read_case
+from gr_cast.diagnose.doubts import doubts
+from gr_cast.twin.effects import FAMILIES
+from gr_cast.twin.effects.base import start
+from scipy import ndimage
+
+
+def run(world, tmp_path, y):
+    return diagnose(read_case(world.write(tmp_path / "case", y)), budget_s=300).document
+
+
+@pytest.mark.parametrize("swings", [0.0, 0.9])
+def test_an_echo_that_swings_is_no_two_echoes_of_one_place(world, tmp_path, swings):
+    course = (1 - swings) + swings * np.cos(2 * np.pi * 3.2 * world.n / len(world.n) + 0.4)
+    document = run(world, tmp_path, world.noisy(world.clean() + 0.12 * course * world.path(11)))
+    assert all(e["family"] == "extra_path" for e in document["effects"])
+    if not swings:
+        assert document["verdict"] == "identified" and len(document["effects"]) == 1
+        return
+    assert document["verdict"] == "unexplained"
+    rest = next(rest for rest in document["residual"]["where"] if rest["test"].startswith("two of one place"))
+    assert np.array(rest["delay_s"]) * RATE_HZ == pytest.approx([11.0, 11.0], abs=0.2)
+
+
+@pytest.mark.parametrize("alike", [True, False])
+def test_paths_that_all_change_alike_do_not_fade(world, tmp_path, alike):
+    def course():
+        steps = world.rng.normal(size=(2, 24)).T @ [1, 1j]
+        smooth = ndimage.zoom(steps.real, len(world.n) / 24, order=3) + 1j * ndimage.zoom(steps.imag, len(world.n) / 24, order=3)
+        return 1 + 0.4 * smooth
+
+    first = course()
+    paths = [a * world.path(d) * (first if alike or not k else course()) for k, (d, a) in enumerate(world.taps)]
+    document = run(world, tmp_path, world.noisy(0.3 * sum(paths)))
+    tests = [rest["test"] for rest in document["residual"]["where"]]
+    assert any(test.startswith("all paths change alike") for test in tests) is alike
+    assert (document["verdict"] == "unexplained") is alike
+
+
+@pytest.mark.parametrize(("pulses", "told"), [(2, True), (5, False)])
+def test_interference_that_is_on_only_where_samples_are_lost_is_none(world, tmp_path, pulses, told):
+    case = read_case(world.write(tmp_path / "case", world.noisy(world.clean())))
+    scene, *_ = align.build(case, case.observations[0])
+    lost = [FAMILIES["sample_loss"].happening(scene, start(FAMILIES["sample_loss"], [0.0, 4.0]), at) for at in (6000.0, 14_000.0)]
+    period = 8000.0 if pulses == 2 else 4000.0
+    gated = start(FAMILIES["pulsed_interference"], [3.0, period, 5990.0 % period, 100 / period])
+    effects = [*lost, gated]
+    fit = SimpleNamespace(model=SimpleNamespace(effects=effects))
+    finding = SimpleNamespace(fit=fit, scene=scene, is_cause=lambda effect: True, gain_of=lambda index: 500.0)
+    assert [rest.nats for rest in doubts(finding)] == ([500.0] if told else [])
