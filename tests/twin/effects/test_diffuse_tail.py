@@ -10,6 +10,7 @@ from gr_cast.twin.effects.base import start
 from gr_cast.twin.effects.diffuse_tail import Told, profile
 from scipy.stats import multivariate_normal
 
+ECHO = FAMILIES["extra_path"]
 TAIL = FAMILIES["diffuse_tail"]
 SIZE = 100
 
@@ -95,3 +96,20 @@ def test_sums_of_taps_of_which_nothing_was_heard_leave_the_law_as_it_is():
     told = Told.of(mean, (covariance + covariance.T) / 2, prior)
     likelihoods = [told.likelihood(profile(32, power, 2.0)) for power in (1e-6, 1.0, 1e6)]
     assert np.isfinite(likelihoods).all() and np.argmax(likelihoods) == 0
+
+
+def test_the_strongest_of_the_taps_behind_the_row_is_the_tails_and_a_wall_is_not():
+    """A row of 64 taps of a tail that falls by e in 40: of its next 80 taps the strongest is told as an echo, if any is."""
+    rng, decay, size = np.random.default_rng(7), 40.0, 64
+    power = np.exp(-np.arange(size + 80) / decay)
+    law = {"decay": decay, "power": float(power[:size].sum())}
+    tail = start(TAIL, np.zeros(2 * size), aux={"source": 0, "first": 1.0, "_law": law})
+    held = []
+    for _ in range(300):
+        taps = np.sqrt(power / 2) * (rng.normal(size=(2, len(power))).T @ [1, 1j])
+        k = size + int(np.argmax(np.abs(taps[size:]) ** 2 / power[size:]))
+        held.append(TAIL.holds(Scene, tail, start(ECHO, [taps[k].real, taps[k].imag, 1.0 + k, 0.0], aux={"source": 0})))
+    assert np.mean(held) > 0.75
+    loud = np.sqrt(20 * power[size + 10])
+    assert not TAIL.holds(Scene, tail, start(ECHO, [loud, 0.0, 1.0 + size + 10, 0.0], aux={"source": 0}))
+    assert not TAIL.holds(Scene, tail, start(ECHO, [1e-3, 0.0, 1.0 + size + 10, 0.0], aux={"source": 1}))

@@ -15,6 +15,7 @@ from scipy import linalg, optimize
 from ..columns import Lags
 from ..scene import Path
 from .base import LINK, PROBE, Family, Multiplicity, start
+from .extra_path import ExtraPath
 from .values import NEEDED_POSITIVE, NUMBER, NUMBERS
 
 SIZES = (8, 16, 32, 64, 128, 256)
@@ -29,6 +30,7 @@ DECAYS = 6  # that are tried for each of them
 ALIKE = 0.5  # decays in which taps come together, where they come in clusters
 NEPER_STEP = 0.1  # of power and decay, for the curvature of their likelihood
 LEAST_VARIANCE = 0.25  # of ln power and ln decay, times the taps of one decay: however well each is known, they are few
+BY_CHANCE = 10.0  # taps of each decay, of which one is the strongest: exponential powers are ln n times their mean at most
 LEAST_DECAY = 0.5  # samples: a shorter one is a tap
 DB = 10 / np.log(10)
 
@@ -212,6 +214,16 @@ class DiffuseTail(Family):
         std = np.sqrt(variance)
         stds = {"power_db": DB * float(std[0]), "decay_s": float(std[1]) * law["decay"] / scene.sample_rate_hz}
         return replace(effect, aux={**effect.aux, "_law": law, "_stds": stds})
+
+    def holds(self, scene, effect, other):
+        """An echo behind its row of taps, no stronger than the strongest of some decays of them by chance."""
+        law, late = effect.aux.get("_law"), len(effect.p) / 2 - 1
+        if other.family != ExtraPath.name or not law or "power" not in law or other.aux["source"] != effect.aux["source"]:
+            return False
+        behind, onset = other.p[2] - effect.aux["first"], effect.aux.get("_onset", 0)
+        shape = np.exp(-np.arange(late + 1 - onset) / law["decay"])
+        mean = law["power"] / shape.sum() * np.exp(-(behind - onset) / law["decay"])
+        return bool(behind > late and np.sum(other.p[:2] ** 2) < mean * np.log(BY_CHANCE * law["decay"]))
 
     @staticmethod
     def _begin(effect) -> tuple[float, float]:
