@@ -13,7 +13,19 @@ from . import flatness, gate, heldout
 from .finding import Finding, Worth
 from .fit import Fit, gain_of_receiver, in_band, off_the_rails
 from .next_recording import Hypothesis, record_next
-from .policy import ALIKE_NATS, COURSE_DB, EVEN_P, EVEN_SHARE, FAINT, FLOOR_LEAST_NATS, HIDES, SHAPED_DB, TOLD_DB, WANDERS_DB
+from .policy import (
+    ALIKE_NATS,
+    COURSE_DB,
+    EVEN_P,
+    EVEN_SHARE,
+    FAINT,
+    FLOOR_LEAST_NATS,
+    FORM_SHARE,
+    HIDES,
+    SHAPED_DB,
+    TOLD_DB,
+    WANDERS_DB,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +56,9 @@ def compare(finding: Finding) -> None:
     is heard either has one level or follows the signal."""
     fit = finding.fit
     heard = None if finding.left else _heard(finding)
+    if heard is not None and (tied := _all_follows(finding, heard)):
+        finding.fit = tied
+        return
     if (
         heard is None
         or heard.nats < 0.5 * np.log(heard.count) + FLOOR_LEAST_NATS
@@ -69,6 +84,28 @@ def compare(finding: Finding) -> None:
     finding.fit = replace(fit, model=fit.model.adding(effect))
     finding.worths[effect.key] = told.worth
     finding.stds[effect.family] = told.stds
+
+
+def _all_follows(finding: Finding, heard: Heard) -> Fit | None:
+    """The fit with all noise beyond the twin's own following the signal, where that is nearly as likely as what follows over
+    another floor: of noise far above the floor next to nothing tells how high the floor is."""
+    fit, at = finding.fit, finding.fit.model.index_of(Role.FOLLOWING, found=True)
+    if at is None or any(FAMILIES[e.family].noise_like for i, e in enumerate(fit.model.effects) if i != at):
+        return None
+    own = fit.model.effects[at]
+    strength = heard.ratio * (1 + np.exp(own.p[0])) - 1
+    if strength <= 0:
+        return None
+    tied = replace(own, p=np.log([strength]), aux={**own.aux, "_floor": fit.sigma2 / heard.ratio})
+    power = np.abs(fit.data.even(fit.residual, fit.data.use > 0)) ** 2 / fit.sigma2
+
+    def cost(effect, floor: float) -> float:
+        v = floor * FAMILIES[effect.family].variance(fit.data.scene, effect, fit.chain.wanted)[fit.data.use > 0]
+        return float((np.log(v) + power[fit.data.use > 0] / v).sum())
+
+    behind = cost(tied, 1 / heard.ratio) - cost(own, 1.0)
+    near = max(ALIKE_NATS, FORM_SHARE * finding.gain_of(at))
+    return replace(fit, model=fit.model.replacing(at, tied)) if behind < near else None
 
 
 @dataclass(frozen=True, kw_only=True)

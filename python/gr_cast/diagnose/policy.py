@@ -227,6 +227,7 @@ JITTER_SURE = 2.5  # standard deviations by which noise across the signal must e
 ACROSS = (
     0.5  # of a band's power, by which more is across the signal than along it: all of an oscillator's, none of an interference's
 )
+FORM_SHARE = 0.01  # of what noise that follows the signal explains, for what it follows otherwise than it is thought to
 UNEXPLAINED_P = 1e-5
 ALIKE = 0.5  # of the power of two paths' courses, that is the same in both: paths fade each on its own
 UNEXPLAINED_NATS = 40.0

@@ -1,26 +1,35 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Noise that follows the wanted power. Internal: ln of its power at mean wanted power over the floor."""
+"""Noise that follows the wanted power, of each sample or (aux smooth: how many, how much later than centred) the mean of some.
+Internal: ln of its power at mean wanted power over the floor."""
+
+from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.optimize import brentq, minimize_scalar
 
 from .base import Role, start
 from .noise_family import REMEMBERED, NoiseFamily, profile
-from .values import NEEDED
+from .values import NEEDED, Value
 
 STRONGEST = 7.0  # ln of the noise that follows over the floor, either way: beyond, one of the two is not heard
+# Samples over which the power that it follows is averaged, and how much later their middle is: before, about and after each.
+SMOOTH = ((1, 0), *((size, late) for size in (4, 16) for late in (-(size // 2), 0, (size - 1) // 2)))
 COVERS = 1.96  # standard deviations of an interval of 95 %
 
 
 class SignalDependentNoise(NoiseFamily):
     name = "signal_dependent_noise"
     parameters = {"slope_db": NEEDED}
-    remembered = REMEMBERED
+    remembered = REMEMBERED | {
+        "smooth_samples": Value(low=1, high=4096, whole=True),
+        "smooth_late_samples": Value(low=-4096, high=4096, whole=True),
+    }
     role = Role.FOLLOWING
     _strengths = 1
 
     def variance(self, scene, effect, wanted):
-        power = np.abs(wanted) ** 2 + effect.aux.get("_blur", (0.0, 0.0))[0]
+        power = _smoothed(np.abs(wanted) ** 2, *effect.aux.get("smooth", SMOOTH[0])) + effect.aux.get("_blur", (0.0, 0.0))[0]
         return 1 + np.exp(effect.p[0]) * power / (effect.aux["rms"] ** 2 if "rms" in effect.aux else np.mean(power))
 
     def noise_gain_db(self, effect):
@@ -45,8 +54,21 @@ class SignalDependentNoise(NoiseFamily):
     def describe(self, number):
         return f"Noise grows with the signal: at mean wanted power it is {number('slope_db')} relative to the floor."
 
+    def parse(self, scene, parameters, model):
+        effect = super().parse(scene, parameters, model)
+        smooth = int(model.get("smooth_samples", 1)), int(model.get("smooth_late_samples", 0))
+        return replace(effect, aux={**effect.aux, "smooth": smooth})
+
+    def model(self, scene, effect):
+        size, late = effect.aux.get("smooth", SMOOTH[0])
+        return {**super().model(scene, effect), "smooth_samples": size, "smooth_late_samples": late}
+
     def find(self, view, near=None):
-        energy, w = view.energy[view.use], view.wanted_power[view.use]
+        found = (self._find(view, near, smooth) for smooth in SMOOTH)
+        return max(found, key=lambda pair: pair[0])
+
+    def _find(self, view, near, smooth: tuple[int, int]):
+        energy, w = view.energy[view.use], _smoothed(view.wanted_power, *smooth)[view.use]
         blur, doubt = near.aux.get("_blur", (0.0, 0.0)) if near is not None else (0.0, 0.0)
         mean = max(w.mean() + blur, 1e-300)
         w = (w + blur) / mean
@@ -57,5 +79,11 @@ class SignalDependentNoise(NoiseFamily):
 
         best = minimize_scalar(cost, bounds=(-STRONGEST, STRONGEST), method="bounded", options={"xatol": 1e-3})
         followed = np.exp(best.x) * doubt / mean  # of it, what of the floor may be the fit's own errors
-        aux = {"_std": [float(np.hypot(self._error(lambda k: cost(k) - best.fun, best.x), followed))], "_blur": (blur, doubt)}
-        return -best.fun - flat, start(self, [best.x], free=[False], aux=aux)
+        std = float(np.hypot(self._error(lambda k: cost(k) - best.fun, best.x), followed))
+        aux = {"_std": [std], "_blur": (blur, doubt), "smooth": smooth}
+        return -best.fun - flat, start(self, [best.x], free=[False], aux=aux, trials=len(SMOOTH))
+
+
+def _smoothed(power: np.ndarray, samples: int, late: int) -> np.ndarray:
+    late = int(np.clip(late, -(samples // 2), (samples - 1) // 2))
+    return power if samples == 1 else uniform_filter1d(power, samples, mode="nearest", origin=late)
