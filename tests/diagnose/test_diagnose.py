@@ -60,18 +60,20 @@ def test_a_clock_that_the_twin_knows_of_one_radio_says_nothing_of_the_others(wor
     assert abs(ppm["value"] + 4.0) < 2.5 * ppm["std"] < 1.0 and ppm["std"] > std
 
 
-@pytest.mark.parametrize(("samples", "louder"), [(1, 60.0), (4, 60.0), (4, 2.0)])
-def test_noise_that_follows_the_mean_of_some_samples_is_no_other_floor(world, tmp_path, samples, louder):
+@pytest.mark.parametrize(("samples", "late", "louder"), [(1, 0, 60.0), (4, -2, 60.0), (4, -2, 2.0), (4, 1, 60.0)])
+def test_noise_that_follows_the_mean_of_some_samples_is_no_other_floor(world, tmp_path, samples, late, louder):
     """`louder`: its power at mean wanted power over the floor, which the twin tells."""
     lines = np.fft.fft(world.rng.normal(size=(len(world.x), 2)) @ [1, 1j]) * (np.abs(np.fft.fftfreq(len(world.x))) < 0.17)
     world.x = np.fft.ifft(lines)
     power = np.abs(world.clean()) ** 2
-    follows = np.convolve(np.concatenate([power, power[: samples - 1]]), np.full(samples, 1 / samples), "valid")
+    follows = np.mean([np.roll(power, k) for k in (range(samples) if late > 0 else range(1 - samples, 1))], axis=0)
     white = world.rng.normal(size=(len(world.n), 2)) @ [1, 1j] / np.sqrt(2)
     y = world.noisy(world.clean()) + white * world.noise_rms * np.sqrt(louder * follows / power.mean())
     document = run_of_wave(world, tmp_path, y)
     assert named(document) == ["signal_dependent_noise"]
     assert said(document, "signal_dependent_noise", "slope_db")["value"] == pytest.approx(10 * np.log10(louder), abs=1.0)
+    model = document["effects"][0]["model"]
+    assert (model["smooth_samples"], model["smooth_late_samples"]) == (samples, late)
 
 
 def test_a_drift_that_the_twin_rules_out_is_found_beside_an_offset_that_it_leaves_open(world, tmp_path):
@@ -86,6 +88,8 @@ def test_a_drift_that_the_twin_rules_out_is_found_beside_an_offset_that_it_leave
         assert named(document) == (["carrier_frequency_offset"] if drifts else [])
     found = said(document, "carrier_frequency_offset", "drift_hz_per_s")
     assert abs(found["value"] - drift_hz_per_s) < 4 * found["std"] < 0.2 * abs(drift_hz_per_s)
+    offset = said(document, "carrier_frequency_offset", "offset_hz")  # which the twin's own leaves open
+    assert abs(offset["value"] - 11.0) < 40.0 == pytest.approx(offset["std"], rel=0.1)
 
 
 @pytest.mark.parametrize("offset_hz", [-23e3, 9e3])

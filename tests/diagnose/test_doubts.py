@@ -54,5 +54,31 @@ def test_interference_that_is_on_only_where_samples_are_lost_is_none(world, tmp_
     gated = start(FAMILIES["pulsed_interference"], [3.0, period, 5990.0 % period, 100 / period])
     effects = [*lost, gated]
     fit = SimpleNamespace(model=SimpleNamespace(effects=effects))
+    for nats in (500.0, 3.0):  # of what is as faint as chance nothing is said
+        finding = SimpleNamespace(fit=fit, scene=scene, is_cause=lambda effect: True, gain_of=lambda index, nats=nats: nats)
+        assert [rest.nats for rest in doubts(finding)] == ([500.0] if told and nats > 100 else [])
+
+
+def test_a_gain_that_steps_while_interference_is_on_is_no_doubt(world, tmp_path):
+    case = read_case(world.write(tmp_path / "case", world.noisy(world.clean())))
+    scene, *_ = align.build(case, case.observations[0])
+    step = start(FAMILIES["gain_step"], [0.1, 0.36])
+    wide = start(FAMILIES["pulsed_interference"], [3.0, 10_000.0, 0.0, 0.45])
+    fit = SimpleNamespace(model=SimpleNamespace(effects=[step, wide]))
     finding = SimpleNamespace(fit=fit, scene=scene, is_cause=lambda effect: True, gain_of=lambda index: 500.0)
-    assert [rest.nats for rest in doubts(finding)] == ([500.0] if told else [])
+    assert doubts(finding) == []
+
+
+@pytest.mark.parametrize("alike", [True, False])
+def test_slow_fading_with_a_faint_fast_part_is_alike_by_chance(world, tmp_path, alike):
+    """Of 64 numbers two or three say anything of a course: of two such courses one in eight is half the other."""
+    case = read_case(world.write(tmp_path / "case", world.noisy(world.clean())))
+    scene, *_ = align.build(case, case.observations[0])
+    law = np.exp(-np.arange(64) / 1.5) + 1e-3 if not alike else np.ones(64)
+    told = 0
+    for _ in range(60):
+        own, other = (np.sqrt(law)[:, None] * world.rng.normal(size=(64, 2)) for _ in range(2))
+        effects = [start(FAMILIES["tap_fading"], p.ravel(), aux={"tap": k}) for k, p in enumerate((own, own if alike else other))]
+        fit = SimpleNamespace(model=SimpleNamespace(effects=effects))
+        told += bool(doubts(SimpleNamespace(fit=fit, scene=scene, is_cause=lambda effect: True, gain_of=lambda index: 500.0)))
+    assert told == (60 if alike else 0)

@@ -5,15 +5,16 @@ import itertools
 
 import numpy as np
 
-from ..twin.effects import FAMILIES
+from ..twin.effects import FAMILIES, Role, plays
 from .finding import Finding
-from .policy import ALIKE, UNEXPLAINED_P
+from .policy import ALIKE, AT_A_SLIP, UNEXPLAINED_NATS, UNEXPLAINED_P
 from .residual import Leftover
 
 
 def doubts(finding: Finding) -> list[Leftover]:
-    """What is there in pieces, as what is left."""
-    return [*_unsteady(finding), *_all_alike(finding), *_gates_at_moments(finding)]
+    """What is there in pieces, as what is left; of loud pieces alone, as of all that is left."""
+    found = [*_unsteady(finding), *_all_alike(finding), *_gates_at_slips(finding)]
+    return [rest for rest in found if rest.p_value < UNEXPLAINED_P and rest.nats > UNEXPLAINED_NATS]
 
 
 def _found(finding: Finding) -> list[tuple[int, object]]:
@@ -43,33 +44,37 @@ def _all_alike(finding: Finding):
     for i, effect in _found(finding):
         family = FAMILIES[effect.family]
         if {"gain", "phase"} <= {*family.wanders} and "tap" in effect.aux:
-            courses[i] = family.course(scene, effect, effect.p), len(family.spectrum_of(effect)[0])
+            power = np.abs(family.spectrum_of(effect)[0]) ** 2
+            rank = power.sum() ** 2 / max(float((power**2).sum()), 1e-300)  # numbers that say anything of the course
+            courses[i] = family.course(scene, effect, effect.p), float(rank)
     if len(courses) < max(2, len(scene.taps)):
         return
     p_value = 0.0
     for (a, rank), (b, other) in itertools.combinations(courses.values(), 2):
         a, b = a - a.mean(), b - b.mean()
         share = float(np.abs(np.vdot(a, b)) ** 2 / (np.vdot(a, a).real * np.vdot(b, b).real + 1e-300))
-        by_chance = (1 - min(share, 1.0)) ** (min(rank, other) - 1)  # of two random courses of so many numbers
+        by_chance = (1 - min(share, 1.0)) ** max(min(rank, other) - 1, 0.0)  # of two random courses of so many numbers
         p_value = max(p_value, by_chance if share > ALIKE else 1.0)
     if p_value < UNEXPLAINED_P:
         where = {"time_s": [0.0, scene.duration_s]}
         yield _of(finding, "all paths change alike, as no fading does", courses, p_value, where, "second_link")
 
 
-def _gates_at_moments(finding: Finding):
-    """What comes and goes, and is on where something else happens, and nowhere else."""
+def _gates_at_slips(finding: Finding):
+    """What comes and goes, and each time when samples are lost or come twice, and at no other time."""
     scene, found = finding.scene, _found(finding)
-    moments = [FAMILIES[e.family].moment(scene, e) for _, e in found]
-    at = [np.searchsorted(scene.index, moment) for moment in moments if moment is not None and np.isfinite(moment)]
+    moments = [FAMILIES[e.family].moment(scene, e) for _, e in found if plays(e, Role.SLIP)]
+    slips = np.array([np.searchsorted(scene.index, moment) for moment in moments if moment is not None and np.isfinite(moment)])
     for i, effect in found:
         gate = FAMILIES[effect.family].gate(scene, effect)
         if gate is None or not gate.any():
             continue
         turns = np.flatnonzero(np.diff(np.concatenate([[0], gate.astype(np.int8), [0]])))
         begins, ends = turns[::2], turns[1::2]
-        near = ends - begins  # within its own length
-        if all(any(a - wide <= moment <= b + wide for moment in at) for a, b, wide in zip(begins, ends, near, strict=True)):
+        within = [
+            np.any((begin - AT_A_SLIP <= slips) & (slips <= end + AT_A_SLIP)) for begin, end in zip(begins, ends, strict=True)
+        ]
+        if len(begins) <= len(slips) and all(within):
             where = {"time_s": [float(scene.index[k] / scene.sample_rate_hz) for k in (begins[0], ends[-1] - 1)]}
-            test = "interference that is on where something else happens, and nowhere else"
+            test = "interference that is on where samples are lost, and nowhere else"
             yield _of(finding, test, (i,), float(np.exp(-max(finding.gain_of(i), 0.0))), where, "mute_transmitter")

@@ -129,11 +129,13 @@ def numbers(finding: Finding, index: int) -> tuple[dict, dict]:
     values = _told(scene, effect, effect.p)
     variance = {name: 0.0 for name in values}
     span = fit.model.span(index) if len(fit.model.vector()) == len(fit.hessian) else None
-    free = np.flatnonzero(effect.free)
-    if len(free) and span is not None:
-        cov = fit.covariance[span, span] + np.diag(_left_open(fit, effect)[free] ** 2)
-        gradient = {name: np.zeros(len(free)) for name in values}
-        for j, k in enumerate(free):
+    beside = _left_open(fit, effect)
+    moves = np.flatnonzero(effect.free | (beside > 0))
+    if len(moves) and span is not None:
+        cov, own = np.diag(beside[moves] ** 2), np.flatnonzero(effect.free[moves])
+        cov[np.ix_(own, own)] += fit.covariance[span, span]
+        gradient = {name: np.zeros(len(moves)) for name in values}
+        for j, k in enumerate(moves):
             h = 1e-4 * max(np.sqrt(cov[j, j]), 1e-12)
             p = effect.p.copy()
             p[k] += h

@@ -96,7 +96,7 @@ def _all_follows(finding: Finding, heard: Heard) -> Fit | None:
     strength = heard.ratio * (1 + np.exp(own.p[0])) - 1
     if strength <= 0:
         return None
-    tied = replace(own, p=np.log([strength]), aux={**own.aux, "_floor": fit.sigma2 / heard.ratio})
+    tied = replace(own, p=np.log([strength]))
     power = np.abs(fit.data.even(fit.residual, fit.data.use > 0)) ** 2 / fit.sigma2
 
     def cost(effect, floor: float) -> float:
@@ -104,8 +104,12 @@ def _all_follows(finding: Finding, heard: Heard) -> Fit | None:
         return float((np.log(v) + power[fit.data.use > 0] / v).sum())
 
     behind = cost(tied, 1 / heard.ratio) - cost(own, 1.0)
-    near = max(ALIKE_NATS, FORM_SHARE * finding.gain_of(at))
-    return replace(fit, model=fit.model.replacing(at, tied)) if behind < near else None
+    if behind > max(ALIKE_NATS, FORM_SHARE * finding.gain_of(at)):
+        return None
+    # As well as the level of so many samples is known, and worse by what the form misses.
+    std = (1 + strength) / strength / np.sqrt(heard.count) * np.sqrt(max(1.0, 2 * behind))
+    aux = {**own.aux, "_floor": fit.sigma2 / heard.ratio, "_std": [float(std)]}
+    return replace(fit, model=fit.model.replacing(at, replace(tied, aux=aux)))
 
 
 @dataclass(frozen=True, kw_only=True)

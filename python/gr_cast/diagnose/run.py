@@ -318,7 +318,9 @@ def _with_jitter(fit: Fit) -> Fit:
     effects = fit.model.effects
     follows = fit.model.index_of(Role.FOLLOWING, found=True)
     if follows is not None:
-        shape = np.exp(effects[follows].p[0]) * power / power.mean()
+        shape = (
+            FAMILIES[effects[follows].family].variance(fit.data.scene, effects[follows], fit.chain.wanted)[fit.data.use > 0] - 1
+        )
         both = profile(np.concatenate([across, along]), np.concatenate([1 + shape, 1 + shape]))
         if profile(np.concatenate([across, along]), np.concatenate([1 + 2 * shape, np.ones_like(shape)])) > both:
             fit = refit(fit.data, fit.model.without(follows))

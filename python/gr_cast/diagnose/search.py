@@ -339,7 +339,9 @@ def _candidates(fit: Fit) -> list[Score]:
 def _of_another_radio(effect: Effect) -> bool:
     """Whether it is of one radio and leaves the other's open, in one number at least: what a twin knows to the last digit of a
     transmitter's clock says nothing of the receiver's."""
-    return effect.fixed and not effect.free.all() and {"tx", "rx"} <= set(FAMILIES[effect.family].owners)
+    told = np.asarray(effect.aux.get("_told", np.ones(len(effect.p))))
+    closed = not effect.free.any() or bool((~effect.free & (told == 0)).any())
+    return effect.fixed and closed and {"tx", "rx"} <= set(FAMILIES[effect.family].owners)
 
 
 def _one_course(a: Effect, b: Effect) -> bool:

@@ -79,7 +79,9 @@ def effect_of(scene, entry):
     if not off:
         return replace(effect, fixed=True, free=free)
     told = np.linalg.norm(np.array(off) - effect.p, axis=0)
-    return replace(effect, fixed=True, free=free & (told > 0), aux={**effect.aux, "_told": told})
+    unsaid = [read({**values, k: 1.0}).p != effect.p for k in family.parameters if k not in entry["parameters"]]
+    open_ = np.any([told > 0, *unsaid], axis=0)
+    return replace(effect, fixed=True, free=free & open_, aux={**effect.aux, "_told": told})
 
 
 def in_either_seconds(scene, effects: tuple) -> tuple:

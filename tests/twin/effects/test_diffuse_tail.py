@@ -110,6 +110,9 @@ def test_the_strongest_of_the_taps_behind_the_row_is_the_tails_and_a_wall_is_not
         k = size + int(np.argmax(np.abs(taps[size:]) ** 2 / power[size:]))
         held.append(TAIL.holds(Scene, tail, start(ECHO, [taps[k].real, taps[k].imag, 1.0 + k, 0.0], aux={"source": 0})))
     assert np.mean(held) > 0.75
+    faint = [np.sqrt(power[size + 10]), 0.0, 1.0 + size + 10]
+    assert TAIL.holds(Scene, tail, start(ECHO, [*faint, 0.0], aux={"source": 0}))
+    assert not TAIL.holds(Scene, tail, start(ECHO, [*faint, 5.0], aux={"source": 0}))  # it turns
     loud = np.sqrt(20 * power[size + 10])
     assert not TAIL.holds(Scene, tail, start(ECHO, [loud, 0.0, 1.0 + size + 10, 0.0], aux={"source": 0}))
     assert not TAIL.holds(Scene, tail, start(ECHO, [1e-3, 0.0, 1.0 + size + 10, 0.0], aux={"source": 1}))

@@ -84,7 +84,7 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
     chosen, crowd = [], {}
     for one in screened:
         name = one.effects[-1].family.name
-        is_known = any(_is_again(one, other) for other in chosen)
+        is_known = any(_is_again(one, other, _span_s(ears)) for other in chosen)
         if crowd.get(name, 0) < policy.FITTED_PER_FAMILY and len(chosen) < policy.FITTED_AFTER_SCREEN and not is_known:
             crowd[name] = crowd.get(name, 0) + 1
             chosen.append(one)
@@ -100,12 +100,18 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
     return sorted(final, key=lambda one: -worth(one, model, count, tried)), tried
 
 
-def _is_again(one: Model, other: Model) -> bool:
+def _span_s(ears: Sequence[Ear]) -> tuple[float, float]:
+    """When the first and the last sounding was made."""
+    times_s = np.concatenate([ear.predictor.time_s for ear in ears])
+    return float(times_s.min()), float(times_s.max())
+
+
+def _is_again(one: Model, other: Model, span_s: tuple[float, float]) -> bool:
     """Whether the last effects are the same, or one way of the same passer."""
     mine, its = one.effects[-1], other.effects[-1]
     if mine.key != its.key:
         return False
-    return one.energy == other.energy or mine.family.has_ways and mine.family.is_same_way(one.base, mine, its)
+    return one.energy == other.energy or mine.family.has_ways and mine.family.is_same_way(one.base, mine, its, span_s)
 
 
 def _may_recur(family) -> bool:
@@ -117,8 +123,8 @@ def _stands_out(ears, model: Model, count: float, tried: float) -> bool:
     """Whether the last effect is one to speak of, and explains more than the same without what sets its family apart."""
     if _is_negligible(model, -1):
         return False
-    last, times_s = len(model.effects) - 1, np.concatenate([ear.predictor.time_s for ear in ears])
-    others = model.effects[last].family.plainer((times_s.min(), times_s.max()), model.effects[last])
+    last = len(model.effects) - 1
+    others = model.effects[last].family.plainer(_span_s(ears), model.effects[last])
     plain = (fitted(ears, replaced(ears, model, last, one), free=[last]) for one in others)
     least = evidence(model, count, tried) - policy.LEAST_EVIDENCE_NATS
     return all(evidence(one, count, tried) < least for one in plain)
@@ -281,9 +287,12 @@ def run(
         if refused and (other := _otherwise(ears, vault, model, refused[0], others)):
             model, refused = other, foretold.refused(vault, other)
         if not refused and (unshown := _unshown(ears, vault, model)):
-            barred |= {model.effects[number].key for number in unshown}
+            gone = [model.effects[number] for number in unshown]
             model = fitted(ears, without_effects(ears, model, unshown))
-            continue
+            barred |= {one.key for one in gone} - {one.key for one in model.effects}
+            others = {key: [one for one in found_ if one.key not in barred] for key, found_ in others.items()}
+            if not budget.is_spent:
+                continue
         found.append(model)
         if not refused:
             model = _confirmed(ears, vault, model, unknown, budget, others, barred)
@@ -299,7 +308,9 @@ def run(
     budget = Budget.of(policy.RIVALS_SHARE * budget_s)
     others = _with_images(ears, model, others, unknown, budget)
     others = {key: [one for one in found if one.key not in barred] for key, found in others.items()}
-    ways = {key: [one for one in found if one.key == key and one.family.has_ways] for key, found in others.items()}
+    ways: dict = {}
+    for one in (*(other for found in others.values() for other in found), *model.effects):
+        ways.setdefault(one.key, []).extend([one] if one.family.has_ways else [])
     model, rivals = exchanged(ears, model, others, count, tried, budget, vault)
     return Found(model=model, start=start, rivals=rivals, tried=tried, count=count, spent=spent, ways=ways)
 
@@ -535,10 +546,10 @@ def wells(ears, vault: Sequence[Ear], model: Model, number: int) -> list[tuple[f
 
 def is_one_of_many(ears, found: Found, number: int) -> bool:
     """Whether another way than an effect's explains nearly as much: then a third, which nobody found, may be the one."""
-    model, own = found.model, found.model.effects[number]
+    model, own, span_s = found.model, found.model.effects[number], _span_s(ears)
     others = [fitted(ears, replaced(ears, model, number, one), rounds=4) for one in found.ways.get(own.key, ())]
     return any(
-        one.energy < model.energy + policy.WAY_NATS and not own.family.is_same_way(model.base, own, one.effects[number])
+        one.energy < model.energy + policy.WAY_NATS and not own.family.is_same_way(model.base, own, one.effects[number], span_s)
         for one in others
     )
 
@@ -619,15 +630,16 @@ def _beside_fields(model: Model) -> float:
 
 
 def _unshown(ears, vault: Sequence[Ear], model: Model) -> list[int]:
-    """Numbers of effects that explain a small part of what random fields beside them do, and nothing of the vault: patches that
-    send alike."""
+    """Numbers of effects that explain a small part of what random fields beside them do, and nothing of a vault that hears of
+    them: patches that send alike."""
     if not any(ear.has_responses for ear in vault) or not any(effect.family.is_flexible for effect in model.effects):
         return []
     least = policy.FIELDS_SHARE * (sum(fit.energy for fit in model.fits) - model.energy)
     return [
         number
         for number, (effect, nats) in enumerate(zip(model.effects, foretold.told_nats(vault, model), strict=True))
-        if effect.family.lasts and not effect.family.is_flexible and nats < policy.LEAST_EVIDENCE_NATS
+        if effect.family.lasts and not effect.family.is_flexible and policy.UNSOUNDED_NATS < abs(nats)
+        and nats < policy.LEAST_EVIDENCE_NATS
         and without_effects(ears, model, [number]).energy - model.energy < least
     ]  # fmt: skip
 

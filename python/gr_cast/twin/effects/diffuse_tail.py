@@ -31,6 +31,7 @@ ALIKE = 0.5  # decays in which taps come together, where they come in clusters
 NEPER_STEP = 0.1  # of power and decay, for the curvature of their likelihood
 LEAST_VARIANCE = 0.25  # of ln power and ln decay, times the taps of one decay: however well each is known, they are few
 BY_CHANCE = 10.0  # taps of each decay, of which one is the strongest: exponential powers are ln n times their mean at most
+STILL = 0.5  # cycles that an echo turns at most, to be one of the taps, which do not
 LEAST_DECAY = 0.5  # samples: a shorter one is a tap
 DB = 10 / np.log(10)
 
@@ -223,7 +224,8 @@ class DiffuseTail(Family):
         behind, onset = other.p[2] - effect.aux["first"], effect.aux.get("_onset", 0)
         shape = np.exp(-np.arange(late + 1 - onset) / law["decay"])
         mean = law["power"] / shape.sum() * np.exp(-(behind - onset) / law["decay"])
-        return bool(behind > late and np.sum(other.p[:2] ** 2) < mean * np.log(BY_CHANCE * law["decay"]))
+        is_still = abs(other.p[3]) < STILL
+        return bool(is_still and behind > late and np.sum(other.p[:2] ** 2) < mean * np.log(BY_CHANCE * law["decay"]))
 
     @staticmethod
     def _begin(effect) -> tuple[float, float]:

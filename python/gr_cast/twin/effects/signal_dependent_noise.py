@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Noise that follows the wanted power, of each sample or (aux smooth: how many, how much later than centred) the mean of some.
+"""Noise that follows the wanted power, of each sample or (aux smooth: how many, and by how many the
+noise is later than their middle) the mean of some.
 Internal: ln of its power at mean wanted power over the floor."""
 
 from dataclasses import replace
@@ -13,7 +14,7 @@ from .noise_family import REMEMBERED, NoiseFamily, profile
 from .values import NEEDED, Value
 
 STRONGEST = 7.0  # ln of the noise that follows over the floor, either way: beyond, one of the two is not heard
-# Samples over which the power that it follows is averaged, and how much later their middle is: before, about and after each.
+# Samples whose mean power it follows, and how much later than their middle it is: of those after, about and before each.
 SMOOTH = ((1, 0), *((size, late) for size in (4, 16) for late in (-(size // 2), 0, (size - 1) // 2)))
 COVERS = 1.96  # standard deviations of an interval of 95 %
 

@@ -368,8 +368,9 @@ class MovingScatterer(Family):
         wells = [(a, b) for a in range(-_WELLS, _WELLS + 1) for b in range(-_WELLS, _WELLS + 1) if a or b]
         return [effect.moved(effect.values + step_m * np.array([a, b, 0, 0, 0, 0])) for a, b in wells]
 
-    def is_same_way(self, world, effect, other):
-        return bool(np.all(np.abs((effect.values - other.values)[:4]) < world.wavelength_m / 4))
+    def is_same_way(self, world, effect, other, span_s):
+        place_m, velocity = np.split((effect.values - other.values)[:4], 2)
+        return all(np.abs(place_m + velocity * at_s).max() < world.wavelength_m / 4 for at_s in span_s)
 
     def choices(self, world, effect):
         radii_m = {*_RADII_M, *(effect.choice[0] * _WIDER)} - {effect.choice[0]}

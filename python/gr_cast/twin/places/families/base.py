@@ -61,8 +61,8 @@ class Family:
         """Other beginnings once an effect is fitted, where one number decides which minimum another falls into."""
         return []
 
-    def is_same_way(self, world: World, effect: Effect, other: Effect) -> bool:
-        """Whether two effects of a family that `has_ways` go the same one."""
+    def is_same_way(self, world: World, effect: Effect, other: Effect, span_s: tuple[float, float]) -> bool:
+        """Whether two effects of a family that `has_ways` go the same one from the first to the last of these times."""
         raise NotImplementedError
 
     def choices(self, world: World, effect: Effect) -> list[Effect]:
