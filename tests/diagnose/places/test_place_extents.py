@@ -175,7 +175,9 @@ def test_what_a_field_takes_for_its_own_is_refused_by_the_vault():
     assert 0 not in foretold._refused(ears, model) and 0 in foretold.refused(ears, model)
 
 
-@pytest.mark.parametrize(("explains", "shown", "goes"), [(150.0, 0.0, [0]), (150.0, 30.0, []), (400.0, 0.0, [])])
+@pytest.mark.parametrize(
+    ("explains", "shown", "goes"), [(150.0, -2.0, [0]), (150.0, 0.0, []), (150.0, 30.0, []), (400.0, -2.0, [])]
+)
 def test_a_hundredth_beside_a_field_wants_to_be_shown_by_the_vault(explains, shown, goes, monkeypatch):
     field = Effect(family=BY_NAME["missing_scattering"], owner="place", values=np.zeros(0), choice=0.6)
     model = SimpleNamespace(effects=(of("node_gain", "n4", 1.0), field), energy=1e3, fits=(SimpleNamespace(energy=21e3),))

@@ -136,6 +136,17 @@ def thinned(one, instants: int, frequencies: int):
     return ResponseEar(predictor, heard)
 
 
+def thinned_on_time(one, fit: Fitted, instants: int, frequencies: int):
+    """`thinned`, without the delays of links that a fit found: fewer frequencies could not tell long ones from others."""
+    thin = thinned(one, instants, frequencies)
+    if not one.has_responses or one.heard.delay == "none":
+        return thin
+    turn = (fit.factor[:, :, 1:] * fit.factor[:, :, :-1].conj()).sum(axis=(1, 2))
+    delay_s = -np.angle(turn) / (2 * np.pi * one.heard.spacing_hz)
+    y = thin.heard.y * np.exp(2j * np.pi * delay_s[:, None] * thin.heard.frequency_hz)[:, None]
+    return replace(thin, heard=replace(thin.heard, y=y))
+
+
 @functools.lru_cache(maxsize=8)
 def of_link(one: ResponseEar, index: int) -> ResponseEar:
     """One link of a sounding."""

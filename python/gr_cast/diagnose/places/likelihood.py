@@ -11,6 +11,7 @@ import numpy as np
 from scipy.fft import ifft
 from scipy.special import ive
 
+_AGREEING = 6  # rounds in which a link of another delay than its nodes' loses its say
 _ROUNDS = 4  # of gains and delays, which are Gauss-Newton steps near the optimum
 _FAR = 1e6  # of a Bessel function's argument, beyond which its asymptote stands
 _FINER = 8  # of the grid of delays over the resolution of the band
@@ -72,11 +73,16 @@ class Fitted:
 def profiled(heard: Heard, h: np.ndarray) -> Fitted:
     """The least energy over unknown phases, delays and gains."""
     cross = h.conj() * heard.weighted  # (L, T, K)
-    size = h.real**2 + h.imag**2
-    moments = (size * heard.weight) @ heard.powers_of_omega  # (L, T, 3)
-    delay_s, omega = np.zeros(len(h)), heard.omega
-    if heard.delay != "none":
-        delay_s = _shared(_delays(heard, cross), heard, moments[:, :, 0].sum(axis=1))
+    moments = ((h.real**2 + h.imag**2) * heard.weight) @ heard.powers_of_omega  # (L, T, 3)
+    if heard.delay == "none":
+        return _fitted(heard, h, cross, moments, np.zeros(len(h)))
+    begun = _agreed(_delays(heard, cross), heard, moments[:, :, 0].sum(axis=1))
+    return min((_fitted(heard, h, cross, moments, delay_s) for delay_s in begun), key=lambda fit: fit.energy)
+
+
+def _fitted(heard: Heard, h: np.ndarray, cross: np.ndarray, moments: np.ndarray, delay_s: np.ndarray) -> Fitted:
+    """The least energy near some delays (L,)."""
+    omega = heard.omega
     log_gain = np.zeros(len(h))
     for number in range(_ROUNDS if heard.gain != "none" or heard.delay != "none" else 1):
         turn = np.exp(1j * delay_s[:, None] * omega) if heard.delay != "none" else np.ones((len(h), len(omega)))
@@ -161,6 +167,19 @@ def _shared(delay_s: np.ndarray, heard: Heard, weight: np.ndarray) -> np.ndarray
         return delay_s
     design, root = heard.design, np.sqrt(weight)
     return design @ np.linalg.lstsq(root[:, None] * design, root * delay_s, rcond=1e-9)[0]
+
+
+def _agreed(delay_s: np.ndarray, heard: Heard, weight: np.ndarray) -> list[np.ndarray]:
+    """Delays (L,) that suit all links, and where these differ those that most agree on: a link whose paths the world has not is
+    best at a delay that is no node's (iteratively reweighted least squares, Holland and Welsch 1977)."""
+    cell_s, known = 1 / (len(heard.frequency_hz) * heard.spacing_hz), weight > 0
+    out = [_shared(delay_s, heard, weight)]
+    for _ in range(_AGREEING):
+        off = np.where(known, np.abs(delay_s - out[-1]), 0.0) / cell_s
+        if off.max(initial=0.0) < 1:
+            break
+        out.append(_shared(delay_s, heard, weight / (1 + off**2) ** 2))
+    return [out[0], *out[1:][-1:]]
 
 
 def _delays(heard: Heard, cross: np.ndarray) -> np.ndarray:

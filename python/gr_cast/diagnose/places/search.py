@@ -9,7 +9,7 @@ import numpy as np
 
 from ...twin.places.families.base import Effect
 from . import elsewhere, foretold, policy
-from .ears import thinned
+from .ears import thinned_on_time
 from .fit import Ear, Model, evaluated, fitted, replaced, shows_in, with_effect, without_effects
 from .view import View
 
@@ -205,7 +205,8 @@ def _restarted(ears, model: Model, number: int, most: int = policy.FULL_STARTS) 
     others = model.effects[number].family.restarts(model.base, model.effects[number])
     if len(others) <= policy.MANY_RESTARTS:
         return sorted((replaced(ears, model, number, one) for one in others), key=lambda one: one.energy)[:most]
-    thin = [thinned(ear, policy.THIN_INSTANTS, policy.THIN_FREQUENCIES) for ear in ears]
+    both = zip(ears, model.fits, strict=True)
+    thin = [thinned_on_time(ear, fit, policy.THIN_INSTANTS, policy.THIN_FREQUENCIES) for ear, fit in both]
     known = evaluated(thin, model.base, model.effects)
     ranked = sorted((replaced(thin, known, number, one) for one in others), key=lambda one: one.energy)
     near = [fitted(thin, one, rounds=policy.SCREEN_ROUNDS, free=[number]) for one in ranked[: 4 * most]]
