@@ -600,11 +600,15 @@ def test_every_family_begins_in_poor_campaigns(part):
 MOVED_M = 0.043
 
 
+def with_a_moved_wall() -> tuple[dict, np.ndarray]:
+    world, normal = theirs(), np.array([-1.0, 18.0, 0.0]) / np.hypot(1, 18)
+    world["objects"]["wall"]["tris"] = world["objects"]["wall"]["tris"] + MOVED_M * normal
+    return world, normal
+
+
 def half_a_wave_off() -> tuple[list, Model]:
     """One link that stands still and sees a wall that was moved, and the wall half a wave too far off, as the one link allows."""
-    world = theirs()
-    normal = np.array([-1.0, 18.0, 0.0]) / np.hypot(1, 18)
-    world["objects"]["wall"]["tris"] = world["objects"]["wall"]["tris"] + MOVED_M * normal
+    world, normal = with_a_moved_wall()
     one = LINKS.index(("n0", "n2"))
     ears = louder(heard(world, 30.0, band_hz=8e6), "n0", 0.0, slice(one, one + 1))
     wrong = Effect(family=BY_NAME["object_moved"], owner="wall", values=np.array([MOVED_M + 0.0625]), choice=tuple(normal))
@@ -624,6 +628,32 @@ def test_what_the_vault_refuses_is_looked_for_in_the_next_wells(monkeypatch):
     monkeypatch.setattr(foretold, "refused", lambda vault, one: [0] if abs(one.effects[0].values[0] - MOVED_M) > 0.05 else [])
     other = search._otherwise(ears, ears, model, 0, {})
     assert other.effects[0].values == pytest.approx([MOVED_M], abs=2e-3)
+
+
+def test_of_the_wells_that_the_soundings_leave_open_the_vault_chooses():
+    ears, model = half_a_wave_off()
+    world, normal = with_a_moved_wall()
+    found = search._in_its_well(ears, heard(world, 30.0), model, 0, KNOWN, {}, search.Budget.of(60.0)).effects[0]
+    assert found.values[0] * np.array(found.choice) == pytest.approx(MOVED_M * normal, abs=2e-3)
+
+
+@pytest.mark.parametrize("owner", ["wall", "brick"])
+def test_what_is_wrong_with_one_thing_alone_is_not_told_of_its_material(owner):
+    base = replace(ours(), media={name: Medium(material="brick") for name in FLAT})
+    base = replace(base, surface=surface_of([base.media[name] for name in base.mesh.names], CARRIER_HZ))
+    clean = heard(theirs(), 30.0)[0]
+    silent = ResponseEar(clean.predictor, replace(clean.heard, y=np.zeros_like(clean.heard.y)))
+    rough = {name: Effect(family=BY_NAME["roughness"], owner=name, values=np.log([0.02])) for name in ("wall", "ground", "brick")}
+    random = np.random.default_rng(2)
+    noise = (random.normal(size=(*clean.heard.y.shape, 2)) @ [1, 1j]) / np.sqrt(2 * clean.heard.weight)
+    y = noise - evaluated([silent], base, [rough[owner]]).fits[0].residual
+    ears = [ResponseEar(clean.predictor, replace(clean.heard, y=y))]
+    for begun in ("brick", "wall"):
+        model = fitted(ears, evaluated(ears, base, [rough[begun]]))
+        found, _ = search.exchanged(ears, model, search._with_kin(model, {}), ears[0].count, 10, search.Budget.of(60.0))
+        assert found.effects[0].owner == owner
+    moved = Effect(family=BY_NAME["object_moved"], owner="wall", values=np.zeros(1), choice=(1.0, 0.0, 0.0))
+    assert moved.family.kin(base, moved) == []  # it moves alone
 
 
 @pytest.mark.parametrize(("told", "first"), [(3000.0, "wall"), (6000.0, "node"), (0.0, "wall")])

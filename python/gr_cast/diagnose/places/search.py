@@ -307,7 +307,7 @@ def run(
         barred -= {effect.key for effect in model.effects}
     spent = budget.is_spent
     budget = Budget.of(policy.RIVALS_SHARE * budget_s)
-    others = _with_images(ears, model, others, unknown, budget)
+    others = _with_images(ears, model, _with_kin(model, others), unknown, budget)
     others = {key: [one for one in found if one.key not in barred] for key, found in others.items()}
     ways: dict = {}
     for one in (*(other for found in others.values() for other in found), *model.effects):
@@ -331,6 +331,7 @@ def _confirmed(ears, vault: Sequence[Ear], model: Model, unknown: dict, budget: 
     most = model.energy + policy.RIVAL_NATS
     for number in range(len(model.effects)):
         model = _beside(ears, vault, model, number, most)
+        model = _in_its_well(ears, vault, model, number, unknown, others, budget)
     while len(model.effects) < policy.MOST_EFFECTS and not budget.is_spent:
         if _is_foretold(ears, vault, model, unknown, count):
             break
@@ -520,6 +521,31 @@ def _beside(ears, vault: Sequence[Ear], model: Model, number: int, most: float) 
     return min(open_, key=lambda one: evaluated(vault, one.base, one.effects).energy)
 
 
+def _in_its_well(ears, vault: Sequence[Ear], model: Model, number: int, unknown: dict, others: dict, budget: Budget) -> Model:
+    """The model with an effect in that well of its phase which predicts the vault best, of all that explain the soundings alike:
+    wells are looked for from the lowest that is known, next to next."""
+    fits, expanded, own = [model], set(), model.effects[number]
+    if not own.family.lasts:
+        return model
+    view = View(ears, without_effects(ears, model, [number]), unknown)
+    begun = [*_kinds(ears, model, number, others)]
+    if own.family.wells(model.base, own):
+        begun += [replaced(ears, model, number, one) for one in own.family.starts(view, own.owner)]
+    for _ in range(policy.RESHAPED):
+        begun = sorted(begun, key=lambda one: one.energy)[: 2 * policy.WELLS]
+        fits += [fitted(ears, one, rounds=4) for one in begun]
+        apart = _distinct(model.base, [one.effects[number] for one in sorted(fits, key=lambda one: one.energy)])
+        lowest = min(one.energy for one in fits)
+        open_ = [one for one in fits if one.effects[number] in apart and one.energy < lowest + policy.RIVAL_NATS]
+        fresh = [one for one in open_ if id(one.effects[number]) not in expanded]
+        if not fresh or budget.is_spent:
+            break
+        nearest = min(fresh, key=lambda one: one.energy)
+        expanded.add(id(nearest.effects[number]))
+        begun = [replaced(ears, nearest, number, one) for one in own.family.wells(model.base, nearest.effects[number])]
+    return min(open_, key=lambda one: evaluated(vault, one.base, one.effects).energy)
+
+
 def _kinds(ears, model: Model, number: int, others: dict) -> list[Model]:
     """The model with each other fit of one family and owner that came close to an effect."""
     key = model.effects[number].key
@@ -553,6 +579,14 @@ def is_one_of_many(ears, found: Found, number: int) -> bool:
         one.energy < model.energy + policy.WAY_NATS and not own.family.is_same_way(model.base, own, one.effects[number], span_s)
         for one in others
     )
+
+
+def _with_kin(model: Model, others: dict) -> dict:
+    """What came close to each effect, and the same of all of its owner's material, or of one of these things alone."""
+    out = dict(others)
+    for effect in model.effects:
+        out[effect.key] = [*out.get(effect.key, ()), *effect.family.kin(model.base, effect)]
+    return out
 
 
 def _with_images(ears, model: Model, others: dict, unknown: dict, budget: Budget) -> dict:

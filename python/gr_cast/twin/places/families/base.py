@@ -61,9 +61,17 @@ class Family:
         """Other beginnings once an effect is fitted, where one number decides which minimum another falls into."""
         return []
 
+    def wells(self, world: World, effect: Effect) -> list[Effect]:
+        """Beginnings in the next wells of its phase, and in those behind them."""
+        return self.restarts(world, effect)
+
     def is_same_way(self, world: World, effect: Effect, other: Effect, span_s: tuple[float, float]) -> bool:
         """Whether two effects of a family that `has_ways` go the same one from the first to the last of these times."""
         raise NotImplementedError
+
+    def kin(self, world: World, effect: Effect) -> list[Effect]:
+        """The same of what its owner is a part of, and of that one's parts."""
+        return []
 
     def choices(self, world: World, effect: Effect) -> list[Effect]:
         """The same numbers, what none of them says chosen otherwise, where energy goes in steps: many, none of them fitted."""

@@ -85,6 +85,10 @@ class NodePosition(_OfNode):
         steps = [step for step in itertools.product((-1, 0, 1), repeat=3) if any(step)]
         return [effect.moved(effect.values + world.wavelength_m / 2 * np.array(step)) for step in steps]
 
+    def wells(self, world, effect):
+        whole = [sign * axis for axis in np.eye(3) for sign in (-1, 1)]  # across a lone link they are as far apart
+        return [*self.restarts(world, effect), *(effect.moved(effect.values + world.wavelength_m * step) for step in whole)]
+
     def apply(self, world, effect):
         offset_m = np.array(world.radios[effect.owner].offset_m) + effect.values
         return world.with_radio(effect.owner, offset_m=tuple(offset_m))

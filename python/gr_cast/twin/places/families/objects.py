@@ -30,6 +30,20 @@ class _OfObject(OfThings):
         return view.seen_objects
 
 
+class _OfMaterial(_OfObject):
+    """Of an object, or of all that are made of the same."""
+
+    def owners(self, view):
+        return [*view.seen_objects, *view.shared_materials(view.seen_objects)]
+
+    def kin(self, world, effect):
+        material = world.media[world.mesh.names[world.made_of(effect.owner)[0]]].material
+        has_name = material and material not in world.mesh.names
+        alike = [world.mesh.names[one] for one in world.made_of(material)] if has_name else []
+        names = [material, *alike] if len(alike) > 1 else []
+        return [replace(effect, owner=name) for name in names if name != effect.owner]
+
+
 class ExtraObject(_OfObject):
     name = "extra_object"
 
@@ -113,12 +127,9 @@ class ObjectMoved(_OfObject):
         return f"{effect.owner} stands {abs(effect.values[0]):.3g} m away from where the mesh has it."
 
 
-class Material(_OfObject):
+class Material(_OfMaterial):
     name = "material"
     price_nats = float(np.log(3))
-
-    def owners(self, view):
-        return [*view.seen_objects, *view.shared_materials(view.seen_objects)]
 
     def starts(self, view, owner):
         out = []
@@ -211,11 +222,11 @@ def _usual_hz(carrier_hz: float) -> float:
     return float(np.clip(carrier_hz, *_USUAL_HZ))
 
 
-class Roughness(_OfObject):
+class Roughness(_OfMaterial):
     name = "roughness"
 
     def owners(self, view):
-        return [*view.seen_objects, *view.shared_materials(view.seen_objects)] if view.has_responses else []
+        return super().owners(view) if view.has_responses else []
 
     def starts(self, view, owner):
         return [Effect(family=self, owner=owner, values=np.log([part * view.world.wavelength_m])) for part in _ROUGH]
