@@ -2,6 +2,7 @@
 """Soundings as the engine hears them: what a world would give, and how well that explains what was measured."""
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from ...twin.places.predict import Predictor
 from ...twin.places.soundings import Sounding
 from ...twin.places.world import World
+from . import policy
 from .likelihood import Fitted, Heard, profiled, tangents, tempered, without_phases
 from .power import PowerEar
 
@@ -136,9 +138,14 @@ def thinned(one, instants: int, frequencies: int):
     return ResponseEar(predictor, heard)
 
 
-def thinned_on_time(one, fit: Fitted, instants: int, frequencies: int):
-    """`thinned`, without the delays of links that a fit found: fewer frequencies could not tell long ones from others."""
-    thin = thinned(one, instants, frequencies)
+def thinned_as_fitted(ears: Sequence, fits: Sequence) -> list:
+    """Soundings on which first guesses are ranked, without the delays of links that fits found: fewer frequencies could not tell
+    long ones from others."""
+    return [_without_delays(one, fit) for one, fit in zip(ears, fits, strict=True)]
+
+
+def _without_delays(one, fit: Fitted):
+    thin = thinned(one, policy.THIN_INSTANTS, policy.THIN_FREQUENCIES)
     if not one.has_responses or one.heard.delay == "none":
         return thin
     turn = (fit.factor[:, :, 1:] * fit.factor[:, :, :-1].conj()).sum(axis=(1, 2))

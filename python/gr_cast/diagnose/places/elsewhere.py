@@ -13,7 +13,7 @@ from ...twin.places.families.base import Effect
 from ...twin.places.families.objects import ExtraObject, ObjectMoved
 from ...twin.places.world import World
 from . import policy
-from .ears import thinned_on_time
+from .ears import thinned_as_fitted
 from .fit import Model, applied, evaluated, fitted, shows_in, with_effect
 
 _MOVED, _GONE, _NEW = (next(one for one in FAMILIES if type(one) is kind) for kind in (ObjectMoved, ExtraObject, MissingObject))
@@ -101,9 +101,7 @@ def _is_furniture(corners_m: np.ndarray, normal: np.ndarray) -> bool:
 
 def _telling(ears: Sequence, rest: Model) -> list:
     """Responses, thinned where what is left shows in a part of them just as well."""
-    both = [(ear, fit) for ear, fit in zip(ears, rest.fits, strict=True) if ear.has_responses]
-    whole = [ear for ear, _ in both]
-    thin = [thinned_on_time(ear, fit, policy.THIN_INSTANTS, policy.THIN_FREQUENCIES) for ear, fit in both]
+    whole, thin = ([ear for ear in some if ear.has_responses] for some in (ears, thinned_as_fitted(ears, rest.fits)))
     return thin if shows_in(thin, ears, rest) else whole
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which effects explain the soundings of a place: rounds of candidates, each fitted with all found before; then elimination."""
 
+import itertools
 import time
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
@@ -9,7 +10,7 @@ import numpy as np
 
 from ...twin.places.families.base import Effect
 from . import elsewhere, foretold, policy
-from .ears import thinned_on_time
+from .ears import thinned_as_fitted
 from .fit import Ear, Model, evaluated, fitted, replaced, shows_in, with_effect, without_effects
 from .view import View
 
@@ -205,8 +206,7 @@ def _restarted(ears, model: Model, number: int, most: int = policy.FULL_STARTS) 
     others = model.effects[number].family.restarts(model.base, model.effects[number])
     if len(others) <= policy.MANY_RESTARTS:
         return sorted((replaced(ears, model, number, one) for one in others), key=lambda one: one.energy)[:most]
-    both = zip(ears, model.fits, strict=True)
-    thin = [thinned_on_time(ear, fit, policy.THIN_INSTANTS, policy.THIN_FREQUENCIES) for ear, fit in both]
+    thin = thinned_as_fitted(ears, model.fits)
     known = evaluated(thin, model.base, model.effects)
     ranked = sorted((replaced(thin, known, number, one) for one in others), key=lambda one: one.energy)
     near = [fitted(thin, one, rounds=policy.SCREEN_ROUNDS, free=[number]) for one in ranked[: 4 * most]]
@@ -309,9 +309,8 @@ def run(
     budget = Budget.of(policy.RIVALS_SHARE * budget_s)
     others = _with_images(ears, model, _with_kin(model, others), unknown, budget)
     others = {key: [one for one in found if one.key not in barred] for key, found in others.items()}
-    ways: dict = {}
-    for one in (*(other for found in others.values() for other in found), *model.effects):
-        ways.setdefault(one.key, []).extend([one] if one.family.has_ways else [])
+    tracks = [one for one in (*itertools.chain(*others.values()), *model.effects) if one.family.has_ways]
+    ways = {track.key: [one for one in tracks if one.key == track.key] for track in tracks}
     model, rivals = exchanged(ears, model, others, count, tried, budget, vault)
     return Found(model=model, start=start, rivals=rivals, tried=tried, count=count, spent=spent, ways=ways)
 

@@ -13,7 +13,7 @@ from ...twin.places.carrying import headings
 from ...twin.places.families import FAMILIES
 from . import diffuse, eclipses, extents, fringes, imaging, planes, policy, scan, shades, sides, tracks
 from .coherent import Phased
-from .ears import alone, of_link, thinned_on_time, without_phase
+from .ears import alone, of_link, thinned_as_fitted, without_phase
 from .fit import Model, applied, evaluated, fitted, with_effect
 
 _SCANNED_CARRIERS = 100_000
@@ -43,8 +43,7 @@ class View:
 
     @cached_property
     def thin(self):
-        both = zip(self.ears, self.model.fits, strict=True)
-        return [thinned_on_time(ear, fit, policy.THIN_INSTANTS, policy.THIN_FREQUENCIES) for ear, fit in both]
+        return thinned_as_fitted(self.ears, self.model.fits)
 
     @property
     def last_s(self) -> float:

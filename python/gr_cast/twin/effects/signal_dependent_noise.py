@@ -65,24 +65,30 @@ class SignalDependentNoise(NoiseFamily):
         return {**super().model(scene, effect), "smooth_samples": size, "smooth_late_samples": late}
 
     def find(self, view, near=None):
-        found = (self._find(view, near, smooth) for smooth in SMOOTH)
-        return max(found, key=lambda pair: pair[0])
+        energy, blur = view.energy[view.use], near.aux.get("_blur", (0.0, 0.0)) if near is not None else (0.0, 0.0)
+        forms = [(smooth, *self._likeliest(energy, self._power(view, smooth, blur[0]))) for smooth in SMOOTH]
+        smooth, strength, least = min(forms, key=lambda form: form[2])
+        power = self._power(view, smooth, blur[0])
+        # Of what follows, what of the floor may be the fit's own errors.
+        followed = np.exp(strength) * blur[1] / max(float(power.mean()), 1e-300)
+        error = self._error(lambda k: self._cost(energy, power, k) - least, strength)
+        aux = {"_std": [float(np.hypot(error, followed))], "_blur": blur, "smooth": smooth}
+        gain = -least - profile(energy, np.ones_like(energy))
+        return gain, start(self, [strength], free=[False], aux=aux, trials=len(SMOOTH))
 
-    def _find(self, view, near, smooth: tuple[int, int]):
-        energy, w = view.energy[view.use], _smoothed(view.wanted_power, *smooth)[view.use]
-        blur, doubt = near.aux.get("_blur", (0.0, 0.0)) if near is not None else (0.0, 0.0)
-        mean = max(w.mean() + blur, 1e-300)
-        w = (w + blur) / mean
-        flat = profile(energy, np.ones_like(energy))
+    @staticmethod
+    def _power(view, smooth: tuple[int, int], blur: float) -> np.ndarray:
+        return _smoothed(view.wanted_power, *smooth)[view.use] + blur
 
-        def cost(k):
-            return -profile(energy, 1 + np.exp(k) * w)
+    @staticmethod
+    def _cost(energy: np.ndarray, power: np.ndarray, strength: float) -> float:
+        return -profile(energy, 1 + np.exp(strength) * power / max(float(power.mean()), 1e-300))
 
+    def _likeliest(self, energy: np.ndarray, power: np.ndarray) -> tuple[float, float]:
+        """(strength, −ln L) of noise that follows a power in one form."""
+        cost = lambda k: self._cost(energy, power, k)  # noqa: E731
         best = minimize_scalar(cost, bounds=(-STRONGEST, STRONGEST), method="bounded", options={"xatol": 1e-3})
-        followed = np.exp(best.x) * doubt / mean  # of it, what of the floor may be the fit's own errors
-        std = float(np.hypot(self._error(lambda k: cost(k) - best.fun, best.x), followed))
-        aux = {"_std": [std], "_blur": (blur, doubt), "smooth": smooth}
-        return -best.fun - flat, start(self, [best.x], free=[False], aux=aux, trials=len(SMOOTH))
+        return float(best.x), float(best.fun)
 
 
 def _smoothed(power: np.ndarray, samples: int, late: int) -> np.ndarray:
