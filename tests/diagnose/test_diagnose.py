@@ -60,13 +60,15 @@ def test_a_clock_that_the_twin_knows_of_one_radio_says_nothing_of_the_others(wor
     assert abs(ppm["value"] + 4.0) < 2.5 * ppm["std"] < 1.0 and ppm["std"] > std
 
 
-@pytest.mark.parametrize(("samples", "late", "louder"), [(1, 0, 60.0), (4, -2, 60.0), (4, -2, 2.0), (4, 1, 60.0)])
+@pytest.mark.parametrize(
+    ("samples", "late", "louder"), [(1, 0, 60.0), (4, -3, 60.0), (4, -2, 60.0), (4, -2, 2.0), (4, 1, 60.0), (16, 9, 60.0)]
+)
 def test_noise_that_follows_the_mean_of_some_samples_is_no_other_floor(world, tmp_path, samples, late, louder):
     """`louder`: its power at mean wanted power over the floor, which the twin tells."""
     lines = np.fft.fft(world.rng.normal(size=(len(world.x), 2)) @ [1, 1j]) * (np.abs(np.fft.fftfreq(len(world.x))) < 0.17)
     world.x = np.fft.ifft(lines)
     power = np.abs(world.clean()) ** 2
-    follows = np.mean([np.roll(power, k) for k in (range(samples) if late > 0 else range(1 - samples, 1))], axis=0)
+    follows = np.mean([np.roll(power, k) for k in np.arange(samples) + late - (samples - 1) // 2], axis=0)
     white = world.rng.normal(size=(len(world.n), 2)) @ [1, 1j] / np.sqrt(2)
     y = world.noisy(world.clean()) + white * world.noise_rms * np.sqrt(louder * follows / power.mean())
     document = run_of_wave(world, tmp_path, y)

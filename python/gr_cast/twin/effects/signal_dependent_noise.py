@@ -14,7 +14,8 @@ from .noise_family import REMEMBERED, NoiseFamily, profile
 from .values import NEEDED, Value
 
 STRONGEST = 7.0  # ln of the noise that follows over the floor, either way: beyond, one of the two is not heard
-# Samples whose mean power it follows, and how much later than their middle it is: of those after, about and before each.
+# Samples whose mean power it follows, and how much later than their middle it is: of those after, about and before each. From
+# the likeliest of them it goes on in steps of a quarter of the samples, and of single ones.
 SMOOTH = ((1, 0), *((size, late) for size in (4, 16) for late in (-(size // 2), 0, (size - 1) // 2)))
 COVERS = 1.96  # standard deviations of an interval of 95 %
 
@@ -66,8 +67,7 @@ class SignalDependentNoise(NoiseFamily):
 
     def find(self, view, near=None):
         energy, blur = view.energy[view.use], near.aux.get("_blur", (0.0, 0.0)) if near is not None else (0.0, 0.0)
-        forms = [(smooth, *self._likeliest(energy, self._power(view, smooth, blur[0]))) for smooth in SMOOTH]
-        smooth, strength, least = min(forms, key=lambda form: form[2])
+        smooth, strength, least = self._form(view, energy, blur[0])
         power = self._power(view, smooth, blur[0])
         # Of what follows, what of the floor may be the fit's own errors.
         followed = np.exp(strength) * blur[1] / max(float(power.mean()), 1e-300)
@@ -75,6 +75,20 @@ class SignalDependentNoise(NoiseFamily):
         aux = {"_std": [float(np.hypot(error, followed))], "_blur": blur, "smooth": smooth}
         gain = -least - profile(energy, np.ones_like(energy))
         return gain, start(self, [strength], free=[False], aux=aux, trials=len(SMOOTH))
+
+    def _form(self, view, energy: np.ndarray, blur: float) -> tuple[tuple[int, int], float, float]:
+        """(what it follows, strength, −ln L) at its likeliest."""
+
+        def tried(smooth):
+            return smooth, *self._likeliest(energy, self._power(view, smooth, blur))
+
+        best = min(map(tried, SMOOTH), key=lambda form: form[2])
+        size = best[0][0]
+        for step in sorted({size // 4, min(size // 4, 1)} - {0}, reverse=True):
+            for way in (-step, step):
+                while (other := tried((size, best[0][1] + way)))[2] < best[2] and abs(other[0][1]) <= size:
+                    best = other
+        return best
 
     @staticmethod
     def _power(view, smooth: tuple[int, int], blur: float) -> np.ndarray:
@@ -92,5 +106,7 @@ class SignalDependentNoise(NoiseFamily):
 
 
 def _smoothed(power: np.ndarray, samples: int, late: int) -> np.ndarray:
-    late = int(np.clip(late, -(samples // 2), (samples - 1) // 2))
-    return power if samples == 1 else uniform_filter1d(power, samples, mode="nearest", origin=late)
+    if samples == 1:
+        return power
+    at = np.clip(np.arange(len(power)) - late, 0, len(power) - 1)
+    return uniform_filter1d(power, samples, mode="nearest")[at]
