@@ -257,9 +257,9 @@ def test_a_recording_for_the_vault_is_predicted_and_never_fitted(world, tmp_path
     assert fit["corrected_nmse_db"] == pytest.approx(fit["noise_floor_db"], abs=0.3)
 
 
-def network(world, tmp_path, factor):
+def network(world, tmp_path, factor, converted=lambda rx, y: y):
     """The diagnosis of two transmitters that two receivers hear one by one, each link times factor(transmitter), asked anew for
-    every recording."""
+    every recording, and each recording as `converted(receiver, y)`."""
     names = [(tx, rx) for tx in ("tx1", "tx2") for rx in ("rx1", "rx2")]
     folder = world.write(tmp_path / "case", world.noisy(world.clean()))
     twin = world.twin()
@@ -271,8 +271,9 @@ def network(world, tmp_path, factor):
     twin["recordings"] = [
         {"file": file, "receiver": rx, "transmitters": [tx]} for file, (tx, rx) in zip(files, names, strict=True)
     ]
-    for file, (tx, _) in zip(files, names, strict=True):
-        recording.write(folder / file, world.noisy(world.clean() * factor(tx)), sample_rate_hz=RATE_HZ)
+    for file, (tx, rx) in zip(files, names, strict=True):
+        y = converted(rx, world.noisy(world.clean() * factor(tx)))
+        recording.write(folder / file, y, sample_rate_hz=RATE_HZ)
     (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
     return diagnose(read_case(folder), budget_s=PATIENCE_S).document
 
@@ -282,6 +283,28 @@ def test_an_owner_is_the_node_whose_recordings_show_the_effect(world, tmp_path):
     assert named(document) == ["carrier_frequency_offset"]
     assert document["effects"][0]["owner"] == {"level": "tx", "name": "tx2"}
     assert document["effects"][0]["where"]["recording"] == ["tx2_rx1", "tx2_rx2"]
+
+
+def test_a_fine_grid_is_its_receivers_though_no_fit_gains_by_it(world, tmp_path):
+    step = world.noise_rms / 14
+    document = network(
+        world,
+        tmp_path,
+        lambda tx: 1.0,
+        lambda rx, y: y if rx == "rx1" else step * (np.round(y.real / step) + 1j * np.round(y.imag / step)),
+    )
+    assert named(document) == ["quantization"]
+    assert document["effects"][0]["owner"] == {"level": "rx", "name": "rx2"}
+
+
+@pytest.mark.parametrize("steps_of_noise", [1.5, 4.0])
+def test_the_dither_of_a_grid_is_no_other_floor(world, tmp_path, steps_of_noise):
+    """Uniform dither over one step before a mid-rise converter (Gray and Stockham 1993)."""
+    world.noise_rms, step = 0.05, 0.05 / steps_of_noise
+    y = world.noisy(world.clean())
+    dithered = (np.stack([y.real, y.imag]) + step * world.rng.uniform(-0.5, 0.5, (2, len(y)))) / step
+    document = run(world, tmp_path, step * np.array([1, 1j]) @ (np.floor(dithered) + 0.5))
+    assert named(document) == ["quantization"]
 
 
 def test_a_small_step_whose_moment_no_recording_tells_well_is_one_step(world, tmp_path):

@@ -16,6 +16,7 @@ from .next_recording import Hypothesis, record_next
 from .policy import (
     ALIKE_NATS,
     COURSE_DB,
+    DITHERS,
     EVEN_P,
     EVEN_SHARE,
     FAINT,
@@ -183,9 +184,9 @@ def _heard(finding: Finding) -> Heard | None:
         return None
     shape = np.ones(data.scene.count) if data.variance is None else data.variance
     power = np.abs(data.even(fit.residual, (data.use > 0) | data.vault)) ** 2 / shape
-    # The rounding of the file itself, which the twin's figure may hold or not.
-    of_file = gate.native_step(finding.observation.datatype) ** 2 / 6
-    rounded = 1 + float(np.clip(np.mean(power[inside]) - told, 0.0, of_file)) / told
+    # The rounding of the file itself, which the twin's figure may hold or not, and the dither of a grid, of one step or two.
+    rounds = gate.native_step(finding.observation.datatype) ** 2 / 6 + DITHERS * rounding
+    rounded = 1 + float(np.clip(np.mean(power[inside]) - told, 0.0, rounds)) / told
     told *= rounded
     energy, count, level = power / told, float(inside.sum()), np.abs(fit.chain.wanted)
     if _wanders(fit):  # what it leaves over is across the signal

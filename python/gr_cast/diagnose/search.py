@@ -16,6 +16,7 @@ from ..twin.model import RIDGE, Model, _run, _start_chain, _steps, effect_column
 from . import heldout, noise, offsets
 from .fit import Data, Fit, filters_noise, in_band, invert, misfit, off_the_rails, smooth_spectrum, solve, with_noise
 from .policy import (
+    ALIKE_NATS,
     ANOTHER_PATH,
     BEAM,
     CLEAR_NATS,
@@ -584,8 +585,8 @@ def _as_sent(scene, effect: Effect) -> list[Effect]:
 
 
 def through_the_quantiser(data: Data, model: Model) -> Model:
-    """The model with the noise in front of a coarse quantiser, in steps, under which its mean output fits best; itself where
-    that is so."""
+    """The model with the noise in front of a coarse quantiser, in steps, under which its mean output fits best, the most of those
+    that fit alike: much noise hides the grid. Itself where that is so."""
     at = model.index_of(Role.QUANTISER)
     if at is None:
         return model
@@ -594,7 +595,8 @@ def through_the_quantiser(data: Data, model: Model) -> Model:
         effect = model.effects[at].moved(np.array([*model.effects[at].p[:2], sigma]))
         other = model.replacing(at, effect)
         tries.append((misfit(data, predict(data.scene, other).y), sigma, other))
-    _, sigma, other = min(tries, key=lambda t: t[:2])
+    best = min(cost for cost, *_ in tries)
+    sigma, other = max(((s, m) for cost, s, m in tries if data.count * (cost / best - 1) < ALIKE_NATS), key=lambda t: t[0])
     return model if sigma == model.effects[at].p[2] else other
 
 

@@ -30,7 +30,8 @@ DIFFUSE_SHARE, DIFFUSE_NUMBERS = 0.01, 0.02  # of the energy of scattered fields
 # their law is no nearer to what patches do
 UNEVEN_DEVIATIONS = 3.5  # of the spread of a random field's modes: above, what it is to explain is something else. On the bench
 # five fields that were there had 0.5 at most, three that were told and were others or none 3.8, 8 and 12
-BESIDE_FIELDS_NATS = 30.0  # of an effect beside scattering: its patches are no Gaussian noise, up to 26 came from nothing
+BESIDE_ROUGH_NATS = 30.0  # of an effect beside scattering, whose patches are no Gaussian noise, or edges, which are no wedges: up
+# to 26 came from nothing
 FIELDS_SHARE = 0.01  # of what fields explain, and less is theirs where the vault shows none of it: an object of 82 nats was told
 # beside 9,000 of a panel that scatters, and none of the vault; an order of reflections of 280 beside 52,000 does, and was there
 UNSOUNDED_NATS = 0.1  # by which the vault is otherwise with an effect: less, and it does not hear of it

@@ -3,7 +3,7 @@
 
 import itertools
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -28,6 +28,23 @@ class Budget:
     @property
     def is_spent(self) -> bool:
         return time.thread_time() > self.end_s
+
+
+@dataclass(frozen=True, kw_only=True)
+class Barred:
+    """What the vault refused, by what it was refused `beside`: where more is known, it may be looked for again."""
+
+    beside: dict[tuple, list[frozenset]] = field(default_factory=dict)
+
+    def add(self, gone: Sequence[Effect], model: Model) -> None:
+        """Effects that were taken out, of which a model is what remains."""
+        have = frozenset(effect.key for effect in model.effects)
+        for key in {effect.key for effect in gone} - have:
+            self.beside.setdefault(key, []).append(have)
+
+    def bars(self, key: tuple, have: set | frozenset) -> bool:
+        """Whether it was refused where at least these effects were known."""
+        return any(have <= one for one in self.beside.get(key, ()))
 
 
 def number_price_nats(count: float) -> float:
@@ -58,7 +75,7 @@ def _freedom(model: Model, before: Model) -> float:
     return max(0.0, model.loose[part] - before.loose[part])
 
 
-def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, barred: Collection) -> tuple[list[Model], int]:
+def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, barred: Barred) -> tuple[list[Model], int]:
     """Models with one effect more, fitted, the best evidence first; and how many were tried. None where time ran out before
     all had been looked at: the best of a few is no answer."""
     view = View(ears, model, unknown)
@@ -68,7 +85,7 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
     for family in view.families:
         for owner in family.owners(view):
             key = family.name, owner
-            if key in barred or key in have and not _may_recur(family):
+            if barred.bars(key, have) or key in have and not _may_recur(family):
                 continue
             if budget.is_spent:
                 return [], tried
@@ -280,7 +297,7 @@ def run(
     start = model = evaluated(ears, base, ())
     count = sum(ear.count for ear in ears)
     others: dict = {}
-    barred: set = set()
+    barred = Barred()
     found: list[Model] = []
     while True:
         model, tried = _explored(ears, model, unknown, budget, others, barred, progress)
@@ -290,25 +307,26 @@ def run(
         if not refused and (unshown := _unshown(ears, vault, model)):
             gone = [model.effects[number] for number in unshown]
             model = fitted(ears, without_effects(ears, model, unshown))
-            barred |= {one.key for one in gone} - {one.key for one in model.effects}
-            others = {key: [one for one in found_ if one.key not in barred] for key, found_ in others.items()}
+            barred.add(gone, model)
+            others = {key: [one for one in found_ if one.key not in barred.beside] for key, found_ in others.items()}
             if not budget.is_spent:
                 continue
         found.append(model)
         if not refused:
             model = _confirmed(ears, vault, model, unknown, budget, others, barred)
             break
-        barred |= {model.effects[number].key for number in refused}
+        gone = [model.effects[number] for number in refused]
         model = fitted(ears, without_effects(ears, model, refused))
+        barred.add(gone, model)
         if budget.is_spent:
             break
     if not _is_foretold(ears, vault, model, unknown, count):  # nor was what was refused, which may lack its shape alone
         model = max([*found, model], key=lambda one: evidence(one, count, tried) - evaluated(vault, base, one.effects).energy)
-        barred -= {effect.key for effect in model.effects}
+    have = {effect.key for effect in model.effects}
     spent = budget.is_spent
     budget = Budget.of(policy.RIVALS_SHARE * budget_s)
     others = _with_images(ears, model, _with_kin(model, others), unknown, budget)
-    others = {key: [one for one in found if one.key not in barred] for key, found in others.items()}
+    others = {key: [one for one in found if one.key not in barred.beside or one.key in have] for key, found in others.items()}
     tracks = [one for one in (*itertools.chain(*others.values()), *model.effects) if one.family.has_ways]
     ways = {track.key: [one for one in tracks if one.key == track.key] for track in tracks}
     model, rivals = exchanged(ears, model, others, count, tried, budget, vault)
@@ -320,7 +338,7 @@ def _is_foretold(ears, vault: Sequence[Ear], model: Model, unknown: dict, count:
     return _excess(model, count) < policy.CLEAN_DEVIATIONS and foretold.holds(View(ears, model, unknown), vault)
 
 
-def _confirmed(ears, vault: Sequence[Ear], model: Model, unknown: dict, budget: Budget, others: dict, barred: set) -> Model:
+def _confirmed(ears, vault: Sequence[Ear], model: Model, unknown: dict, budget: Budget, others: dict, barred: Barred) -> Model:
     """The model as the vault has it, where it is not predicted: what was added there where it predicts it best, and with what
     explains too little beside an added object, whose shape may be wrong by as much, or beside edges, to be told for what it was
     fitted to, but is told by the vault too."""
@@ -335,7 +353,7 @@ def _confirmed(ears, vault: Sequence[Ear], model: Model, unknown: dict, budget: 
         if _is_foretold(ears, vault, model, unknown, count):
             break
         found, tried = candidates(ears, model, unknown, budget, barred)
-        least = max(policy.LEAST_EVIDENCE_NATS, model.slack, _beside_fields(model))
+        least = max(policy.LEAST_EVIDENCE_NATS, model.slack, _beside_rough(model))
         paying = [one for one in found if worth(one, model, count, tried) > least and not foretold.refused(vault, one)]
         before = evaluated(vault, model.base, model.effects)
         told = {id(one): before.energy - evaluated(vault, one.base, one.effects).energy for one in paying}
@@ -348,7 +366,7 @@ def _confirmed(ears, vault: Sequence[Ear], model: Model, unknown: dict, budget: 
     return model
 
 
-def _explored(ears, model: Model, unknown: dict, budget: Budget, others: dict, barred: set, progress) -> tuple[Model, int]:
+def _explored(ears, model: Model, unknown: dict, budget: Budget, others: dict, barred: Barred, progress) -> tuple[Model, int]:
     """The best model with effects, and how many were tried for the last: where going on with the best each time does not end at
     noise, or with a random field, what came close to one of the best is gone on with instead, the closest first."""
     count = sum(ear.count for ear in ears)
@@ -377,7 +395,7 @@ def _is_told(model: Model, count: float) -> bool:
 
 
 def _grown(
-    ears, model: Model, unknown: dict, budget: Budget, others: dict, barred: set, open_: list, expanded: dict, progress
+    ears, model: Model, unknown: dict, budget: Budget, others: dict, barred: Barred, open_: list, expanded: dict, progress
 ) -> tuple[Model, int]:
     """The model with effect after effect as long as they pay, none of them `barred`, and how many were tried; what came next to
     each goes to `others`, what came close to it, with its regret, to `open_`."""
@@ -395,14 +413,18 @@ def _grown(
         found, tried = candidates(ears, model, unknown, budget, barred)
         unshaped = policy.SHAPE_SHARE * _by_shape(ears, model)
         worths = {id(one): worth(one, model, count, tried) for one in found}
-        least = max(policy.LEAST_EVIDENCE_NATS, model.slack, unshaped, _beside_fields(model))
+        least = max(policy.LEAST_EVIDENCE_NATS, model.slack, unshaped, _beside_rough(model))
         paying = [one for one in found if worths[id(one)] >= max(least, _beside_edges(one))]
         if not paying:
             model, before = _looked_for_anew(ears, model, unknown, budget, tried), model
             if model is before:
                 break
             continue
-        hidden = [one for one in elsewhere.instead(ears, model, budget) if one.effects[-1].key not in barred]
+        hidden = [
+            one
+            for one in elsewhere.instead(ears, model, budget)
+            if not barred.bars(one.effects[-1].key, {effect.key for effect in one.effects[:-1]})
+        ]
         worths |= {id(one): worth(one, model, count, tried) for one in hidden}
         found, paying = (sorted([*some, *hidden], key=lambda one: -worths[id(one)]) for some in (found, paying))
         good = _good_stiff(paying, model, count)
@@ -658,9 +680,11 @@ def behind_nats(rival: Model, model: Model, number: int, count: float) -> float:
     return rival.energy - model.energy + more + each * (one.family.told_numbers(one) - other.family.told_numbers(other))
 
 
-def _beside_fields(model: Model) -> float:
-    """Nats that any effect may gain from what few patches of a random field send alike."""
-    return policy.BESIDE_FIELDS_NATS if any(effect.family.is_flexible for effect in model.effects) else 0.0
+def _beside_rough(model: Model) -> float:
+    """Nats that any effect may gain from what few patches of a random field send alike, or from edges that bend in no phase of
+    the theory's."""
+    is_rough = any(effect.family.is_flexible for effect in model.effects) or any(model.loose)
+    return policy.BESIDE_ROUGH_NATS if is_rough else 0.0
 
 
 def _unshown(ears, vault: Sequence[Ear], model: Model) -> list[int]:
@@ -688,7 +712,7 @@ def pruned(ears, model: Model, count: float, tried: float) -> Model:
     number = 0
     while number < len(model.effects) > 1:
         less = fitted(ears, without_effects(ears, model, [number]), rounds=4)
-        least = max(policy.LEAST_EVIDENCE_NATS / 2, model.slack, _beside_fields(less), _beside_edges(model))
+        least = max(policy.LEAST_EVIDENCE_NATS / 2, model.slack, _beside_rough(less), _beside_edges(model))
         if _is_negligible(model, number) or evidence(less, count, tried) > evidence(model, count, tried) - least:
             model = less
         else:
