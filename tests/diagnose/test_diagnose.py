@@ -78,6 +78,21 @@ def test_noise_that_follows_the_mean_of_some_samples_is_no_other_floor(world, tm
     assert (model["smooth_samples"], model["smooth_late_samples"]) == (samples, late)
 
 
+@pytest.mark.parametrize("late", [0.5, 1.5])
+def test_an_amplifier_that_remembers_what_it_bends_alone_has_no_filter(world, tmp_path, late):
+    """A delayed third order (Ku and Kenney 2003), between two samples."""
+    world.noise_rms = 0.03
+    size = len(world.x)
+    lines = np.fft.fft(world.rng.normal(size=(size, 2)) @ [1, 1j]) * (np.abs(np.fft.fftfreq(size)) < 0.17)
+    sent = world.x = np.fft.ifft(lines) / np.abs(np.fft.ifft(lines)).max()
+    bends = np.fft.fft(sent * np.abs(sent) ** 2)
+    world.x = sent - 0.1 * np.fft.ifft(bends * (1 + 0.7j * np.exp(-2j * np.pi * np.fft.fftfreq(size) * late)))
+    y = world.noisy(world.clean())
+    world.x = sent
+    document = run_of_wave(world, tmp_path, y)
+    assert named(document) == ["pa_nonlinearity"] and document["effects"][0]["parameters"]["memory"]
+
+
 def test_a_drift_that_the_twin_rules_out_is_found_beside_an_offset_that_it_leaves_open(world, tmp_path):
     seconds = world.n / RATE_HZ
     drift_hz_per_s = -0.6 / seconds[-1] ** 2

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Power amplifier: a memory polynomial x·(1 + Σ a_k·|x|^2k) + Σ_m x(n−m)·Σ b_mk·|x(n−m)|^2k, |x| relative
-to the largest amplitude that was sent when it was found.
+to the largest amplitude that was sent when it was found; where only what is bent is remembered (aux `bent_alone`), without b_m0.
 
 Morgan et al., "A generalized memory polynomial model", IEEE TSP 2006, eq. 4. Internal: real and imaginary
 parts.
 """
+
+import itertools
 
 import numpy as np
 from scipy import fft as sp_fft
@@ -54,10 +56,15 @@ def kept(scene, i: int, x: np.ndarray, peak: float, orders) -> dict[int, np.ndar
     return held[2]
 
 
+def _forgetful(aux: dict) -> dict:
+    """What is said of an amplifier without its memory."""
+    return {k: v for k, v in aux.items() if k not in ("lags", "bent_alone")}
+
+
 class PaNonlinearity(Family):
     name = "pa_nonlinearity"
     parameters = {"compression_db": NUMBER, "memory": TRUTH}
-    remembered = {"orders": WHOLES, "lags": WHOLES, "peak": POSITIVE, "coefficients": NUMBERS}
+    remembered = {"orders": WHOLES, "lags": WHOLES, "bent_alone": TRUTH, "peak": POSITIVE, "coefficients": NUMBERS}
     telling = "compression_db"
     role = Role.AMPLIFIER
     owners = ("tx",)
@@ -67,41 +74,28 @@ class PaNonlinearity(Family):
     linear = True
 
     def apply(self, chain, effect):
-        i, orders, lags = effect.aux["source"], effect.aux["orders"], effect.aux.get("lags", ())
+        i = effect.aux["source"]
         x = chain.waves[i]
-        terms = kept(chain.scene, i, x, effect.aux["peak"], orders)
-        c = effect.p[::2] + 1j * effect.p[1::2]
-        out, k = x, 0
-        for order in orders:
-            out = out + c[k] * terms[order]
-            k += 1
-        for lag in lags:
-            for order in (0, *orders):
-                out = out + c[k] * np.roll(terms[order], lag)
-                k += 1
+        terms = kept(chain.scene, i, x, effect.aux["peak"], effect.aux["orders"])
+        out = x
+        for c, (order, lag) in zip(effect.p[::2] + 1j * effect.p[1::2], self._units(effect.aux), strict=True):
+            out = out + c * (np.roll(terms[order], lag) if lag else terms[order])
         chain.waves[i] = out
 
     def nest(self, scene, effect):
-        orders, lags = (1, 2, 3, 4), (-3, -2, -1, 1, 2, 3)
-        size = self._shape(orders, lags)
-        whole = Effect(
-            family=self.name,
-            p=np.zeros(size),
-            free=np.ones(size, bool),
-            aux={**effect.aux, "orders": orders, "lags": lags},
-        )
-        every = self._units(orders, lags)
-        mine = self._units(effect.aux["orders"], effect.aux.get("lags", ()))
+        aux = {**effect.aux, "orders": (1, 2, 3, 4), "lags": (-3, -2, -1, 1, 2, 3), "bent_alone": False}
+        size, every, mine = self._shape(aux), self._units(aux), self._units(effect.aux)
+        whole = Effect(family=self.name, p=np.zeros(size), free=np.ones(size, bool), aux=aux)
         at = np.array([every.index(m) for m in mine])
         return effect.aux["source"], whole, np.stack([2 * at, 2 * at + 1], 1).ravel()
 
     def columns(self, scene, effect, chain, before, rest):
-        i, orders, lags = effect.aux["source"], effect.aux["orders"], effect.aux.get("lags", ())
+        i, orders = effect.aux["source"], effect.aux["orders"]
         x = before.waves[i]
         terms = kept(scene, i, x, effect.aux["peak"], orders)
-        bends = (0, *orders) if lags else orders
+        bends = (0, *orders) if effect.aux.get("lags") else orders
         units = [(rest(before.copy(), effect, extra=(i, PROBE * terms[o])).y - chain.y) / PROBE for o in bends]
-        entries = tuple((bends.index(order), lag) for order, lag in self._units(orders, lags))
+        entries = tuple((bends.index(order), lag) for order, lag in self._units(effect.aux))
         return Lags(signals=np.array(units), entries=entries, paired=chain.facing)
 
     @staticmethod
@@ -113,12 +107,13 @@ class PaNonlinearity(Family):
         return x
 
     @staticmethod
-    def _units(orders, lags):
+    def _units(aux):
         """(order, lag) of every coefficient."""
-        return [(order, 0) for order in orders] + [(order, lag) for lag in lags for order in (0, *orders)]
+        orders, remembered = aux["orders"], (0, *aux["orders"])[bool(aux.get("bent_alone")) :]
+        return [(order, 0) for order in orders] + [(order, lag) for lag in aux.get("lags", ()) for order in remembered]
 
-    def _shape(self, orders, lags):
-        return 2 * len(self._units(orders, lags))
+    def _shape(self, aux):
+        return 2 * len(self._units(aux))
 
     def starts(self, view):
         for i, source in enumerate(view.scene.sources):
@@ -130,7 +125,10 @@ class PaNonlinearity(Family):
                 continue
             for orders in ORDERS:
                 aux = {"source": i, "peak": source.peak, "orders": orders}
-                yield start(self, np.zeros(self._shape(orders, ())), aux=aux)
+                yield start(self, np.zeros(self._shape(aux)), aux=aux)
+            for orders, lags in itertools.product(ORDERS[:2], ((1,), (1, 2))):
+                aux = {"source": i, "peak": source.peak, "orders": orders, "lags": lags, "bent_alone": True}
+                yield start(self, np.zeros(self._shape(aux)), aux=aux)
             for orders, lags in (
                 ((1,), (1,)),
                 ((1, 2), (1,)),
@@ -139,22 +137,22 @@ class PaNonlinearity(Family):
                 ((1, 2, 3, 4), (-3, -2, -1, 1, 2, 3)),
             ):
                 aux = {"source": i, "peak": source.peak, "orders": orders, "lags": lags}
-                yield start(self, np.zeros(self._shape(orders, lags)), aux=aux)
+                yield start(self, np.zeros(self._shape(aux)), aux=aux)
 
     def forms(self, scene, effect):
         """Without memory, of every order."""
-        aux = {k: v for k, v in effect.aux.items() if k != "lags"}
         for orders in ORDERS:
+            aux = {**_forgetful(effect.aux), "orders": orders}
             if effect.aux.get("lags") or orders != effect.aux["orders"]:
-                yield start(self, np.zeros(self._shape(orders, ())), aux={**aux, "orders": orders})
+                yield start(self, np.zeros(self._shape(aux)), aux=aux)
 
     def less(self, scene, effect, others):
         """The amplifier without memory, and, where no filter is there for it, the same memory of a linear front end."""
         i, lags, alone = effect.aux["source"], effect.aux.get("lags", ()), len(scene.sources) == 1
         if not lags:
             return
-        plain = {k: v for k, v in effect.aux.items() if k != "lags"}
-        yield start(self, np.zeros(self._shape(plain["orders"], ())), aux=plain)
+        plain = _forgetful(effect.aux)
+        yield start(self, np.zeros(self._shape(plain)), aux=plain)
         filters = [e.aux for e in others if e.family == "front_end_filter"]
         if not any(alone or aux["side"] == "tx" and aux["source"] == i for aux in filters):
             low, high = min(0, *lags), max(0, *lags)
@@ -175,15 +173,14 @@ class PaNonlinearity(Family):
     def _met(self, scene, effect, p):
         """Gain of the strongest thousandth of the samples sent over that of the same wave where it is faint (complex): what an
         amplifier remembers at a peak is the signal around that peak."""
-        i, orders, lags = effect.aux["source"], effect.aux["orders"], effect.aux.get("lags", ())
+        i, orders, units = effect.aux["source"], effect.aux["orders"], self._units(effect.aux)
         x = self._driven(scene, effect)
-        key = ("met", i, orders, lags)
+        key = ("met", i, *units)
         if key not in scene.notes or scene.notes[key][0] is not x:
             terms = kept(scene, i, x, effect.aux["peak"], orders)
             level = np.abs(x)
             sent = np.flatnonzero(level > 0)
             strongest = sent[np.argsort(level[sent])][-max(8, len(sent) // 1000) :]
-            units = self._units(orders, lags)
 
             def shares(part):
                 rows = np.array([terms[order][(part - lag) % len(x)] for order, lag in units])
@@ -210,10 +207,11 @@ class PaNonlinearity(Family):
 
     def contradiction(self, parameters, model):
         orders, lags = model.get("orders", (1,)), model.get("lags", ())
+        shape = {"orders": orders, "lags": lags, "bent_alone": model.get("bent_alone", False)}
         if "coefficients" not in model:
             bends = "compression_db" in parameters and "orders" not in model and not lags
             return None if bends else "needs compression_db alone, or model.coefficients"
-        needs, got = self._shape(orders, lags), len(model["coefficients"])
+        needs, got = self._shape(shape), len(model["coefficients"])
         if not 1 <= min(orders, default=0) <= max(orders, default=0) <= HIGHEST or got != needs:
             return (
                 f"model.coefficients: got {got}, needs {needs} for its {len(orders)} orders, 1 to {HIGHEST}, and {len(lags)} lags"
@@ -226,6 +224,7 @@ class PaNonlinearity(Family):
             "peak": model.get("peak", scene.sources[model.get("source", 0)].peak),
             "orders": tuple(model.get("orders", (1,))),
             "lags": tuple(model.get("lags", ())),
+            "bent_alone": bool(model.get("bent_alone", False)),
         }
         if "coefficients" in model:
             return start(self, model["coefficients"], aux=aux)
@@ -236,6 +235,7 @@ class PaNonlinearity(Family):
         return {
             "orders": list(effect.aux["orders"]),
             "lags": list(effect.aux.get("lags", ())),
+            "bent_alone": bool(effect.aux.get("bent_alone", False)),
             "peak": effect.aux["peak"],
             "coefficients": [float(v) for v in effect.p],
         }
