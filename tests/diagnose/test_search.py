@@ -201,15 +201,22 @@ def test_a_transmitter_that_fades_out_under_steady_noise_is_told_though_the_sign
     assert abs(total["value"] + 12.0) < 4 * total["std"] < 2.0
 
 
-@pytest.mark.parametrize(("cycles", "less"), [(0.7, ["gain_drift"]), (3.0, [])])
-def test_a_hum_of_which_not_one_period_is_seen_is_a_drift(tmp_path, cycles, less):
+@pytest.mark.parametrize(
+    ("cycles", "course", "less"),
+    [
+        (0.7, lambda u: np.exp(0.3 * u), ["gain_drift"]),
+        (0.3, lambda u: np.exp(-0.4 * (1 - np.exp(-u / 0.18))), ["gain_drift"]),
+        (3.0, lambda u: 1 + 0.1 * np.cos(6 * np.pi * u), []),
+    ],
+)
+def test_a_hum_of_which_not_one_period_is_seen_is_a_drift(tmp_path, cycles, course, less):
     rng, count, begins, size = np.random.default_rng(4), 20_000, 9000, 7000
     sent = np.fft.ifft(np.fft.fft(rng.normal(size=(size, 2)) @ [1, 1j]) * (np.abs(np.fft.fftfreq(size)) < 0.3))
     y = np.zeros(count, complex)
     y[begins : begins + size] = sent
     y += 0.03 * rng.normal(size=(count, 2)) @ [1, 1j]
     u = np.arange(count) / count
-    y *= np.exp(0.3 * u) if less else 1 + 0.1 * np.cos(2 * np.pi * cycles * u)
+    y *= course(u)
     case = sent_once(tmp_path, y, sent)
     _, data, model = align.build(case, case.observations[0])
     fit = refit(data, model.adding(start(FAMILIES["power_supply_hum"], [0.01, 0.01, cycles])))

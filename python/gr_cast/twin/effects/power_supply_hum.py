@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from .base import Multiplicity, amid, side_of, start, turned
-from .gain_drift import AMPLITUDE, DECIBELS, GainDrift
+from .gain_drift import AMPLITUDE, DECIBELS, RELAXATION, GainDrift
 from .gain_family import GainFamily
 from .values import NEEDED, NUMBER, SIDE
 
@@ -46,8 +46,9 @@ class PowerSupplyHum(GainFamily):
             yield replace(effect, p=plain, free=effect.free[:3])
         if abs(effect.p[2]) < 1.0 and not any(e.family == GainDrift.name for e in others):
             side = {k: effect.aux[k] for k in ("side", "source") if k in effect.aux}
-            for law in (DECIBELS, AMPLITUDE):
-                yield start(GainDrift(), [0.0, 0.0], free=[True, False], aux={"law": law, **side})
+            for law, tau in ((DECIBELS, 1.0), (AMPLITUDE, 1.0), (RELAXATION, 0.1), (RELAXATION, 0.3)):
+                aux = {"law": law, **side}
+                yield start(GainDrift(), [0.0, np.log(tau)], free=[True, law == RELAXATION], aux=aux)
 
     def in_time(self, scene, effect, later, longer):
         p = effect.p.copy()
