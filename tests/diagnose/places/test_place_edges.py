@@ -119,3 +119,14 @@ def test_what_edges_gain_of_what_another_cause_spoils_speaks_no_louder_against_t
         ears = [heard(clean, noise)]
         before, bent = (evaluated(ears, replace(ours(), diffraction=on), ()) for on in (False, True))
         assert search.worth(bent, before, ears[0].count, 1) > 100
+
+
+@pytest.mark.parametrize("diffraction", [False, True])
+def test_a_small_effect_beside_edges_wants_more_than_the_noise_would_have_it(diffraction):
+    moved = theirs(diffraction)
+    moved["nodes"]["b"]["waypoints_m"] = [[6.2, 5.3, 1.12]]
+    still, clean = (response(one, LINKS, TIME_S, FREQUENCY_HZ) for one in (theirs(diffraction), moved))
+    ear = heard(clean, (np.abs(clean - still) ** 2).sum() / 32.0)  # nats
+    world = replace(ours(), diffraction=diffraction)
+    found = search.run([ear], world, {"phase": "none", "delay": "none", "gain": "none"}, 60.0).model
+    assert bool(found.effects) == (not diffraction)

@@ -4,6 +4,7 @@
 import copy
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from gr_cast.scenario.create.fields import surface_of
 from gr_cast.scenario.create.geometry import Solid
 from gr_cast.scenario.create.media import Medium
 from gr_cast.scenario.create.nodes import Node
+from gr_cast.twin.places.families.base import Effect
 from gr_cast.twin.places.families.nodes import TrackTiming
 from gr_cast.twin.places.predict import Predictor
 from gr_cast.twin.places.world import Mesh, Radio, World
@@ -166,3 +168,14 @@ def test_a_track_is_looked_for_far_and_wide_only_where_its_own_links_are_at_odds
         starts.append(TrackTiming().starts(View(ears, evaluated(ears, ours(), ()), UNKNOWN), "walker"))
     assert min(abs(one.values[0] - 0.3) for one in starts[0]) < 0.05
     assert max(abs(one.values[0]) for one in starts[1]) < 0.05
+
+
+def test_what_the_vault_refused_is_looked_for_again_where_more_is_known_alone():
+    gone, known, more = (Effect(family=TrackTiming(), owner=name, values=np.zeros(1)) for name in ("walker", "a", "b"))
+    barred = search.Barred()
+    assert not barred.bars(gone.key, set())
+    for have in ((), (known,)):
+        barred.add([gone], SimpleNamespace(effects=have))
+    assert barred.bars(gone.key, set()) and barred.bars(gone.key, {known.key})
+    assert not barred.bars(gone.key, {more.key}) and not barred.bars(gone.key, {known.key, more.key})
+    assert not barred.bars(known.key, set())
