@@ -91,6 +91,7 @@ def test_an_amplifier_that_remembers_what_it_bends_alone_has_no_filter(world, tm
     world.x = sent
     document = run_of_wave(world, tmp_path, y)
     assert named(document) == ["pa_nonlinearity"] and document["effects"][0]["parameters"]["memory"]
+    assert document["effects"][0]["model"]["bent_alone"]
 
 
 def test_a_drift_that_the_twin_rules_out_is_found_beside_an_offset_that_it_leaves_open(world, tmp_path):

@@ -33,7 +33,7 @@ from .policy import (
 class Heard:
     """What is left of a recording where the rails do not touch it, over the noise that the twin tells: `energy` and the
     `level` of what is received by sample, as many independent samples as `count`, the energies of the vault `unseen`, and what
-    that noise is over the twin's figure (`rounded`) if the figure lacks the rounding of the file."""
+    that noise is over the twin's figure (`rounded`) if the figure lacks the rounding of the file, and the dither of a grid."""
 
     energy: np.ndarray
     level: np.ndarray
@@ -121,7 +121,8 @@ class Told:
 
 
 def _raised(heard: Heard) -> Told:
-    """One other level everywhere, over the figure as it is told: noise by sample, of which nobody knows how much is rounding."""
+    """One other level everywhere, over the figure as it is told: noise by sample, of which nobody knows how much
+    is rounding and dither."""
     ratio, change = heard.ratio, heard.ratio * heard.rounded
     doubt = (heard.rounded - 1) / change / np.sqrt(12)
     return Told(
@@ -184,9 +185,11 @@ def _heard(finding: Finding) -> Heard | None:
         return None
     shape = np.ones(data.scene.count) if data.variance is None else data.variance
     power = np.abs(data.even(fit.residual, (data.use > 0) | data.vault)) ** 2 / shape
-    # The rounding of the file itself, which the twin's figure may hold or not, and the dither of a grid, of one step or two.
-    rounds = gate.native_step(finding.observation.datatype) ** 2 / 6 + DITHERS * rounding
-    rounded = 1 + float(np.clip(np.mean(power[inside]) - told, 0.0, rounds)) / told
+    # The dither of a grid, none or of one step or two; the rounding of the file itself, which the twin's figure may hold or not.
+    more = float(np.mean(power[inside])) - told
+    dither = rounding * min(DITHERS, key=lambda times: abs(more - times * rounding))
+    of_file = gate.native_step(finding.observation.datatype) ** 2 / 6
+    rounded = 1 + (dither + float(np.clip(more - dither, 0.0, of_file))) / told
     told *= rounded
     energy, count, level = power / told, float(inside.sum()), np.abs(fit.chain.wanted)
     if _wanders(fit):  # what it leaves over is across the signal

@@ -101,7 +101,7 @@ LEAST_IN_CELL = 2.0  # samples: of fewer ln of the mean tells next to nothing
 # floor
 FAINT = 0.01  # of the mean power: what is weaker has no direction
 HIDES = 0.1  # power of a grid's own error over the told noise from which the floor cannot be seen
-DITHERS = 2.0  # times the rounding, that the dither of a grid adds at most (triangular over two steps)
+DITHERS = (0, 1, 2)  # times the rounding, that the dither of a grid adds: none, uniform over a step, triangular over two
 FLOOR_LEAST_NATS = 8.0  # beyond half a logarithm of the samples, that another level must bring
 # dB by which a floor may differ for other reasons: the twin's figure is rounded; the shape of noise with a law of its own is not
 # known so well; a course of the oscillator, or any other, leaves some of itself over.

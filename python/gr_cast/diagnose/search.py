@@ -596,7 +596,7 @@ def through_the_quantiser(data: Data, model: Model) -> Model:
         other = model.replacing(at, effect)
         tries.append((misfit(data, predict(data.scene, other).y), sigma, other))
     best = min(cost for cost, *_ in tries)
-    sigma, other = max(((s, m) for cost, s, m in tries if data.count * (cost / best - 1) < ALIKE_NATS), key=lambda t: t[0])
+    sigma, other = max(((s, m) for cost, s, m in tries if data.count * (cost - best) <= ALIKE_NATS * best), key=lambda t: t[0])
     return model if sigma == model.effects[at].p[2] else other
 
 

@@ -507,7 +507,7 @@ def begun(monkeypatch, left: dict, first: str = "extra_object", settled=lambda o
     if anew:
         monkeypatch.setattr(search, "_looked_for_anew", lambda ears, one, *rest: model(anew) if len(one.effects) > 3 else one)
     monkeypatch.setattr(search.elsewhere, "instead", lambda ears, one, budget: [])
-    best, _ = search._explored(ears, model(()), KNOWN, search.Budget.of(60.0), {}, set(), lambda text: None)
+    best, _ = search._explored(ears, model(()), KNOWN, search.Budget.of(60.0), {}, search.Barred(), lambda text: None)
     return [effect.owner for effect in best.effects]
 
 

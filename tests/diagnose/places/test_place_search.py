@@ -179,3 +179,37 @@ def test_what_the_vault_refused_is_looked_for_again_where_more_is_known_alone():
     assert barred.bars(gone.key, set()) and barred.bars(gone.key, {known.key})
     assert not barred.bars(gone.key, {more.key}) and not barred.bars(gone.key, {known.key, more.key})
     assert not barred.bars(known.key, set())
+
+
+@pytest.mark.parametrize(("wrong", "right", "swallows"), [("west", "west", False), ("west", "board", True)])
+def test_what_the_vault_refuses_again_and_again_ends_the_search_without_it(monkeypatch, wrong, right, swallows):
+    """Two of one kind and owner, one of which is refused; one that explains what another does, which goes, and is refused."""
+    refused, kept = (Effect(family=TrackTiming(), owner=name, values=np.zeros(1)) for name in (wrong, right))
+    rounds = []
+
+    def explored(ears, model, unknown, budget, others, barred, progress):
+        effects = [*model.effects]
+        rounds.append(effects)
+        for one in (refused, kept):
+            if one not in effects and not barred.bars(one.key, {e.key for e in effects}):
+                effects = [*(e for e in effects if not (swallows and one is refused)), one]
+                if one is refused and swallows:
+                    break
+        if swallows and kept in effects and not barred.bars(refused.key, {kept.key}):
+            effects = [refused]
+        return of(effects), 1
+
+    def of(effects):
+        return SimpleNamespace(effects=tuple(effects), base=None, energy=0.0)
+
+    monkeypatch.setattr(search, "_explored", lambda *a: explored(*a) if len(rounds) < 9 else pytest.fail("no end"))
+    monkeypatch.setattr(search.foretold, "refused", lambda vault, m: [k for k, e in enumerate(m.effects) if e is refused])
+    monkeypatch.setattr(search, "fitted", lambda ears, one, **_: one)
+    monkeypatch.setattr(search, "evaluated", lambda ears, base, effects: of(effects))
+    monkeypatch.setattr(search, "without_effects", lambda _, m, gone: of([e for k, e in enumerate(m.effects) if k not in gone]))
+    monkeypatch.setattr(search, "exchanged", lambda ears, model, *_: (model, {}))
+    monkeypatch.setattr(search, "_with_images", lambda ears, model, others, *_: others)
+    for name, told in (("_otherwise", None), ("_unshown", []), ("_is_foretold", True)):
+        monkeypatch.setattr(search, name, lambda *_, told=told: told)
+    found = search.run([], None, {}, 60.0, vault=[None])
+    assert found.model.effects == (kept,) and not found.spent

@@ -25,11 +25,12 @@ def loosened(ear, fit, world):
 
 def _loosened(ear, fit, world, weight: np.ndarray):
     model, residual = fit.model.copy(), fit.residual.copy()
-    price = 0.0
+    price, is_bent = 0.0, False
     for index in range(len(ear.heard.links)):
         columns = _columns(ear, fit, world, index)
         if not len(columns):
             continue
+        is_bent = True
         inner = np.einsum("etk,ftk->ef", columns.conj(), columns * weight[index]) * policy.EDGE_SHARE**2
         side = (columns.conj() * (residual[index] * weight[index])).sum(axis=(1, 2)) * policy.EDGE_SHARE
         inner[np.diag_indices(len(inner))] += 1
@@ -38,6 +39,8 @@ def _loosened(ear, fit, world, weight: np.ndarray):
         model[index] += more
         residual[index] -= np.where(weight[index] > 0, more, 0)
         price += float((np.abs(change) ** 2).sum() + np.linalg.slogdet(inner)[1])
+    if not is_bent:  # the same to the last digit
+        return fit
     energy = float((np.abs(residual) ** 2 * ear.heard.weight).sum()) + fit.offset + price
     return replace(fit, model=model, residual=residual, energy=energy, offset=fit.offset + price)
 

@@ -30,7 +30,8 @@ class Model:
     """A twin with effects, fitted. `energy` is −ln p, `whitened` what noise keeps at its count but for `slack`: scattered fields
     may be off their law. `tempered`: −ln p where each response may have more noise than it is known to have: what a model leaves
     of causes that it lacks is no reason for or against those that it has. Random fields are such noise, and are not given it
-    twice. `loose`: nats that edges gain by bending more or less than the theory has it, and the same tempered."""
+    twice. `loose`: nats that edges gain by bending more or less than the theory has it, and the same tempered; both 0 where
+    none is heard."""
 
     base: World
     effects: tuple[Effect, ...]

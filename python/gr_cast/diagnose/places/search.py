@@ -32,19 +32,21 @@ class Budget:
 
 @dataclass(frozen=True, kw_only=True)
 class Barred:
-    """What the vault refused, by what it was refused `beside`: where more is known, it may be looked for again."""
+    """What the vault refused, by what it was refused `beside`: where more is known, it may be looked for again. What is refused
+    twice beside the same is refused for good (None)."""
 
-    beside: dict[tuple, list[frozenset]] = field(default_factory=dict)
+    beside: dict[tuple, list[frozenset | None]] = field(default_factory=dict)
 
     def add(self, gone: Sequence[Effect], model: Model) -> None:
         """Effects that were taken out, of which a model is what remains."""
         have = frozenset(effect.key for effect in model.effects)
-        for key in {effect.key for effect in gone} - have:
-            self.beside.setdefault(key, []).append(have)
+        for key in {effect.key for effect in gone}:
+            told = self.beside.setdefault(key, [])
+            told.append(None if have in told else have)
 
     def bars(self, key: tuple, have: set | frozenset) -> bool:
         """Whether it was refused where at least these effects were known."""
-        return any(have <= one for one in self.beside.get(key, ()))
+        return any(one is None or have <= one for one in self.beside.get(key, ()))
 
 
 def number_price_nats(count: float) -> float:
@@ -308,7 +310,7 @@ def run(
             gone = [model.effects[number] for number in unshown]
             model = fitted(ears, without_effects(ears, model, unshown))
             barred.add(gone, model)
-            others = {key: [one for one in found_ if one.key not in barred.beside] for key, found_ in others.items()}
+            others = _open(others, barred, model)
             if not budget.is_spent:
                 continue
         found.append(model)
@@ -322,11 +324,9 @@ def run(
             break
     if not _is_foretold(ears, vault, model, unknown, count):  # nor was what was refused, which may lack its shape alone
         model = max([*found, model], key=lambda one: evidence(one, count, tried) - evaluated(vault, base, one.effects).energy)
-    have = {effect.key for effect in model.effects}
     spent = budget.is_spent
     budget = Budget.of(policy.RIVALS_SHARE * budget_s)
-    others = _with_images(ears, model, _with_kin(model, others), unknown, budget)
-    others = {key: [one for one in found if one.key not in barred.beside or one.key in have] for key, found in others.items()}
+    others = _open(_with_images(ears, model, _with_kin(model, others), unknown, budget), barred, model)
     tracks = [one for one in (*itertools.chain(*others.values()), *model.effects) if one.family.has_ways]
     ways = {track.key: [one for one in tracks if one.key == track.key] for track in tracks}
     model, rivals = exchanged(ears, model, others, count, tried, budget, vault)
@@ -353,7 +353,7 @@ def _confirmed(ears, vault: Sequence[Ear], model: Model, unknown: dict, budget: 
         if _is_foretold(ears, vault, model, unknown, count):
             break
         found, tried = candidates(ears, model, unknown, budget, barred)
-        least = max(policy.LEAST_EVIDENCE_NATS, model.slack, _beside_rough(model))
+        least = max(policy.LEAST_EVIDENCE_NATS, model.slack, _beside_fields(model))
         paying = [one for one in found if worth(one, model, count, tried) > least and not foretold.refused(vault, one)]
         before = evaluated(vault, model.base, model.effects)
         told = {id(one): before.energy - evaluated(vault, one.base, one.effects).energy for one in paying}
@@ -447,7 +447,7 @@ def _grown(
                 model = _begun_anew(ears, model, number)
         if model is not before:
             model = pruned(ears, model, count, tried)
-        model = _asked_again(ears, model, count, tried, others, budget)
+        model = _asked_again(ears, model, count, tried, others, budget, barred)
     return model, tried
 
 
@@ -472,18 +472,19 @@ def _looked_for_anew(ears, model: Model, unknown: dict, budget: Budget, tried: f
     return model
 
 
-def _asked_again(ears, model: Model, count: float, tried: float, others: dict, budget: Budget) -> Model:
+def _asked_again(ears, model: Model, count: float, tried: float, others: dict, budget: Budget, barred: Barred) -> Model:
     """The model with what came close to an earlier effect in its place, where that is better now: what one link alone lost is its
     node's once another of this node's links loses as much."""
     for number in range(len(model.effects) - 1):
         own, keys = model.effects[number], {effect.key for effect in model.effects}
         found = others.get(own.key, ())
         close = [one for one in found if (one.key not in keys or _may_recur(one.family)) and not one.family.is_flexible]
+        close = [one for one in close if not barred.bars(one.key, keys - {own.key})]
         for other in close[: 0 if budget.is_spent else policy.ASKED_AGAIN]:
             trial = pruned(ears, fitted(ears, replaced(ears, model, number, other), rounds=4), count, tried)
             if worth(trial, model, count, tried) > policy.SHAPE_NATS:
                 others.setdefault(other.key, [own, *(one for one in close if one is not other)])
-                return _asked_again(ears, trial, count, tried, others, budget)
+                return _asked_again(ears, trial, count, tried, others, budget, barred)
     return model
 
 
@@ -602,6 +603,12 @@ def is_one_of_many(ears, found: Found, number: int) -> bool:
     )
 
 
+def _open(others: dict, barred: Barred, model: Model) -> dict:
+    """What came close to each effect, without what the vault refused and the model has not."""
+    have = {effect.key for effect in model.effects}
+    return {key: [one for one in found if one.key not in barred.beside or one.key in have] for key, found in others.items()}
+
+
 def _with_kin(model: Model, others: dict) -> dict:
     """What came close to each effect, and the same of all of its owner's material, or of one of these things alone."""
     out = dict(others)
@@ -680,11 +687,14 @@ def behind_nats(rival: Model, model: Model, number: int, count: float) -> float:
     return rival.energy - model.energy + more + each * (one.family.told_numbers(one) - other.family.told_numbers(other))
 
 
+def _beside_fields(model: Model) -> float:
+    """Nats that any effect may gain from what few patches of a random field send alike."""
+    return policy.BESIDE_ROUGH_NATS if any(effect.family.is_flexible for effect in model.effects) else 0.0
+
+
 def _beside_rough(model: Model) -> float:
-    """Nats that any effect may gain from what few patches of a random field send alike, or from edges that bend in no phase of
-    the theory's."""
-    is_rough = any(effect.family.is_flexible for effect in model.effects) or any(model.loose)
-    return policy.BESIDE_ROUGH_NATS if is_rough else 0.0
+    """Nats that any effect may gain so, or, where edges are heard, from edges that bend in no phase of the theory's."""
+    return policy.BESIDE_ROUGH_NATS if any(model.loose) else _beside_fields(model)
 
 
 def _unshown(ears, vault: Sequence[Ear], model: Model) -> list[int]:

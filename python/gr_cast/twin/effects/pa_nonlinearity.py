@@ -93,7 +93,7 @@ class PaNonlinearity(Family):
         i, orders = effect.aux["source"], effect.aux["orders"]
         x = before.waves[i]
         terms = kept(scene, i, x, effect.aux["peak"], orders)
-        bends = (0, *orders) if effect.aux.get("lags") else orders
+        bends = orders if effect.aux.get("bent_alone") or not effect.aux.get("lags") else (0, *orders)
         units = [(rest(before.copy(), effect, extra=(i, PROBE * terms[o])).y - chain.y) / PROBE for o in bends]
         entries = tuple((bends.index(order), lag) for order, lag in self._units(effect.aux))
         return Lags(signals=np.array(units), entries=entries, paired=chain.facing)
@@ -140,11 +140,14 @@ class PaNonlinearity(Family):
                 yield start(self, np.zeros(self._shape(aux)), aux=aux)
 
     def forms(self, scene, effect):
-        """Without memory, of every order."""
+        """Without memory, of every order, and with memory of what it bends alone."""
         for orders in ORDERS:
             aux = {**_forgetful(effect.aux), "orders": orders}
             if effect.aux.get("lags") or orders != effect.aux["orders"]:
                 yield start(self, np.zeros(self._shape(aux)), aux=aux)
+        if effect.aux.get("lags") and not effect.aux.get("bent_alone"):
+            aux = {**effect.aux, "bent_alone": True}
+            yield start(self, np.zeros(self._shape(aux)), aux=aux)
 
     def less(self, scene, effect, others):
         """The amplifier without memory, and, where no filter is there for it, the same memory of a linear front end."""
@@ -175,7 +178,7 @@ class PaNonlinearity(Family):
         amplifier remembers at a peak is the signal around that peak."""
         i, orders, units = effect.aux["source"], effect.aux["orders"], self._units(effect.aux)
         x = self._driven(scene, effect)
-        key = ("met", i, *units)
+        key = ("met", i, effect.aux["peak"], *units)
         if key not in scene.notes or scene.notes[key][0] is not x:
             terms = kept(scene, i, x, effect.aux["peak"], orders)
             level = np.abs(x)

@@ -47,8 +47,8 @@ class PowerSupplyHum(GainFamily):
         if abs(effect.p[2]) < 1.0 and not any(e.family == GainDrift.name for e in others):
             side = {k: effect.aux[k] for k in ("side", "source") if k in effect.aux}
             for law, tau in ((DECIBELS, 1.0), (AMPLITUDE, 1.0), (RELAXATION, 0.1), (RELAXATION, 0.3)):
-                aux = {"law": law, **side}
-                yield start(GainDrift(), [0.0, np.log(tau)], free=[True, law == RELAXATION], aux=aux)
+                aux, relaxes = {"law": law, **side}, law == RELAXATION
+                yield start(GainDrift(), [0.0, np.log(tau)], free=[True, relaxes], aux=aux, trials=3 if relaxes else 1)
 
     def in_time(self, scene, effect, later, longer):
         p = effect.p.copy()

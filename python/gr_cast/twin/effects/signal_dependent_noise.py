@@ -15,7 +15,7 @@ from .values import NEEDED, Value
 
 STRONGEST = 7.0  # ln of the noise that follows over the floor, either way: beyond, one of the two is not heard
 # Samples whose mean power it follows, and how much later than their middle it is: of those after, about and before each. From
-# the likeliest of them it goes on in steps of a quarter of the samples, and of single ones.
+# the likeliest of them it goes on in steps of a quarter of the samples, and of single ones, as far as there are samples.
 SMOOTH = ((1, 0), *((size, late) for size in (4, 16) for late in (-(size // 2), 0, (size - 1) // 2)))
 COVERS = 1.96  # standard deviations of an interval of 95 %
 
@@ -67,20 +67,22 @@ class SignalDependentNoise(NoiseFamily):
 
     def find(self, view, near=None):
         energy, blur = view.energy[view.use], near.aux.get("_blur", (0.0, 0.0)) if near is not None else (0.0, 0.0)
-        smooth, strength, least = self._form(view, energy, blur[0])
+        (smooth, strength, least), tried = self._form(view, energy, blur[0])
         power = self._power(view, smooth, blur[0])
         # Of what follows, what of the floor may be the fit's own errors.
         followed = np.exp(strength) * blur[1] / max(float(power.mean()), 1e-300)
         error = self._error(lambda k: self._cost(energy, power, k) - least, strength)
         aux = {"_std": [float(np.hypot(error, followed))], "_blur": blur, "smooth": smooth}
         gain = -least - profile(energy, np.ones_like(energy))
-        return gain, start(self, [strength], free=[False], aux=aux, trials=len(SMOOTH))
+        return gain, start(self, [strength], free=[False], aux=aux, trials=tried)
 
-    def _form(self, view, energy: np.ndarray, blur: float) -> tuple[tuple[int, int], float, float]:
-        """(what it follows, strength, −ln L) at its likeliest."""
+    def _form(self, view, energy: np.ndarray, blur: float) -> tuple[tuple[tuple[int, int], float, float], int]:
+        """((what it follows, strength, −ln L) at its likeliest, how many forms were tried)."""
+        forms = {}
 
         def tried(smooth):
-            return smooth, *self._likeliest(energy, self._power(view, smooth, blur))
+            forms[smooth] = smooth, *self._likeliest(energy, self._power(view, smooth, blur))
+            return forms[smooth]
 
         best = min(map(tried, SMOOTH), key=lambda form: form[2])
         size = best[0][0]
@@ -88,7 +90,7 @@ class SignalDependentNoise(NoiseFamily):
             for way in (-step, step):
                 while (other := tried((size, best[0][1] + way)))[2] < best[2] and abs(other[0][1]) <= size:
                     best = other
-        return best
+        return best, len(forms)
 
     @staticmethod
     def _power(view, smooth: tuple[int, int], blur: float) -> np.ndarray:
@@ -106,7 +108,7 @@ class SignalDependentNoise(NoiseFamily):
 
 
 def _smoothed(power: np.ndarray, samples: int, late: int) -> np.ndarray:
-    if samples == 1:
+    if samples == 1 and not late:
         return power
     at = np.clip(np.arange(len(power)) - late, 0, len(power) - 1)
     return uniform_filter1d(power, samples, mode="nearest")[at]
