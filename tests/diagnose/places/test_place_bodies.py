@@ -355,7 +355,7 @@ def test_links_that_lose_alike_are_their_nodes_gain():
     ears = louder(heard(theirs(), 30.0), "n4", 3.0)
     losses = fitted(ears, evaluated(ears, ours(), [loss(f"n4>{end}") for end in ("n2", "n3", "n5")]))
     others = {losses.effects[0].key: [of("node_gain", "n4", 2.5)]}
-    model = search._asked_again(ears, losses, ears[0].count, 10, others, search.Budget.of(60.0))
+    model = search._asked_again(ears, losses, ears[0].count, 10, others, search.Budget.of(60.0), search.Barred())
     assert [effect.key for effect in model.effects] == [("node_gain", "n4")]
     assert model.effects[0].values == pytest.approx([3.0], abs=0.05)
 
@@ -702,7 +702,7 @@ def test_shapes_wait_unsettled_where_something_plain_explains_most(monkeypatch, 
     monkeypatch.setattr(search, "_quick", lambda ears, one: one)
     monkeypatch.setattr(search, "fitted", lambda ears, one, **_: one)
     monkeypatch.setattr(search, "_settled", lambda ears, one, *_: settled.append(one.effects[-1].family.name) or one)
-    found, _ = search.candidates(ears, model, KNOWN, search.Budget.of(60.0), set())
+    found, _ = search.candidates(ears, model, KNOWN, search.Budget.of(60.0), search.Barred())
     assert {one.effects[-1].family.name for one in found} == {"missing_object", "node_gain"}
     assert settled == (["node_gain"] if left_by_node == 100.0 else ["node_gain", "missing_object"])
 

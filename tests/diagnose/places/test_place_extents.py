@@ -255,7 +255,7 @@ def test_a_moved_thing_and_a_new_one_at_its_place_are_one_more_like_it(monkeypat
     moved = Effect(family=ObjectMoved(), owner="shed", values=np.array([3.75]), choice=tuple(turn))
     both = evaluated(ears, base, [moved, added(shape, (1.0, 1e7))])
     assert both.left_nats(ears[0].count) < 0
-    model = search._asked_again(ears, both, ears[0].count, 50, {moved.key: [copy]}, search.Budget.of(60.0))
+    model = search._asked_again(ears, both, ears[0].count, 50, {moved.key: [copy]}, search.Budget.of(60.0), search.Barred())
     assert [one.family.name for one in model.effects] == ["missing_object"]
     assert np.abs(np.array(model.effects[0].choice.origin_m) - copy.choice.origin_m).max() < 1e-9
 
@@ -269,5 +269,5 @@ def test_a_box_stands_where_the_vault_has_it_as_far_as_the_soundings_leave_it_op
     shape = Sheet.about(shed(), turn, 0.02)
     aside_m = ours().wavelength_m * 5 / 32
     box = added(replace(shape, origin_m=tuple(shape.origin_m + aside_m * turn)), (1.0, 1e7))
-    model = search._confirmed(deaf, vault, evaluated(deaf, ours(), [box]), KNOWN, search.Budget.of(60.0), {}, set())
+    model = search._confirmed(deaf, vault, evaluated(deaf, ours(), [box]), KNOWN, search.Budget.of(60.0), {}, search.Barred())
     assert np.array(model.effects[0].choice.origin_m) == pytest.approx(shape.origin_m, abs=1e-9)
