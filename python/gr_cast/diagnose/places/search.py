@@ -307,9 +307,7 @@ def run(
         if refused and (other := _otherwise(ears, vault, model, refused[0], others)):
             model, refused = other, foretold.refused(vault, other)
         if not refused and (unshown := _unshown(ears, vault, model)):
-            gone = [model.effects[number] for number in unshown]
-            model = fitted(ears, without_effects(ears, model, unshown))
-            barred.add(gone, model)
+            model = _barring(ears, model, unshown, barred)
             others = _open(others, barred, model)
             if not budget.is_spent:
                 continue
@@ -317,9 +315,7 @@ def run(
         if not refused:
             model = _confirmed(ears, vault, model, unknown, budget, others, barred)
             break
-        gone = [model.effects[number] for number in refused]
-        model = fitted(ears, without_effects(ears, model, refused))
-        barred.add(gone, model)
+        model = _barring(ears, model, refused, barred)
         if budget.is_spent:
             break
     if not _is_foretold(ears, vault, model, unknown, count):  # nor was what was refused, which may lack its shape alone
@@ -331,6 +327,13 @@ def run(
     ways = {track.key: [one for one in tracks if one.key == track.key] for track in tracks}
     model, rivals = exchanged(ears, model, others, count, tried, budget, vault)
     return Found(model=model, start=start, rivals=rivals, tried=tried, count=count, spent=spent, ways=ways)
+
+
+def _barring(ears, model: Model, numbers: list[int], barred: Barred) -> Model:
+    """The model without effects, which are not looked for again where no more than the rest is known."""
+    less = fitted(ears, without_effects(ears, model, numbers))
+    barred.add([model.effects[number] for number in numbers], less)
+    return less
 
 
 def _is_foretold(ears, vault: Sequence[Ear], model: Model, unknown: dict, count: float) -> bool:
