@@ -97,3 +97,12 @@ def test_what_another_explains_as_well_is_as_likely_as_not():
     assert sure[0] == pytest.approx(0.95, abs=0.05)
     assert sure[1] == pytest.approx(sure[0] / 2, abs=0.01) and sure[1] < sure[2] < sure[0]
     assert _confidence(mine, 500.0, [], -50.0, True, found) < 0.6 > 0.9 * _confidence(mine, 500.0, [], 50.0, False, found)
+
+
+def test_what_was_told_when_the_time_ended_is_less_sure():
+    ears, world = _sounded(0.0, False, "none")
+    model = evaluated(ears, world, EFFECTS)
+    ended, done = (Found(model=model, start=model, rivals={}, tried=1, count=1.0, spent=spent) for spent in (True, False))
+    mine, _ = EFFECTS
+    sure = [_confidence(mine, 500.0, [9.0], 50.0, True, found) for found in (ended, done)]
+    assert sure[0] < 0.9 * sure[1]

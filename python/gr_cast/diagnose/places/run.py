@@ -21,7 +21,7 @@ from .view import View
 
 BUDGET_S = 240.0
 _MOVED = ObjectMoved.name
-_SEARCH_SHARE = 0.75  # of the budget: telling what was found takes its time too
+_SEARCH_SHARE = 0.85  # of the budget: telling what was found takes its time too
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -250,6 +250,8 @@ def _confidence(effect, gain: float, behind: list, vault_nats: float | None, cle
         sure *= policy.SURE_IF_UNSHOWN
     if len(found.model.effects) >= policy.MOST_EFFECTS:
         sure *= policy.SURE_IF_MANY
+    if clean and found.spent:
+        sure *= policy.SURE_IF_SPENT
     if not clean:
         sure *= policy.SURE_IF_LEFT * (policy.SURE_IF_FLEXIBLE if effect.family.is_flexible else 1.0)
     return round(sure, 3)
