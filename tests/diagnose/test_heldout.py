@@ -149,3 +149,15 @@ def test_waiting_for_other_programs_takes_nothing_from_a_budget(world, tmp_path)
     case = read_case(world.write(tmp_path / "case", world.noisy(world.clean())))
     document = diagnose(case, budget_s=10.0, progress=lambda where: time.sleep(11.0)).document
     assert document["verdict"] == "no_mismatch" and document["seconds"] > 11.0
+
+
+@pytest.mark.parametrize("in_the_vault", [False, True])
+def test_few_impulses_are_told_whether_or_not_samples_held_out_have_one(world, tmp_path, in_the_vault):
+    quiet = world.noisy(world.clean())
+    case = read_case(world.write(tmp_path / "quiet", quiet))
+    _, data, _ = align.build(case, align.parts_of(case, case.observations[0])[0][0])
+    fitted, held_out = (np.flatnonzero(where) for where in (data.use > 0, data.vault))
+    at = np.concatenate([world.rng.choice(fitted, 7, replace=False), held_out[100:101] if in_the_vault else []]).astype(int)
+    quiet[at] += 4.5 * world.noise_rms * np.exp(1j * world.rng.uniform(0, 6.28, len(at)))
+    (told,) = diagnose(read_case(world.write(tmp_path / "case", quiet))).document["effects"]
+    assert told["family"] == "impulsive_noise" and (told["evidence"]["heldout_gain_nats"] > 0) == in_the_vault

@@ -161,7 +161,16 @@ class Told:
         if self.surely_read:
             return True
         founded = not all(claims.is_unfounded(f, i) for f, i in self.members)
-        return self.enough and (self.held_out is None or self.held_out >= 0) and founded
+        return self.enough and not self._contradicted and founded
+
+    @property
+    def _contradicted(self) -> bool:
+        """Whether unseen samples speak against it; those that happen to have nothing of what is scattered do not."""
+        if self.held_out is None:
+            return False
+        family = FAMILIES[self.effect.family]
+        spared = sum(family.spared_nats(f.fit.model.effects[i], float(f.data.vault.sum())) for f, i in self.members)
+        return self.held_out < -spared
 
     @property
     def harms(self) -> bool:

@@ -363,6 +363,10 @@ class Family:
         """(n,) ln of the density of the energies of samples with and without what is `scattered` together."""
         raise NotImplementedError
 
+    def spared_nats(self, effect: Effect, count: float) -> float:
+        """Nats that `count` samples lose by it which happen to have none of what is `scattered`."""
+        return 0.0
+
     def noise_gain_db(self, effect: Effect) -> float:
         """By how much it may change the power of the noise, where nobody knows yet whose it is."""
         return 0.0

@@ -106,6 +106,9 @@ class ImpulsiveNoise(NoiseFamily):
         with_impulse = np.log(share) + DENSITIES[effect.aux["law"]](energy, np.exp(effect.p[0]))
         return np.exp(with_impulse - np.logaddexp(np.log1p(-share) - energy, with_impulse))
 
+    def spared_nats(self, effect, count):
+        return -count * float(np.log1p(-np.exp(effect.p[1])))
+
     @staticmethod
     def likelihood(effect, energy):
         """(n,) ln of the density of the energies of both kinds of samples together."""
