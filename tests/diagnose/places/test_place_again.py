@@ -36,29 +36,29 @@ unknown: {{phase: none, delay: none, gain: common}}
 FIXED = {"a": [0.0, 0, 5], "c": [25.0, 3, 6], "d": [-8.0, 20, 4], "e": [6.0, 14, 5]}
 
 
-def _powers(path, seed, lossy_db):
-    """Friis, with a link that loses more; b goes round."""
+def _powers(path, seed, lossy_db, silent):
+    """Friis, with a link that loses more and others that are not heard; b goes round."""
     random, turn = np.random.default_rng(seed), np.linspace(seed, seed + 2, 24)
     way_m = {"b": np.stack([12 * np.cos(turn), 9 * np.sin(turn), 5 + 0 * turn], 1)}
     way_m |= {name: np.tile(at, (24, 1)) for name, at in FIXED.items()}
-    links = [(tx, rx) for tx in "acd" for rx in "be"]
+    links = [(tx, rx) for tx in "acd" for rx in "be" if (tx, rx) not in silent]
     far_m = np.stack([np.linalg.norm(way_m[tx] - way_m[rx], axis=1) for tx, rx in links])
     power_db = 20 * np.log10(299792458.0 / 2e9 / (4 * np.pi * far_m)) + 1.3 + random.normal(0, 0.5, far_m.shape)
     power_db[links.index(("c", "b"))] -= lossy_db
     tx, rx = (np.array(side) for side in zip(*links, strict=True))
     np.savez(
-        path, tx=tx, rx=rx, time_s=np.linspace(0, 9, 24), power_db=power_db, std_db=np.full(6, 0.5), position_b=way_m["b"]
+        path, tx=tx, rx=rx, time_s=np.linspace(0, 9, 24), power_db=power_db, std_db=np.full(len(links), 0.5), position_b=way_m["b"]
     )  # fmt: skip
 
 
-def _case(folder, lossy_db=4.0):
+def _case(folder, lossy_db=4.0, silent=()):
     folder.mkdir()
     (folder / "spec.yaml").write_text(SPEC)
     (folder / "place.yaml").write_text(PLACE.format(twin="spec.yaml"))
     corners = "v 0 0 -90\nv 1 0 -90\nv 1 1 -90\nv 0 1 -90\n"
     (folder / "mesh.obj").write_text(f"o wall\n{corners}f 1 2 3\nf 1 3 4\n")
     for seed, name in enumerate(("first.npz", "second.npz")):
-        _powers(folder / name, seed, lossy_db)
+        _powers(folder / name, seed, lossy_db, silent)
     return folder
 
 
@@ -92,6 +92,13 @@ def test_what_is_likelier_wrong_than_right_is_neither_claimed_nor_corrected_but_
     assert told["effects"] == [] and told["verdict"] == "unexplained" and not found.model.effects
     assert any("c>b" in one and one.startswith("Not claimed") for one in told["warnings"])
     assert fit["corrected_rmse_db"] == fit["twin_rmse_db"]
+
+
+def test_two_that_explain_alike_are_told_however_little_each_is_sure(tmp_path, monkeypatch):
+    monkeypatch.setattr(policy, "LEAST_SURE", 1.0)
+    told = places.diagnose(document.read(_case(tmp_path / "yard", silent=[("c", "e")]))).document  # c has one link
+    assert told["verdict"] == "ambiguous" and len(told["effects"]) == 1
+    assert {"excess_loss", "node_gain"} in [set(one["families"]) for one in told["ambiguous"]]
 
 
 def test_powers_where_the_twin_has_no_path_accuse_nobody_and_are_told(tmp_path):

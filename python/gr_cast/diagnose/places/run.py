@@ -58,7 +58,7 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
     else:
         found = search.run(ears, base, place.unknown, _SEARCH_SHARE * budget_s, progress, vault)
     told = _told(place, found, ears, vault, pathless)
-    if unsure := [entry for entry in told.effects if entry["confidence"] < policy.LEAST_SURE]:
+    if unsure := _unsure(told):
         warnings += [f"Not claimed, for it is likelier wrong than right: {entry['sentence']}" for entry in unsure]
         numbers = [number for cause, entry in zip(told.causes, told.effects, strict=True) if entry in unsure for number in cause]
         found = replace(found, model=fitted(ears, without_effects(ears, found.model, numbers), rounds=4))
@@ -96,6 +96,12 @@ class _Told:
     is_clean: bool
     is_field: bool
     is_foretold: bool
+
+
+def _unsure(told: _Told) -> list[dict]:
+    """Entries that are likelier wrong than right. Of two that explain all there is alike each may be less sure: that is told."""
+    named = {name for one in told.open for name in one["families"]} if told.is_clean else set()
+    return [entry for entry in told.effects if entry["confidence"] < policy.LEAST_SURE and entry["family"] not in named]
 
 
 def _told(place: Place, found: search.Found, ears: tuple, vault: tuple, pathless: bool) -> _Told:
