@@ -46,9 +46,8 @@ def _powers(path, seed, lossy_db, silent):
     power_db = 20 * np.log10(299792458.0 / 2e9 / (4 * np.pi * far_m)) + 1.3 + random.normal(0, 0.5, far_m.shape)
     power_db[links.index(("c", "b"))] -= lossy_db
     tx, rx = (np.array(side) for side in zip(*links, strict=True))
-    np.savez(
-        path, tx=tx, rx=rx, time_s=np.linspace(0, 9, 24), power_db=power_db, std_db=np.full(len(links), 0.5), position_b=way_m["b"]
-    )  # fmt: skip
+    told = {"time_s": np.linspace(0, 9, 24), "power_db": power_db, "std_db": np.full(len(links), 0.5)}
+    np.savez(path, tx=tx, rx=rx, position_b=way_m["b"], **told)
 
 
 def _case(folder, lossy_db=4.0, silent=()):

@@ -181,6 +181,22 @@ def test_what_the_vault_refused_is_looked_for_again_where_more_is_known_alone():
     assert not barred.bars(known.key, set())
 
 
+def test_a_round_is_made_once_unless_the_vault_refused_something_since(monkeypatch):
+    made = []
+    monkeypatch.setattr(search, "_round", lambda ears, model, *_: made.append(model) or ([], 1))
+    ears, barred, gone = heard(theirs(), 30.0), search.Barred(), Effect(family=TrackTiming(), owner="walker", values=np.zeros(1))
+    model, budget = evaluated(ears, ours(), ()), search.Budget.of(60.0)
+    for _ in range(2):
+        search.candidates(ears, model, UNKNOWN, budget, barred)
+    assert len(made) == 1
+    barred.add([gone], model)
+    search.candidates(ears, model, UNKNOWN, budget, barred)
+    assert len(made) == 2
+    for _ in range(2):  # what had no time to end is made again
+        search.candidates(ears, evaluated(ears, ours(), ()), UNKNOWN, search.Budget.of(0.0), search.Barred())
+    assert len(made) == 4
+
+
 @pytest.mark.parametrize(("wrong", "right", "swallows"), [("west", "west", False), ("west", "board", True)])
 def test_what_the_vault_refuses_again_and_again_ends_the_search_without_it(monkeypatch, wrong, right, swallows):
     """Two of one kind and owner, one of which is refused; one that explains what another does, which goes, and is refused."""

@@ -33,12 +33,14 @@ class Budget:
 @dataclass(frozen=True, kw_only=True)
 class Barred:
     """What the vault refused, by what it was refused `beside`: where more is known, it may be looked for again. What is refused
-    twice beside the same is refused for good (None)."""
+    twice beside the same is refused for good (None). And the `rounds` that were made since, which need not be made again."""
 
     beside: dict[tuple, list[frozenset | None]] = field(default_factory=dict)
+    rounds: dict[tuple, tuple] = field(default_factory=dict)
 
     def add(self, gone: Sequence[Effect], model: Model) -> None:
         """Effects that were taken out, of which a model is what remains."""
+        self.rounds.clear()
         have = frozenset(effect.key for effect in model.effects)
         for key in {effect.key for effect in gone}:
             told = self.beside.setdefault(key, [])
@@ -80,6 +82,16 @@ def _freedom(model: Model, before: Model) -> float:
 def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, barred: Barred) -> tuple[list[Model], int]:
     """Models with one effect more, fitted, the best evidence first; and how many were tried. None where time ran out before
     all had been looked at: the best of a few is no answer."""
+    key = frozenset(effect.key for effect in model.effects), model.energy
+    if key not in barred.rounds:
+        made = _round(ears, model, unknown, budget, barred)
+        if budget.is_spent:
+            return made
+        barred.rounds[key] = made
+    return barred.rounds[key]
+
+
+def _round(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, barred: Barred) -> tuple[list[Model], int]:
     view = View(ears, model, unknown)
     have = {effect.key for effect in model.effects}
     heard, here, more = _overheard(view)
