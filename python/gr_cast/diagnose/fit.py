@@ -229,7 +229,7 @@ def with_noise(fit: Fit, model: Model) -> Data:
     """The data with the noise's shape that the noise effects of `model` give around the prediction of
     `fit`."""
     spectrum = smooth_spectrum(fit.data, fit.residual) if filters_noise(model) else None
-    variance, impulses, loud = shape_of_receiver(fit, model), None, False
+    variance, band, scattered, impulses, loud = shape_of_receiver(fit, model), None, None, None, False
     for effect in model.effects:
         family = FAMILIES[effect.family]
         if family.noise_like:
@@ -239,15 +239,20 @@ def with_noise(fit: Fit, model: Model) -> Data:
             )
             variance = v if variance is None else variance if v is None else variance * v
             loud |= s is not None and s.max() > LOUD * np.median(s)
-            spectrum = s if spectrum is None else spectrum if s is None else spectrum * s
+            band = s if band is None else band if s is None else band * s
         elif effect.fixed and family.random:
             told = fit.data.noise_power or fit.sigma2
             v = 1 + family.unfollowed(effect) * np.abs(fit.chain.wanted) ** 2 / told
             variance = v if variance is None else variance * v
         if family.scattered and not effect.fixed:
-            weight = family.weight(effect, np.abs(fit.residual) ** 2 / (1.0 if variance is None else variance))
-            impulses = effect, weight
-            variance = 1 / weight if variance is None else variance / weight
+            scattered = effect
+    if scattered is not None:
+        evened = replace(fit.data, spectrum=band, loud=loud).even(fit.residual, fit.data.use > 0)
+        weight = FAMILIES[scattered.family].weight(scattered, np.abs(evened) ** 2 / (1.0 if variance is None else variance))
+        impulses = scattered, weight
+        variance = 1 / weight if variance is None else variance / weight
+    if band is not None:
+        spectrum = band if spectrum is None else spectrum * band
     return replace(fit.data, variance=variance, spectrum=spectrum, loud=loud, impulses=impulses)
 
 

@@ -91,18 +91,23 @@ def _all_follows(finding: Finding, heard: Heard) -> Fit | None:
     """The fit with all noise beyond the twin's own following the signal, where that is nearly as likely as what follows over
     another floor: of noise far above the floor next to nothing tells how high the floor is."""
     fit, at = finding.fit, finding.fit.model.index_of(Role.FOLLOWING, found=True)
-    if at is None or any(FAMILIES[e.family].noise_like for i, e in enumerate(fit.model.effects) if i != at):
+    if at is None:
         return None
     own = fit.model.effects[at]
     strength = heard.ratio * (1 + np.exp(own.p[0])) - 1
     if strength <= 0:
         return None
     tied = replace(own, p=np.log([strength]))
-    power = np.abs(fit.data.even(fit.residual, fit.data.use > 0)) ** 2 / fit.sigma2
+    used = fit.data.use > 0
+
+    def shape(effect) -> np.ndarray:
+        return FAMILIES[effect.family].variance(fit.data.scene, effect, fit.chain.wanted)[used]
+
+    power = np.abs(fit.data.whitened(fit.residual)[used]) ** 2 * shape(own) / fit.sigma2  # evened by all other laws
 
     def cost(effect, floor: float) -> float:
-        v = floor * FAMILIES[effect.family].variance(fit.data.scene, effect, fit.chain.wanted)[fit.data.use > 0]
-        return float((np.log(v) + power[fit.data.use > 0] / v).sum())
+        v = floor * shape(effect)
+        return float((np.log(v) + power / v).sum())
 
     behind = cost(tied, 1 / heard.ratio) - cost(own, 1.0)
     if behind > max(ALIKE_NATS, FORM_SHARE * finding.gain_of(at)):
@@ -219,8 +224,7 @@ def _doubt_db(fit: Fit) -> float:
     moved, doubt_db = gain_of_receiver(fit, fit.model), TOLD_DB
     if moved is not None:
         doubt_db += 10 * np.log10(max(moved.max(), 1.0) / min(moved.min(), 1.0))
-    if any(FAMILIES[e.family].noise_like for e in fit.model.effects):
-        doubt_db += SHAPED_DB
+    doubt_db += SHAPED_DB * sum(FAMILIES[e.family].noise_like for e in fit.model.effects) ** 2  # each shapes what others leave
     wanders = _wanders(fit)
     for e in fit.model.effects:
         doubt_db += FAMILIES[e.family].noise_gain_db(e)

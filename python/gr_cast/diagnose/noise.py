@@ -10,20 +10,49 @@ from ..twin.effects.base import around_circle
 from ..twin.effects.noise_family import NoiseView
 from ..twin.model import predict
 from .fit import in_band, off_the_rails, shape_of_receiver, solve, with_noise
-from .policy import BLUR_DOUBT, CLEAR_NATS, DRAWS, PASSBAND
+from .policy import BESIDE_NOISE, BLUR_DOUBT, CLEAR_NATS, DRAWS, PASSBAND
 
 TESTED = tuple(f.name for f in FAMILIES.values() if f.noise_like and f.role is not Role.FLOOR)  # laws of the noise, not its level
 
 
-def view_of(fit) -> NoiseView:
-    """The residual where it is the noise's: off the rails."""
+def view_of(fit, but=None) -> NoiseView:
+    """The residual where it is the noise's, off the rails, evened by every law of the noise that is a cause `but` one. A loud
+    band, which knows nothing of time, has next to no say."""
     shape, spread, inside = shape_of_receiver(fit, fit.model), fit.data.scene.spread, off_the_rails(fit)
+    residual, variance, told = fit.residual, 1.0 if shape is None else shape, _by_others(fit, but)
+    if told is not None:
+        variance = variance * (1.0 if told.variance is None else told.variance)
+    if told is not None and told.spectrum is not None:
+        residual = told.even(told.even(residual, inside), inside) / np.sqrt(np.mean(1 / told.spectrum))
     return NoiseView(
         use=spread(inside),
-        energy=spread(np.abs(fit.residual) ** 2 / (1.0 if shape is None else shape)),
+        energy=spread(np.abs(residual) ** 2 / variance),
         wanted_power=spread(np.abs(fit.chain.wanted) ** 2),
-        weighted=spread(fit.residual * fit.data.root**2 * inside),
+        weighted=spread(residual * fit.data.root**2 * inside),
     )
+
+
+def floor_beside(fit, effect) -> float:
+    """Power of the noise over which an effect's own is told where all others are evened: an energy over theirs, a band's with
+    weights over theirs."""
+    told = _by_others(fit, effect)
+    if told is None or told.variance is None:
+        return fit.sigma2
+    weight = 1 / told.variance
+    return float(
+        fit.sigma2 * (np.mean(weight) / np.mean(weight**2) if FAMILIES[effect.family].band(effect) else 1 / np.mean(weight))
+    )
+
+
+def _by_others(fit, but):
+    """The data with the noise's shape by every law that is a cause `but` one, None without any."""
+    others = tuple(e for e in laws(fit.model) if e is not but)
+    return with_noise(fit, replace(fit.model, effects=others)) if others else None
+
+
+def laws(model) -> list:
+    """The effects of a model that are laws of the noise, and causes."""
+    return [e for e in model.effects if e.family in TESTED and not FAMILIES[e.family].beyond]
 
 
 def with_blur(fit):
@@ -32,7 +61,7 @@ def with_blur(fit):
     at = fit.model.index_of(Role.FOLLOWING, found=True)
     if at is None or not len(fit.model.vector()):
         return fit
-    effect, view = fit.model.effects[at], view_of(fit)
+    effect, view = fit.model.effects[at], view_of(fit, but=fit.model.effects[at])
     blur = _blur(fit)
     blur /= 1 + np.exp(effect.p[0]) * blur / np.mean(view.wanted_power[view.use])  # errors shrink with the floor that they raise
     near = replace(effect, aux={**effect.aux, "_blur": (blur, BLUR_DOUBT * blur)})
@@ -61,20 +90,22 @@ def starts(fit, promised: float = 0.0):
     """[(net gain in nats, effect)] of every law of the noise that may be added, or take the place of one that is no cause. Where
     the signal has `promised` too much for what is left to be the noise's, none, unless it is louder for a while: a law that is
     no cause holds that apart, and if it tells more than the signal all others may tell still more."""
-    names = {FAMILIES[name].told for name in TESTED}
-    have = [f for f in (FAMILIES[e.family] for e in fit.model.effects) if f.told in names]
+    families = [FAMILIES[e.family] for e in fit.model.effects]
+    have, told = [f for f in families if f.name in TESTED], {f.told for f in families}
     if any(is_coarse(e) for e in fit.model.effects):
         return []  # behind a coarse quantiser the noise has no law of its own
-    if any(not f.beyond for f in have):
-        return []
     view = view_of(fit)
     if not view.use.any():
         return []
+    others = [f for f in map(FAMILIES.get, TESTED) if not f.beyond and f.told not in told]
+    if any(not f.beyond for f in have):
+        loudest = max(FAMILIES[e.family].find(view_of(fit, but=e), near=e)[0] for e in laws(fit.model))
+        return [s for f in others for s in _found(fit, view, f) if s[0] > BESIDE_NOISE * loudest]
     apart = [s for f in FAMILIES.values() if f.noise_like and f.beyond for s in _found(fit, view, f)]
     most = max((net for net, _ in apart), default=0.0)
     if promised > CLEAR_NATS and most < promised:
         return []
-    rest = [s for name in TESTED if not FAMILIES[name].beyond for s in _found(fit, view, FAMILIES[name])]
+    rest = [s for f in others for s in _found(fit, view, f)]
     return [(net - most, effect) for net, effect in rest] if have else apart + rest
 
 

@@ -25,6 +25,7 @@ from .policy import (
     ELSEWHERE,
     FAR_SHARE,
     FULLER,
+    LAWS_ROUNDS,
     LEAP_STEPS,
     LEAST_HELD_OUT,
     LEAST_OF_NOISE,
@@ -227,6 +228,7 @@ def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2, it
         return fit
     if near is not None and noisy:
         fit = replace(near, model=model)
+    rounds = LAWS_ROUNDS if len(noise.laws(model)) > 1 else rounds  # each of which is fitted to what the others leave
     for _ in range(rounds if noisy else 1):
         model = replace(
             model if noisy else fit.model,
@@ -290,11 +292,11 @@ def _again(fit: Fit, effect: Effect) -> Effect:
     """A noise effect with its strength fitted to the residual; others as they are."""
     if effect.fixed or effect.family not in noise.TESTED:
         return effect
-    view = noise.view_of(fit)
+    view = noise.view_of(fit, but=effect)
     _, found = FAMILIES[effect.family].find(view, near=effect) if view.use.any() else (0.0, None)
     if found is None:
         return effect
-    settled = {"_floor": fit.sigma2} if "_floor" in effect.aux else {}
+    settled = {"_floor": noise.floor_beside(fit, effect)} if "_floor" in effect.aux else {}
     return replace(found, trials=effect.trials, aux={**found.aux, **settled}, key=effect.key)
 
 
@@ -647,7 +649,7 @@ def _whose_carrier(data: Data, fit: Fit, again: bool) -> Fit:
 def _adding(fit: Fit, effect: Effect) -> list[Model]:
     """The model of a fit with one more effect, with one of each owner's own in its place, and joined with one that is at its
     place; a band of noise is not also the colour of a receiver's filter, which may be a transmitter's then."""
-    if FAMILIES[effect.family].noise_like:  # one law of the noise alone: a cause takes the place of what is none
+    if FAMILIES[effect.family].noise_like:  # a cause takes the place of a law of the noise that is none
         fit = replace(fit, model=replace(fit.model, effects=tuple(e for e in fit.model.effects if not _apart(e))))
     models = [fit.model.adding(effect)]
     if len((joined := _put(fit.model, effect)).effects) == len(fit.model.effects):

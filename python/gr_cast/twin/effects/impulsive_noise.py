@@ -65,8 +65,8 @@ class ImpulsiveNoise(NoiseFamily):
         e = e[e > 0]  # on a rail nothing is left
         if (e > 9 * np.median(e) / np.log(2)).sum() < 3:
             return 0.0, None
-        found = _mixed(e, near.aux["law"] if near is not None else "random")
-        if near is None and found[0] > TELLING:
+        found = _mixed(e, "random")
+        if found[0] > TELLING:
             found = max(found, _mixed(e, "steady", *found[2:]))
         gain, law, level, ratio, share = found
         if share > 0.2:
