@@ -3,7 +3,8 @@
 
 import numpy as np
 import pytest
-from gr_cast.diagnose import align, read_case
+from conftest_world import RATE_HZ, noise, sent_once
+from gr_cast.diagnose import align, diagnose, read_case
 from gr_cast.diagnose.search import beginnings
 
 
@@ -19,3 +20,17 @@ def test_a_strongest_path_that_is_gone_or_weak_is_named_though_another_is_found_
     assert [e.family for e in best.model.effects] == [family]
     assert best.model.base[0] == pytest.approx(37.0, abs=0.05)
     assert best.sigma2 < 1.2 * world.noise_rms**2
+
+
+@pytest.mark.parametrize("late", [40, 374, 900])
+def test_an_echo_of_what_is_sent_once_is_found_however_late_it_is(tmp_path, late):
+    rng = np.random.default_rng(late)
+    sent = np.sign(rng.normal(size=6000)) + 1j * np.sign(rng.normal(size=6000))
+    heard = noise(rng, 8000, 0.05)
+    for delay, gain in ((300, 0.2), (300 + late, 0.1 * np.exp(1j))):
+        heard[delay : delay + len(sent)] += gain * sent
+    document = diagnose(sent_once(tmp_path, heard, sent)).document
+    (echo,) = document["effects"]
+    assert document["verdict"] == "identified" and echo["family"] == "extra_path"
+    assert echo["parameters"]["delay_s"]["value"] * RATE_HZ == pytest.approx(late, abs=0.05)
+    assert echo["parameters"]["gain_db"]["value"] == pytest.approx(20 * np.log10(0.5), abs=0.2)

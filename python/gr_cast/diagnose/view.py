@@ -177,7 +177,7 @@ class View:
             c = sp_fft.ifft(sp_fft.fft(folded.reshape(segments, size), axis=1) * spectrum, axis=1)
             return c, np.arange(size)
         last = max(p.delay for p in self.scene.taps)
-        spread = min(max(256, int(3 * last) + 64), PAD - 8)
+        spread = PAD - 8
         low = -min(64, spread)
         if reach:
             low, spread = -reach, reach
