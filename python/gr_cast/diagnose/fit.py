@@ -229,7 +229,7 @@ def with_noise(fit: Fit, model: Model) -> Data:
     """The data with the noise's shape that the noise effects of `model` give around the prediction of
     `fit`."""
     spectrum = smooth_spectrum(fit.data, fit.residual) if filters_noise(model) else None
-    variance, band, scattered, impulses, loud = shape_of_receiver(fit, model), None, None, None, False
+    variance, over, band, scattered, impulses, loud = shape_of_receiver(fit, model), 0.0, None, None, None, False
     for effect in model.effects:
         family = FAMILIES[effect.family]
         if family.noise_like:
@@ -237,7 +237,7 @@ def with_noise(fit: Fit, model: Model) -> Data:
                 family.variance(fit.data.scene, effect, fit.chain.wanted),
                 family.spectrum(fit.data.scene, effect),
             )
-            variance = v if variance is None else variance if v is None else variance * v
+            over = over if v is None else over + v - 1  # powers of noise add
             loud |= s is not None and s.max() > LOUD * np.median(s)
             band = s if band is None else band if s is None else band * s
         elif effect.fixed and family.random:
@@ -246,14 +246,26 @@ def with_noise(fit: Fit, model: Model) -> Data:
             variance = v if variance is None else variance * v
         if family.scattered and not effect.fixed:
             scattered = effect
+    if np.ndim(over):
+        variance = 1 + over if variance is None else variance * (1 + over)
     if scattered is not None:
-        evened = replace(fit.data, spectrum=band, loud=loud).even(fit.residual, fit.data.use > 0)
-        weight = FAMILIES[scattered.family].weight(scattered, np.abs(evened) ** 2 / (1.0 if variance is None else variance))
+        weight = _weight(fit, scattered, replace(fit.data, variance=variance, spectrum=band, loud=loud))
         impulses = scattered, weight
         variance = 1 / weight if variance is None else variance / weight
     if band is not None:
         spectrum = band if spectrum is None else spectrum * band
     return replace(fit.data, variance=variance, spectrum=spectrum, loud=loud, impulses=impulses)
+
+
+def _weight(fit: Fit, scattered, even: Data) -> np.ndarray:
+    """(n,) what samples tell that may hold an impulse, beside noise as `even` has it; those held out know of each other alone."""
+    used, family = even.use > 0, FAMILIES[scattered.family]
+
+    def weight(inside):
+        power = np.abs(even.even(fit.residual, inside)) ** 2
+        return family.weight(scattered, power if even.variance is None else power / even.variance)
+
+    return weight(used) if even.spectrum is None else np.where(even.vault, weight(used | even.vault), weight(used))
 
 
 def smooth_spectrum(data: Data, residual: np.ndarray, orders: int = COLOUR_ORDERS) -> np.ndarray:

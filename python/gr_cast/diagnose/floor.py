@@ -9,7 +9,7 @@ from scipy.optimize import minimize_scalar
 
 from ..twin.effects import FAMILIES, Effect, Role, plays, stage_of, with_role
 from ..twin.effects.base import RX_LO, TX_LO, start
-from . import flatness, gate, heldout
+from . import flatness, gate, heldout, noise
 from .finding import Finding, Worth
 from .fit import Fit, gain_of_receiver, in_band, off_the_rails
 from .next_recording import Hypothesis, record_next
@@ -114,7 +114,7 @@ def _all_follows(finding: Finding, heard: Heard) -> Fit | None:
         return None
     # As well as the level of so many samples is known, and worse by what the form misses.
     std = (1 + strength) / strength / np.sqrt(heard.count) * np.sqrt(max(1.0, 2 * behind))
-    aux = {**own.aux, "_floor": fit.sigma2 / heard.ratio, "_std": [float(std)]}
+    aux = {**own.aux, "_floor": own.aux["_floor"] / heard.ratio, "_std": [float(std)]}
     return replace(fit, model=fit.model.replacing(at, replace(tied, aux=aux)))
 
 
@@ -224,7 +224,8 @@ def _doubt_db(fit: Fit) -> float:
     moved, doubt_db = gain_of_receiver(fit, fit.model), TOLD_DB
     if moved is not None:
         doubt_db += 10 * np.log10(max(moved.max(), 1.0) / min(moved.min(), 1.0))
-    doubt_db += SHAPED_DB * sum(FAMILIES[e.family].noise_like for e in fit.model.effects) ** 2  # each shapes what others leave
+    if any(FAMILIES[e.family].noise_like for e in fit.model.effects):
+        doubt_db += SHAPED_DB * max(len(noise.laws(fit.model)), 1) ** 2  # each shapes what others leave
     wanders = _wanders(fit)
     for e in fit.model.effects:
         doubt_db += FAMILIES[e.family].noise_gain_db(e)

@@ -12,6 +12,7 @@ from ..twin.model import predict
 from .fit import in_band, off_the_rails, shape_of_receiver, solve, with_noise
 from .policy import BESIDE_NOISE, BLUR_DOUBT, CLEAR_NATS, DRAWS, PASSBAND
 
+LAWS = {f.told for f in FAMILIES.values() if f.noise_like and f.role is not Role.FLOOR}
 TESTED = tuple(f.name for f in FAMILIES.values() if f.noise_like and f.role is not Role.FLOOR)  # laws of the noise, not its level
 
 
@@ -32,22 +33,49 @@ def view_of(fit, but=None) -> NoiseView:
     )
 
 
-def floor_beside(fit, effect) -> float:
-    """Power of the noise over which an effect's own is told where all others are evened: an energy over theirs, a band's with
-    weights over theirs."""
-    told = _by_others(fit, effect)
-    if told is None or told.variance is None:
-        return fit.sigma2
-    weight = 1 / told.variance
-    return float(
-        fit.sigma2 * (np.mean(weight) / np.mean(weight**2) if FAMILIES[effect.family].band(effect) else 1 / np.mean(weight))
-    )
+def found_again(fit, effect):
+    """A law of the noise as what the others leave tells it now, None where it is not there. Its strength is over the floor; of
+    single samples and of a band over `floor_of`."""
+    view = view_of(fit, but=effect)
+    _, found = FAMILIES[effect.family].find(view, near=effect) if view.use.any() else (0.0, None)
+    if found is None:
+        return None
+    if not _stands_alone(effect):
+        found = found.moved(np.append(found.p[0] + np.log(_beside(fit, effect)), found.p[1:]))
+    return replace(found, trials=effect.trials, key=effect.key)
+
+
+def floor_of(fit, effect) -> float:
+    """Power of the noise over which the strength of a law is told."""
+    return fit.sigma2 * (_beside(fit, effect) if _stands_alone(effect) else 1.0)
+
+
+def _stands_alone(effect) -> bool:
+    """Whether a law is told over the noise that is beside it, for it changes no variance of even noise that others add to."""
+    return FAMILIES[effect.family].scattered or FAMILIES[effect.family].band(effect) is not None
+
+
+def _beside(fit, effect) -> float:
+    """Power over the floor of the noise over which a law is found where all others are evened."""
+    told, family = _by_others(fit, effect), FAMILIES[effect.family]
+    if told is None:
+        return 1.0
+    weight = np.ones(1) if told.variance is None else 1 / told.variance
+    beside = np.mean(weight) / np.mean(weight**2) if family.band(effect) else 1 / np.mean(weight)
+    return float(beside / np.mean(1 / told.spectrum)) if family.scattered and told.spectrum is not None else float(beside)
 
 
 def _by_others(fit, but):
-    """The data with the noise's shape by every law that is a cause `but` one, None without any."""
+    """The data with the noise's shape by every law that is a cause `but` one, None without any. What samples hold impulses was
+    told beside all of them."""
     others = tuple(e for e in laws(fit.model) if e is not but)
-    return with_noise(fit, replace(fit.model, effects=others)) if others else None
+    if not others:
+        return None
+    single, known = [e for e in others if FAMILIES[e.family].scattered], fit.data.impulses
+    if not single or known is None:
+        return with_noise(fit, replace(fit.model, effects=others))
+    told = with_noise(fit, replace(fit.model, effects=tuple(e for e in others if e not in single)))
+    return replace(told, variance=(1.0 if told.variance is None else told.variance) / known[1])
 
 
 def laws(model) -> list:
@@ -61,12 +89,12 @@ def with_blur(fit):
     at = fit.model.index_of(Role.FOLLOWING, found=True)
     if at is None or not len(fit.model.vector()):
         return fit
-    effect, view = fit.model.effects[at], view_of(fit, but=fit.model.effects[at])
+    effect, view = fit.model.effects[at], view_of(fit)
     blur = _blur(fit)
     blur /= 1 + np.exp(effect.p[0]) * blur / np.mean(view.wanted_power[view.use])  # errors shrink with the floor that they raise
     near = replace(effect, aux={**effect.aux, "_blur": (blur, BLUR_DOUBT * blur)})
-    _, found = FAMILIES[effect.family].find(view, near=near)
-    model = fit.model.replacing(at, replace(found, trials=effect.trials, key=effect.key))
+    fit = replace(fit, model=fit.model.replacing(at, near))
+    model = fit.model.replacing(at, found_again(fit, near) or near)
     return solve(with_noise(fit, model), model)
 
 
@@ -87,11 +115,12 @@ def _blur(fit) -> float:
 
 
 def starts(fit, promised: float = 0.0):
-    """[(net gain in nats, effect)] of every law of the noise that may be added, or take the place of one that is no cause. Where
-    the signal has `promised` too much for what is left to be the noise's, none, unless it is louder for a while: a law that is
-    no cause holds that apart, and if it tells more than the signal all others may tell still more."""
+    """[(net gain in nats, effect)] of every law of the noise that may be added, or take the place of one that is no cause; beside
+    one that is, those that explain a good part of what it does. Where the signal has `promised` too much for what is left to be
+    the noise's, none, unless it is louder for a while: a law that is no cause holds that apart, and if it tells more than the
+    signal all others may tell still more."""
     families = [FAMILIES[e.family] for e in fit.model.effects]
-    have, told = [f for f in families if f.name in TESTED], {f.told for f in families}
+    have, told = [f for f in families if f.told in LAWS], {f.told for f in families}
     if any(is_coarse(e) for e in fit.model.effects):
         return []  # behind a coarse quantiser the noise has no law of its own
     view = view_of(fit)
@@ -99,8 +128,8 @@ def starts(fit, promised: float = 0.0):
         return []
     others = [f for f in map(FAMILIES.get, TESTED) if not f.beyond and f.told not in told]
     if any(not f.beyond for f in have):
-        loudest = max(FAMILIES[e.family].find(view_of(fit, but=e), near=e)[0] for e in laws(fit.model))
-        return [s for f in others for s in _found(fit, view, f) if s[0] > BESIDE_NOISE * loudest]
+        loudest = max((FAMILIES[e.family].find(view_of(fit, but=e), near=e)[0] for e in laws(fit.model)), default=0.0)
+        return [] if promised > CLEAR_NATS else [s for f in others for s in _found(fit, view, f) if s[0] > BESIDE_NOISE * loudest]
     apart = [s for f in FAMILIES.values() if f.noise_like and f.beyond for s in _found(fit, view, f)]
     most = max((net for net, _ in apart), default=0.0)
     if promised > CLEAR_NATS and most < promised:

@@ -285,7 +285,7 @@ def _settle(fit: Fit, finer: bool) -> Fit:
     effects = []
     for i, e in enumerate(fit.model.effects):
         if FAMILIES[e.family].noise_like:
-            e = replace(e, aux={**e.aux, "_floor": noise.floor_beside(fit, e)})
+            e = replace(e, aux={**e.aux, "_floor": noise.floor_of(fit, e)})
         elif e.prior is not None:
             span = fit.model.span(i)
             e = FAMILIES[e.family].settled_law(scene, e, covariance[span, span])

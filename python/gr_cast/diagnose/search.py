@@ -292,12 +292,11 @@ def _again(fit: Fit, effect: Effect) -> Effect:
     """A noise effect with its strength fitted to the residual; others as they are."""
     if effect.fixed or effect.family not in noise.TESTED:
         return effect
-    view = noise.view_of(fit, but=effect)
-    _, found = FAMILIES[effect.family].find(view, near=effect) if view.use.any() else (0.0, None)
+    found = noise.found_again(fit, effect)
     if found is None:
         return effect
-    settled = {"_floor": noise.floor_beside(fit, effect)} if "_floor" in effect.aux else {}
-    return replace(found, trials=effect.trials, aux={**found.aux, **settled}, key=effect.key)
+    settled = {"_floor": noise.floor_of(fit, effect)} if "_floor" in effect.aux else {}
+    return replace(found, aux={**found.aux, **settled})
 
 
 def candidates(fit: Fit) -> list[Score]:

@@ -12,6 +12,7 @@ from .noise_family import REMEMBERED, NoiseFamily
 from .values import NEEDED, NEEDED_POSITIVE, Value, one_of
 
 LONGEST = 8.0  # samples that an impulse may last: longer ones are bursts
+EXPECTED = 6.0  # impulses, of which none came by chance once in 400 times
 TOGETHER = 2  # samples apart, at most, that are of one impulse
 
 
@@ -107,7 +108,9 @@ class ImpulsiveNoise(NoiseFamily):
         return np.exp(with_impulse - np.logaddexp(np.log1p(-share) - energy, with_impulse))
 
     def spared_nats(self, effect, count):
-        return -count * float(np.log1p(-np.exp(effect.p[1])))
+        share = np.exp(effect.p[1])
+        expected = count * share / effect.aux.get("length", 1.0)
+        return -count * float(np.log1p(-share)) if expected < EXPECTED else 0.0
 
     @staticmethod
     def likelihood(effect, energy):
