@@ -166,10 +166,10 @@ class Told:
     @property
     def _contradicted(self) -> bool:
         """Whether unseen samples speak against it; those that happen to have nothing of what is scattered do not."""
-        if self.held_out is None:
+        if self.held_out is None or self.held_out >= 0:
             return False
-        family = FAMILIES[self.effect.family]
-        spared = sum(family.spared_nats(f.fit.model.effects[i], float(f.data.vault.sum())) for f, i in self.members)
+        family, asked = FAMILIES[self.effect.family], [(f.fit, i) for f, i in self.members if f.worth_of(i).held_out is not None]
+        spared = sum(family.spared_nats(fit.model.effects[i], float(fit.data.vault.sum())) for fit, i in asked)
         return self.held_out < -spared
 
     @property
