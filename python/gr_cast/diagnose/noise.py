@@ -12,8 +12,8 @@ from ..twin.model import predict
 from .fit import in_band, off_the_rails, shape_of_receiver, solve, with_noise
 from .policy import BESIDE_NOISE, BLUR_DOUBT, CLEAR_NATS, DRAWS, PASSBAND
 
-LAWS = {f.told for f in FAMILIES.values() if f.noise_like and f.role is not Role.FLOOR}
 TESTED = tuple(f.name for f in FAMILIES.values() if f.noise_like and f.role is not Role.FLOOR)  # laws of the noise, not its level
+LAWS = {FAMILIES[name].told for name in TESTED}
 
 
 def view_of(fit, but=None) -> NoiseView:
@@ -128,8 +128,10 @@ def starts(fit, promised: float = 0.0):
         return []
     others = [f for f in map(FAMILIES.get, TESTED) if not f.beyond and f.told not in told]
     if any(not f.beyond for f in have):
+        if promised > CLEAR_NATS:
+            return []
         loudest = max((FAMILIES[e.family].find(view_of(fit, but=e), near=e)[0] for e in laws(fit.model)), default=0.0)
-        return [] if promised > CLEAR_NATS else [s for f in others for s in _found(fit, view, f) if s[0] > BESIDE_NOISE * loudest]
+        return [s for f in others for s in _found(fit, view, f) if s[0] > BESIDE_NOISE * loudest]
     apart = [s for f in FAMILIES.values() if f.noise_like and f.beyond for s in _found(fit, view, f)]
     most = max((net for net, _ in apart), default=0.0)
     if promised > CLEAR_NATS and most < promised:

@@ -177,8 +177,7 @@ class View:
             c = sp_fft.ifft(sp_fft.fft(folded.reshape(segments, size), axis=1) * spectrum, axis=1)
             return c, np.arange(size)
         last = max(p.delay for p in self.scene.taps)
-        spread = PAD - 8
-        low = -min(64, spread)
+        low, spread = -64, PAD - 8
         if reach:
             low, spread = -reach, reach
         elif not all(s.known.all() for s in self.scene.sources):
