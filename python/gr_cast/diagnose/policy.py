@@ -52,6 +52,10 @@ UNPROVEN = (
 CLAIMED = 0.5  # probability of an effect from which on it is told as one: likelier right than not; else it is left
 WHOLE = 0.5  # probability of a list from which on it is called the whole truth: likelier right than not
 
+# copies
+COPY_LAGS = 12  # samples, either way, by which what is sent is looked for once more in what is left
+COPY_BESIDE = 256  # carriers on either side, steps of one cycle over the recording, that tell what chance does at one
+
 # courses
 COURSE_SURE_NATS = 20.0  # by which a course must be likelier than none
 LEAST = 1e-3  # nepers, rad or samples that it must change over the recording

@@ -9,7 +9,7 @@ import numpy as np
 from ..twin.effects import FAMILIES, Role, plays, stage_of
 from ..twin.effects.base import RX_FILTER
 from ..twin.effects.noise_family import profile
-from . import align, ambiguity, claims, evenness, flatness, floor, gate, noise, offsets, presence, residual, slips, slow
+from . import align, ambiguity, claims, copies, evenness, flatness, floor, gate, noise, offsets, presence, residual, slips, slow
 from .doubts import doubts
 from .exchange import exchanged
 from .finding import Finding, nmse, numbers, worth
@@ -349,7 +349,12 @@ def _look_for_rest(finding: Finding) -> None:
     explained = max(0.0, finding.twin.sigma2 / level - 1) * fit.data.count
     beyond = [_beyond(finding, i) for i, e in enumerate(fit.model.effects) if FAMILIES[e.family].beyond]
     inside = of_even_noise(fit)
-    finding.tested = [*residual.leftovers(fit, inside), *flatness.left(fit, inside), *evenness.left(fit, inside)]
+    finding.tested = [
+        *residual.leftovers(fit, inside),
+        *flatness.left(fit, inside),
+        *evenness.left(fit, inside),
+        *copies.left(fit, inside),
+    ]
     # What is fitted, and no cause, is measured as causes are: in nats.
     finding.explained_nats = fit.data.count * float(np.log1p(explained / fit.data.count))
     for rest, against in [*((r, explained) for r in finding.tested), *((r, finding.explained_nats) for r in beyond)]:
