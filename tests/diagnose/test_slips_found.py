@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 import yaml
-from conftest_world import RATE_HZ, World
+from conftest_world import RATE_HZ, World, sent_once
 from gr_cast.diagnose import align, diagnose, read_case, search
 from gr_cast.diagnose.view import View
 from gr_cast.signals import recording
@@ -103,3 +103,22 @@ def test_a_loss_stands_out_beside_a_louder_tone_that_is_known(world, tmp_path):
     fit = search.refit(fit.data, fit.model.adding(start(FAMILIES["tone_interference"], [0.0, 0.0, cycles])), near=fit)
     assert any(abs(at - 12_000) <= 16 and samples == 30 for at, samples, _ in View(fit).jumps(_everywhere))
     assert [round(samples) for _, samples in View(fit).steps_of_lag()[1]] == [30]
+
+
+def test_a_sample_that_comes_twice_is_found_though_many_paths_are_as_loud(tmp_path):
+    """A waveform that is sent once: where it is later is asked of the whole link, of which one path is a sixth."""
+    rng, count = np.random.default_rng(3), 12_000
+    sent = np.convolve(rng.normal(size=count) + 1j * rng.normal(size=count), np.hanning(11), "same")
+    taps = [(9 * k, np.exp(2j * np.pi * rng.uniform())) for k in range(6)]
+    link = sum(gain * np.concatenate([np.zeros(late), sent[: count - late]]) for late, gain in taps)
+    heard = np.insert(link, 7000, link[7000])[:count]
+    noisy = heard + 0.1 * (rng.normal(size=count) + 1j * rng.normal(size=count))
+    sent_once(tmp_path, noisy, sent)
+    twin = yaml.safe_load((tmp_path / "twin.yaml").read_text())
+    twin["links"][0]["taps"] = [{"delay_s": late / RATE_HZ, "phase_rad": float(np.angle(gain))} for late, gain in taps]
+    (tmp_path / "twin.yaml").write_text(yaml.safe_dump(twin))
+    document = diagnose(read_case(tmp_path), budget_s=60).document
+    (effect,) = document["effects"]
+    assert document["verdict"] == "identified" and effect["family"] == "sample_loss"
+    assert effect["parameters"]["samples"]["value"] == -1
+    assert abs(effect["parameters"]["time_s"]["value"] - 7000 / RATE_HZ) < 4 / RATE_HZ

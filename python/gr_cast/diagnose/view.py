@@ -416,14 +416,13 @@ class View:
             return None
         heard = self._heard * self.weight * np.conj(self.carrier)
         c, lags = self.correlations(0, heard, edges, reach=LONGEST_JUMP if self.scene.at is None else None)
-        lag, size, response = lags - round(self.fit.model.base[0]), len(lags), None
-        if self.scene.sources[0].repeat:
-            # the whole link, not one path: filter along the lags with the twin's taps
-            f = sp_fft.fftfreq(size)
-            response = sum(np.conj(p.gain) * np.exp(2j * np.pi * f * p.delay) for p in self.scene.taps if p.source == 0)
-            c = sp_fft.ifft(sp_fft.fft(c, axis=1) * response, axis=1)
+        lag, size, repeat = lags - round(self.fit.model.base[0]), len(lags), self.scene.sources[0].repeat
+        # The whole link, not one path: filter along the lags with the twin's taps.
+        padded = size if repeat else sp_fft.next_fast_len(size + self._longest)
+        c = sp_fft.ifft(sp_fft.fft(c, padded, axis=1) * np.conj(self._response(padded)), axis=1)[:, :size]
+        if repeat:
             lag = (lag + size // 2) % size - size // 2
-        sent, ahead = self._energy_at(edges, lags, response), self._ahead(edges)
+        sent, ahead = self._energy_at(edges, lags), self._ahead(edges)
         if ahead.any():
             c, sent = (np.stack([np.roll(row, k) for row, k in zip(rows, ahead, strict=True)]) for rows in (c, sent))
         return edges, lag, c, np.maximum(sent, LEAST_SENT * sent.sum(0).max() / self.scene.count * np.diff(edges)[:, None])
@@ -439,18 +438,30 @@ class View:
         explained = (np.abs(residual + wanted) ** 2 - np.abs(residual) ** 2) * self.weight
         return np.add.reduceat(explained, edges[:-1]) / self.sigma2
 
-    def _energy_at(self, edges: np.ndarray, lags: np.ndarray, response: np.ndarray | None) -> np.ndarray:
+    def _response(self, size: int) -> np.ndarray:
+        """(size,) of the first transmitter's link over the frequencies of as many samples, as the twin has its taps."""
+        f = sp_fft.fftfreq(size)
+        return sum(p.gain * np.exp(-2j * np.pi * f * p.delay) for p in self.scene.taps if p.source == 0)
+
+    @property
+    def _longest(self) -> int:
+        """Samples by which the last path of the first transmitter's link is late, rounded up."""
+        return int(np.ceil(max(p.delay for p in self.scene.taps if p.source == 0)))
+
+    def _energy_at(self, edges: np.ndarray, lags: np.ndarray) -> np.ndarray:
         """(segments, lags) energy of the first transmitter's signal in each segment, were it so late: what is silent there at the
         delay of the fit may be loud at another."""
         source, loud = self.scene.sources[0], np.abs(self.carrier) ** 2 * self.weight
         if source.repeat:
             size = len(source.samples)
-            power = np.abs(sp_fft.ifft(sp_fft.fft(source.samples) * np.conj(response))) ** 2
+            power = np.abs(sp_fft.ifft(sp_fft.fft(source.samples) * self._response(size))) ** 2
             index = self.scene.wrap(size) + np.repeat(np.arange(len(edges) - 1), np.diff(edges)) * size
             folded = np.bincount(index, loud, (len(edges) - 1) * size).reshape(-1, size)
             return np.maximum(sp_fft.irfft(sp_fft.rfft(folded, axis=1) * np.conj(sp_fft.rfft(power)), size, axis=1), 0.0)
-        total = np.concatenate([[0.0], np.cumsum(np.abs(source.samples) ** 2)])
-        at = np.clip(PAD + edges[:, None] - lags, 0, len(source.samples))
+        size = sp_fft.next_fast_len(len(source.samples) + self._longest)
+        heard = sp_fft.ifft(sp_fft.fft(source.samples, size) * self._response(size))
+        total = np.concatenate([[0.0], np.cumsum(np.abs(heard) ** 2)])
+        at = np.clip(PAD + edges[:, None] - lags, 0, size)
         return np.diff(total[at], axis=0) * (np.add.reduceat(loud, edges[:-1]) / np.diff(edges))[:, None]
 
     def _edges(self) -> np.ndarray:
