@@ -10,6 +10,7 @@ import numpy as np
 from scipy import fft as sp_fft
 from scipy import stats
 
+from ..core.tails import log_gamma_tail
 from ..twin.effects import FAMILIES, is_coarse
 from ..twin.effects.base import around_circle, at_half_the_rate
 from .fit import within
@@ -54,7 +55,7 @@ def _gamma_cells(energy: np.ndarray, count: np.ndarray):
     nats of excess."""
     count = np.maximum(count, 1e-9)
     mean = energy / count
-    log_p = stats.gamma.logsf(energy, count)
+    log_p = log_gamma_tail(energy, count)
     nats = np.where(mean > 1, count * (mean - 1 - np.log(np.maximum(mean, 1e-12))), 0.0)
     return log_p, nats
 

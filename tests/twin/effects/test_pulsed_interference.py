@@ -35,3 +35,13 @@ def test_a_train_that_hardly_stands_out_has_its_period_though_no_longer_one_does
     view = NoiseView(use=np.ones(COUNT, bool), energy=np.abs(y) ** 2, wanted_power=np.ones(COUNT), weighted=y)
     gain, found = FAMILIES["pulsed_interference"].find(view)
     assert found is None and not gain or gain > np.log(found.trials)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_loud_pulses_have_their_period_and_no_multiple_of_it(seed):
+    """However sure several periods are, for each has harmonics in the spectrum, the likeliest is taken."""
+    rng, period = np.random.default_rng(seed), COUNT / 14.4
+    y = rng.normal(size=(COUNT, 2)) @ [1, 1j] * np.where((np.arange(COUNT) - 1300) / period % 1.0 < 0.043, 4.0, 1.0)
+    view = NoiseView(use=np.ones(COUNT, bool), energy=np.abs(y) ** 2, wanted_power=np.ones(COUNT), weighted=y)
+    _, found = FAMILIES["pulsed_interference"].find(view)
+    assert found.p[1] == pytest.approx(period, rel=1e-3) and found.p[3] == pytest.approx(0.043, abs=0.003)

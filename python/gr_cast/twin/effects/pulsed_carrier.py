@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft as sp_fft
 from scipy import optimize
-from scipy.stats import gamma
 
+from ...core.tails import log_gamma_tail
 from ..columns import Lags
 from .base import AIR, PROBE, Family, Multiplicity, rms_of, said_rms, start
 from .values import NEEDED, NEEDED_POSITIVE, NUMBER, POSITIVE, Value
@@ -92,7 +92,7 @@ def _combs(signal, block: int) -> list[Train]:
             lines[np.minimum(h * places, len(lines) - 1)] * (h * places < len(lines))[:, None] for h in range(1, teeth + 1)
         )
         counted = np.minimum(teeth, (len(lines) - 1) // places)[:, None]
-        surprise = -gamma.logsf(comb, counted) - np.log(comb.size * len(TEETH) * len(BLOCKS))
+        surprise = -log_gamma_tail(comb, counted) - np.log(comb.size * len(TEETH) * len(BLOCKS))
         k, row = np.unravel_index(int(np.argmax(surprise)), surprise.shape)
         if surprise[k, row] > best[0]:
             best = float(surprise[k, row]), [_folded(signal, block, size / places[k] * block, row)]

@@ -4,8 +4,8 @@ duty."""
 
 import numpy as np
 from scipy import fft as sp_fft
-from scipy.stats import gamma
 
+from ...core.tails import log_gamma_tail
 from .base import peaks, start
 from .noise_family import REMEMBERED, NoiseFamily, two_levels
 from .pulsed_carrier import PulsedCarrier
@@ -79,7 +79,7 @@ class PulsedInterference(NoiseFamily):
             ok = at < len(spectrum)
             comb[ok] += spectrum[at[ok]]
             if h in (1, 2, 4, 8, 16):
-                surprise = -gamma.logsf(comb, h)  # of so much power in h harmonics of white noise
+                surprise = -log_gamma_tail(comb, h)  # of so much power in h harmonics of white noise
                 periods += [(surprise[i], pad * n / f[i]) for i in peaks(surprise, 2, 3) if surprise[i] > np.log(len(f)) + 4]
         periods = [p for _, p in sorted(periods, reverse=True)[:4]]
         top = (0.0, None)
