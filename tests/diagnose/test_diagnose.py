@@ -323,6 +323,15 @@ def test_the_dither_of_a_grid_is_no_other_floor(world, tmp_path, steps_of_noise)
     assert named(document) == ["quantization"]
 
 
+@pytest.mark.parametrize(("gain", "steps_of_noise"), [(0.35, 0.15), (0.35, 0.3), (0.5, 0.15), (0.5, 0.3)])
+def test_a_dither_that_hides_how_coarse_a_grid_is_is_no_law_of_the_noise(world, tmp_path, gain, steps_of_noise):
+    """Its error is ± half a step amid two points of the grid and none on a point, so that it follows a signal of few levels."""
+    y, step = world.noisy(gain * world.clean()), world.noise_rms / steps_of_noise
+    dithered = (np.stack([y.real, y.imag]) + step * world.rng.uniform(-0.5, 0.5, (2, len(y)))) / step
+    document = run(world, tmp_path, step * np.array([1, 1j]) @ np.round(dithered))
+    assert named(document) == ["quantization"] and document["verdict"] == "identified"
+
+
 def test_a_small_step_whose_moment_no_recording_tells_well_is_one_step(world, tmp_path):
     document = network(world, tmp_path, lambda tx: np.where((tx == "tx1") & (world.n >= 6000), 10 ** (-0.06 / 20), 1.0))
     assert named(document) == ["gain_step"]

@@ -29,7 +29,7 @@ def rivals(fit: Fit, index: int, known: list[Fit]) -> tuple[Fit, list[Rival]]:
     bare = refit_or_known(fit.data, fit.model.without(index), known)
     # A search prices what it fitted, a fit of what was found all that has an error.
     told = max((f.evidence for f in known if _what(f.model) == _what(fit.model)), default=fit.evidence)
-    lost = max(told, fit.evidence) - bare.evidence
+    lost = max(told, fit.evidence) - bare.evidence + effect.aux.get("read", 0.0)
     found = []
     for s in candidates(bare) if not fit.data.late else ():
         family = FAMILIES[s.effect.family]

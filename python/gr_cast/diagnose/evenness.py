@@ -8,7 +8,7 @@ from scipy import stats
 
 from ..twin.effects import FAMILIES, is_coarse
 from .fit import Fit
-from .policy import LEAST_HEARD, OF_ROUNDING
+from .policy import LEAST_HEARD, OF_DITHER, OF_ROUNDING
 from .residual import Leftover, normal
 
 
@@ -17,9 +17,10 @@ def left(fit: Fit, inside: np.ndarray) -> list[Leftover]:
     known = any(is_coarse(e) or FAMILIES[e.family].noise_like for e in fit.model.effects)
     if known or inside.sum() < LEAST_HEARD:
         return []
-    share = min(1.0, (fit.data.rounding + sum(FAMILIES[e.family].rounding(e) for e in fit.model.effects)) / fit.sigma2)
+    grid = sum(FAMILIES[e.family].rounding(e) for e in fit.model.effects)
+    share = min(1.0, (fit.data.rounding + grid) / fit.sigma2)
     lack, std = evenness(fit.data.scene.spread(normal(fit)), fit.data.scene.spread(inside))
-    lack -= OF_ROUNDING * share**2
+    lack -= (OF_DITHER if grid else OF_ROUNDING) * share**2
     # Nothing is more even than one amplitude, so that so much of the power at least is no noise.
     over = 1 / (1 - min(np.sqrt(max(lack, 0.0)), 0.99))
     nats = float(inside.sum() * (over - 1 - np.log(over)))

@@ -83,6 +83,9 @@ BEHIND = 64  # samples behind the last path that a link's response is followed
 
 # evenness
 OF_ROUNDING = 0.6  # 2 − E|r|⁴/(E|r|²)² of an error that is even over a square, as rounding's is
+OF_DITHER = (
+    4.0  # the same of a grid with a dither of one step, twice as strong, which is ± half a step alone amid two points of it
+)
 
 # finding
 LEAST_TOLD = 20.0  # nats of an effect without a curvature: a search found it
@@ -140,6 +143,7 @@ SOFTER = 0.5  # amplitude of a second power and of a second receiver gain
 # noise
 BLUR_DOUBT = 0.5  # of what a fit's errors add to the floor: draws tell their mean, and a recording has one of them
 DRAWS = 8  # of what a fit leaves open: the power of its errors to a tenth, where 60 numbers are open
+ROUNDED = 0.25  # of the noise, which a grid's rounding is at least: with a dither of one step its error follows the signal
 PASSBAND = 0.65  # common share of two bands from which they are one: a filter falls off within the signal's own edges
 
 # offsets
