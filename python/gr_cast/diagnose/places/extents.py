@@ -4,7 +4,8 @@ are there, and those that cross it within them are not. So one trace tells of al
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -27,8 +28,8 @@ _WORTH_NATS, _SAME_NATS = 0.5, 0.01  # of a turn; of another end
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Heard:
-    """One sounding beside an endless plane: `rest` (L, T, K) of what it has no part in; n paths that it has, by `row` of (L, T):
-    what is `sent` over them (n, K) where none of their legs crosses it; what it lets pass of each leg (n, D + 1), polarised
+    """One sounding beside an endless plane: `rest` (L, T, K) of what it has no part in; n paths that it has, by `row` of (L, T),
+    which rises: what is `sent` over them (n, K) where none of their legs crosses it; what it lets pass of each leg (n, D + 1), polarised
     as if no other leg crossed it; where they meet it (n, D, 2) and where their legs cross it (n, D + 1, 2), NaN where they do
     not."""
 
@@ -39,23 +40,42 @@ class _Heard:
     passed: np.ndarray
     met_m: np.ndarray
     crossed_m: np.ndarray
+    known: dict = field(default_factory=dict)  # energies by what is left of each path
 
     def response(self, low_m: np.ndarray, high_m: np.ndarray) -> np.ndarray:
-        there = (np.isnan(self.met_m[..., 0]) | _within(self.met_m, low_m, high_m)).all(axis=1)
-        share = np.where(_within(self.crossed_m, low_m, high_m), self.passed, 1.0).prod(axis=1) * there
-        parts = share[:, None] * self.sent
-        out = np.zeros((self.rest.shape[0] * self.rest.shape[1], self.rest.shape[2]), complex)
-        np.add.at(out, self.row, parts)
-        return self.rest + out.reshape(self.rest.shape)
+        return self._response(self._share(low_m, high_m))
 
     def energy(self, low_m: np.ndarray, high_m: np.ndarray) -> float:
-        fit = self.ear.profiled(self.response(low_m, high_m))
-        return fit.energy - self.ear.tempered_nats(fit)
+        share = self._share(low_m, high_m)
+        if (key := share.tobytes()) not in self.known:  # other ends that no path tells from these are as good
+            fit = self.ear.profiled(self._response(share))
+            self.known[key] = fit.energy - self.ear.tempered_nats(fit)
+        return self.known[key]
+
+    @cached_property
+    def _does_not_meet(self) -> np.ndarray:
+        return np.isnan(self.met_m[..., 0])
+
+    @cached_property
+    def _rows(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows of (L, T) that have paths, and the first path of each."""
+        return np.unique(self.row, return_index=True)
+
+    def _share(self, low_m: np.ndarray, high_m: np.ndarray) -> np.ndarray:
+        """(n,) what is left of each path."""
+        there = (self._does_not_meet | _within(self.met_m, low_m, high_m)).all(axis=1)
+        return np.where(_within(self.crossed_m, low_m, high_m), self.passed, 1.0).prod(axis=1) * there
+
+    def _response(self, share: np.ndarray) -> np.ndarray:
+        out, (rows, first) = self.rest.copy(), self._rows
+        if len(rows):
+            out.reshape(-1, out.shape[2])[rows] += np.add.reduceat(share[:, None] * self.sent, first)
+        return out
 
 
 def _within(at_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray) -> np.ndarray:
-    with np.errstate(invalid="ignore"):
-        return ((at_m > low_m) & (at_m < high_m)).all(axis=-1)
+    x, y = at_m[..., 0], at_m[..., 1]
+    return (x > low_m[0]) & (x < high_m[0]) & (y > low_m[1]) & (y < high_m[1])
 
 
 def ended(ears: Sequence, base: World, effects: Sequence[Effect], number: int, bounds_m) -> Effect:

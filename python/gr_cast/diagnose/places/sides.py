@@ -3,7 +3,7 @@
 have it together."""
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -101,6 +101,7 @@ class _Outline:
     normal: np.ndarray
     level_m: float
     is_open: bool = False
+    known: dict = field(default_factory=dict)  # what sides send, by their normals and levels
 
     @property
     def u(self) -> np.ndarray:
@@ -138,14 +139,25 @@ class _Outline:
     def _sent(self, inward, level, *between) -> np.ndarray:
         """Nats (M, n) of the echoes of sides `between` ends along two directions (direction, low, high), of each material."""
         levels, which = np.unique(level, return_inverse=True)
-        normals = np.broadcast_to(inward, (len(levels), 3))
-        met = self.rows.met_m(normals, levels)
-        lit = self.rows.tx_m @ inward[:, None] < level
+        nats, met = self._over(inward, levels)
+        lit = self.rows.tx_m @ inward < level[:, None]
         for direction, low, high in between:
-            at = (met @ direction)[:, which]
-            lit = lit & (at > low) & (at < high)
-        nats = self.rows.made_nats(normals, levels, made_at(self.rows.carrier_hz), _WALL_M)
-        return np.where(lit, nats[..., which], 0.0).sum(axis=1)
+            at = (met @ direction)[which]
+            lit &= (at > low[:, None]) & (at < high[:, None])
+        return (nats[which] @ lit[..., None].astype(float))[..., 0].T
+
+    def _over(self, inward: np.ndarray, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Nats (P, M, n) of the echoes of all planes with a normal, of each material, and where (P, n, 3) they are met: ends are
+        moved one after the other, and most sides stay."""
+        keys = [(inward.tobytes(), level) for level in levels.tolist()]
+        missing = levels[[key not in self.known for key in keys]]
+        if len(missing):
+            planes = np.broadcast_to(inward, (len(missing), 3)), missing
+            nats = self.rows.made_nats(*planes, made_at(self.rows.carrier_hz), _WALL_M).transpose(2, 0, 1)
+            told = zip(missing.tolist(), nats.copy(), self.rows.met_m(*planes).transpose(1, 0, 2).copy(), strict=True)
+            self.known.update(((inward.tobytes(), level), (nats, met)) for level, nats, met in told)
+        nats, met = zip(*(self.known[key] for key in keys), strict=True)
+        return np.array(nats), np.array(met)
 
     def settled(self, ends: np.ndarray, scales_m) -> tuple[np.ndarray, float]:
         """The best of some ends, and then one end after the other, with sides where echoes have them as well; and its nats."""
@@ -159,6 +171,7 @@ class _Outline:
                 trials[:, number] = moved
                 there, nats = self._best(trials)
                 at, best = (there, nats) if nats > best else (at, best)
+        self.known.clear()  # there are many outlines
         return at, best
 
     def _best(self, ends: np.ndarray) -> tuple[np.ndarray, float]:
