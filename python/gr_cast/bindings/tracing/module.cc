@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The kernels of the tracer for Python, without GNU Radio: scenario/create/images.py and fields.py
-// and twin/places/passer.py have the same in NumPy.
+// The kernels of the tracer for Python, without GNU Radio: scenario/create/images.py and fields.py,
+// twin/places/passer.py and diagnose/places/tracks.py have the same in NumPy.
 #include "../numpy_layout.h"
 #include "tracing/body.h"
 #include "tracing/fields.h"
+#include "tracing/maps.h"
 #include "tracing/mesh.h"
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
@@ -256,6 +257,36 @@ array<bool> shaded_paths(double radius_m, double height_m, const array<double>& 
     return out;
 }
 
+array<double> summed_maps(const array<double>& maps, const array<int64_t>& moved)
+{
+    if (maps.ndim() != 3 || moved.ndim() != 3 || moved.shape(1) != maps.shape(0) ||
+        moved.shape(2) != 2)
+        throw std::invalid_argument(
+            "summed_along: needs maps (maps, wide, deep) and moves (ways, maps, 2)");
+    array<double> out({moved.shape(0), maps.shape(1), maps.shape(2)});
+    summed_along(maps.data(), size_t(maps.shape(0)), size_t(maps.shape(1)), size_t(maps.shape(2)),
+                 moved.data(), size_t(moved.shape(0)), out.mutable_data());
+    return out;
+}
+
+py::tuple sums_along(const array<float>& cross, const array<float>& power, double begin_m,
+                     double step_m, const array<double>& after_s, const array<int64_t>& instant,
+                     const array<double>& at_m, const array<double>& turn)
+{
+    const auto instants = size_t(after_s.size());
+    if (cross.ndim() != 3 || size_t(cross.shape(0)) != instants || cross.shape(1) != cross.shape(2))
+        throw std::invalid_argument("along: needs a square map at each instant");
+    expect(power, size_t(cross.size()), "power");
+    expect_below(instant, 0, instants, "instant");
+    const size_t lines = rows(at_m, 2, "at_m");
+    expect(turn, 2 * lines, "turn");
+    array<double> top{py::ssize_t(lines)}, bottom{py::ssize_t(lines)};
+    along({cross.data(), power.data(), size_t(cross.shape(1)), begin_m, step_m, after_s.data()},
+          instant.data(), size_t(instant.size()), at_m.data(), turn.data(), lines,
+          top.mutable_data(), bottom.mutable_data());
+    return py::make_tuple(top, bottom);
+}
+
 } // namespace
 
 PYBIND11_MODULE(tracing, m)
@@ -276,4 +307,6 @@ PYBIND11_MODULE(tracing, m)
     m.def("summed", &path_sums);
     m.def("shaded", &shaded_paths, py::arg("radius_m"), py::arg("height_m"), py::arg("foot_m"),
           py::arg("points_m"));
+    m.def("summed_along", &summed_maps, py::arg("maps"), py::arg("moved"));
+    m.def("along", &sums_along);
 }

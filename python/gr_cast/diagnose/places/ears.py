@@ -45,7 +45,7 @@ class ResponseEar:
 
     def row_nats(self, fit: Fitted) -> np.ndarray:
         """(L, T) energy of each response."""
-        return (np.abs(fit.residual) ** 2 * self.heard.weight).sum(axis=2)
+        return ((fit.residual.real**2 + fit.residual.imag**2) * self.heard.weight).sum(axis=2)
 
     def nats(self, fit: Fitted) -> np.ndarray:
         """(L,) energy of each link."""
@@ -55,12 +55,12 @@ class ResponseEar:
 
     def undisturbed(self, fit: Fitted) -> np.ndarray:
         """(L, T) weights of responses where all that is left of each is taken for noise."""
-        return np.minimum(1.0, (self.heard.weight > 0).sum(axis=2) / np.maximum(self.row_nats(fit), 1e-300))
+        return np.minimum(1.0, self.heard.counts / np.maximum(self.row_nats(fit), 1e-300))
 
     def tempered_nats(self, fit: Fitted) -> float:
         """By which `tempered` is less than the energy of all responses."""
         energy = self.row_nats(fit)
-        return float((energy - tempered(energy, (self.heard.weight > 0).sum(axis=2))).sum())
+        return float((energy - tempered(energy, self.heard.counts)).sum())
 
     def rows(self, fit: Fitted) -> np.ndarray:
         return _real(fit.residual * self.root)

@@ -3,7 +3,8 @@
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -44,21 +45,25 @@ class _Rows:
     points_m: np.ndarray
 
     def at(self, which) -> "_Rows":
-        return _Rows(**{name: value[which] for name, value in vars(self).items()})
+        return _Rows(**{one.name: getattr(self, one.name)[which] for one in fields(self)})
 
     def energy(self, dark: np.ndarray) -> np.ndarray:
         """(C, R), at least as noise has it, where some paths (C, R, P) are not there."""
         power = self.power - 2 * np.einsum("crp,rp->cr", dark, self.shared)
-        power += np.einsum("crp,rpq,crq->cr", dark, self.gram, dark, optimize=True)
+        power += np.einsum("rcp,crp->cr", dark.transpose(1, 0, 2) @ self.gram, dark)
         told = self.told - np.einsum("crp,rp->cr", dark, self.cross)
         return np.maximum(self.heard + power - 2 * np.where(self.free, np.abs(told), told.real), self.count)
+
+    @cached_property
+    def _before(self) -> np.ndarray:
+        """(1, R) where all are there."""
+        return tempered(self.energy(np.zeros((1, *self.cross.shape))), self.count)
 
     def nats(self, foot_m: np.ndarray, radius_m: float) -> np.ndarray:
         """(C, R): by which each response is likelier with someone at `foot_m` (C, R, 2)."""
         feet_m = np.concatenate([foot_m, np.zeros((*foot_m.shape[:2], 1))], axis=2)
         dark = passer.shaded(radius_m, passer.HEIGHT_M, feet_m, self.points_m).astype(float)
-        before = tempered(self.energy(np.zeros((1, *dark.shape[1:]))), self.count)
-        return before - tempered(self.energy(dark), self.count)
+        return self._before - tempered(self.energy(dark), self.count)
 
     def along(self, place_m: np.ndarray, velocity: np.ndarray, radius_m: float) -> np.ndarray:
         """(C,): the same of all responses, of someone at `place_m` (C, 2) at time 0 who goes at `velocity` (C, 2)."""
@@ -184,8 +189,7 @@ class _Search:
                 maps[np.argmin(np.abs(times - time_s))] += one.reshape(maps.shape[1:])
         speeds = np.arange(-1, 1.001, 2 * step_m / hidden.extent_m) * hidden.extent_m / max(np.ptp(times), 1e-9)
         velocity = np.array([(a, b) for a in speeds for b in speeds if np.hypot(a, b) <= speeds[-1]])
-        cells = [np.round(np.outer(times - times[0], one) / step_m).astype(int) for one in velocity]
-        scores = np.array([tracks.summed(maps, one) for one in cells])
+        scores = tracks.summed(maps, np.round((times - times[0])[:, None] * velocity[:, None] / step_m).astype(int))
         found = []
         for _ in range(_BEGUN):
             v, p = np.unravel_index(np.argmax(scores), scores.shape)

@@ -79,12 +79,14 @@ def evaluated(ears: Sequence[Ear], base: World, effects: Sequence[Effect]) -> Mo
     bent = [bending.loosened(ear, fit, world) for ear, fit in zip(ears, theory, strict=True)]
     fits, apart = (tuple(pair[part] for pair in bent) for part in (0, 1))
     plain = sum(fit.energy for fit in fits)
-    loose = sum(fit.energy for fit in theory) - plain, _tempered(ears, theory) - _tempered(ears, apart)
+    spared = _tempered(ears, apart)
+    is_bent = any(one is not other for one, other in zip(theory, apart, strict=True))
+    loose = sum(fit.energy for fit in theory) - plain, _tempered(ears, theory) - spared if is_bent else 0.0
     scattered = [diffuse.gain(ear, fit, world) for ear, fit in zip(ears, fits, strict=True)]
     nats, saved, count = (sum(one[part] for one in scattered) for part in range(3))
     slack = min(policy.DIFFUSE_SHARE * saved, policy.DIFFUSE_NUMBERS * count)
     noisier = not any(effect.family.is_flexible for effect in effects)
-    more = plain - _tempered(ears, apart) if noisier else 0.0
+    more = plain - spared if noisier else 0.0
     return Model(
         base=base, effects=tuple(effects), energy=plain - nats, whitened=plain - saved, slack=slack, loose=loose,
         tempered=plain - nats - more, fits=fits,

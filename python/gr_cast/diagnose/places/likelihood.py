@@ -35,6 +35,11 @@ class Heard:
         return int((self.weight > 0).sum())
 
     @cached_property
+    def counts(self) -> np.ndarray:
+        """(L, T) numbers of each response."""
+        return (self.weight > 0).sum(axis=2)
+
+    @cached_property
     def weighted(self) -> np.ndarray:
         """(L, T, K): what was heard, over its noise."""
         return self.y * self.weight

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from ...scenario.create import fields
+from ...scenario.create.images import tracing
 from ...twin.places import passer
 from . import imaging, scan
 from .ears import thinned
@@ -90,7 +91,7 @@ def _coarse(view, seen: list, height_m: float) -> list:
     velocity = np.array([(a, b) for a in speeds for b in speeds if np.hypot(a, b) <= most])
     turn = (speeds[1] - speeds[0]) / 2
     maps = maps.reshape(-1, len(x), len(y))
-    scores = np.array([summed(maps, np.round(np.outer(time_s, v) / step_m).astype(int)) for v in velocity])
+    scores = summed(maps, np.round(time_s[:, None] * velocity[:, None] / step_m).astype(int))
     found, near = [], np.array([(a, b) for a in (-1, -0.5, 0, 0.5, 1) for b in (-1, -0.5, 0, 0.5, 1)])
     for _ in range(_KEPT):
         v, p = np.unravel_index(np.argmax(scores), scores.shape)
@@ -107,15 +108,17 @@ def _coarse(view, seen: list, height_m: float) -> list:
 
 
 def summed(maps: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Maps (instants, X, Y) summed along ways that move by so many cells (instants, 2), for each first cell: flat."""
-    _, wide, deep = maps.shape
-    total = np.zeros((wide, deep))
-    for one, (a, b) in zip(maps, moved, strict=True):
-        if abs(a) < wide and abs(b) < deep:
-            total[max(-a, 0) : wide - max(a, 0), max(-b, 0) : deep - max(b, 0)] += one[
-                max(a, 0) : wide + min(a, 0), max(b, 0) : deep + min(b, 0)
-            ]
-    return total.ravel()
+    """Maps (instants, X, Y) summed along ways that move by so many cells (ways, instants, 2), for each first cell: (ways, X·Y)."""
+    if tracing:
+        return tracing.summed_along(maps, moved).reshape(len(moved), -1)
+    total, (_, wide, deep) = np.zeros((len(moved), *maps.shape[1:])), maps.shape
+    for way, cells in zip(total, moved.tolist(), strict=True):
+        for one, (a, b) in zip(maps, cells, strict=True):
+            if abs(a) < wide and abs(b) < deep:
+                way[max(-a, 0) : wide - max(a, 0), max(-b, 0) : deep - max(b, 0)] += one[
+                    max(a, 0) : wide + min(a, 0), max(b, 0) : deep + min(b, 0)
+                ]
+    return total.reshape(len(moved), -1)
 
 
 def _fine(view, height_m: float, place_m: np.ndarray, velocity: np.ndarray, otherwise=None) -> list:
@@ -204,15 +207,24 @@ class _Strip:
     def along(self, at_m: np.ndarray, turn: np.ndarray, instants: Sequence[int] | None = None) -> tuple[np.ndarray, np.ndarray]:
         """(nats, amplitude) of lines (..., 2) by their place in the middle and velocity, all echoes of one strength, at all
         instants or those alone."""
+        which = np.arange(len(self.after_s)) if instants is None else np.asarray(instants)
+        top, bottom = self._sums(which, *np.broadcast_arrays(at_m, turn))
+        return np.maximum(top, 0) ** 2 / (bottom + _LEAST), top / (bottom + _LEAST)
+
+    def _sums(self, which: np.ndarray, at_m: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Both maps at some instants, summed along lines (..., 2)."""
+        if tracing:
+            sums = tracing.along(self.cross, self.power, self.axis_m[0], self.step_m, self.after_s, which, at_m, turn)
+            return tuple(one.reshape(at_m.shape[:-1]) for one in sums)
         size = len(self.axis_m)
         top, bottom = np.zeros((2, *at_m.shape[:-1]))
-        for one in range(len(self.after_s)) if instants is None else instants:
+        for one in which:
             x, y = np.moveaxis(np.rint((at_m + self.after_s[one] * turn - self.axis_m[0]) / self.step_m).astype(np.int32), -1, 0)
             inside = (x >= 0) & (x < size) & (y >= 0) & (y < size)
             cell = np.where(inside, x * size + y, 0)
             top += self.cross[one].ravel()[cell] * inside
             bottom += self.power[one].ravel()[cell] * inside
-        return np.maximum(top, 0) ** 2 / (bottom + _LEAST), top / (bottom + _LEAST)
+        return top, bottom
 
     def slid(self, at_m: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lines moved cell by cell to where they explain most."""

@@ -2,6 +2,7 @@
 """A place as the forward model needs it. Effects only ever replace parts of a world; what did not change is not computed anew."""
 
 import itertools
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -22,6 +23,7 @@ from .document import Place
 from .meters import Fading, Meter
 
 _COARSE_M = 0.25
+_JOINED_KEPT = 64  # meshes with one object more
 SLAB_M = 0.1  # of an object of whose surface nothing is said
 _numbers = itertools.count()
 _MOST_KNOWN = 100_000  # of interned keys, before they are forgotten
@@ -94,6 +96,7 @@ class Mesh:
     ):
         self.solids, self.thin, self.thick, self.origin = solids, thin, thick, origin
         self.coarse, self._moves = coarse or self, {}
+        self._joined: OrderedDict = OrderedDict()  # by what stands where
         self.names = tuple(solid.name for solid in solids)
         self.key = next(_numbers)
 
@@ -132,7 +135,15 @@ class Mesh:
         return Mesh(solids, thin, thick, coarse, (self, number))
 
     def joined(self, solid: Solid) -> "Mesh":
-        """One more object: a sheet."""
+        """One more object: a sheet. The same mesh again where it stands as it did, whatever it is made of: what was traced there
+        is known by its mesh."""
+        key = solid.name, solid.vertices_m.tobytes(), solid.faces.tobytes()
+        mesh = self._joined[key] = self._joined.pop(key, None) or self._with(solid)
+        if len(self._joined) > _JOINED_KEPT:
+            self._joined.popitem(last=False)
+        return mesh
+
+    def _with(self, solid: Solid) -> "Mesh":
         faces, count = faces_of((solid,)), len(self.solids)
         thin, thick = (joined(own, faces, count) for own in (self.thin, self.thick))
         return Mesh((*self.solids, solid), thin, thick, self.coarse, (self, count))

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "maps.h"
+#include <algorithm>
+#include <cmath>
+
+namespace gr
+{
+namespace cast
+{
+namespace tracing
+{
+
+namespace
+{
+
+// Cells of an axis that have one `by` cells farther on.
+struct span {
+    span(int64_t by, size_t cells)
+        : begin(std::max<int64_t>(-by, 0)), end(int64_t(cells) - std::max<int64_t>(by, 0))
+    {
+    }
+
+    int64_t begin, end;
+};
+
+} // namespace
+
+void summed_along(const double* map, size_t maps, size_t wide, size_t deep, const int64_t* moved,
+                  size_t ways, double* out)
+{
+    const size_t cells = wide * deep;
+    std::fill_n(out, ways * cells, 0.0);
+    for (size_t way = 0; way < ways; way++, out += cells)
+        for (size_t one = 0; one < maps; one++, moved += 2) {
+            const span x(moved[0], wide), y(moved[1], deep);
+            for (int64_t i = x.begin; i < x.end; i++) {
+                double* total = out + i * int64_t(deep);
+                const double* row = map + one * cells + (i + moved[0]) * int64_t(deep) + moved[1];
+                for (int64_t j = y.begin; j < y.end; j++)
+                    total[j] += row[j];
+            }
+        }
+}
+
+void along(const strip& one, const int64_t* instant, size_t instants, const double* at_m,
+           const double* turn, size_t lines, double* cross, double* power)
+{
+    std::fill_n(cross, lines, 0.0);
+    std::fill_n(power, lines, 0.0);
+    const auto size = int64_t(one.size);
+    for (size_t number = 0; number < instants; number++) {
+        const size_t first = size_t(instant[number]) * one.size * one.size;
+        const double after_s = one.after_s[instant[number]];
+        for (size_t line = 0; line < lines; line++) {
+            int64_t cell[2];
+            for (size_t axis = 0; axis < 2; axis++)
+                cell[axis] = std::lrint(
+                    (at_m[2 * line + axis] + after_s * turn[2 * line + axis] - one.begin_m) /
+                    one.step_m);
+            if (std::min(cell[0], cell[1]) < 0 || std::max(cell[0], cell[1]) >= size)
+                continue;
+            const size_t at = first + size_t(cell[0] * size + cell[1]);
+            cross[line] += double(one.cross[at]);
+            power[line] += double(one.power[at]);
+        }
+    }
+}
+
+} // namespace tracing
+} // namespace cast
+} // namespace gr

@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace gr
+{
+namespace cast
+{
+namespace tracing
+{
+
+// Maps of `wide` x `deep` cells, one after the other, summed along ways that begin at each cell and
+// have moved by `moved` (ways x maps x 2) cells at each map: `out` is ways x wide x deep.
+void summed_along(const double* map, size_t maps, size_t wide, size_t deep, const int64_t* moved,
+                  size_t ways, double* out);
+
+// Square maps of `size` x `size` cells of `step_m`, from `begin_m` on either way, at `after_s`.
+struct strip {
+    const float *cross, *power;
+    size_t size;
+    double begin_m, step_m;
+    const double* after_s;
+};
+
+// Sums of both maps of some instants where lines are: those at `at_m` (lines x 2) that go at
+// `turn`.
+void along(const strip& one, const int64_t* instant, size_t instants, const double* at_m,
+           const double* turn, size_t lines, double* cross, double* power);
+
+} // namespace tracing
+} // namespace cast
+} // namespace gr
