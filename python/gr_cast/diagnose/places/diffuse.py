@@ -96,7 +96,7 @@ def left(ear, fit, world) -> np.ndarray:
 
 
 def _scatters(ear, world) -> bool:
-    return bool(ear.has_responses and (world.surface.scattering > 0).any())
+    return bool(ear.has_responses and world.surface.scatters)
 
 
 def _unphased(ear, fit, world) -> list[int]:

@@ -35,7 +35,7 @@ class ResponseEar:
 
     @property
     def root(self) -> np.ndarray:
-        return np.sqrt(self.heard.weight)
+        return self.heard.root
 
     def predicted(self, world: World) -> np.ndarray:
         return self.predictor.response(world)
@@ -69,7 +69,7 @@ class ResponseEar:
         return _real(without_phases(self.heard, fit.model, (moved - here) / step * fit.factor) * self.root)
 
     def nuisance(self, fit: Fitted) -> list[np.ndarray]:
-        return [_real(without_phases(self.heard, fit.model, one) * self.root) for one in tangents(self.heard, fit.model)]
+        return [*map(_real, without_phases(self.heard, fit.model, tangents(self.heard, fit.model)) * self.root)]
 
 
 def _real(values: np.ndarray) -> np.ndarray:

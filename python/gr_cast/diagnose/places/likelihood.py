@@ -30,14 +30,28 @@ class Heard:
     delay: str
     gain: str
 
-    @property
+    @cached_property
+    def known(self) -> np.ndarray:
+        """(L, T, K) whether there is a number."""
+        return self.weight > 0
+
+    @cached_property
+    def is_whole(self) -> bool:
+        return bool(self.known.all())
+
+    @cached_property
     def count(self) -> int:
-        return int((self.weight > 0).sum())
+        return int(self.known.sum())
 
     @cached_property
     def counts(self) -> np.ndarray:
         """(L, T) numbers of each response."""
-        return (self.weight > 0).sum(axis=2)
+        return self.known.sum(axis=2)
+
+    @cached_property
+    def root(self) -> np.ndarray:
+        """(L, T, K): one over the noise's deviation, or 0."""
+        return np.sqrt(self.weight)
 
     @cached_property
     def weighted(self) -> np.ndarray:
@@ -78,7 +92,8 @@ class Fitted:
 def profiled(heard: Heard, h: np.ndarray) -> Fitted:
     """The least energy over unknown phases, delays and gains."""
     cross = h.conj() * heard.weighted  # (L, T, K)
-    moments = ((h.real**2 + h.imag**2) * heard.weight) @ heard.powers_of_omega  # (L, T, 3)
+    is_known = heard.gain == heard.delay == "none"
+    moments = np.zeros(0) if is_known else ((h.real**2 + h.imag**2) * heard.weight) @ heard.powers_of_omega  # (L, T, 3)
     if heard.delay == "none":
         return _fitted(heard, h, cross, moments, np.zeros(len(h)))
     begun = _agreed(_delays(heard, cross), heard, moments[:, :, 0].sum(axis=1))
@@ -90,8 +105,11 @@ def _fitted(heard: Heard, h: np.ndarray, cross: np.ndarray, moments: np.ndarray,
     omega = heard.omega
     log_gain = np.zeros(len(h))
     for number in range(_ROUNDS if heard.gain != "none" or heard.delay != "none" else 1):
-        turn = np.exp(1j * delay_s[:, None] * omega) if heard.delay != "none" else np.ones((len(h), len(omega)))
-        sums = cross @ (turn[:, :, None] * heard.powers_of_omega[:, :2])  # (L, T, 2): over frequencies, and times them
+        if heard.delay != "none":
+            turn = np.exp(1j * delay_s[:, None] * omega)
+            sums = cross @ (turn[:, :, None] * heard.powers_of_omega[:, :2])  # (L, T, 2): over frequencies, and times them
+        elif not number:
+            sums = cross.sum(axis=2, keepdims=True)
         factor = _phases(sums[:, :, 0], heard.phase)
         if heard.gain != "none":
             wanted = (sums[:, :, 0] * factor.conj()).real.sum(axis=1)
@@ -109,7 +127,7 @@ def _fitted(heard: Heard, h: np.ndarray, cross: np.ndarray, moments: np.ndarray,
     if heard.delay != "none":
         factor = factor * turn.conj()[:, None]
     model = h * factor
-    residual = np.where(heard.weight > 0, heard.y - model, 0)
+    residual = heard.y - model if heard.is_whole else np.where(heard.known, heard.y - model, 0)
     turns = _turns_nats(heard, sums[:, :, 0] * np.exp(log_gain)[:, None])
     energy = float(((residual.real**2 + residual.imag**2) * heard.weight).sum()) + turns
     return Fitted(model=model, residual=residual, energy=energy, factor=np.broadcast_to(factor, h.shape), offset=turns)
@@ -137,12 +155,13 @@ def turns_nats(cross: np.ndarray) -> float:
 
 
 def _phases(cross: np.ndarray, kind: str) -> np.ndarray:
+    """(L, T), or (L, 1) of links."""
     if kind == "none":
         return np.ones(cross.shape, complex)
     if kind == "link":
-        cross = np.broadcast_to(cross.sum(axis=1, keepdims=True), cross.shape)
+        cross = cross.sum(axis=1, keepdims=True)
     size = np.abs(cross)
-    return np.where(size > _FAINT, cross / np.where(size > _FAINT, size, 1), 1)
+    return np.where(size > _FAINT, cross / np.maximum(size, _FAINT), 1)
 
 
 def incidence(links) -> np.ndarray:
@@ -212,28 +231,24 @@ def _delay_step(heard: Heard, sums: np.ndarray, moments: np.ndarray, gain: np.nd
     return _shared(np.where(bottom > _FAINT, top / bottom, 0.0), heard, bottom)
 
 
-def tangents(heard: Heard, model: np.ndarray) -> list[np.ndarray]:
-    """Derivatives (L, T, K) of the model after every unknown gain and delay; phases are projected out by `without_phases`."""
-    omega, out = 2 * np.pi * heard.frequency_hz, []
-    for kind, derivative in ((heard.gain, model), (heard.delay, -1j * omega * model)):
+def tangents(heard: Heard, model: np.ndarray) -> np.ndarray:
+    """Derivatives (n, L, T, K) of the model after every unknown gain and delay; phases are projected out by `without_phases`."""
+    out = [np.zeros((0, *model.shape), complex)]
+    for kind, derivative in ((heard.gain, model), (heard.delay, -1j * heard.omega * model)):
         if kind == "common":
-            out.append(derivative)
+            out.append(derivative[None])
         elif kind == "link":
-            for row in range(len(heard.links)):
-                column = np.zeros_like(model)
-                column[row] = derivative[row]
-                out.append(column)
+            out.append(np.eye(len(model))[:, :, None, None] * derivative)
         elif kind == "node":
-            for weights in heard.design.T:
-                out.append(derivative * weights[:, None, None])
-    return out
+            out.append(heard.design.T[:, :, None, None] * derivative)
+    return np.concatenate(out)
 
 
-def without_phases(heard: Heard, model: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """A derivative less its part along the unknown phases."""
+def without_phases(heard: Heard, model: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Derivatives (..., L, T, K) less their parts along the unknown phases."""
     if heard.phase == "none":
-        return column
-    axes = (2,) if heard.phase == "snapshot" else (1, 2)
-    along = ((column * model.conj()).imag * heard.weight).sum(axis=axes, keepdims=True)
-    power = (np.abs(model) ** 2 * heard.weight).sum(axis=axes, keepdims=True)
-    return column - 1j * model * (along / np.maximum(power, 1e-300))
+        return columns
+    axes = (-1,) if heard.phase == "snapshot" else (-2, -1)
+    along = ((columns * model.conj()).imag * heard.weight).sum(axis=axes, keepdims=True)
+    power = ((model.real**2 + model.imag**2) * heard.weight).sum(axis=axes, keepdims=True)
+    return columns - 1j * model * (along / np.maximum(power, 1e-300))

@@ -9,6 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S, amplitude_from_db
+from .geometry import cross
 from .images import Faces, Paths, chosen, tracing, unfold
 from .media import Medium, with_losses
 
@@ -46,6 +47,10 @@ class Surface:
     def is_clear(self) -> bool:
         """Whether legs go through anything at all."""
         return bool(self.clear.any())
+
+    @cached_property
+    def scatters(self) -> bool:
+        return bool((self.scattering > 0).any())
 
     @cached_property
     def keys(self) -> list[bytes]:
@@ -222,15 +227,6 @@ def gains(
             rows = np.flatnonzero(paths.faces[:, leg] >= 0)
             _reflect(faces, paths.faces[rows, leg], way, surface, eta, wavelength_m, field, rows, leg)
     return wavelength_m / (4 * np.pi * way.length_m) * np.einsum("ij,ij->i", field, end)
-
-
-def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross product of rows (n, 3): NumPy's own spends most of its time on its axes."""
-    a, b = np.broadcast_arrays(a, b)
-    out = np.empty(a.shape, np.result_type(a, b))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        out[:, i] = a[:, j] * b[:, k] - a[:, k] * b[:, j]
-    return out
 
 
 def _across(incoming: np.ndarray, normal: np.ndarray) -> np.ndarray:

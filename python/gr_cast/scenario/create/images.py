@@ -7,6 +7,7 @@ kept as a crossing and not thrown away: an object that is taken away, or let thr
 Where the compiled kernels (lib/tracing) were built they do the same, some ten times as fast.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -155,9 +156,16 @@ def chosen(paths: Paths, keep: np.ndarray) -> Paths:
     )
 
 
+def begins(counts: Sequence[int]) -> list[int]:
+    """Where each of several lists, one after the other, begins, and where the last one ends."""
+    return [0, *itertools.accumulate(counts)]
+
+
 def joined_paths(parts: Sequence[Paths], counts: Sequence[int]) -> Paths:
     """Paths between several lists of pairs of points, `counts` long, as those of one list."""
-    pairs, paths = (np.concatenate([[0], np.cumsum(lengths)]) for lengths in (counts, [len(part.pair) for part in parts]))
+    if len(parts) == 1:
+        return parts[0]
+    pairs, paths = (begins(lengths) for lengths in (counts, [len(part.pair) for part in parts]))
     return Paths(
         pair=np.concatenate([part.pair + first for part, first in zip(parts, pairs, strict=False)]),
         faces=np.concatenate([part.faces for part in parts]),
@@ -169,9 +177,9 @@ def joined_paths(parts: Sequence[Paths], counts: Sequence[int]) -> Paths:
 
 def parted_paths(paths: Paths, counts: Sequence[int]) -> list[Paths]:
     """What `joined_paths` joined."""
-    pairs = np.concatenate([[0], np.cumsum(counts)])
-    first = np.searchsorted(paths.pair, pairs)
-    crossing = np.searchsorted(paths.crossing_path, first)
+    pairs = begins(counts)
+    first = np.searchsorted(paths.pair, pairs).tolist()
+    crossing = np.searchsorted(paths.crossing_path, first).tolist()
     return [
         Paths(
             pair=paths.pair[a:b] - pair,

@@ -1,24 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Both ends of a sounding's links, worked out once for all worlds that have the same radios."""
 
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from .remembered import remembered
 from .world import Radio, interned
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Ends:
-    """Of `links` (tx, rx names) between `radios` at `time_s` (T,); nodes that were `tracked`, name → (T, 3), are there and not
-    where their SPEC has them."""
+    """Of `links` (tx, rx names) between `radios` at `time_s` (T,) and `frequency_hz` (K,); nodes that were `tracked`,
+    name → (T, 3), are there and not where their SPEC has them. Places of nodes that are `known` are not worked out again."""
 
     radios: Mapping[str, Radio]
     links: Sequence[tuple[str, str]]
     time_s: np.ndarray
+    frequency_hz: np.ndarray
     tracked: Mapping[str, np.ndarray]
+    known: OrderedDict
 
     @cached_property
     def track_keys(self) -> list[int]:
@@ -37,9 +41,16 @@ class Ends:
     @cached_property
     def at_m(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Both ends (P, 3) of each link at all instants, or at one where nothing moves."""
-        nodes = {name: self._node_m(self.radios[name]) for link in self.links for name in link}
+        names = sorted({name for link in self.links for name in link})
+        keys = [(name, self.radios[name].track_key) for name in names]
+        places_m = remembered(self.known, keys, lambda missing: [self._node_m(self.radios[names[one]]) for one in missing])
+        nodes = dict(zip(names, places_m, strict=True))
         many = [max(len(nodes[name]) for name in link) for link in self.links]
-        return [tuple(np.broadcast_to(nodes[name], (n, 3)) for name in link) for n, link in zip(many, self.links, strict=True)]
+        return [tuple(self._at_all(nodes[name], n) for name in link) for n, link in zip(many, self.links, strict=True)]
+
+    @staticmethod
+    def _at_all(place_m: np.ndarray, instants: int) -> np.ndarray:
+        return place_m if len(place_m) == instants else np.broadcast_to(place_m, (instants, 3))
 
     def _node_m(self, radio: Radio) -> np.ndarray:
         if radio.node.name in self.tracked:
@@ -60,7 +71,13 @@ class Ends:
         tx_m, rx_m = (np.concatenate([self.at_m[index][side] for index in which]) for side in (0, 1))
         return tx_m, rx_m, [len(self.at_m[index][0]) for index in which]
 
-    def cables(self, frequency_hz: np.ndarray) -> list[np.ndarray]:
-        """(K,) of each link: what both ends' cables do to a response."""
-        delays_s = [tx.delay_s + rx.delay_s for tx, rx in self._pairs]
-        return [np.exp(-2j * np.pi * frequency_hz * delay_s) if delay_s else np.ones(len(frequency_hz)) for delay_s in delays_s]
+    @cached_property
+    def gains_db(self) -> np.ndarray:
+        """(L,) of both ends of each link."""
+        return np.array([tx.gain_db + rx.gain_db for tx, rx in self._pairs])
+
+    @cached_property
+    def cables(self) -> np.ndarray:
+        """(L, K) what both ends' cables do to a response, its strength aside."""
+        delays_s = np.array([tx.delay_s + rx.delay_s for tx, rx in self._pairs])
+        return np.exp(-2j * np.pi * self.frequency_hz * delays_s[:, None])

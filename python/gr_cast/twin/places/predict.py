@@ -11,9 +11,10 @@ from ...core.units import SPEED_OF_LIGHT_M_PER_S, amplitude_from_db
 from ...scenario.create import fields, images, wedges
 from . import carrying, passer
 from .ends import Ends
+from .remembered import remembered
 from .world import World, interned
 
-_KEPT, _ENDS_KEPT = 4000, 64  # links in memory; sets of radios
+_ENDS_KEPT = 64  # sets of radios
 _AT_ONCE = 2_000_000  # phasors in memory at the same time
 
 
@@ -60,6 +61,7 @@ class Predictor:
         self._tables: OrderedDict = OrderedDict()
         self._bent: OrderedDict = OrderedDict()
         self._ends: OrderedDict = OrderedDict()  # by number in memory, with what has it
+        self._places: OrderedDict = OrderedDict()
 
     def response(self, world: World) -> np.ndarray:
         return self._responses(world, range(len(self.links)))
@@ -71,10 +73,10 @@ class Predictor:
     def _responses(self, world: World, which: Sequence[int]) -> np.ndarray:
         law = interned((world.diffraction, world.person, _others_key(world)))
         keys = [(key, law) for key in self._keys(world, which)]
-        heard = _remembered(self._known, keys, lambda missing: self._compute(world, [which[one] for one in missing]))
-        whole = np.empty((len(which), len(self.time_s), len(self.frequency_hz)), complex)
-        for number, (index, h) in enumerate(zip(which, heard, strict=True)):
-            np.multiply(h, self.cables(world, index), out=whole[number])
+        heard = remembered(self._known, keys, lambda missing: self._compute(world, [which[one] for one in missing]))
+        whole, cables = np.empty((len(which), len(self.time_s), len(self.frequency_hz)), complex), self._cables(world)
+        for row, index, h in zip(whole, which, heard, strict=True):
+            np.multiply(h, cables[index], out=row)
         return whole
 
     def _keys(self, world: World, which: Sequence[int]) -> list:
@@ -90,7 +92,10 @@ class Predictor:
     def _ends_of(self, world: World) -> Ends:
         key = id(world.radios)
         if key not in self._ends:
-            self._ends[key] = Ends(radios=world.radios, links=self.links, time_s=self.time_s, tracked=self.tracked)
+            self._ends[key] = Ends(
+                radios=world.radios, links=self.links, time_s=self.time_s, frequency_hz=self.frequency_hz,
+                tracked=self.tracked, known=self._places,
+            )  # fmt: skip
             if len(self._ends) > _ENDS_KEPT:
                 self._ends.popitem(last=False)
         return self._ends[key]
@@ -105,7 +110,7 @@ class Predictor:
 
     def remembered_all(self, keys: Sequence, make) -> list:
         """The same of many links: `make(numbers of the missing keys)`."""
-        return _remembered(self._known, keys, make)
+        return remembered(self._known, keys, make)
 
     def traced(self, world: World, index: int) -> Traced:
         """The paths of a link, as they are in the world that this one is frozen at."""
@@ -113,7 +118,7 @@ class Predictor:
 
     def _traced_of(self, world: World, which: Sequence[int]) -> list[Traced]:
         base, keys = world.frozen or world, self._geometry_keys(world, which)
-        return _remembered(self._traced, keys, lambda missing: self._trace(base, [which[one] for one in missing]))
+        return remembered(self._traced, keys, lambda missing: self._trace(base, [which[one] for one in missing]))
 
     def _geometry_keys(self, world: World, which: Sequence[int]) -> list:
         base = world.frozen or world
@@ -137,9 +142,12 @@ class Predictor:
 
     def cables(self, world: World, index: int) -> np.ndarray:
         """(K,) what both ends' cables and the link's own loss do to a response."""
+        return self._cables(world)[index]
+
+    def _cables(self, world: World) -> np.ndarray:
+        """(L, K) the same of all links."""
         ends = self._ends_of(world)
-        turned = self.remembered(("cables", id(ends)), lambda: (ends, ends.cables(self.frequency_hz)))[1]
-        return world.link_amplitude(self.links[index]) * turned[index]
+        return world.amplitudes(self.links, ends.gains_db)[:, None] * ends.cables
 
     def path_table(self, world: World, index: int) -> Table:
         """Paths of a link that are there, with instant, gain, optics."""
@@ -147,34 +155,43 @@ class Predictor:
 
     def _tables_of(self, world: World, which: Sequence[int]) -> list[Table]:
         keys = self._keys(world, which)
-        return _remembered(self._tables, keys, lambda missing: self._tabled(world, [which[one] for one in missing]))
+        return remembered(self._tables, keys, lambda missing: self._tabled(world, [which[one] for one in missing]))
 
     def _tabled(self, world: World, which: Sequence[int]) -> list[Table]:
         return self.tabled(world, which, [traced.paths for traced in self._traced_of(world, which)])
 
     def tabled(self, world: World, which: Sequence[int], known: Sequence[images.Paths]) -> list[Table]:
         """Of some paths of links those that nothing which they cross blocks, with instant, gain, optics."""
-        base = world.frozen or world
-        faces = world.mesh.thick if base.is_clear else world.mesh.thin
-        tx_m, rx_m, counts = self._ends_of(world).joined_m(which)
-        paths = fields.unblocked(faces, images.joined_paths(known, counts), world.surface)
-        way = fields.optics(faces, paths.faces, tx_m[paths.pair], rx_m[paths.pair])
-        link = np.repeat(np.arange(len(which)), counts)[paths.pair]
-        start, end = (
-            self.fields(world, which, side, (tx_m, rx_m)[side], counts, paths.pair, direction)
-            for side, direction in ((0, way.direction[:, 0]), (1, -way.direction[:, -1]))
-        )
-        gain = fields.gains(faces, paths, way, world.surface, start, end, world.carrier_hz)
-        gain = gain * _by_distance(world, way.length_m, (tx_m - rx_m)[paths.pair])
-        bounds = np.searchsorted(link, np.arange(len(which) + 1))
+        paths, way, gain, counts = self._strengths(world, which, known)
+        link_of = images.begins(counts)
+        bounds = np.searchsorted(paths.pair, link_of).tolist()
         parts = zip(images.parted_paths(paths, counts), bounds, bounds[1:], counts, strict=False)
         return [
             Table(paths=part, instant=part.pair, gain=gain[a:b], way=fields.rows_of(way, slice(a, b)), many=many)
             for part, a, b, many in parts
         ]
 
+    def _strengths(self, world: World, which: Sequence[int], known: Sequence[images.Paths]) -> tuple:
+        """The same of all links together: paths, optics, gain, and how many instants each link has."""
+        base = world.frozen or world
+        faces = world.mesh.thick if base.is_clear else world.mesh.thin
+        tx_m, rx_m, counts = self._ends_of(world).joined_m(which)
+        paths = fields.unblocked(faces, images.joined_paths(known, counts), world.surface)
+        from_m, to_m = tx_m[paths.pair], rx_m[paths.pair]
+        way = fields.optics(faces, paths.faces, from_m, to_m)
+        start, end = (
+            self.fields(world, which, side, (tx_m, rx_m)[side], counts, paths.pair, direction)
+            for side, direction in ((0, way.direction[:, 0]), (1, -way.direction[:, -1]))
+        )
+        gain = fields.gains(faces, paths, way, world.surface, start, end, world.carrier_hz)
+        return paths, way, gain * _by_distance(world, way.length_m, from_m - to_m), counts
+
     def _compute(self, world: World, which: Sequence[int]) -> list[np.ndarray]:
         """Responses (T or 1, K) between the antennas of links."""
+        if world.person is None and not world.diffraction:  # no other world has these gains: no table is kept
+            known = [traced.paths for traced in self._traced_of(world, which)]
+            paths, way, gain, counts = self._strengths(world, which, known)
+            return self._sums(world, paths.pair, gain, way.length_m, counts)
         tables = self._tables_of(world, which)
         if world.person is not None:
             rows = passer.with_person(world, self, which, tables)
@@ -188,10 +205,15 @@ class Predictor:
 
     def _summed(self, world: World, rows: list[tuple]) -> list[np.ndarray]:
         """Responses (instants, K) of rows (instant, gain, length_m, how many instants)."""
-        first = np.concatenate([[0], np.cumsum([many for *_, many in rows])])
-        instant = np.concatenate([one + begin for (one, *_), begin in zip(rows, first, strict=False)])
+        counts = [many for *_, many in rows]
+        instant = np.concatenate([one + begin for (one, *_), begin in zip(rows, images.begins(counts), strict=False)])
         gain, length_m = (np.concatenate([row[part] for row in rows]) for part in (1, 2))
-        sums = summed(instant, gain, length_m, int(first[-1]), world.carrier_hz, self.frequency_hz)
+        return self._sums(world, instant, gain, length_m, counts)
+
+    def _sums(self, world: World, instant: np.ndarray, gain, length_m, counts: list[int]) -> list[np.ndarray]:
+        """The same of paths of all links, whose instants go on from link to link."""
+        first = images.begins(counts)
+        sums = summed(instant, gain, length_m, first[-1], world.carrier_hz, self.frequency_hz)
         return [sums[a:b] for a, b in zip(first, first[1:], strict=False)]
 
     def bent(self, world: World, index: int) -> Bent:
@@ -201,7 +223,7 @@ class Predictor:
     def _bent_of(self, world: World, which: Sequence[int]) -> list[Bent]:
         ends = self._ends_of(world).keys
         keys = [(ends[index], world.law, world.surface.key) for index in which]
-        return _remembered(self._bent, keys, lambda missing: self._diffracted(world, [which[one] for one in missing]))
+        return remembered(self._bent, keys, lambda missing: self._diffracted(world, [which[one] for one in missing]))
 
     def _diffracted(self, world: World, which: Sequence[int]) -> list[Bent]:
         tx_m, rx_m, counts = self._ends_of(world).joined_m(which)
@@ -226,7 +248,7 @@ class Predictor:
         radios = [world.radios[self.links[index][side]] for index in which]
         link = np.repeat(np.arange(len(which)), counts)[pair]
         out = fields.far_fields([radio.antenna for radio in radios], link, direction)
-        first = np.concatenate([[0], np.cumsum(counts)])
+        first = images.begins(counts)
         for number, radio in enumerate(radios):
             if radio.body is not None:
                 heading = carrying.headings(at_m[first[number] : first[number + 1]])
@@ -287,17 +309,3 @@ def _others_key(world: World) -> bytes:
     if world.diffraction:
         return world.surface.key
     return world.surface.standing if world.person else b""
-
-
-def _remembered(memory: OrderedDict, keys: Sequence, make) -> list:
-    """Values by keys; `make(numbers of the missing ones)` gives those that the memory lacks, all at once."""
-    found = [memory.get(key) for key in keys]  # before `make`, which may remember more in the same place, and forget these
-    if missing := [number for number, value in enumerate(found) if value is None]:
-        for number, value in zip(missing, make(missing), strict=True):
-            found[number] = value
-    for key, value in zip(keys, found, strict=True):
-        memory[key] = value
-        memory.move_to_end(key)
-    while len(memory) > _KEPT:
-        memory.popitem(last=False)
-    return found

@@ -209,6 +209,12 @@ class World:
         tx, rx = (self.radios[name] for name in link)
         return float(amplitude_from_db(tx.gain_db + rx.gain_db - self.link_loss_db.get(link, 0.0)))
 
+    def amplitudes(self, links: Sequence[tuple[str, str]], gains_db: np.ndarray) -> np.ndarray:
+        """(L,) of links, of both of whose ends the gains are known."""
+        if not self.link_loss_db:
+            return amplitude_from_db(gains_db)
+        return amplitude_from_db(gains_db - np.array([self.link_loss_db.get(link, 0.0) for link in links]))
+
     def axes(self, index: int) -> list[np.ndarray]:
         """Directions of an object's faces, one of each two that face apart."""
         axes: list[np.ndarray] = []
