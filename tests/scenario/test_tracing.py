@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from gr_cast.diagnose.places import tracks
 from gr_cast.scenario.create import fields, images
 from gr_cast.scenario.create.geometry import Solid
 from gr_cast.twin.places import passer, predict
@@ -57,7 +58,7 @@ def drawn(request):
 def both(monkeypatch, make):
     """What the compiled kernels make, and what NumPy makes."""
     compiled = make()
-    for module in (images, fields, passer):
+    for module in (images, fields, passer, tracks):
         monkeypatch.setattr(module, "tracing", None)
     return compiled, make()
 
@@ -148,6 +149,37 @@ def test_a_body_shades_what_goes_through_it(drawn, monkeypatch):
         found = within.any(axis=(2, 3))
         assert (one[place] >= found).all() and (one[place] > found).mean() < 0.02  # what touches it between two of the points
     assert 0.1 < one.mean() < 0.9
+
+
+def test_the_same_maps_are_summed_along_ways(monkeypatch):
+    random = np.random.default_rng(5)
+    maps, moved = random.normal(size=(6, 9, 11)), random.integers(-14, 15, (70, 6, 2))
+    one, other = both(monkeypatch, lambda: tracks.summed(maps, moved))
+    assert (one == other).all() and one.any()
+
+
+@pytest.mark.parametrize("instants", [None, [4, 0, 2]])
+def test_the_same_cells_are_met_along_lines(monkeypatch, instants):
+    random = np.random.default_rng(6)
+    cross, power = random.normal(size=(2, 5, 21, 21)).astype(np.float32)
+    axis_m = 0.02 * np.arange(-10, 11)
+    strip = tracks._Strip(cross=cross, power=power**2, axis_m=axis_m, after_s=np.linspace(-1, 1.5, 5))
+    at_m, turn = random.uniform(-0.25, 0.25, (40, 1, 2)), random.uniform(-0.2, 0.2, (40, 3, 2))
+    for one, other in zip(*both(monkeypatch, lambda: strip.along(at_m, turn, instants)), strict=True):
+        assert one.shape == (40, 3) and (one == other).all() and one.any()
+
+
+def test_maps_and_ways_that_do_not_belong_together_are_refused():
+    kernels = pytest.importorskip("gr_cast.scenario.create.tracing")
+    with pytest.raises(ValueError, match="needs maps"):
+        kernels.summed_along(np.zeros((3, 4, 4)), np.zeros((2, 4, 2), int))
+    maps, after_s, lines = np.zeros((3, 4, 4), np.float32), np.zeros(3), np.zeros((5, 2))
+    for wrong in (dict(cross=maps[:, :3]), dict(power=maps[:2]), dict(turn=lines[:4])):
+        told = dict(cross=maps, power=maps, begin_m=0.0, step_m=1.0, after_s=after_s, instant=[0], at_m=lines, turn=lines) | wrong
+        with pytest.raises(ValueError, match="needs"):
+            kernels.along(*told.values())
+    with pytest.raises(IndexError, match="instant: got"):
+        kernels.along(maps, maps, 0.0, 1.0, after_s, [3], lines, lines)
 
 
 def test_a_convex_body_shows_its_outside_however_its_triangles_are_wound(drawn):

@@ -271,3 +271,18 @@ def test_a_box_stands_where_the_vault_has_it_as_far_as_the_soundings_leave_it_op
     box = added(replace(shape, origin_m=tuple(shape.origin_m + aside_m * turn)), (1.0, 1e7))
     model = search._confirmed(deaf, vault, evaluated(deaf, ours(), [box]), KNOWN, search.Budget.of(60.0), {}, search.Barred())
     assert np.array(model.effects[0].choice.origin_m) == pytest.approx(shape.origin_m, abs=1e-9)
+
+
+@pytest.mark.parametrize("is_clear", [False, True])
+def test_energies_of_ends_that_are_remembered_are_those_of_their_responses(is_clear):
+    random, base = np.random.default_rng(7), backed(is_clear)
+    (ear,), wide = heard(theirs(), 30.0), sheet((-30.0, -20.0), (30.0, 20.0))
+    effect = added(sheet((-3.0, -1.0), (4.0, 1.0)))
+    here, endless = (applied(base, [one]) for one in (effect, replace(effect, choice=wide)))
+    beside = extents._heard_beside(ear, here, endless, endless.mesh.index("missing_2"), effect)
+    for _ in range(30):
+        low_m = random.uniform(-9, 3, 2) * [1, 0.2]
+        for high_m in low_m + random.uniform(0.5, 12, (2, 2)) * [1, 0.3]:
+            fit = ear.profiled(beside.response(low_m, high_m))
+            assert beside.energy(low_m, high_m) == beside.energy(low_m, high_m) == fit.energy - ear.tempered_nats(fit)
+    assert 1 < len(beside.known) < 60

@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Boxes whose shadow leaves their outline open, and whose sides' few echoes do not; what a side sends against the tracer's."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from gr_cast.diagnose.places import sides
 from gr_cast.diagnose.places.coherent import Phased
 from gr_cast.diagnose.places.fit import evaluated, fitted, with_effect
+from gr_cast.diagnose.places.shades import Ways
 from gr_cast.diagnose.places.view import View
 from gr_cast.twin.places.families.additions import Sheet
 from gr_cast.twin.places.families.base import Effect
@@ -81,3 +85,18 @@ def test_a_box_lower_than_the_antennas_is_told_by_the_echo_of_its_top():
     shaded, count = with_effect(ears, view.model, dark), ears[0].count
     fits = [fitted(ears, with_effect(ears, view.model, begun(*one)), rounds=4) for one in view.sided(dark)]
     assert min(one.energy for one in fits) - count < 0.25 * (shaded.energy - count)
+
+
+def test_what_sides_send_is_the_same_whatever_was_asked_before():
+    world = theirs()
+    world["objects"]["shed"] = {"tris": box((0.0, 2.68), 0.35, (3.85, 1.35, 2.46))[SIDES], "surface": None}
+    world["materials"]["shed"] = "metal"
+    ears = heard(world, 30.0)
+    view = View(ears, evaluated(ears, ours(), ()), KNOWN)
+    normal = np.array([np.cos(0.4), np.sin(0.4), 0.0])
+    known, random = sides._Outline(rows=view.phased, ways=Ways.of(view), normal=normal, level_m=1.2), np.random.default_rng(3)
+    for _ in range(6):
+        ends = random.choice([-2.0, -1.0, 0.5, 1.5], (20, 5)) + [0.0, 3.0, 2.5, 2.5, 0.0]
+        afresh = replace(known, known={})
+        np.testing.assert_allclose(known.nats(ends), afresh.nats(ends), rtol=1e-12)
+    assert known.known

@@ -81,3 +81,25 @@ def test_what_is_made_may_be_remembered_in_the_same_place_and_push_out_what_was_
 
     assert remembered(memory, ["a", "b"], make) == [1, 2]
     assert list(memory)[-2:] == ["a", "b"] and len(memory) == 3
+
+
+def test_one_object_more_where_it_stood_is_the_same_mesh_whatever_it_is_made_of():
+    world, used = yard(), predictor()
+    corners = [(2.0, -3.0, 0.0), (7.0, -3.2, 0.0), (7.0, -3.2, 3.0), (2.0, -3.0, 3.0)]
+    boards = [Solid(name="more", vertices_m=np.add(corners, (0, m, 0)), faces=[[0, 1, 2], [0, 2, 3]]) for m in (0.0, 0.0, 0.3)]
+    made = [world.with_object(board, permittivity=p, conductivity=0.1) for board, p in zip(boards, (3.0, 6.0, 6.0), strict=True)]
+    assert made[0].mesh is made[1].mesh is not made[2].mesh
+    told = [used.response(one) for one in made]
+    for one, response in zip(made, told, strict=True):
+        assert (response == predictor().response(one)).all()
+    assert np.abs(told[0] - told[1]).max() > 1e-3 * np.abs(told[0]).max() < np.abs(told[1] - told[2]).max() * 1e3
+
+
+def test_responses_are_those_of_tables_cables_and_losses():
+    world = replace(yard(), link_loss_db={("a", "b"): 3.0}).with_radio("a", gain_db=2.0, delay_s=1e-9)
+    used = predictor()
+    table = used.path_table(world, 0)
+    length_m, f_hz = table.way.length_m[:, None], used.frequency_hz
+    told = (table.gain[:, None] * np.exp(-2j * np.pi * (world.carrier_hz + f_hz) * length_m / 299792458)).sum(axis=0)
+    told = told * 10 ** (-1 / 20) * np.exp(-2j * np.pi * f_hz * 1e-9)
+    np.testing.assert_allclose(used.response(world)[0], np.broadcast_to(told, (2, 8)), atol=1e-12)

@@ -109,7 +109,7 @@ def _fitted(heard: Heard, h: np.ndarray, cross: np.ndarray, moments: np.ndarray,
             turn = np.exp(1j * delay_s[:, None] * omega)
             sums = cross @ (turn[:, :, None] * heard.powers_of_omega[:, :2])  # (L, T, 2): over frequencies, and times them
         elif not number:
-            sums = cross.sum(axis=2, keepdims=True)
+            sums = cross @ heard.powers_of_omega[:, :2]
         factor = _phases(sums[:, :, 0], heard.phase)
         if heard.gain != "none":
             wanted = (sums[:, :, 0] * factor.conj()).real.sum(axis=1)

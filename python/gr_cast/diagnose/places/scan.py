@@ -90,22 +90,42 @@ def energy(rows_: Sequence[Row], first: np.ndarray, second: np.ndarray, scale: n
     is; `scale`: by which all paths grow along it, None: by whatever suits each row."""
     total = np.zeros((2, len(first), len(second)), np.float32)
     for row in rows_:
-        cross, power = np.zeros(total.shape[1:], np.complex64), np.zeros(total.shape[1:], np.float32)
-        for k in range(len(row.y)):
-            root = np.sqrt(row.weight[k])  # first: powers of amplitudes alone are less than single precision holds
-            left = root * row.base[:, k] * np.exp(-1j * np.multiply.outer(first, row.rates[0][:, k]))
-            right = np.exp(-1j * np.multiply.outer(second, row.rates[1][:, k]))
-            model = left.astype(np.complex64) @ right.T.astype(np.complex64) + np.complex64(root * row.rest[k])
-            cross += np.complex64(root * row.y[k].conj()) * model
-            power += model.real**2 + model.imag**2
-        along = np.abs(cross) if row.is_free else cross.real
-        heard = np.float32((np.abs(row.y) ** 2 * row.weight).sum())
-        if scale is None:
-            left = heard - np.maximum(along, 0) ** 2 / np.maximum(power, np.float32(1e-30))
-        else:
-            left = heard + scale**2 * power - 2 * scale * along
-        total += tempered(left, np.float32((row.weight > 0).sum())), left
+        total += _energy(row, *_turns(row, first, second), scale)
     return total
+
+
+def energy_in_space(rows_: Sequence[Row], first: np.ndarray, second: np.ndarray, third: np.ndarray) -> np.ndarray:
+    """The same over three axes, (2, len(first), len(second), len(third))."""
+    total = np.zeros((len(third), 2, len(first), len(second)), np.float32)
+    for row in rows_:
+        turns = _turns(row, first, second)
+        for level, by in zip(total, third, strict=True):
+            level += _energy(row.turned(2, float(by)), *turns, 1.0)
+    return np.moveaxis(total, 0, 3)
+
+
+def _turns(row: Row, first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """By which paths are turned, (K, len(first), n) and (K, n, len(second))."""
+    left = np.exp(-1j * (first[:, None] * row.rates[0].T[:, None]))
+    return left, np.exp(-1j * (row.rates[1].T[:, :, None] * second)).astype(np.complex64)
+
+
+def _energy(row: Row, left: np.ndarray, right: np.ndarray, scale: np.ndarray | float | None) -> tuple[np.ndarray, np.ndarray]:
+    cross, power = np.complex64(0), np.float32(0)
+    for k in range(len(row.y)):
+        root = np.sqrt(row.weight[k])  # first: powers of amplitudes alone are less than single precision holds
+        model = (root * row.base[:, k] * left[k]).astype(np.complex64) @ right[k]
+        model += np.complex64(root * row.rest[k])
+        power = power + (model.real**2 + model.imag**2)
+        model *= np.complex64(root * row.y[k].conj())
+        cross = cross + model
+    along = np.abs(cross) if row.is_free else cross.real
+    heard = np.float32((np.abs(row.y) ** 2 * row.weight).sum())
+    if scale is None:
+        over = heard - np.maximum(along, 0) ** 2 / np.maximum(power, np.float32(1e-30))
+    else:
+        over = heard + scale**2 * power - 2 * scale * along
+    return tempered(over, np.float32((row.weight > 0).sum())), over
 
 
 def energy_along(rows_: Sequence[Row], grid: np.ndarray, scale: np.ndarray | float | None = 1.0) -> np.ndarray:

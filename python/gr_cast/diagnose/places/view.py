@@ -317,8 +317,7 @@ class View:
         rows = self._scanned(rates)
         if not rows:
             return []
-        energies = [scan.energy([row.turned(2, float(up)) for row in rows], grid_m, grid_m) for up in up_m]
-        wells = scan.minima_of((grid_m, grid_m, up_m), np.stack(energies, axis=3), _SOUNDED)
+        wells = scan.minima_of((grid_m, grid_m, up_m), scan.energy_in_space(rows, grid_m, grid_m, up_m), _SOUNDED)
         at_m, nats = scan.bottoms(rows, np.array(wells), self.world.wavelength_m / 8)
         found = np.zeros((0, 3))
         for number in scan.by_turns(*np.argsort(nats, axis=1).tolist()):

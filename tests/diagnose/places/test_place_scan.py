@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Coarse searches over grids: what is worked out once for many rows, or for many columns, is what each gives alone."""
+
+import numpy as np
+import pytest
+from gr_cast.diagnose.places import likelihood, scan
+from gr_cast.diagnose.places.eclipses import _Rows
+from gr_cast.diagnose.places.likelihood import Heard
+
+
+def drawn(random, *shape) -> np.ndarray:
+    return random.normal(size=shape) + 1j * random.normal(size=shape)
+
+
+@pytest.mark.parametrize("is_free", [False, True])
+def test_a_grid_in_space_is_its_levels(is_free):
+    random = np.random.default_rng(1)
+    rows = [
+        scan.Row(
+            base=drawn(random, 3, 4), rates=20 * random.normal(size=(3, 3, 4)), rest=drawn(random, 4), y=drawn(random, 4),
+            weight=random.uniform(0, 9, 4), is_free=is_free,
+        )
+        for _ in range(5)
+    ]  # fmt: skip
+    first, second, third = np.linspace(-1, 1, 9), np.linspace(-1, 1, 7), np.array([-0.2, 0.0, 0.3])
+    space = scan.energy_in_space(rows, first, second, third)
+    for number, by in enumerate(third):
+        assert (space[..., number] == scan.energy([row.turned(2, by) for row in rows], first, second)).all()
+    places = np.array([first[2], second[3], third[0]])
+    left = [row.y - (row.base * np.exp(-1j * np.tensordot(places, row.rates, 1))).sum(axis=0) - row.rest for row in rows]
+    if not is_free:
+        told = sum((np.abs(one) ** 2 * row.weight).sum() for one, row in zip(left, rows, strict=True))
+        assert space[1, 2, 3, 0] == pytest.approx(told, rel=1e-4)
+
+
+@pytest.mark.parametrize("phase", ["none", "link", "snapshot"])
+@pytest.mark.parametrize("gain", ["none", "common", "node"])
+@pytest.mark.parametrize("delay", ["none", "node", "link"])
+def test_phases_are_taken_out_of_columns_together_as_alone(phase, gain, delay):
+    random, links = np.random.default_rng(2), (("a", "b"), ("a", "c"), ("c", "b"))
+    heard = Heard(
+        links=links, y=drawn(random, 3, 4, 6), weight=random.uniform(0, 2, (3, 4, 6)), frequency_hz=1e6 * np.arange(6.0),
+        phase=phase, gain=gain, delay=delay,
+    )  # fmt: skip
+    model = drawn(random, 3, 4, 6)
+    columns = likelihood.tangents(heard, model)
+    assert len(columns) == {"none": 0, "common": 1, "node": 3}[gain] + {"none": 0, "node": 3, "link": 3}[delay]
+    for one, whole in zip(columns, likelihood.without_phases(heard, model, columns), strict=True):
+        np.testing.assert_allclose(whole, likelihood.without_phases(heard, model, one), atol=1e-12 * np.abs(one).max())
+
+
+def test_what_is_left_of_hidden_paths_is_what_they_leave_one_by_one():
+    random, count = np.random.default_rng(3), np.array([4.0, 5.0])
+    paths, heard = drawn(random, 2, 3, 8), drawn(random, 2, 8)
+    model = paths.sum(axis=1)
+    rows = _Rows(
+        time_s=np.zeros(2), count=count, free=np.array([True, False]), heard=(np.abs(heard) ** 2).sum(axis=1),
+        power=(np.abs(model) ** 2).sum(axis=1), told=(model.conj() * heard).sum(axis=1),
+        shared=np.einsum("rpk,rk->rp", paths.conj(), model).real, cross=np.einsum("rpk,rk->rp", paths.conj(), heard),
+        gram=np.einsum("rpk,rqk->rpq", paths.conj(), paths).real, points_m=np.zeros((2, 3, 2, 3)),
+    )  # fmt: skip
+    dark = random.integers(0, 2, (5, 2, 3)).astype(float)
+    for one, energies in zip(dark, rows.energy(dark), strict=True):
+        kept = (paths * (1 - one)[..., None]).sum(axis=1)
+        cross = (kept.conj() * heard).sum(axis=1)
+        told = np.where(rows.free, np.abs(cross), cross.real)
+        least = rows.heard + (np.abs(kept) ** 2).sum(axis=1) - 2 * told
+        np.testing.assert_allclose(energies, np.maximum(least, count), rtol=1e-12)
