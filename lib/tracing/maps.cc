@@ -2,6 +2,7 @@
 #include "maps.h"
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 namespace gr
 {
@@ -22,6 +23,9 @@ struct span {
 
     int64_t begin, end;
 };
+
+// Number of the knot before a place, of which there is one behind it.
+size_t knot_before(double at, size_t knots) { return std::min(size_t(at), knots - 2); }
 
 } // namespace
 
@@ -62,6 +66,35 @@ void along(const strip& one, const int64_t* instant, size_t instants, const doub
             const size_t at = first + size_t(cell[0] * size + cell[1]);
             cross[line] += double(one.cross[at]);
             power[line] += double(one.power[at]);
+        }
+    }
+}
+
+void turned_between(const std::complex<double>* field, const double* turned, size_t knots,
+                    const double* at, size_t cells, float* out)
+{
+    std::vector<std::complex<double>> own(knots);
+    std::vector<double> phase(knots);
+    const double step = cells > 1 ? at[1] - at[0] : 0;
+    for (size_t i = 0; i < cells; i++) {
+        const size_t row = knot_before(at[i], knots) * knots;
+        const double share = at[i] - double(row / knots);
+        for (size_t k = 0; k < knots; k++) {
+            own[k] = (1 - share) * field[row + k] + share * field[row + knots + k];
+            phase[k] = (1 - share) * turned[row + k] + share * turned[row + knots + k];
+        }
+        for (size_t j = 0; j < cells;) { // between two knots phases go on evenly
+            const size_t k = knot_before(at[j], knots);
+            const double along = at[j] - double(k), more = phase[k + 1] - phase[k];
+            const std::complex<double> once = std::polar(1.0, more * step),
+                                       rise = (own[k + 1] - own[k]) * step;
+            std::complex<double> now = std::polar(1.0, phase[k] + along * more),
+                                 there = own[k] + along * (own[k + 1] - own[k]);
+            for (; j < cells && knot_before(at[j], knots) == k; j++) {
+                *out++ = float(there.real() * now.real() - there.imag() * now.imag());
+                now *= once;
+                there += rise;
+            }
         }
     }
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <complex>
 #include <cstddef>
 #include <cstdint>
 
@@ -28,6 +29,12 @@ struct strip {
 // `turn`.
 void along(const strip& one, const int64_t* instant, size_t instants, const double* at_m,
            const double* turn, size_t lines, double* cross, double* power);
+
+// Real parts of fields (knots x knots) that are turned by so many radians, both linear between
+// knots, at cells (cells x cells) whose places `at` along either axis are counted in knots and rise
+// in equal steps.
+void turned_between(const std::complex<double>* field, const double* turned, size_t knots,
+                    const double* at, size_t cells, float* out);
 
 } // namespace tracing
 } // namespace cast

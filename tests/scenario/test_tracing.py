@@ -169,6 +169,17 @@ def test_the_same_cells_are_met_along_lines(monkeypatch, instants):
         assert one.shape == (40, 3) and (one == other).all() and one.any()
 
 
+def test_the_same_fields_are_turned_between_knots(monkeypatch):
+    random = np.random.default_rng(8)
+    knots = tracks._Knots(axis_m=0.004 * np.arange(-50, 51))
+    field, phase = random.normal(size=(2, len(knots.at_m), len(knots.at_m)))
+    field, phase = field + 1j * random.normal(size=field.shape), 9 * phase
+    one, other = both(monkeypatch, lambda: knots.turned(field, phase))
+    assert len(knots.at_m) > 5 and one.shape == (101, 101)
+    np.testing.assert_allclose(one, other, atol=1e-4)
+    np.testing.assert_allclose(one[::100, ::100], (field * np.exp(1j * phase)).real[[[0], [-1]], [0, -1]], atol=1e-5)
+
+
 def test_maps_and_ways_that_do_not_belong_together_are_refused():
     kernels = pytest.importorskip("gr_cast.scenario.create.tracing")
     with pytest.raises(ValueError, match="needs maps"):
@@ -178,6 +189,9 @@ def test_maps_and_ways_that_do_not_belong_together_are_refused():
         told = dict(cross=maps, power=maps, begin_m=0.0, step_m=1.0, after_s=after_s, instant=[0], at_m=lines, turn=lines) | wrong
         with pytest.raises(ValueError, match="needs"):
             kernels.along(*told.values())
+    for field, at, fault in ((np.zeros((2, 3)), [0.5], ValueError), (np.zeros((2, 2)), [2.5], IndexError)):
+        with pytest.raises(fault, match="needs fields|beyond all knots"):
+            kernels.turned_between(field, np.zeros(4), at)
     with pytest.raises(IndexError, match="instant: got"):
         kernels.along(maps, maps, 0.0, 1.0, after_s, [3], lines, lines)
 

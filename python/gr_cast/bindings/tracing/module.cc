@@ -287,6 +287,21 @@ py::tuple sums_along(const array<float>& cross, const array<float>& power, doubl
     return py::make_tuple(top, bottom);
 }
 
+array<float> turned_fields(const array<complex>& field, const array<double>& turned,
+                           const array<double>& at)
+{
+    if (field.ndim() != 2 || field.shape(0) != field.shape(1) || field.shape(0) < 2)
+        throw std::invalid_argument("turned_between: needs fields at knots, two or more each way");
+    const auto knots = size_t(field.shape(0)), cells = size_t(at.size());
+    expect(turned, knots * knots, "turned");
+    for (size_t i = 0; i < cells; i++)
+        if (!(at.data()[i] > -1 && at.data()[i] < double(knots)))
+            throw std::out_of_range("at: got a place beyond all knots");
+    array<float> out({py::ssize_t(cells), py::ssize_t(cells)});
+    turned_between(field.data(), turned.data(), knots, at.data(), cells, out.mutable_data());
+    return out;
+}
+
 } // namespace
 
 PYBIND11_MODULE(tracing, m)
@@ -309,4 +324,5 @@ PYBIND11_MODULE(tracing, m)
           py::arg("points_m"));
     m.def("summed_along", &summed_maps, py::arg("maps"), py::arg("moved"));
     m.def("along", &sums_along);
+    m.def("turned_between", &turned_fields, py::arg("field"), py::arg("turned"), py::arg("at"));
 }

@@ -208,7 +208,10 @@ def minima_of(axes: Sequence[np.ndarray], energies: np.ndarray, best: int) -> li
     """Places on a grid over several axes at the lowest local minima, the lowest first; of several energies by turns."""
     found = []
     for one in energies.reshape(-1, *map(len, axes)):
-        places = np.argwhere(one <= minimum_filter(one, 3, mode="nearest"))
+        is_low = one <= minimum_filter(one, 3, mode="nearest")
+        if (lows := one[is_low]).size > best:  # on a plain each place is one
+            is_low &= one <= np.partition(lows, best - 1)[best - 1]
+        places = np.argwhere(is_low)
         places = places[np.argsort(one[tuple(places.T)])][:best]
         found.append([tuple(float(axis[number]) for axis, number in zip(axes, place, strict=True)) for place in places])
     return by_turns(*found)[:best]

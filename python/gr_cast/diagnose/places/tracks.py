@@ -4,7 +4,7 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -133,9 +133,10 @@ def _fine(view, height_m: float, place_m: np.ndarray, velocity: np.ndarray, othe
     reach_m = min(_NEAR_M if otherwise else _REACH_M, step_m * _MOST / 2)
     told = otherwise and (lambda at_m, turn: otherwise(start_m + at_m - (velocity + turn) * middle_s, velocity + turn))
     found = []
-    for is_solid in (False, True) if _screened(view, ear, height_m, start_m, velocity, reach_m) else (False,):
-        strip = partial(_strip, view, ear, fit, height_m, is_solid)
-        found += _in_phase(strip, start_m, velocity, reach_m, step_m, told)
+    strips = partial(_strips, view, ear, fit, height_m)
+    walls = (False, True) if _screened(view, ear, height_m, start_m, velocity, reach_m) else (False,)
+    for is_solid, wide in zip(walls, strips(walls, start_m, velocity, reach_m, step_m), strict=True):
+        found += _in_phase(partial(strips, (is_solid,)), wide, start_m, velocity, told)
     out, seen = [], []
     for nats, amplitude, at_m, turn in sorted(found, key=lambda line: -line[0]):
         if any(np.allclose([*at_m, *turn], other) for other in seen):  # as well with as without
@@ -161,10 +162,10 @@ def _screened(view, ear, height_m: float, start_m: np.ndarray, velocity: np.ndar
     return False
 
 
-def _in_phase(strip, start_m: np.ndarray, velocity: np.ndarray, reach_m: float, step_m: float, told) -> list:
-    """(nats, amplitude, place in the middle, velocity), both more than those of a track, of lines along which the maps that
-    `strip` makes are loud; `told`: nats that else speak for such lines, or None."""
-    wide = strip(start_m, velocity, reach_m, step_m)
+def _in_phase(strips, wide: "_Strip", start_m: np.ndarray, velocity: np.ndarray, told) -> list:
+    """(nats, amplitude, place in the middle, velocity), both more than those of a track, of lines along which the maps about it
+    and those that `strips` makes are loud; `told`: nats that else speak for such lines, or None."""
+    step_m = wide.step_m
     at_m, turn = _through(wide, _WEIGHED)
 
     def ranked(at_m, turn, most: int, also=None) -> tuple[np.ndarray, np.ndarray]:
@@ -183,7 +184,7 @@ def _in_phase(strip, start_m: np.ndarray, velocity: np.ndarray, reach_m: float, 
             kept.append(one)
     out = []
     for one in kept[:_LINES]:
-        near = strip(start_m + at_m[one], velocity + turn[one], _WITHIN * step_m, step_m / _WITHIN_STEPS)
+        (near,) = strips(start_m + at_m[one], velocity + turn[one], _WITHIN * step_m, step_m / _WITHIN_STEPS)
         finer_m, slower = near.slid(np.zeros((1, 2)), np.zeros((1, 2)))
         nats, amplitude = (float(part[0]) for part in near.along(finer_m, slower))
         out.append((nats, amplitude, at_m[one] + finer_m[0], turn[one] + slower[0]))
@@ -236,23 +237,46 @@ class _Strip:
         return at_m, turn
 
 
-def _strip(
-    view, ear, fit, height_m: float, is_solid: bool, centre_m: np.ndarray, velocity: np.ndarray, reach_m: float, step_m: float
-) -> _Strip:
+def _strips(
+    view, ear, fit, height_m: float, walls: Sequence[bool], centre_m: np.ndarray, velocity: np.ndarray, reach_m: float, step_m: float
+) -> list[_Strip]:
+    """About a place, where something solid keeps echoes from links and where nothing does, as `walls` has it."""
     axis_m = step_m * np.arange(-round(reach_m / step_m), round(reach_m / step_m) + 1)
+    knots = _Knots(axis_m=axis_m)
     after_s = ear.predictor.time_s - ear.predictor.time_s.mean()
     share = ear.undisturbed(fit)  # what other causes leave is noise here
-    cross, power = np.empty((2, len(after_s), len(axis_m), len(axis_m)), np.float32)
+    cross, power = np.empty((2, len(walls), len(after_s), len(axis_m), len(axis_m)), np.float32)
     for step, t in enumerate(after_s):
         at_m = centre_m + velocity * t
-        cross[step], power[step] = _map(view, ear, fit, step, share[:, step], at_m, axis_m, height_m, is_solid)
-    return _Strip(cross=cross, power=power, axis_m=axis_m, after_s=after_s)
+        cross[:, step], power[:, step] = _maps(view, ear, fit, step, share[:, step], at_m, knots, height_m, walls)
+    return [_Strip(cross=one, power=loud, axis_m=axis_m, after_s=after_s) for one, loud in zip(cross, power, strict=True)]
 
 
-def _between(axis_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Knots (n,) along an axis, and the shares (axis, n) that each has in what is between them, linearly."""
-    knots_m = np.linspace(axis_m[0], axis_m[-1], 2 + int((axis_m[-1] - axis_m[0]) / _SMOOTH_M))
-    return knots_m, np.array([np.interp(axis_m, knots_m, own) for own in np.eye(len(knots_m))], np.float32).T
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Knots:
+    """Places (n,) of an axis between which fields are linear, and where the places of the axis are among them."""
+
+    axis_m: np.ndarray
+
+    @cached_property
+    def at_m(self) -> np.ndarray:
+        return np.linspace(self.axis_m[0], self.axis_m[-1], 2 + int((self.axis_m[-1] - self.axis_m[0]) / _SMOOTH_M))
+
+    @cached_property
+    def shares(self) -> np.ndarray:
+        """(axis, n) that each has in what is between them."""
+        return np.array([np.interp(self.axis_m, self.at_m, own) for own in np.eye(len(self.at_m))], np.float32).T
+
+    def spread(self, values: np.ndarray) -> np.ndarray:
+        """Of values (n, n), (axis, axis)."""
+        return self.shares @ values.astype(np.float32) @ self.shares.T
+
+    def turned(self, field: np.ndarray, phase: np.ndarray) -> np.ndarray:
+        """Real part (axis, axis) of a field (n, n) that is turned by a phase (n, n)."""
+        if tracing:
+            return tracing.turned_between(field, phase, np.linspace(0, len(self.at_m) - 1, len(self.axis_m)))
+        phase = self.spread(phase)
+        return self.spread(field.real) * np.cos(phase) - self.spread(field.imag) * np.sin(phase)
 
 
 def _through(strip: _Strip, most: int) -> tuple[np.ndarray, np.ndarray]:
@@ -277,32 +301,32 @@ def _through(strip: _Strip, most: int) -> tuple[np.ndarray, np.ndarray]:
     return tuple(np.concatenate(part) for part in zip(*found, strict=True))
 
 
-def _map(
-    view, ear, fit, step: int, share: np.ndarray, centre_m, axis_m: np.ndarray, height_m: float, is_solid: bool
-) -> tuple[np.ndarray, np.ndarray]:
+def _maps(
+    view, ear, fit, step: int, share: np.ndarray, centre_m, knots: _Knots, height_m: float, walls: Sequence[bool]
+) -> tuple[np.ndarray, list[np.ndarray]]:
     """What an echo from each place (X, Y) about a centre at one instant says of all links together, each with its `share`: its
-    amplitude is the first over the second, its nats the first's square over the second."""
+    amplitude is the first over the second, its nats the first's square over the second. With what is solid in its way, or
+    without, as `walls` has it."""
     heard, world = ear.heard, view.world
     f_hz = heard.frequency_hz
     spacing_hz, size = f_hz[1] - f_hz[0], 1 << int(np.ceil(np.log2(_FINER * len(f_hz))))
-    knots_m, between = _between(axis_m)
-    spread = lambda values: between @ values.astype(np.float32) @ between.T  # noqa: E731
-    foot_m = centre_m + np.stack(np.meshgrid(knots_m, knots_m, indexing="ij"), axis=-1)
+    foot_m = centre_m + np.stack(np.meshgrid(knots.at_m, knots.at_m, indexing="ij"), axis=-1)
     body_m = np.concatenate([foot_m, np.full((*foot_m.shape[:2], 1), height_m)], axis=2)
-    cross, power = np.zeros((len(axis_m),) * 2, np.float32), np.full((len(knots_m),) * 2, _LEAST)
-    reached: dict = {}  # whether echoes from each place come to a node, or are kept from it
+    cross = np.zeros((len(walls), *[len(knots.axis_m)] * 2), np.float32)
+    power = np.full((len(walls), *[len(knots.at_m)] * 2), _LEAST)
+    everywhere, reached = np.ones(body_m.shape[:2]), {}  # whether echoes from each place come to a node, or are kept from it
 
     def reaches(end_m: np.ndarray) -> np.ndarray:
         if (key := end_m.tobytes()) not in reached:
             ways_m = np.stack(np.broadcast_arrays(end_m, body_m.reshape(-1, 3)), axis=1)
-            reached[key] = ~passer.blocked(world, ways_m).reshape(body_m.shape[:2]) if is_solid else np.ones(body_m.shape[:2])
+            reached[key] = ~passer.blocked(world, ways_m).reshape(body_m.shape[:2])
         return reached[key]
 
     for index, link in enumerate(heard.links):
         ends_m = [end[step] for end in ear.predictor.ends_m(world, index)]
         legs = [body_m - ends_m[0], ends_m[1] - body_m]
         far_m = [np.maximum(np.linalg.norm(leg, axis=2), 0.1) for leg in legs]
-        strength = reaches(ends_m[0]) * reaches(ends_m[1]) / (far_m[0] * far_m[1])
+        strength = 1 / (far_m[0] * far_m[1])
         for name, leg, long_m, sign in zip(link, legs, far_m, (1, -1), strict=True):
             direction = (sign * leg / long_m[..., None]).reshape(-1, 3)
             strength = strength * np.linalg.norm(fields.far_field(world.radios[name].antenna, direction), axis=1).reshape(
@@ -314,9 +338,14 @@ def _map(
         length_m = far_m[0] + far_m[1]
         delay_s, waves = length_m / SPEED_OF_LIGHT_M_PER_S, (world.carrier_hz + f_hz[0]) / SPEED_OF_LIGHT_M_PER_S
         about_m = float(length_m.mean())
-        total = strength * profile[np.round(delay_s * spacing_hz * size).astype(int) % size]
-        total = total * np.exp(2j * np.pi * np.mod(waves * about_m, 1.0))
-        turned = spread(2 * np.pi * waves * (length_m - about_m))
-        cross += spread(total.real) * np.cos(turned) - spread(total.imag) * np.sin(turned)
-        power += strength**2 * (np.abs(factor) ** 2 * weight).sum()
-    return cross, spread(power)
+        told = profile[np.round(delay_s * spacing_hz * size).astype(int) % size]
+        told = told * np.exp(2j * np.pi * np.mod(waves * about_m, 1.0))
+        phase = 2 * np.pi * waves * (length_m - about_m)
+        for number, is_solid in enumerate(walls):
+            there = reaches(ends_m[0]) * reaches(ends_m[1]) if is_solid else everywhere
+            if not number or not there.all():  # else as it is without what is solid
+                sent = there * strength
+                said, loud = knots.turned(sent * told, phase), sent**2 * (np.abs(factor) ** 2 * weight).sum()
+            cross[number] += said
+            power[number] += loud
+    return cross, [knots.spread(one) for one in power]

@@ -3,7 +3,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from dataclasses import fields as numbers_of
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -36,7 +35,7 @@ class Surface:
 
     @property
     def numbers(self) -> dict[str, np.ndarray]:
-        return {one.name: getattr(self, one.name) for one in numbers_of(self)}
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
     @property
     def standing(self) -> bytes:

@@ -253,7 +253,7 @@ class World:
             "present": True,
             "clear": self.is_clear,
         } | surface
-        arrays = {key: np.append(own, values[key]) for key, own in self.surface.numbers.items()}
+        arrays = {key: np.concatenate([own, [values[key]]]) for key, own in self.surface.numbers.items()}
         return replace(self, mesh=self.mesh.joined(solid), surface=Surface(**arrays))
 
 
