@@ -29,9 +29,9 @@ _WORTH_NATS, _SAME_NATS = 0.5, 0.01  # of a turn; of another end
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Heard:
     """One sounding beside an endless plane: `rest` (L, T, K) of what it has no part in; n paths that it has, by `row` of (L, T),
-    which rises: what is `sent` over them (n, K) where none of their legs crosses it; what it lets pass of each leg (n, D + 1), polarised
-    as if no other leg crossed it; where they meet it (n, D, 2) and where their legs cross it (n, D + 1, 2), NaN where they do
-    not."""
+    in order: what is `sent` over them (n, K) where none of their legs crosses it; what it lets pass of each leg (n, D + 1),
+    polarised as if no other leg crossed it; where they meet it (n, D, 2) and where their legs cross it (n, D + 1, 2), NaN where
+    they do not."""
 
     ear: ResponseEar
     rest: np.ndarray

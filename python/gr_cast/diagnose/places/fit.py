@@ -99,9 +99,11 @@ def _tempered(ears: Sequence[Ear], fits: Sequence[Fitted]) -> float:
 
 
 def _split(effects: Sequence[Effect], vector: np.ndarray) -> tuple[Effect, ...]:
+    """The effects with other numbers: the same again where these are."""
     out, at = [], 0
     for effect in effects:
-        out.append(effect.moved(vector[at : at + len(effect.values)]))
+        own = vector[at : at + len(effect.values)]
+        out.append(effect if (own == effect.values).all() else effect.moved(own))
         at += len(effect.values)
     return tuple(out)
 

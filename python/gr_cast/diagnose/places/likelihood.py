@@ -93,7 +93,9 @@ def profiled(heard: Heard, h: np.ndarray) -> Fitted:
     """The least energy over unknown phases, delays and gains."""
     cross = h.conj() * heard.weighted  # (L, T, K)
     is_known = heard.gain == heard.delay == "none"
-    moments = np.zeros(0) if is_known else ((h.real**2 + h.imag**2) * heard.weight) @ heard.powers_of_omega  # (L, T, 3)
+    moments = np.zeros((1, 1, 1)) if is_known else ((h.real**2 + h.imag**2) * heard.weight) @ heard.powers_of_omega  # (L, T, 3)
+    if heard.phase != "snapshot":  # instants are as one
+        cross, moments = (one.sum(axis=1, keepdims=True) for one in (cross, moments))
     if heard.delay == "none":
         return _fitted(heard, h, cross, moments, np.zeros(len(h)))
     begun = _agreed(_delays(heard, cross), heard, moments[:, :, 0].sum(axis=1))
@@ -101,8 +103,8 @@ def profiled(heard: Heard, h: np.ndarray) -> Fitted:
 
 
 def _fitted(heard: Heard, h: np.ndarray, cross: np.ndarray, moments: np.ndarray, delay_s: np.ndarray) -> Fitted:
-    """The least energy near some delays (L,)."""
-    omega = heard.omega
+    """The least energy near some delays (L,); `cross` and `moments` of each instant, or of all where these have one phase."""
+    omega, bend = heard.omega, _bend(heard, moments) if heard.delay != "none" else None
     log_gain = np.zeros(len(h))
     for number in range(_ROUNDS if heard.gain != "none" or heard.delay != "none" else 1):
         if heard.delay != "none":
@@ -122,7 +124,7 @@ def _fitted(heard: Heard, h: np.ndarray, cross: np.ndarray, moments: np.ndarray,
             else:
                 log_gain = _gains(ratio, have, log_gain if number else None, heard)
         if heard.delay != "none" and number + 1 < _ROUNDS:
-            delay_s = delay_s + _delay_step(heard, sums, moments, factor * np.exp(log_gain)[:, None])
+            delay_s = delay_s + _delay_step(heard, sums * factor.conj()[:, :, None], *bend, np.exp(log_gain))
     factor = (factor * np.exp(log_gain)[:, None])[:, :, None]
     if heard.delay != "none":
         factor = factor * turn.conj()[:, None]
@@ -218,16 +220,18 @@ def _delays(heard: Heard, cross: np.ndarray) -> np.ndarray:
     return np.fft.fftfreq(size, heard.spacing_hz)[np.argmax(score, axis=-1)]
 
 
-def _delay_step(heard: Heard, sums: np.ndarray, moments: np.ndarray, gain: np.ndarray) -> np.ndarray:
-    """One Gauss-Newton step of the delays (L,) from `sums` of model and sounding, `moments` of the model's power over frequency,
-    and what it is multiplied by (L, T); what an unknown phase makes up for is none of it."""
-    sums, moments = sums * gain.conj()[:, :, None], moments * (np.abs(gain) ** 2)[:, :, None]
-    if heard.phase == "link":
-        sums, moments = (values.sum(axis=1, keepdims=True) for values in (sums, moments))
+def _bend(heard: Heard, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The middle (L, T) over frequency of the model's power, of which an unknown phase makes up for what delays turn, and by how
+    much the energy of links (L,) bends with their delays, from `moments` of that power."""
     middle = moments[:, :, 1] / np.maximum(moments[:, :, 0], 1e-300) if heard.phase != "none" else np.zeros(moments.shape[:2])
-    top = -(sums[:, :, 1] - middle * sums[:, :, 0]).imag.sum(axis=1)
-    spread = moments[:, :, 2] - 2 * middle * moments[:, :, 1] + middle**2 * moments[:, :, 0]
-    bottom = np.maximum(spread.sum(axis=1), _FAINT)
+    return middle, (moments[:, :, 2] - 2 * middle * moments[:, :, 1] + middle**2 * moments[:, :, 0]).sum(axis=1)
+
+
+def _delay_step(heard: Heard, sums: np.ndarray, middle: np.ndarray, bend: np.ndarray, gain: np.ndarray) -> np.ndarray:
+    """One Gauss-Newton step of the delays (L,) from `sums` of model and sounding, in phase, for a model that is `gain` (L,) as
+    strong as it was."""
+    top = (middle * sums[:, :, 0].imag - sums[:, :, 1].imag).sum(axis=1) * gain
+    bottom = np.maximum(bend * gain**2, _FAINT)
     return _shared(np.where(bottom > _FAINT, top / bottom, 0.0), heard, bottom)
 
 

@@ -108,7 +108,7 @@ def _coarse(view, seen: list, height_m: float) -> list:
 
 
 def summed(maps: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Maps (instants, X, Y) summed along ways that move by so many cells (ways, instants, 2), for each first cell: (ways, X·Y)."""
+    """Maps (instants, X, Y) summed along ways that move by so many cells (ways, instants, 2): (ways, X·Y), by first cell."""
     if tracing:
         return tracing.summed_along(maps, moved).reshape(len(moved), -1)
     total, (_, wide, deep) = np.zeros((len(moved), *maps.shape[1:])), maps.shape
@@ -238,7 +238,7 @@ class _Strip:
 
 
 def _strips(
-    view, ear, fit, height_m: float, walls: Sequence[bool], centre_m: np.ndarray, velocity: np.ndarray, reach_m: float, step_m: float
+    view, ear, fit, height_m: float, walls: Sequence[bool], centre_m, velocity: np.ndarray, reach_m: float, step_m: float
 ) -> list[_Strip]:
     """About a place, where something solid keeps echoes from links and where nothing does, as `walls` has it."""
     axis_m = step_m * np.arange(-round(reach_m / step_m), round(reach_m / step_m) + 1)

@@ -46,11 +46,16 @@ class Ends:
         places_m = remembered(self.known, keys, lambda missing: [self._node_m(self.radios[names[one]]) for one in missing])
         nodes = dict(zip(names, places_m, strict=True))
         many = [max(len(nodes[name]) for name in link) for link in self.links]
-        return [tuple(self._at_all(nodes[name], n) for name in link) for n, link in zip(many, self.links, strict=True)]
+        return [tuple(_at_each(nodes[name], n) for name in link) for n, link in zip(many, self.links, strict=True)]
 
-    @staticmethod
-    def _at_all(place_m: np.ndarray, instants: int) -> np.ndarray:
-        return place_m if len(place_m) == instants else np.broadcast_to(place_m, (instants, 3))
+    @cached_property
+    def at_each_m(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Both ends (T, 3) of each link."""
+        return [tuple(_at_each(end_m, len(self.time_s)) for end_m in pair) for pair in self.at_m]
+
+    def at_all_instants_m(self, which: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+        """Both ends (n, 3) of links one after the other, at all instants of each."""
+        return tuple(np.concatenate([self.at_each_m[index][side] for index in which]) for side in (0, 1))
 
     def _node_m(self, radio: Radio) -> np.ndarray:
         if radio.node.name in self.tracked:
@@ -81,3 +86,7 @@ class Ends:
         """(L, K) what both ends' cables do to a response, its strength aside."""
         delays_s = np.array([tx.delay_s + rx.delay_s for tx, rx in self._pairs])
         return np.exp(-2j * np.pi * self.frequency_hz * delays_s[:, None])
+
+
+def _at_each(place_m: np.ndarray, instants: int) -> np.ndarray:
+    return place_m if len(place_m) == instants else np.broadcast_to(place_m, (instants, 3))

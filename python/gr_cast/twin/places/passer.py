@@ -14,26 +14,28 @@ _AT_ONCE = 400_000  # paths, where nothing is compiled
 def with_person(world, predictor, which, tables) -> list[tuple]:
     """Paths of links `which` with the person's shadow and echo: (instant, gain, length_m, number of instants) of each."""
     person, time_s = world.person, predictor.time_s
-    rows = [at_all_instants(table, len(time_s)) for table in tables]
-    axes = [axis(person, time_s if many > 1 else time_s[:1]) for *_, many in rows]
-    foot_m = np.concatenate([foot_m[instant] for foot_m, (_, instant, *_) in zip(axes, rows, strict=True)])
-    ways_m = np.concatenate([points_m for points_m, *_ in rows])
-    dark = shaded(person.radius_m, person.height_m, foot_m[None], ways_m[:, None])[0, :, 0]
-    dark = np.split(dark, np.cumsum([len(instant) for _, instant, *_ in rows])[:-1])
+    foot_m = axis(person, time_s)
     law = person, world.mesh.key, world.surface.standing, world.carrier_hz
     keys = [("echo", index, *(world.radios[name].end_key for name in predictor.links[index]), law) for index in which]
-    heard = predictor.remembered_all(
-        keys, lambda missing: echoes(world, predictor, [which[one] for one in missing], [axes[one] for one in missing])
+    heard = predictor.remembered_all(keys, lambda missing: echoes(world, predictor, [which[one] for one in missing], foot_m))
+    return [_with_echo(person, foot_m, table, *one) for table, one in zip(tables, heard, strict=True)]
+
+
+def _with_echo(person, foot_m: np.ndarray, table, echo: np.ndarray, echo_m: np.ndarray) -> tuple:
+    """Paths of a link, those in the shadow of someone over feet (T, 3) without strength, and his echo (T,) of each instant."""
+    points_m, instant, gain, length_m, many = table.way.points_m, table.instant, table.gain, table.way.length_m, len(foot_m)
+    if table.many == many:
+        dark = shaded(person.radius_m, person.height_m, foot_m[instant][None], points_m[:, None])[0, :, 0]
+    else:  # nothing moves but him
+        dark = shaded(person.radius_m, person.height_m, foot_m[:, None], points_m[None])[:, 0].ravel()
+        instant = np.repeat(np.arange(many), len(gain))
+        gain, length_m = (np.broadcast_to(one, (many, len(one))).ravel() for one in (gain, length_m))
+    return (
+        np.concatenate([instant, np.arange(many)]),
+        np.concatenate([np.where(dark, 0.0, gain), echo]),
+        np.concatenate([length_m, echo_m]),
+        many,
     )
-    return [
-        (
-            np.concatenate([instant, np.arange(many)]),
-            np.concatenate([np.where(is_dark, 0.0, gain), echo]),
-            np.concatenate([length_m, echo_m]),
-            many,
-        )
-        for (_, instant, gain, length_m, many), is_dark, (echo, echo_m) in zip(rows, dark, heard, strict=True)
-    ]
 
 
 def at_all_instants(table, instants: int) -> tuple:
@@ -72,15 +74,12 @@ def shaded(radius_m: float, height_m: float, foot_m: np.ndarray, points_m: np.nd
     return hit
 
 
-def echoes(world, predictor, which, axes: list[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Gain and length (T,) of the echo from the middle of the body on links `which`, over axes (T, 3): the bistatic radar
+def echoes(world, predictor, which, axis_m: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Gain and length (T,) of the echo from the middle of the body on links `which`, over an axis (T, 3): the bistatic radar
     equation, legs blocked by objects."""
-    person, counts = world.person, [len(axis_m) for axis_m in axes]
-    centre_m = np.concatenate(axes) + np.array([0.0, 0.0, CENTRE * person.height_m])
-    ends = [predictor.ends_m(world, index) for index in which]
-    tx_m, rx_m = (
-        np.concatenate([end[:count] for end, count in zip(side, counts, strict=True)]) for side in zip(*ends, strict=True)
-    )
+    person, counts = world.person, [len(axis_m)] * len(which)
+    centre_m = np.tile(axis_m + np.array([0.0, 0.0, CENTRE * person.height_m]), (len(which), 1))
+    tx_m, rx_m = predictor.all_ends_m(world, which)
     legs = [centre_m - tx_m, rx_m - centre_m]
     far_m = [np.linalg.norm(leg, axis=1) for leg in legs]
     at = np.arange(len(centre_m))
@@ -91,8 +90,7 @@ def echoes(world, predictor, which, axes: list[np.ndarray]) -> list[tuple[np.nda
     )
     gain = world.wavelength_m * np.sqrt(person.cross_section_m2) / (4 * np.pi) ** 1.5 * kept / (far_m[0] * far_m[1])
     gain[blocked(world, np.stack([tx_m, centre_m, rx_m], axis=1))] = 0
-    bounds = np.cumsum(counts)[:-1]
-    return list(zip(np.split(gain, bounds), np.split(far_m[0] + far_m[1], bounds), strict=True))
+    return list(zip(gain.reshape(len(which), -1), (far_m[0] + far_m[1]).reshape(len(which), -1), strict=True))
 
 
 def blocked(world, points_m: np.ndarray) -> np.ndarray:

@@ -71,23 +71,27 @@ class Predictor:
         return self._responses(world, [index])[0]
 
     def _responses(self, world: World, which: Sequence[int]) -> np.ndarray:
-        law = interned((world.diffraction, world.person, _others_key(world)))
-        keys = [(key, law) for key in self._keys(world, which)]
-        heard = remembered(self._known, keys, lambda missing: self._compute(world, [which[one] for one in missing]))
+        law, (keys, traced) = interned((world.diffraction, world.person, _others_key(world))), self._keyed(world, which)
+
+        def make(missing):
+            return self._compute(world, *([column[one] for one in missing] for column in (which, keys, traced)))
+
+        heard = remembered(self._known, [(key, law) for key in keys], make)
         whole, cables = np.empty((len(which), len(self.time_s), len(self.frequency_hz)), complex), self._cables(world)
         for row, index, h in zip(whole, which, heard, strict=True):
             np.multiply(h, cables[index], out=row)
         return whole
 
-    def _keys(self, world: World, which: Sequence[int]) -> list:
-        """Of what the gains of links' paths depend on: their ends, and the surfaces that they touch."""
+    def _keyed(self, world: World, which: Sequence[int]) -> tuple[list, list[Traced]]:
+        """Keys of what the gains of links' paths depend on, their ends and the surfaces that they touch; and what was traced."""
         made_of, ends, law = world.surface.keys, self._ends_of(world).keys, world.law
-        traced = self._traced_of(world, which)
         geometry = self._geometry_keys(world, which)
-        return [
+        traced = self._traced_by(world, which, geometry)
+        keys = [
             (where, ends[index], law, b"".join([made_of[number] for number in one.touched]))
             for where, index, one in zip(geometry, which, traced, strict=True)
         ]
+        return keys, traced
 
     def _ends_of(self, world: World) -> Ends:
         key = id(world.radios)
@@ -117,7 +121,10 @@ class Predictor:
         return self._traced_of(world, [index])[0]
 
     def _traced_of(self, world: World, which: Sequence[int]) -> list[Traced]:
-        base, keys = world.frozen or world, self._geometry_keys(world, which)
+        return self._traced_by(world, which, self._geometry_keys(world, which))
+
+    def _traced_by(self, world: World, which: Sequence[int], keys: list) -> list[Traced]:
+        base = world.frozen or world
         return remembered(self._traced, keys, lambda missing: self._trace(base, [which[one] for one in missing]))
 
     def _geometry_keys(self, world: World, which: Sequence[int]) -> list:
@@ -125,9 +132,13 @@ class Predictor:
         tracks, trace = self._ends_of(base).track_keys, base.trace
         return [(tracks[index], trace) for index in which]
 
+    def all_ends_m(self, world: World, which: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+        """Both ends (n, 3) of links one after the other, at all instants of each."""
+        return self._ends_of(world).at_all_instants_m(which)
+
     def ends_m(self, world: World, index: int) -> tuple[np.ndarray, np.ndarray]:
         """Both ends (T, 3)."""
-        return tuple(np.broadcast_to(end, (len(self.time_s), 3)) for end in self._ends_of(world).at_m[index])
+        return self._ends_of(world).at_each_m[index]
 
     def _trace(self, world: World, which: Sequence[int]) -> list[Traced]:
         faces, (tx_m, rx_m, counts) = world.faces, self._ends_of(world).joined_m(which)
@@ -151,14 +162,13 @@ class Predictor:
 
     def path_table(self, world: World, index: int) -> Table:
         """Paths of a link that are there, with instant, gain, optics."""
-        return self._tables_of(world, [index])[0]
+        return self._tables_of(world, [index], *self._keyed(world, [index]))[0]
 
-    def _tables_of(self, world: World, which: Sequence[int]) -> list[Table]:
-        keys = self._keys(world, which)
-        return remembered(self._tables, keys, lambda missing: self._tabled(world, [which[one] for one in missing]))
+    def _tables_of(self, world: World, which: Sequence[int], keys: list, traced: list[Traced]) -> list[Table]:
+        def make(missing):
+            return self.tabled(world, [which[one] for one in missing], [traced[one].paths for one in missing])
 
-    def _tabled(self, world: World, which: Sequence[int]) -> list[Table]:
-        return self.tabled(world, which, [traced.paths for traced in self._traced_of(world, which)])
+        return remembered(self._tables, keys, make)
 
     def tabled(self, world: World, which: Sequence[int], known: Sequence[images.Paths]) -> list[Table]:
         """Of some paths of links those that nothing which they cross blocks, with instant, gain, optics."""
@@ -186,13 +196,12 @@ class Predictor:
         gain = fields.gains(faces, paths, way, world.surface, start, end, world.carrier_hz)
         return paths, way, gain * _by_distance(world, way.length_m, from_m - to_m), counts
 
-    def _compute(self, world: World, which: Sequence[int]) -> list[np.ndarray]:
+    def _compute(self, world: World, which: Sequence[int], keys: list, traced: list[Traced]) -> list[np.ndarray]:
         """Responses (T or 1, K) between the antennas of links."""
         if world.person is None and not world.diffraction:  # no other world has these gains: no table is kept
-            known = [traced.paths for traced in self._traced_of(world, which)]
-            paths, way, gain, counts = self._strengths(world, which, known)
+            paths, way, gain, counts = self._strengths(world, which, [one.paths for one in traced])
             return self._sums(world, paths.pair, gain, way.length_m, counts)
-        tables = self._tables_of(world, which)
+        tables = self._tables_of(world, which, keys, traced)
         if world.person is not None:
             rows = passer.with_person(world, self, which, tables)
         else:

@@ -2,7 +2,7 @@
 """What the engine may ask of a family of place effects. A family is one class."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,7 +19,8 @@ class Effect:
     choice: object = None
 
     def moved(self, values: np.ndarray) -> "Effect":
-        return replace(self, values=self.family.bounded(np.asarray(values, float)))
+        values = self.family.bounded(np.asarray(values, float))
+        return Effect(family=self.family, owner=self.owner, values=values, choice=self.choice)
 
     @property
     def key(self) -> tuple:
