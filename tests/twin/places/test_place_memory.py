@@ -14,7 +14,7 @@ from gr_cast.scenario.create.nodes import Node
 from gr_cast.twin.places import remembered as memories
 from gr_cast.twin.places.predict import Predictor
 from gr_cast.twin.places.remembered import remembered
-from gr_cast.twin.places.world import Mesh, Person, Radio, World
+from gr_cast.twin.places.world import Mesh, Person, Radio, World, frozen
 
 
 def predictor():
@@ -103,3 +103,30 @@ def test_responses_are_those_of_tables_cables_and_losses():
     told = (table.gain[:, None] * np.exp(-2j * np.pi * (world.carrier_hz + f_hz) * length_m / 299792458)).sum(axis=0)
     told = told * 10 ** (-1 / 20) * np.exp(-2j * np.pi * f_hz * 1e-9)
     np.testing.assert_allclose(used.response(world)[0], np.broadcast_to(told, (2, 8)), atol=1e-12)
+
+
+@pytest.mark.parametrize("switch", [{}, {"diffraction": True}, {"person": PERSON}])
+@pytest.mark.parametrize("seed", range(3))
+def test_links_that_a_change_does_not_touch_are_as_they_were_and_all_others_anew(seed, switch):
+    """Objects that move and are added, frozen paths, in any order: as a predictor has it that was asked nothing before."""
+    random, world = np.random.default_rng(seed), replace(yard(**switch), max_depth=2)
+    third = replace(world.radios["b"].node, name="c", waypoints_m=np.array([[3.0, -4.0, 1.0]]))
+    world = replace(world, radios={**world.radios, "c": Radio(node=third)})
+    make = lambda: Predictor(["a", "a", "b"], ["b", "c", "c"], np.array([0.0, 0.5]), np.linspace(-1e8, 1e8, 8))  # noqa: E731
+    used, known, kept = make(), [world], 0
+    for _ in range(30):
+        last = known[random.integers(len(known))]
+        if len(last.mesh.names) < 4 and random.random() < 0.4:
+            corners = np.array([(0, 0, 0), (1.5, 0.4, 0), (1.5, 0.4, 2), (0, 0, 2.0)]) + random.uniform([0, -5, 0], [8, 2, 1])
+            board = Solid(name=f"more_{len(last.mesh.names)}", vertices_m=corners, faces=[[0, 1, 2], [0, 2, 3]])
+            other = last.with_object(board, permittivity=random.uniform(2, 8), conductivity=0.1)
+        else:
+            name = last.mesh.names[random.integers(2)]
+            other = replace(last, mesh=last.mesh.moved(name, random.uniform(-0.3, 0.3, 3)))
+            if random.random() < 0.4:
+                other = frozen(other, last)
+        told, before = used.response(other), used.response(last)
+        assert (told == make().response(other)).all()
+        kept += int((told == before).all(axis=(1, 2)).sum())
+        known.append(replace(other, frozen=None))
+    assert kept < 90 and (kept or switch)  # edges hear of all that moves

@@ -41,7 +41,8 @@ class Solid:
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Cross product of rows (n, 3): NumPy's own spends most of its time on its axes."""
-    a, b = np.broadcast_arrays(a, b)
+    if a.shape != b.shape:
+        a, b = np.broadcast_arrays(a, b)
     out = np.empty(a.shape, np.result_type(a, b))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         out[:, i] = a[:, j] * b[:, k] - a[:, k] * b[:, j]

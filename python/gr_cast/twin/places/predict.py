@@ -24,6 +24,7 @@ class Traced:
 
     paths: images.Paths
     touched: list[int]  # objects that its paths meet or cross
+    key: tuple  # of what they were traced in: another world that they are the same in has the same
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +72,7 @@ class Predictor:
         return self._responses(world, [index])[0]
 
     def _responses(self, world: World, which: Sequence[int]) -> np.ndarray:
-        law, (keys, traced) = interned((world.diffraction, world.person, _others_key(world))), self._keyed(world, which)
+        law, (keys, traced) = interned(_others_key(world)), self._keyed(world, which)
 
         def make(missing):
             return self._compute(world, *([column[one] for one in missing] for column in (which, keys, traced)))
@@ -85,11 +86,10 @@ class Predictor:
     def _keyed(self, world: World, which: Sequence[int]) -> tuple[list, list[Traced]]:
         """Keys of what the gains of links' paths depend on, their ends and the surfaces that they touch; and what was traced."""
         made_of, ends, law = world.surface.keys, self._ends_of(world).keys, world.law
-        geometry = self._geometry_keys(world, which)
-        traced = self._traced_by(world, which, geometry)
+        traced = self._traced_of(world, which)
         keys = [
-            (where, ends[index], law, b"".join([made_of[number] for number in one.touched]))
-            for where, index, one in zip(geometry, which, traced, strict=True)
+            (one.key, world.mesh.seen_by(one.touched), ends[index], law, b"".join([made_of[number] for number in one.touched]))
+            for index, one in zip(which, traced, strict=True)
         ]
         return keys, traced
 
@@ -121,16 +121,14 @@ class Predictor:
         return self._traced_of(world, [index])[0]
 
     def _traced_of(self, world: World, which: Sequence[int]) -> list[Traced]:
-        return self._traced_by(world, which, self._geometry_keys(world, which))
-
-    def _traced_by(self, world: World, which: Sequence[int], keys: list) -> list[Traced]:
-        base = world.frozen or world
-        return remembered(self._traced, keys, lambda missing: self._trace(base, [which[one] for one in missing]))
-
-    def _geometry_keys(self, world: World, which: Sequence[int]) -> list:
         base = world.frozen or world
         tracks, trace = self._ends_of(base).track_keys, base.trace
-        return [(tracks[index], trace) for index in which]
+        keys = [(tracks[index], trace) for index in which]
+
+        def make(missing):
+            return self._trace(base, *([column[one] for one in missing] for column in (which, keys)))
+
+        return remembered(self._traced, keys, make)
 
     def all_ends_m(self, world: World, which: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
         """Both ends (n, 3) of links one after the other, at all instants of each."""
@@ -140,16 +138,17 @@ class Predictor:
         """Both ends (T, 3)."""
         return self._ends_of(world).at_each_m[index]
 
-    def _trace(self, world: World, which: Sequence[int]) -> list[Traced]:
+    def _trace(self, world: World, which: Sequence[int], keys: list) -> list[Traced]:
         faces, (tx_m, rx_m, counts) = world.faces, self._ends_of(world).joined_m(which)
-        if world.mesh.origin:  # one object changed: paths that have nothing to do with it are as they were
-            mesh, number = world.mesh.origin
-            known = [one.paths for one in self._traced_of(replace(world, mesh=mesh), which)]
-            known, changed = images.joined_paths(known, counts), faces.owner == number
-            paths = images.search_again(faces, known, tx_m, rx_m, world.max_depth, changed)
-        else:
+        if not world.mesh.origin:
             paths = images.search(faces, tx_m, rx_m, world.max_depth)
-        return [Traced(paths=part, touched=_touched(faces, part)) for part in images.parted_paths(paths, counts)]
+            return _traced(faces, paths, counts, keys)
+        mesh, number = world.mesh.origin  # one object changed: paths that have nothing to do with it are as they were
+        before = self._traced_of(replace(world, mesh=mesh), which)
+        known, changed = images.joined_paths([one.paths for one in before], counts), faces.owner == number
+        paths = images.search_again(faces, known, tx_m, rx_m, world.max_depth, changed)
+        found = _traced(faces, paths, counts, keys)
+        return [old if number not in (*old.touched, *new.touched) else new for old, new in zip(before, found, strict=True)]
 
     def cables(self, world: World, index: int) -> np.ndarray:
         """(K,) what both ends' cables and the link's own loss do to a response."""
@@ -231,7 +230,7 @@ class Predictor:
 
     def _bent_of(self, world: World, which: Sequence[int]) -> list[Bent]:
         ends = self._ends_of(world).keys
-        keys = [(ends[index], world.law, world.surface.key) for index in which]
+        keys = [(ends[index], world.law, world.mesh.key, world.surface.key) for index in which]
         return remembered(self._bent, keys, lambda missing: self._diffracted(world, [which[one] for one in missing]))
 
     def _diffracted(self, world: World, which: Sequence[int]) -> list[Bent]:
@@ -271,6 +270,12 @@ def _by_distance(world: World, length_m: np.ndarray, apart_m: np.ndarray) -> np.
     """What the law of distance takes of paths' amplitudes (n,) beyond their spreading; `apart_m` (n, 3): from end to end."""
     far_m = length_m if world.exponent_of == "path" else np.linalg.norm(apart_m, axis=1)
     return far_m ** ((2.0 - world.exponent) / 2) * amplitude_from_db(-world.loss_db_per_m * length_m)
+
+
+def _traced(faces: images.Faces, paths: images.Paths, counts: Sequence[int], keys: list) -> list[Traced]:
+    """Of paths of links one after the other."""
+    parts = zip(images.parted_paths(paths, counts), keys, strict=True)
+    return [Traced(paths=part, touched=_touched(faces, part), key=key) for part, key in parts]
 
 
 def _touched(faces: images.Faces, paths: images.Paths) -> list[int]:
@@ -313,8 +318,9 @@ def phasors(gain: np.ndarray, length_m: np.ndarray, carrier_hz: float, frequency
     return out
 
 
-def _others_key(world: World) -> bytes:
-    """Of objects that no specular path touches: edges see what they are made of, echoes whether they stand in the way."""
-    if world.diffraction:
-        return world.surface.key
-    return world.surface.standing if world.person else b""
+def _others_key(world: World) -> tuple:
+    """Of what responses depend on beside specular paths and what these touch: edges see what all objects are made of, echoes
+    whether any stands in the way."""
+    if not (world.diffraction or world.person):
+        return ()
+    return world.diffraction, world.person, world.mesh.key, world.surface.key if world.diffraction else world.surface.standing

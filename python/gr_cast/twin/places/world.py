@@ -116,6 +116,14 @@ class Mesh:
     def index(self, name: str) -> int:
         return self.names.index(name)
 
+    def seen_by(self, touched: Sequence[int]) -> int:
+        """The key of the first mesh, of those that this one was made from, where these objects are as they are here: paths that
+        touch no others tell none of them apart."""
+        mesh = self
+        while mesh.origin and mesh.origin[1] not in touched:
+            mesh = mesh.origin[0]
+        return mesh.key
+
     def moved(self, name: str, offset_m) -> "Mesh":
         offset_m = np.asarray(offset_m, float)
         return self._shifted(name, offset_m, self.coarse._moved_coarsely(name, np.round(offset_m / _COARSE_M)))
@@ -193,8 +201,8 @@ class World:
 
     @cached_property
     def law(self) -> int:
-        """A key of what paths' gains depend on beyond their ends and the surfaces that they touch."""
-        return interned((self.mesh.key, self.carrier_hz, self.exponent, self.exponent_of, self.loss_db_per_m))
+        """A key of what paths' gains depend on beyond their ends and the objects that they touch."""
+        return interned((self.carrier_hz, self.exponent, self.exponent_of, self.loss_db_per_m))
 
     @property
     def is_clear(self) -> bool:
