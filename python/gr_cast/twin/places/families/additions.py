@@ -83,7 +83,7 @@ class Sheet:
         """(4, 3), shifted along the normal and turned about v."""
         origin, u, v = self.frame(shift_m, turn_rad)
         (u0, v0), (u1, v1) = self.low_m, self.high_m
-        return np.array([origin + a * u + b * v for a, b in ((u0, v0), (u1, v0), (u1, v1), (u0, v1))])
+        return origin + np.array([[u0], [u1], [u1], [u0]]) * u + np.array([[v0], [v0], [v1], [v1]]) * v
 
     def through(self, low_m: np.ndarray, high_m: np.ndarray) -> "Sheet":
         """As far as a box between two corners goes, and no less far than it went."""
