@@ -11,6 +11,7 @@ from .likelihood import Fitted
 
 _FINER = 8  # of the grid of delays over the resolution of the band
 CHANCE = 2.0  # of a cell: less is noise
+_AT_ONCE = 50_000  # rows times planes, which stay near the processor
 _STRONGEST = 40.0  # nats that one row may give a place: one strong echo is no plane
 
 
@@ -77,12 +78,16 @@ def plane_scores(seen: list[Echoes], normal: np.ndarray, level_m: np.ndarray) ->
     """Nats (P,) of planes normal·x = level: normals (P, 3); both ends must be on one side of a plane."""
     total = np.zeros(len(level_m))
     for one in seen:
-        a, b = one.tx_m @ normal.T - level_m, one.rx_m @ normal.T - level_m  # (n, P)
-        apart = ((one.tx_m - one.rx_m) ** 2).sum(axis=1)[:, None]
-        length_m = np.sqrt(apart + 4 * a * b * (a * b > 0))
-        nats = looked_up(one, length_m.T)
-        total += (nats * (a * b > 0).T).sum(axis=1)
+        for part in np.array_split(np.arange(len(level_m)), 1 + len(level_m) * len(one.nats) // _AT_ONCE):
+            total[part] += _seen(one, normal[part], level_m[part])
     return total
+
+
+def _seen(one: Echoes, normal: np.ndarray, level_m: np.ndarray) -> np.ndarray:
+    both = (one.tx_m @ normal.T - level_m) * (one.rx_m @ normal.T - level_m)  # (n, P)
+    apart, on_side = ((one.tx_m - one.rx_m) ** 2).sum(axis=1)[:, None], both > 0
+    length_m = np.sqrt(apart + 4 * both * on_side)
+    return (looked_up(one, length_m.T) * on_side.T).sum(axis=1)
 
 
 def passer_maps(seen: list[Echoes], foot_m: np.ndarray, height_m: float) -> tuple[np.ndarray, np.ndarray]:
