@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "kernel/tests/check.h"
+#include "tracing/maps.h"
+#include <array>
+#include <cmath>
+#include <complex>
+#include <vector>
+
+using namespace gr::cast::tracing;
+
+// Ways that leave a map take nothing of it, however far they go.
+static void maps_are_summed_where_ways_are_on_them()
+{
+    const std::array<double, 12> maps{1, 2, 3, 4, 5, 6, 10, 20, 30, 40, 50, 60}; // two of 2 x 3
+    const std::array<int64_t, 12> moved{0, 0, 0, 0, 0, 0, 1, -1, 2, 0, -9, 99};
+    std::array<double, 18> out{};
+    summed_along(maps.data(), 2, 2, 3, moved.data(), 3, out.data());
+    CHECK((out ==
+           std::array<double, 18>{11, 22, 33, 44, 55, 66, 1, 42, 53, 4, 5, 6, 0, 0, 0, 0, 0, 0}));
+}
+
+// Lines are heard in the cell that they are in, at the instants that are asked for.
+static void lines_are_heard_in_their_cells()
+{
+    const std::array<float, 18> cross{1,  2,  3,  4,  5,  6,  7,  8,  9,
+                                      10, 20, 30, 40, 50, 60, 70, 80, 90};
+    std::array<float, 18> power = cross;
+    power[4] = 0.5F;
+    const std::array<double, 2> after_s{-1, 1};
+    const strip one{cross.data(), power.data(), 3, -0.1, 0.1, after_s.data()};
+    const std::array<double, 8> at_m{0.01, -0.01, 0, 0.1, 1e30, 0, 0, std::nan("")};
+    const std::array<double, 8> turn{0, 0, 0.1, 0, 0, 0, 0, 0};
+    const std::array<int64_t, 2> both{0, 1}, last{1, 1};
+    std::array<double, 4> top{}, bottom{};
+    along(one, both.data(), 2, at_m.data(), turn.data(), 4, top.data(), bottom.data());
+    CHECK((top == std::array<double, 4>{55, 93, 0, 0}));
+    CHECK((bottom == std::array<double, 4>{50.5, 93, 0, 0}));
+    along(one, last.data(), 1, at_m.data(), turn.data(), 4, top.data(), bottom.data());
+    CHECK((top == std::array<double, 4>{50, 90, 0, 0}));
+}
+
+// Between knots strengths and phases are linear, whether cells lie on knots or not.
+static void fields_are_turned_between_knots()
+{
+    const size_t knots = 4;
+    std::vector<std::complex<double>> field(knots * knots);
+    std::vector<double> turned(knots * knots);
+    for (size_t i = 0; i < knots; i++)
+        for (size_t j = 0; j < knots; j++) {
+            field[i * knots + j] = {1.0 + double(i) - 0.5 * double(j), 0.3 * double(j)};
+            turned[i * knots + j] = 5.0 * double(i) - 7.0 * double(j);
+        }
+    for (size_t cells : {size_t(1), size_t(4), size_t(7), size_t(10), size_t(50)}) {
+        std::vector<double> at(cells);
+        for (size_t i = 1; i < cells; i++)
+            at[i] = 3.0 * double(i) / double(cells - 1);
+        std::vector<float> out(cells * cells);
+        turned_between(field.data(), turned.data(), knots, at.data(), cells, out.data());
+        for (size_t i = 0; i < cells; i++)
+            for (size_t j = 0; j < cells; j++) {
+                const std::complex<double> there{1.0 + at[i] - 0.5 * at[j], 0.3 * at[j]};
+                const double wanted = (there * std::polar(1.0, 5 * at[i] - 7 * at[j])).real();
+                CHECK(std::abs(out[i * cells + j] - wanted) < 1e-5);
+            }
+    }
+}
+
+int main()
+{
+    maps_are_summed_where_ways_are_on_them();
+    lines_are_heard_in_their_cells();
+    fields_are_turned_between_knots();
+}
