@@ -51,19 +51,20 @@ void along(const strip& one, const int64_t* instant, size_t instants, const doub
 {
     std::fill_n(cross, lines, 0.0);
     std::fill_n(power, lines, 0.0);
-    const auto size = int64_t(one.size);
+    const auto size = double(one.size);
     for (size_t number = 0; number < instants; number++) {
         const size_t first = size_t(instant[number]) * one.size * one.size;
         const double after_s = one.after_s[instant[number]];
         for (size_t line = 0; line < lines; line++) {
-            int64_t cell[2];
+            double cell[2];
             for (size_t axis = 0; axis < 2; axis++)
-                cell[axis] = std::lrint(
+                cell[axis] = std::rint(
                     (at_m[2 * line + axis] + after_s * turn[2 * line + axis] - one.begin_m) /
                     one.step_m);
-            if (std::min(cell[0], cell[1]) < 0 || std::max(cell[0], cell[1]) >= size)
+            // A place that is no number is on no map.
+            if (!(cell[0] >= 0 && cell[1] >= 0 && cell[0] < size && cell[1] < size))
                 continue;
-            const size_t at = first + size_t(cell[0] * size + cell[1]);
+            const size_t at = first + size_t(cell[0]) * one.size + size_t(cell[1]);
             cross[line] += double(one.cross[at]);
             power[line] += double(one.power[at]);
         }

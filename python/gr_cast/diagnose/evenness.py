@@ -18,9 +18,9 @@ def left(fit: Fit, inside: np.ndarray) -> list[Leftover]:
     if known or inside.sum() < LEAST_HEARD:
         return []
     grid = sum(FAMILIES[e.family].rounding(e) for e in fit.model.effects)
-    share = min(1.0, (fit.data.rounding + grid) / fit.sigma2)
     lack, std = evenness(fit.data.scene.spread(normal(fit)), fit.data.scene.spread(inside))
-    lack -= (OF_DITHER if grid else OF_ROUNDING) * share**2
+    shares = (min(1.0, power / fit.sigma2) for power in (fit.data.rounding, grid))
+    lack -= sum(lacks * share**2 for lacks, share in zip((OF_ROUNDING, OF_DITHER), shares, strict=True))
     # Nothing is more even than one amplitude, so that so much of the power at least is no noise.
     over = 1 / (1 - min(np.sqrt(max(lack, 0.0)), 0.99))
     nats = float(inside.sum() * (over - 1 - np.log(over)))

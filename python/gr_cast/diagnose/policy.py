@@ -83,9 +83,9 @@ BEHIND = 64  # samples behind the last path that a link's response is followed
 
 # evenness
 OF_ROUNDING = 0.6  # 2 − E|r|⁴/(E|r|²)² of an error that is even over a square, as rounding's is
-OF_DITHER = (
-    4.0  # the same of a grid with a dither of one step, twice as strong, which is ± half a step alone amid two points of it
-)
+# The same of a grid, for nobody knows its dither: with one step of it 1.2 of a signal of many levels, up to 9 of one that stays
+# amid two points; with 4 none of 16 recordings of few levels was taken for another signal's.
+OF_DITHER = 4.0
 
 # finding
 LEAST_TOLD = 20.0  # nats of an effect without a curvature: a search found it

@@ -415,11 +415,15 @@ class View:
         if len(edges) < 5:
             return None
         heard = self._heard * self.weight * np.conj(self.carrier)
-        c, lags = self.correlations(0, heard, edges, reach=LONGEST_JUMP if self.scene.at is None else None)
-        lag, size, repeat = lags - round(self.fit.model.base[0]), len(lags), self.scene.sources[0].repeat
+        repeat, gathered = self.scene.sources[0].repeat, self.scene.at is not None
+        c, lags = self.correlations(0, heard, edges, reach=None if gathered else LONGEST_JUMP + self._longest)
         # The whole link, not one path: filter along the lags with the twin's taps.
+        size = len(lags)
         padded = size if repeat else sp_fft.next_fast_len(size + self._longest)
         c = sp_fft.ifft(sp_fft.fft(c, padded, axis=1) * np.conj(self._response(padded)), axis=1)[:, :size]
+        if not repeat and not gathered:  # farther out not all paths were heard
+            c, lags = (x[..., self._longest : size - self._longest] for x in (c, lags))
+        lag = lags - round(self.fit.model.base[0])
         if repeat:
             lag = (lag + size // 2) % size - size // 2
         sent, ahead = self._energy_at(edges, lags), self._ahead(edges)
@@ -438,15 +442,22 @@ class View:
         explained = (np.abs(residual + wanted) ** 2 - np.abs(residual) ** 2) * self.weight
         return np.add.reduceat(explained, edges[:-1]) / self.sigma2
 
+    @property
+    def _near(self) -> list:
+        """The paths of the first transmitter's link; of a waveform that is sent once those that are less late than the silence
+        that is kept around it."""
+        taps = [p for p in self.scene.taps if p.source == 0]
+        return taps if self.scene.sources[0].repeat else [p for p in taps if p.delay < PAD]
+
     def _response(self, size: int) -> np.ndarray:
         """(size,) of the first transmitter's link over the frequencies of as many samples, as the twin has its taps."""
         f = sp_fft.fftfreq(size)
-        return sum(p.gain * np.exp(-2j * np.pi * f * p.delay) for p in self.scene.taps if p.source == 0)
+        return sum((p.gain * np.exp(-2j * np.pi * f * p.delay) for p in self._near), np.zeros(size, complex))
 
     @property
     def _longest(self) -> int:
-        """Samples by which the last path of the first transmitter's link is late, rounded up."""
-        return int(np.ceil(max(p.delay for p in self.scene.taps if p.source == 0)))
+        """Samples by which the last of these paths is late, rounded up."""
+        return int(np.ceil(max((p.delay for p in self._near), default=0.0)))
 
     def _energy_at(self, edges: np.ndarray, lags: np.ndarray) -> np.ndarray:
         """(segments, lags) energy of the first transmitter's signal in each segment, were it so late: what is silent there at the

@@ -23,7 +23,7 @@ from .document import Place
 from .meters import Fading, Meter
 
 _COARSE_M = 0.25
-_JOINED_KEPT = 64  # meshes with one object more
+_JOINED_KEPT = 16  # meshes with one object more, each with a table of what faces see
 SLAB_M = 0.1  # of an object of whose surface nothing is said
 _numbers = itertools.count()
 _MOST_KNOWN = 100_000  # of interned keys, before they are forgotten
