@@ -8,7 +8,7 @@ from scipy import fft as sp_fft
 from ..twin.effects import is_coarse
 from .fit import Fit, within
 from .policy import COPY_BESIDE, COPY_LAGS
-from .residual import Leftover, normal
+from .residual import Leftover, bonferroni, normal
 
 
 def left(fit: Fit, inside: np.ndarray) -> list[Leftover]:
@@ -22,7 +22,7 @@ def left(fit: Fit, inside: np.ndarray) -> list[Leftover]:
     lags = range(-COPY_LAGS, COPY_LAGS + 1)
     found = [(*line(residual, root * np.roll(copy, lag)), lag, copy is sent) for lag in lags for copy in (sent, np.conj(sent))]
     log_p, nats, cycles, lag, upright = min(found)
-    p_value = float(np.exp(min(0.0, log_p + np.log(len(found) * len(residual)))))
+    p_value = bonferroni(log_p, len(found) * len(residual))
     whose = "what is sent" if upright else "what is sent, mirrored,"
     test = f"{whose} once more, {lag} samples late and {cycles * scene.sample_rate_hz:.6g} Hz beside"
     return [Leftover(test=test, p_value=p_value, nats=nats, where={}, record_next="second_link")]

@@ -7,7 +7,7 @@ from scipy import fft as sp_fft
 from scipy import stats
 
 from ..twin.effects import FAMILIES, is_coarse
-from .fit import Fit
+from .fit import Fit, rounding_of_grids
 from .policy import LEAST_HEARD, OF_DITHER, OF_ROUNDING
 from .residual import Leftover, normal
 
@@ -17,10 +17,9 @@ def left(fit: Fit, inside: np.ndarray) -> list[Leftover]:
     known = any(is_coarse(e) or FAMILIES[e.family].noise_like for e in fit.model.effects)
     if known or inside.sum() < LEAST_HEARD:
         return []
-    grid = sum(FAMILIES[e.family].rounding(e) for e in fit.model.effects)
     lack, std = evenness(fit.data.scene.spread(normal(fit)), fit.data.scene.spread(inside))
-    shares = (min(1.0, power / fit.sigma2) for power in (fit.data.rounding, grid))
-    lack -= sum(lacks * share**2 for lacks, share in zip((OF_ROUNDING, OF_DITHER), shares, strict=True))
+    lack -= OF_ROUNDING * min(1.0, fit.data.rounding / fit.sigma2) ** 2
+    lack -= OF_DITHER * min(1.0, rounding_of_grids(fit) / fit.sigma2) ** 2
     # Nothing is more even than one amplitude, so that so much of the power at least is no noise.
     over = 1 / (1 - min(np.sqrt(max(lack, 0.0)), 0.99))
     nats = float(inside.sum() * (over - 1 - np.log(over)))

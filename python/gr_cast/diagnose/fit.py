@@ -312,6 +312,11 @@ def shape_of_receiver(fit: Fit, model: Model):
     return shape
 
 
+def rounding_of_grids(fit: Fit) -> float:
+    """Power that the steps of coarse converters add, of the twin's and of found ones, beside the file's own."""
+    return sum(FAMILIES[e.family].rounding(e) for e in fit.model.effects)
+
+
 def off_the_rails(fit: Fit) -> np.ndarray:
     """(n,) bool: used samples whose prediction stays three noise deviations inside the rails, which eat noise in step with the
     code; none where they leave too few to tell anything of the noise."""

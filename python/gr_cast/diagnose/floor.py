@@ -11,7 +11,7 @@ from ..twin.effects import FAMILIES, Effect, Role, plays, stage_of, with_role
 from ..twin.effects.base import RX_LO, TX_LO, start
 from . import flatness, gate, heldout, noise
 from .finding import Finding, Worth
-from .fit import Fit, gain_of_receiver, in_band, off_the_rails
+from .fit import Fit, gain_of_receiver, in_band, off_the_rails, rounding_of_grids
 from .next_recording import Hypothesis, record_next
 from .policy import (
     ALIKE_NATS,
@@ -181,7 +181,7 @@ def _heard(finding: Finding) -> Heard | None:
     fit, told = finding.fit, finding.data.noise_power
     if told is None or fit.model.index_of(Role.FILTER) is not None:
         return None
-    rounding = sum(FAMILIES[e.family].rounding(e) for e in fit.model.effects)
+    rounding = rounding_of_grids(fit)
     if rounding > HIDES * told:
         return None
     told += rounding

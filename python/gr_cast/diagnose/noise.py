@@ -9,7 +9,7 @@ from ..twin.effects import FAMILIES, Role, is_coarse
 from ..twin.effects.base import around_circle
 from ..twin.effects.noise_family import NoiseView
 from ..twin.model import predict
-from .fit import in_band, off_the_rails, shape_of_receiver, solve, with_noise
+from .fit import in_band, off_the_rails, rounding_of_grids, shape_of_receiver, solve, with_noise
 from .policy import BESIDE_NOISE, BLUR_DOUBT, CLEAR_NATS, DRAWS, PASSBAND, ROUNDED
 
 TESTED = tuple(f.name for f in FAMILIES.values() if f.noise_like and f.role is not Role.FLOOR)  # laws of the noise, not its level
@@ -121,8 +121,7 @@ def starts(fit, promised: float = 0.0):
     signal all others may tell still more."""
     families = [FAMILIES[e.family] for e in fit.model.effects]
     have, told = [f for f in families if f.told in LAWS], {f.told for f in families}
-    rounding = sum(FAMILIES[e.family].rounding(e) for e in fit.model.effects)
-    if any(is_coarse(e) for e in fit.model.effects) or rounding > ROUNDED * fit.sigma2:
+    if any(is_coarse(e) for e in fit.model.effects) or rounding_of_grids(fit) > ROUNDED * fit.sigma2:
         return []  # behind a coarse quantiser the noise has no law of its own, nor where a dither hides how coarse it is
     view = view_of(fit)
     if not view.use.any():

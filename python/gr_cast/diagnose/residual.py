@@ -148,7 +148,7 @@ def leftovers(fit, inside) -> list[Leftover]:
         out.append(
             Leftover(
                 test=name,
-                p_value=_bonferroni(log_p[i, j], e.size),
+                p_value=bonferroni(log_p[i, j], e.size),
                 nats=float(nats.sum() if e.size < 100 else nats[i, j]),
                 where=where,
             )
@@ -170,7 +170,8 @@ def bands_not_told(fit, f: np.ndarray, bins: int) -> np.ndarray:
     return untold
 
 
-def _bonferroni(log_p: float, cells: int) -> float:
+def bonferroni(log_p: float, cells: int) -> float:
+    """The p-value of the rarest of so many cells, none of which chance has with more than `log_p` (its ln)."""
     return float(min(1.0, np.exp(min(0.0, log_p + np.log(cells)))))
 
 
@@ -198,7 +199,7 @@ def _place_in_code(fit) -> Leftover | None:
     log_p = [float(np.min(_gamma_cells(np.atleast_1d(e), np.atleast_1d(c))[0])) + np.log(m) for e, c, m in both]
     excess = max(0.0, float(energy.sum() - (hits > 0).sum()))
     return Leftover(
-        test="place in the code", p_value=_bonferroni(min(log_p), 1), nats=excess, where={}, record_next="other_code_length"
+        test="place in the code", p_value=bonferroni(min(log_p), 1), nats=excess, where={}, record_next="other_code_length"
     )
 
 
@@ -220,7 +221,7 @@ def _amplitude(fit, inside) -> Leftover | None:
     log_q = float(np.min(stats.gamma.logsf(power, hits)) + np.log(16))
     return Leftover(
         test="amplitude",
-        p_value=_bonferroni(min(log_p, log_q) + np.log(2), 1),
+        p_value=bonferroni(min(log_p, log_q) + np.log(2), 1),
         nats=float(max(0, energy.sum() - 16)),
         where={"amplitude": [float(edges[-2]), float(edges[-1])]},
         record_next="second_power",
@@ -248,7 +249,7 @@ def jumps(fit) -> list[Leftover]:
         out.append(
             Leftover(
                 test=f"jump in the course of {e.family}",
-                p_value=_bonferroni(log_p, len(moves)),
+                p_value=bonferroni(log_p, len(moves)),
                 nats=height / (1 if np.iscomplexobj(course) else 2),
                 where={"time_s": (scene.index[at[k : k + 2]] / scene.sample_rate_hz).tolist()},
                 record_next="longer_recording",
@@ -287,7 +288,7 @@ def foreign(fit) -> tuple[np.ndarray, Leftover] | None:
     stretch[used[edges[first - 1]] : used[edges[min(last + 2, len(sent))] - 1] + 1] = True  # and what it reaches on either side
     count, over = edges[last + 1] - edges[first], energy[first : last + 1].sum() / max(typical * sent.sum() / len(used), 1e-300)
     time_s = [float(scene.index[used[edges[k]]] / scene.sample_rate_hz) for k in (first, min(last + 1, len(sent) - 1))]
-    p_value = _bonferroni(float(stats.gamma.logsf(over, count)), len(sent) ** 2)
+    p_value = bonferroni(float(stats.gamma.logsf(over, count)), len(sent) ** 2)
     return stretch, Leftover(test="time", p_value=p_value, nats=float(over - count), where={"time_s": time_s}, apart=True)
 
 
@@ -315,7 +316,7 @@ def _crowding(at: np.ndarray, count: int) -> float:
         return 1.0
     halves = np.bincount(at * 2 * windows // count, minlength=2 * windows)
     fullest = (halves[1:] + halves[:-1]).max()
-    one = _bonferroni(float(stats.poisson.logsf(fullest - 1, len(at) / windows)), 2 * windows)
+    one = bonferroni(float(stats.poisson.logsf(fullest - 1, len(at) / windows)), 2 * windows)
     return min(1.0, 2 * min(one, _in_several(at / count)))
 
 

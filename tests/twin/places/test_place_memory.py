@@ -11,7 +11,6 @@ from gr_cast.scenario.create.fields import surface_of
 from gr_cast.scenario.create.geometry import Solid
 from gr_cast.scenario.create.media import Medium
 from gr_cast.scenario.create.nodes import Node
-from gr_cast.twin.places import remembered as memories
 from gr_cast.twin.places.predict import Predictor
 from gr_cast.twin.places.remembered import remembered
 from gr_cast.twin.places.world import Mesh, Person, Radio, World, frozen
@@ -69,17 +68,16 @@ def test_scattered_powers_follow_carrier_antennas_and_surfaces():
         assert (again == afresh).all()
 
 
-def test_what_is_made_may_be_remembered_in_the_same_place_and_push_out_what_was_asked_for_with_it(monkeypatch):
-    monkeypatch.setattr(memories, "_KEPT", 3)
+def test_what_is_made_may_be_remembered_in_the_same_place_and_push_out_what_was_asked_for_with_it():
     memory = OrderedDict()
-    assert remembered(memory, ["a"], lambda missing: [1]) == [1]
+    assert remembered(memory, ["a"], lambda missing: [1], kept=3) == [1]
 
     def make(missing):
         for number in range(5):
-            remembered(memory, [number], lambda _: [0])
+            remembered(memory, [number], lambda _: [0], kept=3)
         return [2]
 
-    assert remembered(memory, ["a", "b"], make) == [1, 2]
+    assert remembered(memory, ["a", "b"], make, kept=3) == [1, 2]
     assert list(memory)[-2:] == ["a", "b"] and len(memory) == 3
 
 

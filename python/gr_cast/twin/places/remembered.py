@@ -7,8 +7,9 @@ from collections.abc import Sequence
 _KEPT = 4000  # in one memory
 
 
-def remembered(memory: OrderedDict, keys: Sequence, make) -> list:
-    """Values by keys; `make(numbers of the missing ones)` gives those that the memory lacks, all at once."""
+def remembered(memory: OrderedDict, keys: Sequence, make, kept: int = _KEPT) -> list:
+    """Values by keys, so many of which are `kept`; `make(numbers of the missing ones)` gives those that the memory lacks, all at
+    once."""
     found = [memory.get(key) for key in keys]  # before `make`, which may remember more in the same place, and forget these
     missing = [number for number, value in enumerate(found) if value is None]
     if not missing:
@@ -20,6 +21,6 @@ def remembered(memory: OrderedDict, keys: Sequence, make) -> list:
     for key, value in zip(keys, found, strict=True):
         memory[key] = value
         memory.move_to_end(key)
-    while len(memory) > _KEPT:
+    while len(memory) > kept:
         memory.popitem(last=False)
     return found

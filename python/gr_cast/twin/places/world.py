@@ -21,6 +21,7 @@ from ...scenario.create.wedges import Edges, edges_of
 from .carrying import Body
 from .document import Place
 from .meters import Fading, Meter
+from .remembered import remembered
 
 _COARSE_M = 0.25
 _JOINED_KEPT = 16  # meshes with one object more, each with a table of what faces see
@@ -146,10 +147,7 @@ class Mesh:
         """One more object: a sheet. The same mesh again where it stands as it did, whatever it is made of: what was traced there
         is known by its mesh."""
         key = solid.name, solid.vertices_m.tobytes(), solid.faces.tobytes()
-        mesh = self._joined[key] = self._joined.pop(key, None) or self._with(solid)
-        if len(self._joined) > _JOINED_KEPT:
-            self._joined.popitem(last=False)
-        return mesh
+        return remembered(self._joined, [key], lambda missing: [self._with(solid)], kept=_JOINED_KEPT)[0]
 
     def _with(self, solid: Solid) -> "Mesh":
         faces, count = faces_of((solid,)), len(self.solids)
