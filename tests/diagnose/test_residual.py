@@ -170,6 +170,16 @@ def test_a_colour_of_pulses_is_told_where_rows_differ(is_white):
     assert (few < 1 + 1e-9).all() and few.min() > 0.1
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_grid_in_a_file_of_floats_is_told_no_finer_than_they_are_written(seed):
+    """A level is written to 24 bits and says no more of its step, however often it is met."""
+    rng = np.random.default_rng(seed)
+    step = rng.uniform(0.01, 0.03)
+    grid = np.round(rng.normal(size=(20_000, 2)) * 0.1 / step).clip(-16, 16) * step
+    *_, (effect, stds) = gate.discrete(np.float32(grid).astype(float) @ [1, 1j], "cf32_le")
+    assert abs(effect.p[0] - step) < 4 * stds["step"] < 1e-5 * step
+
+
 def test_a_quantiser_grid_of_few_steps_leaves_nothing_unexplained(world, tmp_path):
     world.code = {"code": "zadoff_chu", "length": 1021, "root": 7, "samples_per_chip": 1}
     index, step = np.arange(1021), 1 / 32

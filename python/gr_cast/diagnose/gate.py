@@ -33,7 +33,7 @@ def quantiser_grid(y: np.ndarray, datatype: str) -> tuple[float, float, float, f
     miss = levels - (slope * k + origin)
     if np.abs(miss).max() > 0.6 + 0.02 * slope:
         return None
-    std = max(np.sqrt(1 / 12) if base else np.std(miss), 1e-4) / np.sqrt(np.sum((k - k.mean()) ** 2) + 1e-30)
+    std = max(np.sqrt(1 / 12), np.std(miss)) / np.sqrt(np.sum((k - k.mean()) ** 2) + 1e-30)  # of a level that was cut to `unit`
     step = slope * unit
     return step, std * unit, (origin / slope) % 1.0, len(values) * float(np.log(slope))
 
