@@ -24,9 +24,9 @@ def run(world, tmp_path, y, datatype="cf32_le"):
     return diagnose(read_case(world.write(tmp_path / "case", y, datatype)), budget_s=PATIENCE_S).document
 
 
-def run_of_wave(world, tmp_path, y):
+def run_of_wave(world, tmp_path, y, datatype="cf32_le"):
     """As `run`, of a twin that has the waveform in a file."""
-    folder = world.write(tmp_path / "case", y)
+    folder = world.write(tmp_path / "case", y, datatype)
     recording.write(folder / "sent", world.x, sample_rate_hz=RATE_HZ)
     twin = yaml.safe_load((folder / "twin.yaml").read_text()) | {"waveforms": {"w1": {"file": "sent", "repeat": True}}}
     (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
@@ -45,6 +45,23 @@ def test_a_carrier_offset_is_measured_within_its_interval(world, tmp_path):
     assert named(document) == ["carrier_frequency_offset"]
     offset = said(document, "carrier_frequency_offset", "offset_hz")
     assert abs(offset["value"] - 7.0) < 4 * offset["std"] < 1.0
+
+
+@pytest.mark.parametrize("is_told", [True, False])
+def test_noise_that_follows_is_told_over_the_floor_alone_not_over_the_steps_of_the_file(world, tmp_path, is_told):
+    """A file of 8 bits adds step²/6 to the floor, here half as much as is there."""
+    world.noise_rms, twin = np.sqrt(2 / 6) / 128, world.twin
+    lines = np.fft.fft(world.rng.normal(size=(len(world.x), 2)) @ [1, 1j]) * (np.abs(np.fft.fftfreq(len(world.x))) < 0.17)
+    world.x = np.fft.ifft(lines)
+    world.x *= 0.7 / np.abs(world.clean()).max()
+    power = np.abs(world.clean()) ** 2
+    white = world.rng.normal(size=(len(world.n), 2)) @ [1, 1j] / np.sqrt(2)
+    y = world.noisy(world.clean()) + white * world.noise_rms * np.sqrt(10 * power / power.mean())
+    world.twin = lambda: twin() if is_told else {k: v for k, v in twin().items() if k != "noise"}
+    document = run_of_wave(world, tmp_path, y, datatype="ci8")
+    assert named(document) == ["signal_dependent_noise"]
+    slope = said(document, "signal_dependent_noise", "slope_db")
+    assert abs(slope["value"] - 10) < 3 * slope["std"] < 1.5
 
 
 @pytest.mark.parametrize("std", [0.0, 0.05])

@@ -9,7 +9,7 @@ from scipy.optimize import minimize_scalar
 
 from ..twin.effects import FAMILIES, Effect, Role, plays, stage_of, with_role
 from ..twin.effects.base import RX_LO, TX_LO, start
-from . import flatness, gate, heldout, noise
+from . import flatness, heldout, noise
 from .finding import Finding, Worth
 from .fit import Fit, gain_of_receiver, in_band, off_the_rails, rounding_of_grids
 from .next_recording import Hypothesis, record_next
@@ -54,7 +54,26 @@ class Heard:
 
 def compare(finding: Finding) -> None:
     """Add to what was found that the noise is another one than the twin's, where nothing else is left of the recording, and what
-    is heard either has one level or follows the signal."""
+    is heard either has one level or follows the signal; and tell what follows it over the floor alone."""
+    _add_level(finding)
+    finding.fit = _without_rounding(finding.fit)
+
+
+def _without_rounding(fit: Fit) -> Fit:
+    """The fit with noise that follows the signal told over the floor without what the steps of the file add to it, of which the
+    twin's figure may hold some."""
+    at = fit.model.index_of(Role.FOLLOWING, found=True)
+    if at is None:
+        return fit
+    own, even = fit.model.effects[at], fit.sigma2 - fit.data.rounding
+    floor = max(even, min(fit.data.noise_power or 0.0, fit.sigma2))
+    if floor <= 0:
+        return fit
+    moved = replace(own.moved(own.p + np.log(own.aux["_floor"] / floor)), aux={**own.aux, "_floor": floor})
+    return replace(fit, model=fit.model.replacing(at, moved))
+
+
+def _add_level(finding: Finding) -> None:
     fit = finding.fit
     heard = None if finding.left else _heard(finding)
     if heard is not None and (tied := _all_follows(finding, heard)):
@@ -193,8 +212,7 @@ def _heard(finding: Finding) -> Heard | None:
     # The dither of a grid, none or of one step or two; the rounding of the file itself, which the twin's figure may hold or not.
     more = float(np.mean(power[inside])) - told
     dither = rounding * min(DITHERS, key=lambda times: abs(more - times * rounding))
-    of_file = gate.native_step(finding.observation.datatype) ** 2 / 6
-    rounded = 1 + (dither + float(np.clip(more - dither, 0.0, of_file))) / told
+    rounded = 1 + (dither + float(np.clip(more - dither, 0.0, data.rounding))) / told
     told *= rounded
     energy, count, level = power / told, float(inside.sum()), np.abs(fit.chain.wanted)
     if _wanders(fit):  # what it leaves over is across the signal
