@@ -47,6 +47,18 @@ def test_a_carrier_offset_is_measured_within_its_interval(world, tmp_path):
     assert abs(offset["value"] - 7.0) < 4 * offset["std"] < 1.0
 
 
+def test_a_floor_beside_a_gain_step_is_told_over_the_noise_of_the_whole_recording(world, tmp_path):
+    """The contract tells the noise of a sample of the recording; nearly all of them are behind the step."""
+    world.noise_rms = 0.03
+    world.twin = (lambda twin: lambda: twin)(world.twin())
+    world.noise_rms *= 10 ** (6 / 20) / 1.3
+    y = world.noisy(world.clean()) * np.where(world.n < 130, 1.0, 1.3)
+    document = run(world, tmp_path, y)
+    assert sorted(named(document)) == ["gain_step", "noise_floor"]
+    change = said(document, "noise_floor", "change_db")
+    assert abs(change["value"] - 6) < 3 * change["std"] and abs(change["value"] - 6) < 0.3
+
+
 @pytest.mark.parametrize("is_told", [True, False])
 def test_noise_that_follows_is_told_over_the_floor_alone_not_over_the_steps_of_the_file(world, tmp_path, is_told):
     """A file of 8 bits adds step²/6 to the floor, here half as much as is there."""

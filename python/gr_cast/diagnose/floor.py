@@ -33,7 +33,8 @@ from .policy import (
 class Heard:
     """What is left of a recording where the rails do not touch it, over the noise that the twin tells: `energy` and the
     `level` of what is received by sample, as many independent samples as `count`, the energies of the vault `unseen`, and what
-    that noise is over the twin's figure (`rounded`) if the figure lacks the rounding of the file, and the dither of a grid."""
+    that noise is over the twin's figure (`rounded`) if the figure lacks the rounding of the file, and the dither of a grid.
+    `gained`: what a receiver's gain that changes makes of the power of noise, on average, over what it was at first."""
 
     energy: np.ndarray
     level: np.ndarray
@@ -41,6 +42,7 @@ class Heard:
     unseen: np.ndarray
     uneven: list
     rounded: float = 1.0
+    gained: float = 1.0
 
     @property
     def ratio(self) -> float:
@@ -146,9 +148,9 @@ class Told:
 
 def _raised(heard: Heard) -> Told:
     """One other level everywhere, over the figure as it is told: noise by sample, of which nobody knows how much
-    is rounding and dither."""
+    is rounding and dither, nor whether it is meant before or behind a gain that changes."""
     ratio, change = heard.ratio, heard.ratio * heard.rounded
-    doubt = (heard.rounded - 1) / change / np.sqrt(12)
+    doubt = np.hypot((heard.rounded - 1) / change / np.sqrt(12), np.log(heard.gained) / np.sqrt(3))
     return Told(
         effect=start(with_role(Role.FLOOR), [10 * np.log10(change)], free=[False]),
         worth=Worth(evidence=heard.nats, held_out=heldout.of_variance(heard.unseen, np.full(len(heard.unseen), ratio))),
@@ -203,7 +205,9 @@ def _heard(finding: Finding) -> Heard | None:
     rounding = rounding_of_grids(fit)
     if rounding > HIDES * told:
         return None
-    told += rounding
+    gain = gain_of_receiver(fit, fit.model)
+    gained = 1.0 if gain is None else float(gain.mean())
+    told = told / gained + rounding  # the noise of the recording is told, on average
     inside, data = off_the_rails(fit), fit.data
     if not inside.any():
         return None
@@ -227,7 +231,7 @@ def _heard(finding: Finding) -> Heard | None:
         energy = energy * (_beside_signal(fit) / told / energy[inside].mean())
         count *= float(np.mean(data.scene.occupied))
     unseen = power[data.vault] / told
-    return Heard(energy=energy[inside], level=level[inside], count=count, unseen=unseen, uneven=uneven, rounded=rounded)
+    return Heard(energy=energy[inside], level=level[inside], count=count, unseen=unseen, uneven=uneven, rounded=rounded, gained=gained)
 
 
 def _wanders(fit: Fit) -> list[Effect]:
