@@ -231,7 +231,9 @@ def _heard(finding: Finding) -> Heard | None:
         energy = energy * (_beside_signal(fit) / told / energy[inside].mean())
         count *= float(np.mean(data.scene.occupied))
     unseen = power[data.vault] / told
-    return Heard(energy=energy[inside], level=level[inside], count=count, unseen=unseen, uneven=uneven, rounded=rounded, gained=gained)
+    return Heard(
+        energy=energy[inside], level=level[inside], count=count, unseen=unseen, uneven=uneven, rounded=rounded, gained=gained
+    )
 
 
 def _wanders(fit: Fit) -> list[Effect]:

@@ -668,12 +668,13 @@ def _apart(effect: Effect) -> bool:
 
 def _polished(data: Data, fit: Fit) -> Fit:
     """The fit with the amplifier and the filter, or with the filters of several transmitters, in the forms that suit each
-    other: the memory of one imitates the other, and only together their order and their lengths matter."""
+    other: the memory of one imitates the other, and only together their order and their lengths matter. So does an amplifier's
+    memory imitate, in a wrong form, whatever else is linear."""
     filters = [e for e in fit.model.found if plays(e, Role.FILTER)]
     amplifiers = [e for e in fit.model.found if plays(e, Role.AMPLIFIER)]
-    if not filters or len(filters) + len(amplifiers) < 2:
+    if not amplifiers and len(filters) < 2:
         return fit
-    for one in (*amplifiers, *filters, *amplifiers):
+    for one in (*amplifiers, *filters, *(amplifiers if filters else ())):
         i = next(i for i, e in enumerate(fit.model.effects) if _same_part(e, one))
         rest = fit.model.without(i)
         for form in FAMILIES[one.family].forms(data.scene, fit.model.effects[i]):

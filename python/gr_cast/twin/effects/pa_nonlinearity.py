@@ -56,6 +56,11 @@ def kept(scene, i: int, x: np.ndarray, peak: float, orders) -> dict[int, np.ndar
     return held[2]
 
 
+def _around(reach: int) -> tuple[int, ...]:
+    """Lags up to some samples either way."""
+    return tuple(lag for lag in range(-reach, reach + 1) if lag)
+
+
 def _forgetful(aux: dict) -> dict:
     """What is said of an amplifier without its memory."""
     return {k: v for k, v in aux.items() if k not in ("lags", "bent_alone")}
@@ -145,8 +150,12 @@ class PaNonlinearity(Family):
             aux = {**_forgetful(effect.aux), "orders": orders}
             if effect.aux.get("lags") or orders != effect.aux["orders"]:
                 yield start(self, np.zeros(self._shape(aux)), aux=aux)
-        if effect.aux.get("lags") and not effect.aux.get("bent_alone"):
-            aux = {**effect.aux, "bent_alone": True}
+        if not effect.aux.get("lags"):
+            return
+        bent_alone = {**effect.aux, "bent_alone": True}
+        # What is remembered of between the samples is heard in many of them on either side.
+        between = ({**bent_alone, "orders": orders, "lags": _around(reach)} for orders in ORDERS[:2] for reach in (4, 8))
+        for aux in (*(() if effect.aux.get("bent_alone") else (bent_alone,)), *between):
             yield start(self, np.zeros(self._shape(aux)), aux=aux)
 
     def less(self, scene, effect, others):
