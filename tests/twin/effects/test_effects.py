@@ -208,6 +208,18 @@ def test_an_amplifier_compresses_by_what_it_reports():
     assert 20 * np.log10(abs(y[top] / x[top])) == pytest.approx(-1.0, abs=0.15)
 
 
+def test_what_leaks_into_an_amplifier_is_bent_with_the_signal():
+    n = np.arange(PERIOD)
+    x = 0.6 * np.exp(2j * np.pi * 5 * n / PERIOD) + 0.3j * np.exp(-4j * np.pi * n / PERIOD)
+    here, power, peak = scene(ONE), float(np.mean(np.abs(x) ** 2)), float(np.abs(x).max())
+    here.sources[0] = replace(here.sources[0], samples=x, power=power, peak=peak)
+    leak = start(FAMILIES["lo_leakage"], [0.1, -0.2], aux={"source": 0})
+    bends = start(FAMILIES["pa_nonlinearity"], [-0.2, 0.1], aux={"source": 0, "peak": peak, "orders": (1,)})
+    y = predict(here, Model(base=np.array([0.0, 1.0, 0.0])).adding(leak).adding(bends)).y
+    driven = (x + (0.1 - 0.2j) * np.sqrt(power))[N % PERIOD]
+    assert np.allclose(y, driven + (-0.2 + 0.1j) * driven * np.abs(driven / peak) ** 2)
+
+
 def test_an_amplifier_that_remembers_compresses_by_what_a_thousandth_of_the_amplitude_shows():
     """Of a wave that is nowhere faint (amplitudes of 0.9 to 1) too."""
     n = np.arange(PERIOD)

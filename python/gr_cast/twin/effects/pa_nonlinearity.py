@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Power amplifier: a memory polynomial x·(1 + Σ a_k·|x|^2k) + Σ_m x(n−m)·Σ b_mk·|x(n−m)|^2k, |x| relative
 to the largest amplitude that was sent when it was found; where only what is bent is remembered (aux `bent_alone`), without b_m0.
+An oscillator's leakage at the modulator goes through it.
 
 Morgan et al., "A generalized memory polynomial model", IEEE TSP 2006, eq. 4. Internal: real and imaginary
 parts.
@@ -47,13 +48,13 @@ def of_one_level(x: np.ndarray) -> bool:
     return high <= LEVELS * low
 
 
-def kept(scene, i: int, x: np.ndarray, peak: float, orders) -> dict[int, np.ndarray]:
-    """`bent` of a source's wave, kept for the wave that was asked for last."""
+def kept(scene, i: int, x: np.ndarray, leak: complex, peak: float, orders) -> dict[int, np.ndarray]:
+    """`bent` of a source's wave and what leaks into it, kept for the wave that was asked for last."""
     held = scene.notes.get(("bent", i))
-    if held is None or held[0] is not x or held[1] != peak or not set(orders) <= set(held[2]):
-        held = (x, peak, bent(x, peak, orders))
+    if held is None or held[0] is not x or held[1:3] != (leak, peak) or not set(orders) <= set(held[3]):
+        held = (x, leak, peak, bent(x + leak if leak else x, peak, orders))
         scene.notes["bent", i] = held
-    return held[2]
+    return held[3]
 
 
 def _around(reach: int) -> tuple[int, ...]:
@@ -81,7 +82,7 @@ class PaNonlinearity(Family):
     def apply(self, chain, effect):
         i = effect.aux["source"]
         x = chain.waves[i]
-        terms = kept(chain.scene, i, x, effect.aux["peak"], effect.aux["orders"])
+        terms = kept(chain.scene, i, x, chain.leaks.get(i, 0.0), effect.aux["peak"], effect.aux["orders"])
         out = x
         for c, (order, lag) in zip(effect.p[::2] + 1j * effect.p[1::2], self._units(effect.aux), strict=True):
             out = out + c * (np.roll(terms[order], lag) if lag else terms[order])
@@ -97,7 +98,7 @@ class PaNonlinearity(Family):
     def columns(self, scene, effect, chain, before, rest):
         i, orders = effect.aux["source"], effect.aux["orders"]
         x = before.waves[i]
-        terms = kept(scene, i, x, effect.aux["peak"], orders)
+        terms = kept(scene, i, x, before.leaks.get(i, 0.0), effect.aux["peak"], orders)
         bends = orders if effect.aux.get("bent_alone") or not effect.aux.get("lags") else (0, *orders)
         units = [(rest(before.copy(), effect, extra=(i, PROBE * terms[o])).y - chain.y) / PROBE for o in bends]
         entries = tuple((bends.index(order), lag) for order, lag in self._units(effect.aux))
@@ -173,9 +174,9 @@ class PaNonlinearity(Family):
 
     @staticmethod
     def _driven(scene, effect):
-        """The wave at the amplifier's input: the one that the latest prediction sent through it."""
+        """The wave at the amplifier's input, and what leaks into it: those that the latest prediction sent through it."""
         held = scene.notes.get(("bent", effect.aux["source"]))
-        return scene.sources[effect.aux["source"]].samples if held is None else held[0]
+        return (scene.sources[effect.aux["source"]].samples, 0.0) if held is None else held[:2]
 
     @staticmethod
     def _curve(p):
@@ -186,10 +187,10 @@ class PaNonlinearity(Family):
         """Gain of the strongest thousandth of the samples sent over that of the same wave where it is faint (complex): what an
         amplifier remembers at a peak is the signal around that peak."""
         i, orders, units = effect.aux["source"], effect.aux["orders"], self._units(effect.aux)
-        x = self._driven(scene, effect)
+        x, leak = self._driven(scene, effect)
         key = ("met", i, effect.aux["peak"], *units)
-        if key not in scene.notes or scene.notes[key][0] is not x:
-            terms = kept(scene, i, x, effect.aux["peak"], orders)
+        if key not in scene.notes or scene.notes[key][0] is not x or scene.notes[key][1] != leak:
+            terms = kept(scene, i, x, leak, effect.aux["peak"], orders)
             level = np.abs(x)
             sent = np.flatnonzero(level > 0)
             strongest = sent[np.argsort(level[sent])][-max(8, len(sent) // 1000) :]
@@ -199,12 +200,12 @@ class PaNonlinearity(Family):
                 return rows @ np.conj(x[part]) / np.vdot(x[part], x[part]).real
 
             linear = np.array([order == 0 for order, _ in units])
-            scene.notes[key] = x, (shares(sent) * linear, shares(strongest))
-        small, large = (1.0 + share @ (p[::2] + 1j * p[1::2]) for share in scene.notes[key][1])
+            scene.notes[key] = x, leak, (shares(sent) * linear, shares(strongest))
+        small, large = (1.0 + share @ (p[::2] + 1j * p[1::2]) for share in scene.notes[key][2])
         return large / small
 
     def values(self, scene, effect, p):
-        plain = not effect.aux.get("lags") and self._driven(scene, effect) is scene.sources[effect.aux["source"]].samples
+        plain = not effect.aux.get("lags") and self._driven(scene, effect)[0] is scene.sources[effect.aux["source"]].samples
         return {"compression_db": -db(self._curve(p) if plain else self._met(scene, effect, p))}
 
     def extrapolated(self, scene, effect):
