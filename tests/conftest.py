@@ -46,7 +46,11 @@ def dask_cluster(tmp_path_factory):
         pytest.skip("NO DASK: apt-get install python3-distributed")
     folder = tmp_path_factory.mktemp("dask")
     (folder / "cluster.py").write_text(CLUSTER)
-    quiet = {"WORKER__PROFILE__INTERVAL": "10s", "ADMIN__TICK__INTERVAL": "1s"}  # idle workers look at themselves 100 times a second
+    # Idle workers look at themselves 100 times a second.
+    quiet = {
+        "WORKER__PROFILE__INTERVAL": "10s",
+        "ADMIN__TICK__INTERVAL": "1s",
+    }
     environment = os.environ | {"PYTHONPATH": str(BUILD / "python")} | {f"DASK_DISTRIBUTED__{k}": v for k, v in quiet.items()}
     started, addresses = [], {}
 

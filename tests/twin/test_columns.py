@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Inner products of derivatives are those of the derivatives written out."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-from gr_cast.twin.columns import Dense, Lags, inner
+from gr_cast.twin.basis import course
+from gr_cast.twin.columns import Courses, Dense, Lags, gram, inner
 
 COUNT = 3000
 
@@ -33,3 +36,17 @@ def test_many_lags_of_one_signal_have_the_products_of_their_samples(rng, low, wi
         scale = np.abs(expected).max()
         np.testing.assert_allclose(inner(lags, other), expected, atol=1e-11 * scale)
         np.testing.assert_allclose(inner(other, lags), expected.T, atol=1e-11 * scale)
+
+
+@pytest.mark.parametrize("orders", [6, 24, 96])
+def test_slow_courses_of_rough_signals_have_the_products_of_their_samples(rng, orders):
+    """However a signal changes from sample to sample: without that, what is left of a sum is no sum of squares."""
+    count = 100 * orders + 11
+    scene = SimpleNamespace(course=lambda p: course(p, count), spread=lambda signal: signal)
+    chips = np.sign(rng.normal(size=(2, count))) * np.exp(0.4j)
+    courses, dense = Courses(signals=chips, orders=orders, scene=scene), Dense(signals=gaussian(rng, 2, count))
+    size = [np.linalg.norm(block.full(), axis=1) for block in (courses, dense)]
+    for b, norm in ((courses, size[0]), (dense, size[1])):
+        assert np.abs((inner(courses, b) - written_out(courses, b)) / np.outer(size[0], norm)).max() < 2e-5
+    unit = gram([courses, dense]) / np.outer(np.concatenate(size), np.concatenate(size))
+    assert np.linalg.eigvalsh(unit)[0] > 0

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import hankel, toeplitz
 
 GRAIN = 64  # L is a multiple of it, so that a signal can be summed over short blocks before its slow cosines are taken
-FINE = 16  # blocks for each cosine: a block then holds a 32nd of a turn
+FINE = 16  # blocks for each cosine: a block then holds a 32nd of a turn, and its moments up to the second the rest
 
 
 def course_length(count: int) -> int:
@@ -53,11 +53,14 @@ def _cosine_sums(signal: np.ndarray, orders: int) -> np.ndarray:
         block *= 2
     whole = np.zeros(length)
     whole[: len(signal)] = signal
-    sums = sp_fft.rfft(whole.reshape(-1, block).sum(1), 2 * length // block)[: orders + 1]
+    beside = np.arange(block) - (block - 1) / 2  # samples from a block's middle: its moments hold what is not smooth
+    moments = (whole.reshape(-1, block) @ beside[:, None] ** np.arange(3 if block > 1 else 1)).T
     k = np.arange(orders + 1)
-    # The cosine at a block's middle, times its mean over the block relative to that.
-    middle = np.exp(-0.5j * np.pi * k * (block - 1) / length)
-    return (sums * middle).real * np.sinc(k * block / (2 * length))
+    sums = sp_fft.rfft(moments, 2 * length // block)[:, : orders + 1] * np.exp(-0.5j * np.pi * k * (block - 1) / length)
+    if block == 1:
+        return sums[0].real
+    step = np.pi * k / length  # cos(a + d) = cos a·(1 − d²/2) − sin a·d, but for d³/6
+    return sums[0].real + step * sums[1].imag - step**2 / 2 * sums[2].real
 
 
 def weights(signal: np.ndarray, orders: int) -> np.ndarray:
