@@ -145,6 +145,16 @@ def test_a_file_of_the_real_iperf3_is_read(tmp_path):
         stack.read_iperf3(tmp_path / "cut.json")
 
 
+def test_traffic_that_ends_between_two_looks_is_through(tmp_path, monkeypatch):
+    plan = stack_run.Plan(members=[], folder=tmp_path, protocol="tcp", offered_bps=1e6, duration_s=0.5)
+    with Processes(tmp_path) as processes:
+        processes.start("iperf3 s1", ["true"])
+        time.sleep(0.2)
+        has_ended, answers = processes.has_ended, iter([False])
+        monkeypatch.setattr(processes, "has_ended", lambda name: next(answers, True) and has_ended(name))
+        stack_run._wait_for_traffic(plan, processes, ["iperf3 s1"], 0.0, lambda line: None)
+
+
 def test_traffic_over_a_link_that_carries_nothing_any_more_ends_in_a_line(tmp_path, monkeypatch):
     monkeypatch.setattr(stack_run, "ANSWER_S", 0.5)
     plan = stack_run.Plan(members=[], folder=tmp_path, protocol="tcp", offered_bps=1e6, duration_s=0.5)

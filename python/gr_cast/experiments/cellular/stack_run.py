@@ -111,6 +111,8 @@ def _wait_for_all(plan: Plan, spaces: dict, processes: Processes, tell: Callable
 
 def _wait_for_traffic(plan: Plan, processes: Processes, waiting: list[str], lead_s: float, tell: Callable[[str], None]) -> None:
     begin = time.monotonic() + lead_s
+    for name in waiting:
+        processes.may_end(name)  # between two looks too
     while waiting or time.monotonic() - begin < plan.duration_s:
         waiting = [name for name in waiting if not processes.has_ended(name)]
         processes.check()
