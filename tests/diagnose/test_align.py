@@ -91,6 +91,14 @@ def test_pulses_with_silence_between_them_are_found_in_noise(burst):
     assert align.locate(found, found.observations[0]) == (at, False)
 
 
+def test_a_burst_of_one_code_again_and_again_is_where_it_begins_and_ends(burst):
+    rng = np.random.default_rng(10)
+    x, y, at = np.tile(np.sign(rng.normal(size=378)), 33), noise(rng, 17_000, 0.1), 2_227
+    y[at : at + len(x)] += x
+    found = burst(y, x)
+    assert align.locate(found, found.observations[0]) == (at, False)
+
+
 def test_one_click_is_not_taken_for_a_burst(burst):
     rng = np.random.default_rng(9)
     x, y, at = noise(rng, 3_000), noise(rng, 9_000), 5_000

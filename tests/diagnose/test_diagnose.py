@@ -76,6 +76,20 @@ def test_noise_that_follows_is_told_over_the_floor_alone_not_over_the_steps_of_t
     assert abs(slope["value"] - 10) < 3 * slope["std"] < 1.5
 
 
+def test_a_chirp_at_another_delay_is_no_carrier_offset(world, tmp_path):
+    """A Zadoff-Chu sequence limited to a band, at a delay between two samples: at another delay, under an offset of one line, it
+    falls on whole samples."""
+    k, size, within = np.arange(1151), 1426, np.fft.fftfreq(1151, 1 / 1151).astype(int)
+    lines = np.zeros(size, complex)
+    lines[within] = np.fft.fft(np.exp(-1j * np.pi * 300 * k * (k + 1) / 1151))
+    world.x, world.taps, world.n = np.fft.ifft(lines), [(0, 1.0)], np.arange(8_263)
+    heard = np.fft.ifft(lines * np.exp(-2j * np.pi * np.fft.fftfreq(size) * 0.4))
+    y = 0.3 * heard[(world.n - 37) % size]
+    world.noise_rms = 0.45 * np.sqrt(np.mean(np.abs(y) ** 2))
+    document = run_of_wave(world, tmp_path, y + world.noise_rms / np.sqrt(2) * world.rng.normal(size=(len(y), 2)) @ [1, 1j])
+    assert document["verdict"] == "no_mismatch" and named(document) == []
+
+
 @pytest.mark.parametrize("std", [0.0, 0.05])
 def test_a_clock_that_the_twin_knows_of_one_radio_says_nothing_of_the_others(world, tmp_path, std):
     known = {"family": "sample_clock_offset", "owner": {"level": "tx", "name": "tx1"}}

@@ -213,7 +213,7 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
         return delays.near(signals[about[1]], sources, low + about[0], reach=64)[0] - low, about[1]
     tried, find = period or n + len(sources[0].samples), delays.of_repeated if period else delays.of_sent_once
     near = []
-    if not period and len(sources[0].samples) >= n and n > 4000:
+    if not period and len(sources[0].samples) >= n and n > 4000 and not any(delays.comes_again(s.samples) for s in sources):
         near = [delays.near(signal, sources, low - observation.first, reach=2048) for signal in signals]
     clear = any(clear for *_, clear in near)
     most = clear and max(share for _, share, clear in near if clear) > NEAR_MOST

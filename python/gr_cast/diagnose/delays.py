@@ -23,6 +23,7 @@ from .policy import (
     DELAY_SILENT,
     DELAY_SURE_NATS,
     LEAST_WITHOUT_LINES,
+    LIKE_ITSELF,
     LINE_BINS,
     LINE_DECILE,
     MOST_DELAYS,
@@ -51,6 +52,13 @@ def without_lines(samples: np.ndarray) -> np.ndarray:
     if np.all(kept == 1.0) or np.sum(power * kept**2) < LEAST_WITHOUT_LINES * power.sum():
         return samples
     return sp_fft.ifft(spectrum * kept)
+
+
+def comes_again(samples: np.ndarray) -> bool:
+    """Whether what is sent is like itself at another delay, so that only where it begins and ends tells the delay."""
+    power = np.abs(sp_fft.fft(samples, sp_fft.next_fast_len(2 * len(samples)))) ** 2
+    alike = np.abs(sp_fft.ifft(power)[: len(samples)])
+    return bool((alike[np.argmax(alike < LIKE_ITSELF * alike[0]) :] > LIKE_ITSELF * alike[0]).any())
 
 
 def of_repeated(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: float) -> int:

@@ -19,6 +19,7 @@ ALIGN_MARGIN = 64  # samples kept around what is known of a short recording
 LONGEST_FAST = 1 << 16  # samples, of recording and waveform, up to which a waveform that is sent once is looked for fast turning
 FAST = (-0.03, 0.03, -0.06, 0.06, -0.09, 0.09)  # carriers in cycles per sample, each of which finds those beside it
 NEAR_MOST = 0.5  # of the energy, that a delay near the beginning must hold: then it has no better one elsewhere
+LIKE_ITSELF = 0.5  # of a waveform's energy, that it has in common with itself at another delay
 LONGEST_EVERYWHERE = 1 << 20  # samples, of recording and waveform, up to which a better one is looked for
 FACTORS = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31)  # of lengths that are transformed in a seventh to a half of what others take
 LEAST_OF_QUICK = 500  # of a recording's samples one may be left out for that, at its end: in the mean it is 24 of 100,000

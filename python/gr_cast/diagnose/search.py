@@ -473,7 +473,8 @@ def beginnings(data: Data, model: Model) -> list[Fit]:
     turns against it."""
     plain, *mirrored = ways = _ways_round(data.scene, model)
     turning = [form for way in ways for other in _gross_offsets(data, way) for form in _of_either_side(data.scene, other)]
-    fits = [refit(data, plain), *(_on_their_sides(data, delayed_again(data, refit(data, other))) for other in turning)]
+    first, *others = (delayed_again(data, refit(data, one)) for one in (plain, *turning))
+    fits = [first, *(_on_their_sides(data, other) for other in others)]
     fits += [refit(data, model) for model in _at_another_path(data, fits[0])]
     fits += [f for f in (refit(data, way) for way in mirrored) if f.evidence > fits[0].evidence + 2 * SEARCH_MARGIN]
     worth = {id(f): f.evidence - SEARCH_MARGIN * f.model.inverted for f in fits}
@@ -502,8 +503,8 @@ def _of_either_side(scene, model: Model) -> list[Model]:
 
 
 def delayed_again(data: Data, fit: Fit) -> Fit:
-    """The fit of a repeated waveform with a carrier offset, or one at the delay at which the whole recording, turned back by that
-    offset, holds more of it: without the carrier a delay is looked for in stretches that are shorter than a turn."""
+    """The fit of a repeated waveform, or one at the delay at which the whole recording, turned back by the carrier offset, holds
+    more of it: a delay is looked for in stretches that are shorter than a turn, and a chirp's at another one is an offset."""
     scene, period = data.scene, len(data.scene.sources[0].samples)
     if fit.chain.facing < 0 or not all(s.repeat and s.known.all() and len(s.samples) == period for s in scene.sources):
         return fit
