@@ -33,3 +33,13 @@ def test_many_lags_of_one_signal_have_the_products_of_their_samples(rng, low, wi
         scale = np.abs(expected).max()
         np.testing.assert_allclose(inner(lags, other), expected, atol=1e-11 * scale)
         np.testing.assert_allclose(inner(other, lags), expected.T, atol=1e-11 * scale)
+
+
+@pytest.mark.parametrize("window", ["gaps", "rough"])
+@pytest.mark.parametrize("kinds", [1, 3])
+def test_lags_of_several_signals_have_the_products_of_their_samples(rng, window, kinds):
+    seen = {"gaps": np.where(np.arange(COUNT) % 700 < 600, 1.3, 0.0), "rough": rng.uniform(size=COUNT)}[window]
+    entries = tuple((i, lag) for lag in (2, -3, -2, -1, 0, 1) for i in range(kinds) if (i, lag) != (0, 0))
+    lags = Lags(signals=gaussian(rng, kinds, COUNT), entries=entries, window=seen)
+    expected = written_out(lags, lags)
+    np.testing.assert_allclose(inner(lags, lags), expected, atol=1e-11 * np.abs(expected).max())
