@@ -5,7 +5,7 @@ floor, ln of their share of samples; aux `length`: samples that an impulse lasts
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import ive
+from scipy.special import i0e
 
 from .base import start
 from .noise_family import REMEMBERED, NoiseFamily
@@ -126,7 +126,7 @@ def _random(energy, power):
 
 def _steady(energy, power):
     """The same for impulses of one size and any phase (Rice)."""
-    return -((np.sqrt(energy) - np.sqrt(power)) ** 2) + np.log(ive(0, 2 * np.sqrt(energy * power)))
+    return -((np.sqrt(energy) - np.sqrt(power)) ** 2) + np.log(i0e(2 * np.sqrt(energy * power)))
 
 
 DENSITIES = {"random": _random, "steady": _steady}
