@@ -65,11 +65,11 @@ def _likelihood(energy: np.ndarray, levels: np.ndarray, paces: np.ndarray, warmt
     begun = np.append(np.full(bands, 0.5 / bands), 0.5)
     ways = np.broadcast_to(begun, (len(levels), len(paces), bands + 1)).copy()
     stay, go = 1 - paces[:, None], paces[:, None] * begun
-    total = np.zeros((len(levels), len(paces)))
-    for block in energy:
-        ways = ways * stay + go
-        ways[:, :, :bands] *= np.exp(warmth * (block * levels / (1 + levels) - np.log1p(levels)))[:, None]
-        sums = ways.sum(-1)
-        total += np.log(sums)
-        ways /= sums[..., None]
-    return total
+    sums = np.empty((len(energy), len(levels), len(paces)))
+    for k, ratio in enumerate(np.exp(warmth * (energy[:, None] * (levels / (1 + levels)) - np.log1p(levels)))):
+        ways *= stay
+        ways += go
+        ways[..., :bands] *= ratio[:, None]
+        ways.sum(-1, out=sums[k])
+        ways /= sums[k, ..., None]
+    return np.log(sums).sum(0)
