@@ -156,7 +156,8 @@ def _products(a, b) -> np.ndarray:
     """(height of a, height of b) Σ conj(a)·b."""
     total = np.zeros((a.height, b.height), complex)
     for chunk in _chunks(a.signals.shape[1], a.height + b.height):
-        total += np.conj(a.part(*chunk)) @ b.part(*chunk).T
+        p, q = a.part(*chunk), b.part(*chunk)
+        total += np.conj(p) @ q.T if a.height < b.height else np.conj(p @ np.conj(q).T)
     return total
 
 
@@ -201,10 +202,10 @@ def _own_lags(a: Lags) -> np.ndarray | None:
     # The signals as each lag has them at the sample before.
     lagged = padded[:, (before - 1 - low + at)[:, None] - np.arange(size)].swapaxes(0, 1).reshape(len(at), -1)
     steps = ((np.conj(lagged) * change[at, None]).T @ lagged).reshape(kinds, size, kinds, size)
-    every, first = (tuple((i, low + k) for i in range(kinds) for k in range(many)) for many in (size, 1))
-    begun = _products(*(Lags(signals=a.signals, entries=entries, window=a.window) for entries in (every, first)))
+    at_first = np.conj(padded[:, before - low : before - low + n] * window).T
     out = np.empty((kinds, size, kinds, size), complex)
-    out[:, :, :, 0] = begun.reshape(kinds, size, kinds)
+    for k in range(size):
+        out[:, k, :, 0] = np.conj(padded[:, before - low - k : before - low - k + n] @ at_first)
     out[:, 0] = np.conj(out[:, :, :, 0]).transpose(2, 0, 1)
     for k in range(1, size):
         out[:, k, :, 1:] = out[:, k - 1, :, :-1] + steps[:, k - 1, :, :-1]
