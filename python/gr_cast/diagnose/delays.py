@@ -9,6 +9,7 @@ import numpy as np
 from scipy import fft as sp_fft
 from scipy import ndimage
 
+from ..twin.interpolate import TAU, phasor
 from ..twin.scene import Source
 from .policy import (
     BEHIND,
@@ -36,7 +37,7 @@ from .policy import (
 def response(taps, length: int, rate: float) -> np.ndarray:
     """(length,) complex response of a link's taps at the frequencies of an FFT."""
     f = sp_fft.fftfreq(length) * rate
-    return sum(t.amplitude * np.exp(-2j * np.pi * f * t.delay_s) for t in taps)
+    return sum(t.amplitude * phasor(-TAU * f * t.delay_s) for t in taps)
 
 
 def without_lines(samples: np.ndarray) -> np.ndarray:

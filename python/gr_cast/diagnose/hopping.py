@@ -10,6 +10,7 @@ import numpy as np
 from scipy import fft as sp_fft
 from scipy.special import logsumexp
 
+from ..twin.interpolate import phasor
 from . import residual
 from .policy import FLATNESS_TIMES, HOP_BINS, HOP_HEARD, HOP_LEVELS, HOP_PACES, HOP_SHORTEST, HOP_WARMER
 
@@ -42,7 +43,7 @@ def _cells(fit, bins: int) -> np.ndarray:
     of the rate, half over each other, against the colour that each has all the time and the level of all at about that time."""
     n = fit.data.scene.count // bins * bins
     share = (fit.data.use[:n] > 0).reshape(-1, bins).mean(1)
-    r, between = residual.normal(fit)[:n], np.exp(1j * np.pi * np.arange(n) / bins)
+    r, between = residual.normal(fit)[:n], phasor(np.pi * np.arange(n) / bins)
     power = [np.abs(sp_fft.fft(x.reshape(-1, bins), axis=1)) ** 2 for x in (r, r * between)]
     edges = np.arange(0, n + 1, bins)
     power = [one / residual.of_pulses(fit, one / bins, np.repeat(share[:, None], bins, 1), edges)[0] for one in power]

@@ -12,6 +12,7 @@ from scipy import optimize
 
 from ...core.tails import log_gamma_tail
 from ..columns import Lags
+from ..interpolate import TAU, phasor
 from .base import AIR, PROBE, Family, Multiplicity, rms_of, said_rms, start
 from .values import NEEDED, NEEDED_POSITIVE, NUMBER, POSITIVE, Value
 
@@ -56,7 +57,7 @@ class Train:
     def wave(self, index: np.ndarray) -> np.ndarray:
         """(n,) the wave in the pulses, 0 between them."""
         number, from_middle = self.pulses(index)
-        return (number > -1e9) * np.exp(2j * np.pi * (self.frequency * index + 0.5 * self.sweep * from_middle**2))
+        return (number > -1e9) * phasor(TAU * (self.frequency * index + 0.5 * self.sweep * from_middle**2))
 
 
 def trains(signal: np.ndarray, power: float) -> list[Train]:
@@ -133,7 +134,7 @@ def _folded(signal, block: int, period: float, row: int) -> Train:
     best = (-np.inf,)
     for t in period * (1 + np.arange(-12, 13) / 12 * min(0.5, block / n * period / hop)):
         bins = max(8, int(t / hop))
-        at = ((middle / t) % 1.0 * bins).astype(int)
+        at = ((middle / t - np.floor(middle / t)) * bins).astype(int)
         total, hits = np.bincount(at, energy, bins), np.maximum(np.bincount(at, minlength=bins), 1)
         for length in (x for x in (1, 2, 4, 8, 16) if x <= bins // 2):
             window = np.convolve(np.concatenate([total, total]), np.ones(length))[length - 1 : length - 1 + bins]
@@ -164,7 +165,7 @@ def _matched(signal, power, train: Train) -> np.ndarray:
     """(pulses,) energy of each pulse over that of noise in it."""
     parts = _segments(signal, train, train.width)
     from_middle = np.arange(parts.shape[1]) - (parts.shape[1] - 1) / 2
-    down = np.exp(-2j * np.pi * (train.frequency * from_middle + 0.5 * train.sweep * from_middle**2))
+    down = phasor(-TAU * (train.frequency * from_middle + 0.5 * train.sweep * from_middle**2))
     return np.abs(parts @ down) ** 2 / (parts.shape[1] * power)
 
 
@@ -172,7 +173,7 @@ def _beat(signal, power, train: Train, seldom: int) -> Train:
     """The train, its wave known, with the period (a part, or up to so many times as long) and beginning that explain most."""
     size = max(8, int(round(train.width)))
     from_middle = np.arange(size) - (size - 1) / 2
-    wave = np.exp(2j * np.pi * (train.frequency * from_middle + 0.5 * train.sweep * from_middle**2))
+    wave = phasor(TAU * (train.frequency * from_middle + 0.5 * train.sweep * from_middle**2))
     span = sp_fft.next_fast_len(len(signal) + size)
     both = sp_fft.ifft(sp_fft.fft(signal, span) * np.conj(sp_fft.fft(wave, span)))[: len(signal)]
     energy = np.abs(both) ** 2 / (size * power)  # of a pulse that begins at a sample; of noise exponential, 1 in the mean
@@ -214,7 +215,7 @@ def _wave(signal, train: Train) -> Train:
     span = sp_fft.next_fast_len(2 * size)
     from_middle = np.arange(size) - (size - 1) / 2
     reach, best = np.floor(min(FASTEST * size / 2, MOST_TURNS)), (-np.inf,)
-    turned, further = (np.exp(-2j * np.pi * turns * (from_middle / size) ** 2) for turns in (-reach, 1))
+    turned, further = (phasor(-TAU * turns * (from_middle / size) ** 2) for turns in (-reach, 1))
     for turns in np.arange(-reach, reach + 1):  # quarters of a cycle by which an edge is ahead of the middle
         lines = sp_fft.fft(parts * turned.astype(np.complex64), span, axis=1)
         lines = (lines.real**2 + lines.imag**2).sum(0)
@@ -229,7 +230,7 @@ def _edges(signal, train: Train) -> Train:
     size = int(min(3 * train.width + 16, train.period))
     parts = _segments(signal, train, size)
     from_middle = np.arange(parts.shape[1]) - (parts.shape[1] - 1) / 2
-    down = np.exp(-2j * np.pi * (train.frequency * from_middle + 0.5 * train.sweep * from_middle**2))
+    down = phasor(-TAU * (train.frequency * from_middle + 0.5 * train.sweep * from_middle**2))
     at = np.unique(np.linspace(0, parts.shape[1], EDGES + 1).astype(int))
     sums = np.concatenate([np.zeros((len(parts), 1)), np.cumsum(parts * down, axis=1)], axis=1).T[at]
     energy = np.zeros((len(at), len(at)))
@@ -273,7 +274,7 @@ def polished(signal: np.ndarray, train: Train) -> Train:
         at = from_middle - (number - centre) * late
         inside = (at >= begin) & (at < end)
         at, k = at[inside], which[inside]
-        down = y[inside] * np.exp(-2j * np.pi * (frequency * at + 0.5 * sweep * at**2))
+        down = y[inside] * phasor(-TAU * (frequency * at + 0.5 * sweep * at**2))
         sums = np.bincount(k, down.real) ** 2 + np.bincount(k, down.imag) ** 2
         return -float(np.sum(sums / np.maximum(np.bincount(k), 1)))
 

@@ -26,7 +26,8 @@ class PulsedInterference(NoiseFamily):
 
     def gate(self, scene, effect):
         _, period, first, duty = effect.p
-        return ((scene.index - first) / period) % 1.0 < duty
+        turn = (scene.index - first) / period
+        return turn - np.floor(turn) < duty
 
     def variance(self, scene, effect, wanted):
         return 1 + np.exp(effect.p[0]) * self.gate(scene, effect)
@@ -112,7 +113,7 @@ def _repeats(e, use, p) -> bool:
     if p is None:
         return False
     turn = (np.arange(len(e)) - p[2]) / p[1]
-    on = use & (turn % 1.0 < p[3])
+    on = use & (turn - np.floor(turn) < p[3])
     pulse = np.floor(turn[on]).astype(int) + 1
     strongest = np.zeros_like(on)
     strongest[on] = pulse == np.bincount(pulse, e[on]).argmax()
@@ -152,7 +153,8 @@ def _edged(e, use, p) -> list[float]:
     """The gate `p` with its edges where energy changes: the best two near where a search has them."""
     _, period, first, duty = p
     bins = int(np.clip(period, 8, _FINEST))
-    at = np.minimum(((((np.arange(len(e)) - first) / period) % 1.0) * bins).astype(int), bins - 1)
+    turn = (np.arange(len(e)) - first) / period
+    at = np.minimum(((turn - np.floor(turn)) * bins).astype(int), bins - 1)
     folded, hits = (np.tile(np.bincount(at, x, bins), 3) for x in (e, use.astype(float)))
     e2, h2 = (np.cumsum(np.append(0.0, x)) for x in (folded, hits))
     reach = int(np.ceil(bins * (_NEXT * duty + 2 / _COARSE)))
