@@ -301,9 +301,15 @@ def candidates(fit: Fit) -> list[Score]:
     return fit.notes["candidates"]
 
 
+def _view(fit: Fit) -> View:
+    """One for all that look at a fit: what it has worked out is kept until `candidates` are known."""
+    if "view" not in fit.notes:
+        fit.notes["view"] = View(fit)
+    return fit.notes["view"]
+
+
 def _candidates(fit: Fit) -> list[Score]:
-    view = View(fit)
-    scores = []
+    view, scores = _view(fit), []
     told = [e for e in fit.model.effects if not _of_another_radio(e)]
     have, families = {_what(e) for e in told}, {e.family for e in told}
     for family in FAMILIES.values():
@@ -414,7 +420,7 @@ def _all_at_once(fit: Fit) -> list[Model]:
     for family in FAMILIES.values():
         if not family.leaps or data.late:
             continue
-        later, found = family.at_once(View(fit))
+        later, found = family.at_once(_view(fit))
         if not found:
             continue
         models += _of_a_clock(fit, found)
