@@ -33,6 +33,8 @@ from .policy import (
     WORK,
 )
 
+AT_ONCE = 1 << 18  # delays times carriers that are worked on at once: what a cache holds
+
 
 def response(taps, length: int, rate: float) -> np.ndarray:
     """(length,) complex response of a link's taps at the frequencies of an FFT."""
@@ -93,17 +95,15 @@ def _tried(y: np.ndarray, templates: list[np.ndarray], piece: int) -> list[_Try]
     while True:
         groups = -(-count // together)
         size = sp_fft.next_fast_len(2 * together) if together > 1 else 1
-        held = 0.0
+        powers = []
         for table in tables:
             rows = np.pad(table, ((0, groups * together - count), (0, 0))).reshape(groups, together, -1)
             sums = sp_fft.fft(rows, size, axis=1) if size > 1 else rows
-            power = (sums.real**2 + sums.imag**2).sum(0)
-            held = held + (power if power.shape[1] == delays else power[:, np.arange(delays) % power.shape[1]])
-        share = held / max(energy * together * piece, 1e-300)  # (carriers, delays)
-        at, mean = np.argmax(share, axis=1), np.maximum(share.mean(1), 1e-300)
-        most = share[np.arange(size), at]
+            powers.append((sums.real**2 + sums.imag**2).sum(0))
+        at, most, mean = _most(powers, delays)
+        most, mean = (np.maximum(held / max(energy * together * piece, 1e-300), 1e-300) for held in (most, mean))
         ratio, gains = most / mean, groups * len(templates)
-        nats = gains * (ratio - 1 - np.log(ratio)) - np.log(share.size)
+        nats = gains * (ratio - 1 - np.log(ratio)) - np.log(size * delays)
         # Of equals the smallest carrier: a chirp's are many.
         near = np.abs(sp_fft.fftfreq(size)) + (nats < DELAY_ALIKE * nats.max())
         k = int(np.argmin(near))
@@ -111,6 +111,18 @@ def _tried(y: np.ndarray, templates: list[np.ndarray], piece: int) -> list[_Try]
         if together >= count:
             return tried
         together = min(together * DELAY_GROWTH, count)
+
+
+def _most(powers: list[np.ndarray], delays: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """At each carrier (carriers,) the delay at which tables (carriers, period), which repeat, hold most together, what they hold
+    there, and what they do in the mean."""
+    size = len(powers[0])
+    at, most = np.empty(size, int), np.empty(size)
+    for some in np.array_split(np.arange(size), -(-size * delays // AT_ONCE)):
+        held = sum(np.tile(power[some], -(-delays // power.shape[1]))[:, :delays] for power in powers)
+        at[some] = np.argmax(held, axis=1)
+        most[some] = held[np.arange(len(some)), at[some]]
+    return at, most, sum(power @ np.bincount(np.arange(delays) % power.shape[1]).astype(np.float32) for power in powers) / delays
 
 
 def _delays(periods: list[int]) -> int:

@@ -33,7 +33,8 @@ def cubic(table: np.ndarray, position: np.ndarray, periodic: bool) -> np.ndarray
     i = base.astype(np.int64)
     size = len(table)
     if periodic:
-        at = lambda k: table[(i + k) % size]  # noqa: E731
+        i, table = i % size + 1, np.concatenate([table[-1:], table, table[:2]])
+        at = lambda k: table[i + k]  # noqa: E731
     elif i.min() >= 1 and i.max() <= size - 3:
         at = lambda k: table[i + k]  # noqa: E731
     else:
