@@ -32,7 +32,7 @@ MOST_TURNS = 80  # quarters of a cycle, at most, by which a chirp's edge is trie
 EVEN = 0.25  # of the mean energy of a pulse, the least of the median: in a train with gaps every second pulse would be none
 GAPS = 9  # places between two pulses at which the wave is looked for too
 EDGES = 48  # places at which a pulse's beginning and end are tried
-AT_ONCE = 1 << 16  # places of pulses that are worked on at once
+AT_ONCE = 1 << 16  # places of pulses, or bins of their spectra, that are worked on at once
 POLISHED = 3  # times that a search for the best wave begins again
 EDGE_SHARE = 2.5  # energies of noise that an edge is placed to (Hinkley 1970)
 DB = 10 / np.log(10)
@@ -215,13 +215,13 @@ def _wave(signal, train: Train) -> Train:
     span = sp_fft.next_fast_len(2 * size)
     from_middle = np.arange(size) - (size - 1) / 2
     reach, best = np.floor(min(FASTEST * size / 2, MOST_TURNS)), (-np.inf,)
-    turned, further = (phasor(-TAU * turns * (from_middle / size) ** 2) for turns in (-reach, 1))
-    for turns in np.arange(-reach, reach + 1):  # quarters of a cycle by which an edge is ahead of the middle
-        lines = sp_fft.fft(parts * turned.astype(np.complex64), span, axis=1)
-        lines = (lines.real**2 + lines.imag**2).sum(0)
-        k = int(np.argmax(lines))
-        best = max(best, (float(lines[k]), k, 2 * turns / size**2))
-        turned = turned * further
+    turns = np.arange(-reach, reach + 1)  # quarters of a cycle by which an edge is ahead of the middle
+    for some in np.array_split(turns, max(1, -(-len(turns) * len(parts) * span // AT_ONCE))):
+        turned = phasor(-TAU * some[:, None] * (from_middle / size) ** 2).astype(np.complex64)
+        lines = sp_fft.fft(parts * turned[:, None], span, axis=2)
+        lines = (lines.real**2 + lines.imag**2).sum(1)
+        m, k = np.unravel_index(int(np.argmax(lines)), lines.shape)
+        best = max(best, (float(lines[m, k]), k, 2 * some[m] / size**2))
     return replace(train, frequency=float(sp_fft.fftfreq(span)[best[1]]), sweep=best[2])
 
 
