@@ -95,7 +95,8 @@ def score(fit: Fit, effect: Effect) -> Score:
         there = solve(data, fit.model.adding(effect), iterations=LEAP_STEPS)
         return Score(net=there.evidence - fit.evidence, effect=effect)
     if "others" not in fit.notes:
-        fit.notes["others"], fit.notes["before"] = others, _ = Others.of(fit), traced(data.scene, fit.model)[1]
+        fit.notes["others"] = others = Others.of(fit)
+        _, fit.notes["before"] = traced(data.scene, fit.model)
         # What is left of the slope at the optimum: small, but not where a direction is all but one of the fit's own.
         fit.notes["slopes"] = 2 / sigma2 * others.slopes() - fit.model.prior_precision() * fit.model.vector()
     others, b_j, inverse, saved = fit.notes["others"], fit.notes["slopes"], fit.covariance, 0.0
