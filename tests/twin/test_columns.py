@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from gr_cast.twin.columns import Dense, Lags, inner
+from gr_cast.twin.columns import Dense, Lags, inner, some_at_once
 
 COUNT = 3000
 
@@ -43,3 +43,10 @@ def test_lags_of_several_signals_have_the_products_of_their_samples(rng, window,
     lags = Lags(signals=gaussian(rng, kinds, COUNT), entries=entries, window=seen)
     expected = written_out(lags, lags)
     np.testing.assert_allclose(inner(lags, lags), expected, atol=1e-11 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("count", "each", "runs"), [(7, 3, [3, 3, 1]), (2, 50, [1, 1]), (4, 0, [4]), (0, 5, [])])
+def test_runs_have_every_item_once_and_no_more_than_they_may(count, each, runs):
+    found = some_at_once(np.arange(count), each, 10)
+    assert [len(run) for run in found] == runs
+    assert [*map(int, np.concatenate([[], *found]))] == [*range(count)]

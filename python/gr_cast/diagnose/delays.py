@@ -9,6 +9,7 @@ import numpy as np
 from scipy import fft as sp_fft
 from scipy import ndimage
 
+from ..twin.columns import some_at_once
 from ..twin.interpolate import TAU, phasor
 from ..twin.scene import Source
 from .policy import (
@@ -118,7 +119,7 @@ def _most(powers: list[np.ndarray], delays: int) -> tuple[np.ndarray, np.ndarray
     there, and what they do in the mean."""
     size = len(powers[0])
     at, most = np.empty(size, int), np.empty(size)
-    for some in np.array_split(np.arange(size), -(-size * delays // AT_ONCE)):
+    for some in some_at_once(np.arange(size), delays, AT_ONCE):
         held = sum(np.tile(power[some], -(-delays // power.shape[1]))[:, :delays] for power in powers)
         at[some] = np.argmax(held, axis=1)
         most[some] = held[np.arange(len(some)), at[some]]

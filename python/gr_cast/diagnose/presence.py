@@ -14,6 +14,7 @@ import numpy as np
 from scipy import fft as sp_fft
 from scipy import ndimage, special
 
+from ..twin.columns import some_at_once
 from ..twin.effects import Role, plays
 from ..twin.scene import reach
 from . import offsets
@@ -224,7 +225,7 @@ def _added(products, energies, together: int):
     heard = sent > PRESENCE_SILENT * sent.mean(1, keepdims=True)
     weight = heard / np.where(heard, sent, 1.0)
     explained = np.empty((delays, size))
-    for some in np.array_split(np.arange(delays), -(-delays * groups * size // AT_ONCE)):
+    for some in some_at_once(np.arange(delays), groups * size, AT_ONCE):
         sums = np.zeros((len(some), groups * together), np.complex64)  # what is told are shares, by their tails
         sums[:, :count] = products[some]
         sums = sp_fft.fft(sums.reshape(len(some), groups, together), size, axis=2)

@@ -152,6 +152,12 @@ def _chunks(n: int, height: int) -> Iterator[tuple[int, int]]:
     return ((first, min(first + size, n)) for first in range(0, n, size))
 
 
+def some_at_once(items: np.ndarray, each: int, most: int) -> list[np.ndarray]:
+    """Items (n,), of so many numbers `each`, in runs of no more than `most` numbers, and of one item at least."""
+    run = max(1, most // max(each, 1))
+    return [items[k : k + run] for k in range(0, len(items), run)]
+
+
 def _products(a, b) -> np.ndarray:
     """(height of a, height of b) Σ conj(a)·b."""
     total = np.zeros((a.height, b.height), complex)

@@ -11,7 +11,7 @@ from scipy import fft as sp_fft
 from scipy import optimize
 
 from ...core.tails import log_gamma_tail
-from ..columns import Lags
+from ..columns import Lags, some_at_once
 from ..interpolate import TAU, phasor
 from .base import AIR, PROBE, Family, Multiplicity, rms_of, said_rms, start
 from .values import NEEDED, NEEDED_POSITIVE, NUMBER, POSITIVE, Value
@@ -186,7 +186,7 @@ def _beat(signal, power, train: Train, seldom: int) -> Train:
             continue
         begins = (train.first + train.period * np.arange(np.ceil(times))[:, None] + np.linspace(-1, 1, 9) * size).ravel()
         periods, number = times * train.period + np.linspace(-2, 2, 33) * size * times / count, np.arange(int(count / times) + 1)
-        for some in np.array_split(periods, -(-len(periods) * len(begins) * len(number) // AT_ONCE)):
+        for some in some_at_once(periods, len(begins) * len(number), AT_ONCE):
             at = np.rint(begins[:, None] + (some[:, None] * number)[:, None]).astype(int)
             at[(at < 0) | (at >= within)] = within
             pulses = np.count_nonzero(at < within, axis=2)
@@ -216,7 +216,7 @@ def _wave(signal, train: Train) -> Train:
     from_middle = np.arange(size) - (size - 1) / 2
     reach, best = np.floor(min(FASTEST * size / 2, MOST_TURNS)), (-np.inf,)
     turns = np.arange(-reach, reach + 1)  # quarters of a cycle by which an edge is ahead of the middle
-    for some in np.array_split(turns, max(1, -(-len(turns) * len(parts) * span // AT_ONCE))):
+    for some in some_at_once(turns, len(parts) * span, AT_ONCE):
         turned = phasor(-TAU * some[:, None] * (from_middle / size) ** 2).astype(np.complex64)
         lines = sp_fft.fft(parts * turned[:, None], span, axis=2)
         lines = (lines.real**2 + lines.imag**2).sum(1)
