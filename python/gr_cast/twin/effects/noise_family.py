@@ -71,7 +71,7 @@ def filled(signals: np.ndarray, inside: np.ndarray, spectrum: np.ndarray) -> np.
     quiet, middle, half = spectrum.min() / spectrum, (1 + LEAST_HELD) / 2, (1 - LEAST_HELD) / 2
     whole, gap, step, weight = np.where(inside, signals, 0.0 + 0.0j), np.flatnonzero(~inside), 0.0, 0.0
     x, quiet = whole.astype(np.complex64), quiet.astype(np.float32)  # far finer than the filling is
-    for k in range(FILL_STEPS):
+    for k in range(FILL_STEPS if len(gap) else 0):
         level = sp_fft.fft(x, axis=-1)
         level *= quiet
         wrong = np.take(sp_fft.ifft(level, axis=-1, overwrite_x=True), gap, axis=-1)
