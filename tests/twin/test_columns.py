@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from gr_cast.twin.basis import course
-from gr_cast.twin.columns import Courses, Dense, Lags, gram, inner
+from gr_cast.twin.columns import Courses, Dense, Lags, gram, inner, some_at_once
 
 COUNT = 3000
 
@@ -50,3 +50,20 @@ def test_slow_courses_of_rough_signals_have_the_products_of_their_samples(rng, o
         assert np.abs((inner(courses, b) - written_out(courses, b)) / np.outer(size[0], norm)).max() < 2e-5
     unit = gram([courses, dense]) / np.outer(np.concatenate(size), np.concatenate(size))
     assert np.linalg.eigvalsh(unit)[0] > 0
+
+
+@pytest.mark.parametrize("window", ["gaps", "rough"])
+@pytest.mark.parametrize("kinds", [1, 3])
+def test_lags_of_several_signals_have_the_products_of_their_samples(rng, window, kinds):
+    seen = {"gaps": np.where(np.arange(COUNT) % 700 < 600, 1.3, 0.0), "rough": rng.uniform(size=COUNT)}[window]
+    entries = tuple((i, lag) for lag in (2, -3, -2, -1, 0, 1) for i in range(kinds) if (i, lag) != (0, 0))
+    lags = Lags(signals=gaussian(rng, kinds, COUNT), entries=entries, window=seen)
+    expected = written_out(lags, lags)
+    np.testing.assert_allclose(inner(lags, lags), expected, atol=1e-11 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("count", "each", "runs"), [(7, 3, [3, 3, 1]), (2, 50, [1, 1]), (4, 0, [4]), (0, 5, [])])
+def test_runs_have_every_item_once_and_no_more_than_they_may(count, each, runs):
+    found = some_at_once(np.arange(count), each, 10)
+    assert [len(run) for run in found] == runs
+    assert [*map(int, np.concatenate([[], *found]))] == [*range(count)]

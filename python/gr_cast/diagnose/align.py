@@ -12,6 +12,7 @@ from ..core.errors import CastError
 from ..twin.effects import FAMILIES, Role, with_role
 from ..twin.effects.base import start
 from ..twin.entries import effect_of, in_either_seconds, known_losses, lost_before, plain, source_of, told_noise_db, twin_effects
+from ..twin.interpolate import TAU, phasor
 from ..twin.model import Model, predict
 from ..twin.scene import PAD, Path, Scene, Source, bridged, reach
 from . import delays, gate, offsets, pieces, presence
@@ -206,7 +207,7 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
             high = min(high, observation.first + n + LONGEST_SCAN // 4)
         sources = [_stretch(w, amplitude, low, high - low) for w, amplitude in sent]
     sources = [replace(s, samples=delays.without_lines(s.samples)) if s.repeat and s.known.all() else s for s in sources]
-    turn = np.exp(-2j * np.pi * _twin_offset_hz(case, observation, links) * np.arange(n) / rate)
+    turn = phasor(-TAU * _twin_offset_hz(case, observation, links) * np.arange(n) / rate)
     taps, told = [link.taps for link in links], _told_inverted(case, observation)
     signals = [np.conj(y) * turn] if told else [y * turn, np.conj(y) * turn]
     if about:
@@ -231,7 +232,7 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
     def otherwise():
         yield [presence.within(s, sources) for s in signals]
         for carrier in FAST if not period and tried <= LONGEST_FAST else ():
-            yield [s * np.exp(-2j * np.pi * carrier * np.arange(n)) for s in signals]
+            yield [s * phasor(-TAU * carrier * np.arange(n)) for s in signals]
 
     for others in otherwise() if best is None else ():
         elsewhere = [find(s, sources, taps, rate) for s in others]

@@ -32,11 +32,12 @@ def line(residual: np.ndarray, copy: np.ndarray) -> tuple[float, float, float]:
     """(ln of the probability that chance has so much at one carrier, nats there, cycles per sample) of the likeliest carrier of a
     copy. Chance is what other carriers beside have: what is left may have a colour, and copies are like each other."""
     size = sp_fft.next_fast_len(len(copy))
-    power = np.abs(sp_fft.fft((residual * np.conj(copy)).astype(np.complex64), size)) ** 2
+    spectrum = sp_fft.fft((residual * np.conj(copy)).astype(np.complex64), size)
+    power = spectrum.real**2 + spectrum.imag**2
     around = np.pad(power, COPY_BESIDE, mode="wrap").cumsum(dtype=float)
     count = 2 * COPY_BESIDE
     beside = (around[count:] - np.append(0.0, around[: -count - 1]) - power) / count
-    log_p = -count * np.log1p(power / np.maximum(count * beside, 1e-300))
-    k = int(np.argmin(log_p))
-    nats = power[k] / max(float(np.sum(np.abs(copy) ** 2)), 1e-300)
-    return float(log_p[k]), float(nats), float(sp_fft.fftfreq(size)[k])
+    over = power / np.maximum(count * beside, 1e-300)
+    k = int(np.argmax(over))
+    nats = power[k] / max(float(np.vdot(copy, copy).real), 1e-300)
+    return -count * float(np.log1p(over[k])), float(nats), float(sp_fft.fftfreq(size)[k])

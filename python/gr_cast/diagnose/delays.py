@@ -9,6 +9,8 @@ import numpy as np
 from scipy import fft as sp_fft
 from scipy import ndimage
 
+from ..twin.columns import some_at_once
+from ..twin.interpolate import TAU, phasor
 from ..twin.scene import Source
 from .policy import (
     BEHIND,
@@ -22,6 +24,7 @@ from .policy import (
     DELAY_SHORTEST,
     DELAY_SILENT,
     DELAY_SURE_NATS,
+    DELAYS_AT_ONCE,
     LEAST_WITHOUT_LINES,
     LIKE_ITSELF,
     LINE_BINS,
@@ -37,7 +40,7 @@ from .policy import (
 def response(taps, length: int, rate: float) -> np.ndarray:
     """(length,) complex response of a link's taps at the frequencies of an FFT."""
     f = sp_fft.fftfreq(length) * rate
-    return sum(t.amplitude * np.exp(-2j * np.pi * f * t.delay_s) for t in taps)
+    return sum(t.amplitude * phasor(-TAU * f * t.delay_s) for t in taps)
 
 
 def without_lines(samples: np.ndarray) -> np.ndarray:
@@ -100,17 +103,15 @@ def _tried(y: np.ndarray, templates: list[np.ndarray], piece: int) -> list[_Try]
     while True:
         groups = -(-count // together)
         size = sp_fft.next_fast_len(2 * together) if together > 1 else 1
-        held = 0.0
+        powers = []
         for table in tables:
             rows = np.pad(table, ((0, groups * together - count), (0, 0))).reshape(groups, together, -1)
             sums = sp_fft.fft(rows, size, axis=1) if size > 1 else rows
-            power = (sums.real**2 + sums.imag**2).sum(0)
-            held = held + (power if power.shape[1] == delays else power[:, np.arange(delays) % power.shape[1]])
-        share = held / max(energy * together * piece, 1e-300)  # (carriers, delays)
-        at, mean = np.argmax(share, axis=1), np.maximum(share.mean(1), 1e-300)
-        most = share[np.arange(size), at]
+            powers.append((sums.real**2 + sums.imag**2).sum(0))
+        at, most, mean = _most(powers, delays)
+        most, mean = (np.maximum(held / max(energy * together * piece, 1e-300), 1e-300) for held in (most, mean))
         ratio, gains = most / mean, groups * len(templates)
-        nats = gains * (ratio - 1 - np.log(ratio)) - np.log(share.size)
+        nats = gains * (ratio - 1 - np.log(ratio)) - np.log(size * delays)
         # Of equals the smallest carrier: a chirp's are many.
         near = np.abs(sp_fft.fftfreq(size)) + (nats < DELAY_ALIKE * nats.max())
         k = int(np.argmin(near))
@@ -118,6 +119,18 @@ def _tried(y: np.ndarray, templates: list[np.ndarray], piece: int) -> list[_Try]
         if together >= count:
             return tried
         together = min(together * DELAY_GROWTH, count)
+
+
+def _most(powers: list[np.ndarray], delays: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """At each carrier (carriers,) the delay at which tables (carriers, period), which repeat, hold most together, what they hold
+    there, and what they do in the mean."""
+    size = len(powers[0])
+    at, most = np.empty(size, int), np.empty(size)
+    for some in some_at_once(np.arange(size), delays, DELAYS_AT_ONCE):
+        held = sum(np.tile(power[some], -(-delays // power.shape[1]))[:, :delays] for power in powers)
+        at[some] = np.argmax(held, axis=1)
+        most[some] = held[np.arange(len(some)), at[some]]
+    return at, most, sum(power @ np.bincount(np.arange(delays) % power.shape[1]).astype(np.float32) for power in powers) / delays
 
 
 def _delays(periods: list[int]) -> int:

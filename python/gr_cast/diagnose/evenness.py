@@ -30,6 +30,6 @@ def evenness(r: np.ndarray, inside: np.ndarray) -> tuple[float, float]:
     """(2 − E|r|⁴/(E|r|²)² of the samples `inside`: 0 of Gaussian noise, 1 of one amplitude; its standard deviation of noise of
     this colour, whose second Laguerre polynomials correlate as the fourth power of the noise)."""
     power = np.abs(r[inside]) ** 2
-    spectrum = sp_fft.fft(np.where(inside, r, 0), 2 * len(r))
+    spectrum = sp_fft.fft(np.where(inside, r, 0), sp_fft.next_fast_len(2 * len(r)))
     correlation = np.abs(sp_fft.ifft(np.abs(spectrum) ** 2)) / power.sum()
     return float(2 - np.mean(power**2) / np.mean(power) ** 2), float(np.sqrt(4 * np.sum(correlation**4) / len(power)))

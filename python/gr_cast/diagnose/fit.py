@@ -19,7 +19,7 @@ from ..twin.columns import Dense, Lags, against, gram
 from ..twin.effects import FAMILIES, Role, is_coarse, plays, stage_of
 from ..twin.effects.base import RX_FILTER, RX_GAIN
 from ..twin.effects.noise_family import LOUD, filled
-from ..twin.model import Model, jacobian, predict
+from ..twin.model import Model, derivatives, predict, traced
 from .policy import COLOUR_ORDERS, DAMPINGS, LARGE, LEAST_HEARD, SMALL
 
 
@@ -135,37 +135,51 @@ def misfit(data: Data, y: np.ndarray) -> float:
     return float(np.vdot(r, r).real)
 
 
+class _Stand:
+    """Where a fit stands, with what its next step and its end need, each worked out once."""
+
+    def __init__(self, data: Data, model: Model):
+        self.data, self.model = data, model
+        self.chain, self.before = traced(data.scene, model)
+        self.left = data.whitened(data.y - self.chain.y)
+        self.cost = float(np.vdot(self.left, self.left).real)
+
+    @cached_property
+    def white(self) -> list:
+        """Whitened derivatives."""
+        return [self.data.white(columns) for columns in derivatives(self.data.scene, self.model, self.before)]
+
+    @cached_property
+    def gram(self) -> np.ndarray:
+        return gram(self.white)
+
+    def slopes(self) -> np.ndarray:
+        return against(self.white, Dense(signals=self.left[None]))[:, 0]
+
+
 def solve(data: Data, model: Model, *, iterations: int = 8, tolerance: float = 0.05) -> Fit:
     """The model at the nearest optimum of the likelihood, from where it stands."""
-    prior = model.prior_precision()
-    chain, blocks = jacobian(data.scene, model)
-    cost = misfit(data, chain.y)
-    n = data.count
+    prior, here, n = model.prior_precision(), _Stand(data, model), data.count
     for _ in range(iterations if len(prior) < 40 or n < SMALL else min(iterations, 3)):
         if data.late:
             break
-        white = [data.white(b) for b in blocks]
-        sigma2 = cost / n
-        hessian = 2 / sigma2 * gram(white)
-        left = Dense(signals=data.whitened(data.y - chain.y)[None])
-        slope = 2 / sigma2 * against(white, left)[:, 0] - prior * model.vector()
+        sigma2, vector = here.cost / n, here.model.vector()
+        hessian = 2 / sigma2 * here.gram
+        slope = 2 / sigma2 * here.slopes() - prior * vector
         if not (np.isfinite(hessian).all() and np.isfinite(slope).all()):
             break
-        objective = n * np.log(cost) + 0.5 * np.sum(prior * model.vector() ** 2)
+        objective = n * np.log(here.cost) + 0.5 * np.sum(prior * vector**2)
         for damping in DAMPINGS:
             step = _solved(hessian + np.diag(prior + damping * np.diag(hessian)), slope)
             if not damping and 0.5 * slope @ step < tolerance:
-                return _finish(data, model, chain, blocks)
-            trial = model.at(_limited(model, step))
-            y = predict(data.scene, trial).y
-            trial_cost = misfit(data, y)
-            if np.isfinite(trial_cost) and n * np.log(trial_cost) + 0.5 * np.sum(prior * trial.vector() ** 2) < objective:
+                return _finish(here)
+            trial = _Stand(data, here.model.at(_limited(here.model, step)))
+            if np.isfinite(trial.cost) and n * np.log(trial.cost) + 0.5 * np.sum(prior * trial.model.vector() ** 2) < objective:
                 break
         else:
             break
-        model, cost = trial, trial_cost
-        chain, blocks = jacobian(data.scene, model)
-    return _finish(data, model, chain, blocks)
+        here = trial
+    return _finish(here)
 
 
 def _limited(model: Model, step: np.ndarray) -> np.ndarray:
@@ -178,30 +192,27 @@ def _limited(model: Model, step: np.ndarray) -> np.ndarray:
     return model.vector() + np.clip(step, -limit, limit)
 
 
-def _finish(data: Data, model: Model, chain, blocks) -> Fit:
-    white = [data.white(b) for b in blocks]
-    residual = data.y - chain.y
-    r = data.whitened(residual)
-    n = data.count
-    sigma2 = max(float(np.vdot(r, r).real) / n, 1e-30)
-    hessian = np.nan_to_num(2 / sigma2 * gram(white))
+def _finish(here: _Stand) -> Fit:
+    data, n = here.data, here.data.count
+    sigma2 = max(here.cost / n, 1e-30)
+    hessian = np.nan_to_num(2 / sigma2 * here.gram)
     likelihood = -n * (np.log(sigma2) + 1) - data.log_shape()
     if data.impulses:
         effect, weight = data.impulses
         used = data.use > 0
-        energy = np.abs(r[used]) ** 2 / weight[used] / sigma2
+        energy = np.abs(here.left[used]) ** 2 / weight[used] / sigma2
         both = FAMILIES[effect.family].likelihood(effect, energy).sum() - np.log(weight[used]).sum()
         likelihood = float(both - n * np.log(sigma2) - data.log_shape())
     return Fit(
-        model=model,
+        model=here.model,
         data=data,
-        chain=chain,
-        residual=residual,
+        chain=here.chain,
+        residual=data.y - here.chain.y,
         sigma2=sigma2,
-        columns=white,
+        columns=here.white,
         hessian=hessian,
         likelihood=likelihood,
-        evidence=likelihood - price(model, hessian, n),
+        evidence=likelihood - price(here.model, hessian, n),
     )
 
 

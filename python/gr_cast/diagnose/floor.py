@@ -67,11 +67,11 @@ def _without_rounding(fit: Fit) -> Fit:
     at = fit.model.index_of(Role.FOLLOWING, found=True)
     if at is None:
         return fit
-    own, even = fit.model.effects[at], fit.sigma2 - fit.data.rounding
-    floor = max(even, min(fit.data.noise_power or 0.0, fit.sigma2))
-    if floor <= 0:
+    own, alone = fit.model.effects[at], fit.sigma2 - fit.data.rounding
+    share = max(alone, min(fit.data.noise_power or 0.0, fit.sigma2)) / fit.sigma2
+    if share <= 0:
         return fit
-    moved = replace(own.moved(own.p + np.log(own.aux["_floor"] / floor)), aux={**own.aux, "_floor": floor})
+    moved = replace(own.moved(own.p - np.log(share)), aux={**own.aux, "_floor": share * own.aux["_floor"]})
     return replace(fit, model=fit.model.replacing(at, moved))
 
 

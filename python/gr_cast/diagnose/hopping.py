@@ -10,6 +10,7 @@ import numpy as np
 from scipy import fft as sp_fft
 from scipy.special import logsumexp
 
+from ..twin.interpolate import phasor
 from . import residual
 from .policy import FLATNESS_TIMES, HOP_BINS, HOP_HEARD, HOP_LEVELS, HOP_PACES, HOP_SHORTEST, HOP_WARMER
 
@@ -42,7 +43,7 @@ def _cells(fit, bins: int) -> np.ndarray:
     of the rate, half over each other, against the colour that each has all the time and the level of all at about that time."""
     n = fit.data.scene.count // bins * bins
     share = (fit.data.use[:n] > 0).reshape(-1, bins).mean(1)
-    r, between = residual.normal(fit)[:n], np.exp(1j * np.pi * np.arange(n) / bins)
+    r, between = residual.normal(fit)[:n], phasor(np.pi * np.arange(n) / bins)
     power = [np.abs(sp_fft.fft(x.reshape(-1, bins), axis=1)) ** 2 for x in (r, r * between)]
     edges = np.arange(0, n + 1, bins)
     power = [one / residual.of_pulses(fit, one / bins, np.repeat(share[:, None], bins, 1), edges)[0] for one in power]
@@ -65,11 +66,11 @@ def _likelihood(energy: np.ndarray, levels: np.ndarray, paces: np.ndarray, warmt
     begun = np.append(np.full(bands, 0.5 / bands), 0.5)
     ways = np.broadcast_to(begun, (len(levels), len(paces), bands + 1)).copy()
     stay, go = 1 - paces[:, None], paces[:, None] * begun
-    total = np.zeros((len(levels), len(paces)))
-    for block in energy:
-        ways = ways * stay + go
-        ways[:, :, :bands] *= np.exp(warmth * (block * levels / (1 + levels) - np.log1p(levels)))[:, None]
-        sums = ways.sum(-1)
-        total += np.log(sums)
-        ways /= sums[..., None]
-    return total
+    sums = np.empty((len(energy), len(levels), len(paces)))
+    for k, ratio in enumerate(np.exp(warmth * (energy[:, None] * (levels / (1 + levels)) - np.log1p(levels)))):
+        ways *= stay
+        ways += go
+        ways[..., :bands] *= ratio[:, None]
+        ways.sum(-1, out=sums[k])
+        ways /= sums[k, ..., None]
+    return np.log(sums).sum(0)

@@ -13,6 +13,7 @@ from scipy import fft as sp_fft
 
 from ..twin.effects import FAMILIES, Role, plays, with_role
 from ..twin.effects.base import start
+from ..twin.interpolate import TAU, phasor
 from ..twin.model import Model, _run, _start_chain, predict
 from .fit import misfit
 from .policy import CARRIER_STEP, CLOCK_STEP, EARLY, LATE, LOBES, LONGEST_STRETCH, OFFSET_PIECE, TEETH, TOLD_SIGMA, WORST_CLOCK
@@ -132,7 +133,7 @@ def find(scene, base, y: np.ndarray, effects=()) -> list[Offset]:
     widest = int(np.ceil(WORST_CLOCK * scene.span))
     lags = np.arange(EARLY - widest, LATE + widest + 1)
     coarse = _coarse(y, signals, whole)
-    turned = y * np.exp(-2j * np.pi * coarse * scene.index)
+    turned = y * phasor(-TAU * coarse * scene.index)
     table = np.array([[_lagged(turned, s, a, b, lags) for s in signals] for a, b in pieces])  # (pieces, sources, lags)
     middle = np.array([scene.index[(a + b) // 2] for a, b in pieces]) / scene.span
     length = np.median([b - a for a, b in whole])
@@ -142,8 +143,8 @@ def find(scene, base, y: np.ndarray, effects=()) -> list[Offset]:
 
     def best(gained: float, cycles: np.ndarray) -> tuple[float, Offset]:
         """(energy, the best of these carriers) at a clock: the lag of a fast clock falls by `gained` over the recording."""
-        turns = np.exp(-2j * np.pi * np.outer(cycles - coarse * scene.span, middle))
-        ramp = np.exp(-2j * np.pi * gained * middle[:, None] * f)[:, None]
+        turns = phasor(-TAU * np.outer(cycles - coarse * scene.span, middle))
+        ramp = phasor(-TAU * gained * middle[:, None] * f)[:, None]
         level = sp_fft.ifft(spectrum * ramp, axis=-1)[..., : len(lags)]
         sums = np.abs(np.tensordot(turns, level, 1)) ** 2  # (carriers, sources, lags)
         inside = sums[..., widest : len(lags) - widest].sum(1)

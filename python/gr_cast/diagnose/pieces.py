@@ -5,6 +5,7 @@ import numpy as np
 from scipy import fft as sp_fft
 from scipy import ndimage
 
+from ..twin.interpolate import TAU, phasor
 from .policy import (
     HERE,
     LONGEST_PIECE,
@@ -70,7 +71,7 @@ def _nats(samples, x, delay: int, a: int, b: int, turn: float) -> np.ndarray:
     begin, end = max(first, 0), min(first + size, len(samples))
     if end > begin:
         y[begin - first : end - first] = samples[begin:end]
-    y *= np.exp(-2j * np.pi * turn * np.arange(size))
+    y *= phasor(-TAU * turn * np.arange(size))
     block = sp_fft.next_fast_len(size)
     piece = np.nan_to_num(x[a:b])
     c = sp_fft.ifft(sp_fft.fft(y, block) * np.conj(sp_fft.fft(piece, block)))[: 2 * REACH + 1]

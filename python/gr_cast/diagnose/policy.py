@@ -67,6 +67,8 @@ COURSE_TIMES = np.geomspace(0.03, 1.0, 24)  # time constants that are tried, ove
 # samples; segments below that must explain so much more: a chirp's delay looks like an offset
 DELAY_SHORT, SHORT_FACTOR = 128, 2.0
 DELAY_SHORTEST = 8  # samples of the shortest stretch: carriers up to 1/16 of the rate
+DELAYS_AT_ONCE = 1 << 18  # delays times carriers that are worked on at once: what a cache holds
+PIECES_AT_ONCE = 1 << 17  # sums that are worked on at once: what a cache holds
 TABLE = 1 << 20  # correlations, of every stretch at every delay, that are worked on at once
 MOST_DELAYS = 1 << 14  # samples at which waveforms of different periods are looked for together
 DELAY_LONGER = 8  # times as long are the next ones where the table holds no more

@@ -14,6 +14,7 @@ import numpy as np
 from scipy import fft as sp_fft
 from scipy import ndimage, special
 
+from ..twin.columns import some_at_once
 from ..twin.effects import Role, plays
 from ..twin.scene import reach
 from . import offsets
@@ -29,6 +30,7 @@ from .policy import (
     LOUDEST_SHARE,
     NULLS,
     NULLS_OF_SHORT,
+    PIECES_AT_ONCE,
     PRESENCE_ALIKE,
     PRESENCE_AROUND,
     PRESENCE_ENVELOPE,
@@ -196,19 +198,19 @@ def _unlike(signals, inside, delays) -> np.ndarray:
 def _pieces(y, sent, inside, delays):
     """((delays, pieces) sums of recording × waveform*; (3, delays, pieces) energy of the waveform in each, of the products, and
     samples that are no silence)."""
-    count, y = len(y) // PRESENCE_PIECE, y * inside
-    loud = np.abs(sent) ** 2 > PRESENCE_SILENT * np.mean(np.abs(sent) ** 2)
+    count, y, every = len(y) // PRESENCE_PIECE, y * inside, np.ones(PRESENCE_PIECE)
+    heard, power = np.abs(y) ** 2, np.abs(sent) ** 2
+    loud, mirrored = power > PRESENCE_SILENT * np.mean(power), np.conj(sent)
     products, energies = np.empty((len(delays), count), complex), np.empty((3, len(delays), count))
     for i, d in enumerate(delays):
-        moved = np.roll(sent, d)
-        product = y * np.conj(moved)
+        moved = np.roll(power, d)
         for row, x in (
-            (products, product),
-            (energies[0], np.abs(moved) ** 2 * inside),
-            (energies[1], np.abs(product) ** 2),
+            (products, y * np.roll(mirrored, d)),
+            (energies[0], moved * inside),
+            (energies[1], heard * moved),
             (energies[2], np.roll(loud, d) * inside),
         ):
-            row[i] = x[: count * PRESENCE_PIECE].reshape(count, PRESENCE_PIECE).sum(1)
+            row[i] = x[: count * PRESENCE_PIECE].reshape(count, PRESENCE_PIECE) @ every
     return products, energies
 
 
@@ -217,13 +219,16 @@ def _added(products, energies, together: int):
     can, whose share is that of random phases whatever the amplitudes of both; number of gains)."""
     delays, count = products.shape
     groups = -(-count // together)
-    fill = ((0, 0), (0, groups * together - count))
     size = sp_fft.next_fast_len(2 * together)
-    sent, met, loud = (np.pad(e, fill).reshape(delays, groups, together).sum(2) for e in energies)
+    sent, met, loud = np.add.reduceat(energies, np.arange(0, count, together), axis=2)
     heard = sent > PRESENCE_SILENT * sent.mean(1, keepdims=True)
     weight = heard / np.where(heard, sent, 1.0)
-    sums = sp_fft.fft(np.pad(products, fill).reshape(delays, groups, together), size, axis=2)
-    explained = np.einsum("dgk,dg->dk", sums.real**2 + sums.imag**2, weight)
+    explained = np.empty((delays, size))
+    for some in some_at_once(np.arange(delays), groups * size, PIECES_AT_ONCE):
+        sums = np.zeros((len(some), groups * together), np.complex64)  # what is told are shares, by their tails
+        sums[:, :count] = products[some]
+        sums = sp_fft.fft(sums.reshape(len(some), groups, together), size, axis=2)
+        explained[some] = np.einsum("dgk,dg->dk", sums.real**2 + sums.imag**2, weight[some])
     return explained, (met * loud * weight).sum(1), max(1.0, float(heard.sum(1).mean()))
 
 

@@ -12,7 +12,7 @@ from scipy import fft as sp_fft
 from ..twin.columns import Dense, Lags, against, gram, inner
 from ..twin.effects import FAMILIES, Effect, Multiplicity, Role, is_coarse, plays, stage_of, with_role
 from ..twin.effects.base import RX_FILTER, RX_GAIN, RX_LO, start
-from ..twin.model import RIDGE, Model, _run, _start_chain, _steps, effect_columns, predict
+from ..twin.model import RIDGE, Model, added, predict, traced
 from . import heldout, noise, offsets
 from .fit import Data, Fit, filters_noise, in_band, invert, misfit, off_the_rails, smooth_spectrum, solve, with_noise
 from .policy import (
@@ -96,6 +96,7 @@ def score(fit: Fit, effect: Effect) -> Score:
         return Score(net=there.evidence - fit.evidence, effect=effect)
     if "others" not in fit.notes:
         fit.notes["others"] = others = Others.of(fit)
+        _, fit.notes["before"] = traced(data.scene, fit.model)
         # What is left of the slope at the optimum: small, but not where a direction is all but one of the fit's own.
         fit.notes["slopes"] = 2 / sigma2 * others.slopes() - fit.model.prior_precision() * fit.model.vector()
     others, b_j, inverse, saved = fit.notes["others"], fit.notes["slopes"], fit.covariance, 0.0
@@ -103,7 +104,7 @@ def score(fit: Fit, effect: Effect) -> Score:
     key = (effect.family, nest[0]) if nest else None
     if key is None or key not in fit.notes:
         probe = nest[1] if nest else effect
-        chain, columns = _derivatives(fit, probe)
+        chain, derivatives = added(data.scene, fit.model, fit.notes["before"], probe)
         change = chain.y - fit.chain.y
         if float(np.vdot(change, change).real) > ELSEWHERE * float(np.vdot(fit.chain.y, fit.chain.y).real):
             # The start is elsewhere: gain and phase are set free there, the rest of the model stands still.
@@ -113,8 +114,8 @@ def score(fit: Fit, effect: Effect) -> Score:
             inverse, b_j = invert(2 / sigma2 * gram(others.columns)), 2 / sigma2 * others.slopes()
             saved = (misfit(data, fit.chain.y) - float(np.vdot(residual, residual).real)) / sigma2
         part = None
-        if columns is not None:
-            columns = data.white(columns)
+        if probe.free.any():
+            columns = data.white(derivatives())
             h_cj, slope = others.against(columns)
             part = 2 / sigma2 * inner(columns, columns), 2 / sigma2 * h_cj, 2 / sigma2 * slope
         if nest:
@@ -172,16 +173,6 @@ def _colour(fit: Fit) -> float:
         return 0.0
     gain = n * np.log(power.mean() / np.mean(power / colour))
     return max(0.0, float(gain - COLOUR_ORDERS * np.log(n)))
-
-
-def _derivatives(fit: Fit, probe: Effect):
-    """(chain, derivatives or None) of the model with one more effect, at its start."""
-    scene, model = fit.data.scene, fit.model.adding(probe)
-    index = next(i for i, e in enumerate(model.effects) if e is probe)
-    snapshots = []
-    chain = _run(scene, model.base, model.effects, _start_chain(scene, model.base), 0, snapshots)
-    before = snapshots[_steps(model.effects).index(index)]
-    return chain, effect_columns(scene, model, index, chain, before) if probe.free.any() else None
 
 
 def _with_prior(schur, slope, whole, shape, entangled: bool):
@@ -311,9 +302,15 @@ def candidates(fit: Fit) -> list[Score]:
     return fit.notes["candidates"]
 
 
+def _view(fit: Fit) -> View:
+    """One for all that look at a fit: what it has worked out is kept until `candidates` are known."""
+    if "view" not in fit.notes:
+        fit.notes["view"] = View(fit)
+    return fit.notes["view"]
+
+
 def _candidates(fit: Fit) -> list[Score]:
-    view = View(fit)
-    scores = []
+    view, scores = _view(fit), []
     told = [e for e in fit.model.effects if not _of_another_radio(e)]
     have, families = {_what(e) for e in told}, {e.family for e in told}
     for family in FAMILIES.values():
@@ -424,7 +421,7 @@ def _all_at_once(fit: Fit) -> list[Model]:
     for family in FAMILIES.values():
         if not family.leaps or data.late:
             continue
-        later, found = family.at_once(View(fit))
+        later, found = family.at_once(_view(fit))
         if not found:
             continue
         models += _of_a_clock(fit, found)

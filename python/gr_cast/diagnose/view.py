@@ -9,6 +9,7 @@ from scipy import fft as sp_fft
 
 from ..twin.effects import FAMILIES, stage_of
 from ..twin.effects.base import RX_GAIN, RX_LO, at_half_the_rate, peaks
+from ..twin.interpolate import TAU, phasor
 from ..twin.model import predict
 from ..twin.scene import PAD
 from .policy import (
@@ -452,7 +453,7 @@ class View:
     def _response(self, size: int) -> np.ndarray:
         """(size,) of the first transmitter's link over the frequencies of as many samples, as the twin has its taps."""
         f = sp_fft.fftfreq(size)
-        return sum((p.gain * np.exp(-2j * np.pi * f * p.delay) for p in self._near), np.zeros(size, complex))
+        return sum((p.gain * phasor(-TAU * f * p.delay) for p in self._near), np.zeros(size, complex))
 
     @property
     def _longest(self) -> int:
@@ -499,7 +500,7 @@ class View:
         here, there = sp_fft.fft(self.wanted), sp_fft.fft(self.fit.came(beyond.wanted))
         best = np.inf, guess
         for off in np.arange(-3, 4) / 4:
-            turn = np.exp(-2j * np.pi * f * off)
+            turn = phasor(-TAU * f * off)
             w, moved = sp_fft.ifft(here * turn), sp_fft.ifft(there * turn)
             before, after = (moved, w) if later else (w, moved)
             before, after = before * gain_of(y, before, slice(None, guess)), after * gain_of(y, after, slice(guess, None))

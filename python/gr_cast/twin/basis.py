@@ -19,6 +19,8 @@ def course_length(count: int) -> int:
 
 def course(p: np.ndarray, count: int) -> np.ndarray:
     """(count,) Σ p_k·√2·cos(πkn/L) of real or complex coefficients."""
+    if not p.any():  # as it is where a search begins
+        return np.zeros(count, p.dtype)
     if np.iscomplexobj(p):
         return course(p.real, count) + 1j * course(p.imag, count)
     length = course_length(count)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import fft as sp_fft
 
-from .interpolate import TAU, cubic, moved, oversampled
+from .interpolate import TAU, cubic, moved, oversampled, phasor
 from .scene import OVERSAMPLING, Path, Scene, Source
 
 SLOW = 3e-4  # by which a gain may change between two paths that are taken together
@@ -68,7 +68,7 @@ class Chain:
         for i, leak in self.leaks.items():
             for path in self.paths:
                 if path.source == i:
-                    tone = np.exp(1j * TAU * path.doppler * self.u) if path.doppler else 1.0
+                    tone = phasor(TAU * path.doppler * self.u) if path.doppler else 1.0
                     gain = path.gain if path.shape is None else path.gain * _turned_shape(path.shape, carrier[i]).sum()
                     turn = _behind(path, carrier[i]) * self.sent(i, path.delay)
                     y += self.ports.get(i, 1.0) * leak * gain * tone * turn
@@ -101,7 +101,7 @@ class Chain:
             response = sum(self._response(p, len(wave), carrier) for p in paths)
             signal = self.sample(source, spectra[i] * response, stretch)
         if doppler:
-            signal = signal * np.exp(1j * TAU * doppler * self.u)
+            signal = signal * phasor(TAU * doppler * self.u)
         return signal if paths[0].track is None else signal * paths[0].track
 
     def modulate(self, source: int, factor: Callable[[float], np.ndarray]) -> None:
@@ -122,7 +122,7 @@ class Chain:
         held, key = self.scene.notes.get("carrier"), (*p, id(self.u))
         if held is None or held[0] != key:
             v = self.u - 0.5
-            self.scene.notes["carrier"] = held = key, np.exp(1j * TAU * v * (p[0] + 0.5 * p[1] * v)), self.u
+            self.scene.notes["carrier"] = held = key, phasor(TAU * v * (p[0] + 0.5 * p[1] * v)), self.u
         return held[1]
 
     def sent(self, source: int, delay: float = 0.0):
@@ -186,4 +186,4 @@ def _behind(path: Path, carrier: float) -> complex:
 
 def _turned_shape(shape: np.ndarray, carrier: float) -> np.ndarray:
     """The taps of a path, each as late as the transmitter's carrier finds it."""
-    return shape * np.exp((-1j * TAU) * carrier * np.arange(len(shape))) if carrier else shape
+    return shape * phasor(-TAU * carrier * np.arange(len(shape))) if carrier else shape

@@ -5,17 +5,20 @@
 few signals times the cosines of a slow course. The last two are written out only where many are to be compared with them.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy import fft as sp_fft
+from scipy.linalg import blas
 
 from .basis import products, weights
 from .scene import Scene
 
 FEW = 8  # derivatives against which a whole table is cheaper than its chunks
 MANY_LAGS = 32  # from which the structure of their inner products pays
+MOST_OF_ROWS = 2  # times the entries, that rows of all lags may have, to be cheaper than the entries one by one
 OFTEN = 20  # samples, in the mean, between two changes of a window that are cheaper than all samples
 CHUNK = 1 << 18  # complex numbers that are worked on at once: what a cache holds
 
@@ -123,26 +126,53 @@ def inner(a, b) -> np.ndarray:
         return out.reshape(len(a), len(b))
     if isinstance(b, Courses):
         return inner(b, a).T
+    if isinstance(a, Dense) and isinstance(b, Dense):
+        return _reals(a) @ _reals(b).T
+    if a is b:
+        own = _own_lags(a)
+        return _real(_own(a) if own is None else own, a.paired, b.paired)
     if _row_of_lags(b) and not _row_of_lags(a):
         return inner(b, a).T
     if _row_of_lags(a) and (isinstance(b, Dense) or b.height <= MANY_LAGS):
         return _real(_with_lags(a, b.table), a.paired, b.paired)
-    if a is b and _row_of_lags(a) and (own := _own_lags(a)) is not None:
-        return _real(own, a.paired, b.paired)
-    n = a.signals.shape[1]
-    size = max(512, CHUNK // (a.height + b.height + 1))
     if b.kept and a.height <= FEW:
         return _real(np.conj(a.table) @ b.table.T, a.paired, b.paired)
     if a.kept and b.height <= FEW:
         return inner(b, a).T
+    return _real(_products(a, b), a.paired, b.paired)
+
+
+def _reals(columns: Dense) -> np.ndarray:
+    """(k, 2n) real and imaginary parts of each sample, side by side: real products are half of the complex ones."""
+    return np.ascontiguousarray(columns.signals, complex).view(float)
+
+
+def _chunks(n: int, height: int) -> Iterator[tuple[int, int]]:
+    size = max(512, CHUNK // (height + 1))
+    return ((first, min(first + size, n)) for first in range(0, n, size))
+
+
+def some_at_once(items: np.ndarray, each: int, most: int) -> list[np.ndarray]:
+    """Items (n,), of so many numbers `each`, in runs of no more than `most` numbers, and of one item at least."""
+    run = max(1, most // max(each, 1))
+    return [items[k : k + run] for k in range(0, len(items), run)]
+
+
+def _products(a, b) -> np.ndarray:
+    """(height of a, height of b) Σ conj(a)·b."""
     total = np.zeros((a.height, b.height), complex)
-    for first in range(0, n, size):
-        p = a.part(first, min(first + size, n))
-        live = p.any(axis=0)  # samples that are not used are zero in both
-        p = p if live.all() else p[:, live]
-        q = p if a is b else b.part(first, min(first + size, n))[:, live]
-        total += np.conj(p) @ q.T
-    return _real(total, a.paired, b.paired)
+    for chunk in _chunks(a.signals.shape[1], a.height + b.height):
+        p, q = a.part(*chunk), b.part(*chunk)
+        total += np.conj(p) @ q.T if a.height < b.height else np.conj(p @ np.conj(q).T)
+    return total
+
+
+def _own(a) -> np.ndarray:
+    """(height, height) Σ conj(a)·a, of which half is worked out."""
+    total = np.zeros((a.height, a.height), complex, order="F")
+    for chunk in _chunks(a.signals.shape[1], 2 * a.height):
+        total = blas.zherk(1.0, a.part(*chunk).T, beta=1.0, c=total, trans=2, overwrite_c=True)
+    return np.triu(total) + np.conj(np.triu(total, 1)).T
 
 
 def _row_of_lags(columns) -> bool:
@@ -164,24 +194,29 @@ def _with_lags(a: Lags, rows: np.ndarray) -> np.ndarray:
 
 
 def _own_lags(a: Lags) -> np.ndarray | None:
-    """(entries, entries) Σ conj(a)·a of a row of lags: from one lag to the next it changes only where the window does. None
-    where that is too often."""
-    size, n, low = len(a.entries), a.signals.shape[1], a.entries[0][1]
+    """(entries, entries) Σ conj(a)·a of signals at all lags of a row, or nearly: from one lag to the next it changes only where
+    the window does. None where that is too often, or lags too few."""
+    lags, (kinds, n) = [lag for _, lag in a.entries], a.signals.shape
+    low, size = min(lags), max(lags) - min(lags) + 1
     window = np.ones(n) if a.window is None else a.window**2
     change = np.diff(np.concatenate([[0.0], window, [0.0]]))  # of the window, at the sample after −1, 0, …
     at = np.flatnonzero(change)
-    if len(at) * OFTEN > n:
+    if size == 1 or kinds * size > MOST_OF_ROWS * len(a.entries) or len(at) * OFTEN > n:
         return None
     before, behind = max(size + low, 1), max(1 - low, 1)
-    padded = np.concatenate([np.zeros(before, complex), a.signals[0], np.zeros(behind, complex)])
-    lagged = padded[(before - 1 - low + at)[:, None] - np.arange(size)]  # the signal as each lag has it at the sample before
-    steps = (np.conj(lagged) * change[at, None]).T @ lagged
-    out = np.empty((size, size), complex)
-    out[:, 0] = _with_lags(a, Lags(signals=a.signals, entries=a.entries[:1], window=a.window).part(0, n))[:, 0]
-    out[0] = np.conj(out[:, 0])
+    padded = np.pad(a.signals, ((0, 0), (before, behind)))
+    # The signals as each lag has them at the sample before.
+    lagged = padded[:, (before - 1 - low + at)[:, None] - np.arange(size)].swapaxes(0, 1).reshape(len(at), -1)
+    steps = ((np.conj(lagged) * change[at, None]).T @ lagged).reshape(kinds, size, kinds, size)
+    at_first = np.conj(padded[:, before - low : before - low + n] * window).T
+    out = np.empty((kinds, size, kinds, size), complex)
+    for k in range(size):
+        out[:, k, :, 0] = np.conj(padded[:, before - low - k : before - low - k + n] @ at_first)
+    out[:, 0] = np.conj(out[:, :, :, 0]).transpose(2, 0, 1)
     for k in range(1, size):
-        out[k, 1:] = out[k - 1, :-1] + steps[k - 1, :-1]
-    return out
+        out[:, k, :, 1:] = out[:, k - 1, :, :-1] + steps[:, k - 1, :, :-1]
+    mine = [i * size + lag - low for i, lag in a.entries]
+    return out.reshape(kinds * size, -1)[np.ix_(mine, mine)]
 
 
 def _real(products_, paired_a: int, paired_b: int) -> np.ndarray:

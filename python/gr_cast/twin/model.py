@@ -2,12 +2,13 @@
 """A model of one recording: delay, gain and phase that are always fitted, and effects; its prediction and
 derivatives."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .chain import Chain
-from .columns import Dense
+from .columns import Courses, Dense, Lags
 from .effects import CHANNEL_AFTER, FAMILIES, Effect, Role, plays, stage_of
 from .effects.base import ENVIRONMENT, INVERSION
 
@@ -108,12 +109,15 @@ def _place(effect: Effect) -> float:
     return 0.0 if family.place is None else float(effect.p[family.place]) / family.place_step
 
 
+def _ports(scene, base) -> dict[int, complex]:
+    return {i: complex(base[3 + 2 * k], base[4 + 2 * k]) for k, i in enumerate(scene.free_ports)}
+
+
 def _start_chain(scene, base) -> Chain:
-    ports = {i: complex(base[3 + 2 * k], base[4 + 2 * k]) for k, i in enumerate(scene.free_ports)}
     return Chain(
         scene=scene,
         delay=base[0],
-        ports=ports,
+        ports=_ports(scene, base),
         u=scene.u,
         waves=[s.samples for s in scene.sources],
         paths=list(scene.taps),
@@ -155,30 +159,50 @@ def predict(scene, model: Model, noise=None) -> Chain:
     return _run(scene, model.base, model.effects, chain, 0)
 
 
+def traced(scene, model: Model) -> tuple[Chain, list[Chain]]:
+    """`predict`, and the chain in front of each of its steps and behind the last."""
+    before: list[Chain] = []
+    chain = _run(scene, model.base, model.effects, _start_chain(scene, model.base), 0, before)
+    return chain, [*before, chain]
+
+
+def added(scene, model: Model, before: list[Chain], effect: Effect) -> tuple[Chain, Callable[[], Dense | Lags | Courses]]:
+    """(the prediction with one more effect, its derivatives by the numbers of that); `before`: what `traced` has of the model
+    without."""
+    more = model.adding(effect)
+    index = next(i for i, e in enumerate(more.effects) if e is effect)
+    step = _steps(more.effects).index(index)
+    if stage_of(effect) == INVERSION:  # all others face the other way
+        before = traced(scene, more)[1]
+    chain = _run(scene, more.base, more.effects, before[step].copy(), step)
+    return chain, lambda: effect_columns(scene, more, index, chain, before[step])
+
+
 def jacobian(scene, model: Model) -> tuple[Chain, list]:
     """The prediction and its derivatives by the vector of the model, one set for the base and one per effect."""
-    snapshots: list[Chain] = []
-    chain = _run(scene, model.base, model.effects, _start_chain(scene, model.base), 0, snapshots)
-    steps = _steps(model.effects)
-    rows = [_difference(scene, model, chain.y, 0, base_index=0)]
-    gain_step = steps.index("gain")
-    for k in (1, 2):
-        rows.append(_difference(scene, model, chain.y, gain_step, snapshots, base_index=k))
-    for k in range(3, len(model.base)):
-        rows.append(_difference(scene, model, chain.y, 0, base_index=k))
-    blocks = [Dense(signals=np.array(rows))]
+    chain, before = traced(scene, model)
+    return chain, derivatives(scene, model, before)
+
+
+def derivatives(scene, model: Model, before: list[Chain]) -> list:
+    """Those of `jacobian`; `before` as `traced` has it."""
+    chain, steps = before[-1], _steps(model.effects)
+    blocks = [Dense(signals=np.array([_difference(scene, model, steps, before, k) for k in range(len(model.base))]))]
     for i, effect in enumerate(model.effects):
         if effect.free.any():
-            blocks.append(effect_columns(scene, model, i, chain, snapshots[steps.index(i)]))
-    return chain, blocks
+            blocks.append(effect_columns(scene, model, i, chain, before[steps.index(i)]))
+    return blocks
 
 
-def _difference(scene, model, y, first, snapshots=None, base_index=0) -> np.ndarray:
-    base = model.base.copy()
-    step = STEP * (max(abs(complex(base[1], base[2])), 1e-12) if base_index in (1, 2) else 1.0)
+def _difference(scene, model, steps, before, base_index: int) -> np.ndarray:
+    """The derivative by one number of the base: the gain comes behind the channel, all others come in with it."""
+    base, of_gain = model.base.copy(), base_index in (1, 2)
+    step = STEP * (max(abs(complex(base[1], base[2])), 1e-12) if of_gain else 1.0)
     base[base_index] += step
-    chain = snapshots[first].copy() if snapshots else _start_chain(scene, base)
-    return (_run(scene, base, model.effects, chain, first).y - y) / step
+    first = steps.index("gain" if of_gain else "channel")
+    chain = before[first].copy()
+    chain.delay, chain.ports = base[0], _ports(scene, base)
+    return (_run(scene, base, model.effects, chain, first).y - before[-1].y) / step
 
 
 def effect_columns(scene, model: Model, index: int, chain: Chain, before: Chain):

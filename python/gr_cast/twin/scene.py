@@ -8,7 +8,7 @@ import numpy as np
 from scipy import fft as sp_fft
 
 from .basis import course, course_length, course_on, grid_of
-from .interpolate import TAU, frequencies, oversampled
+from .interpolate import TAU, frequencies, oversampled, phasor
 
 PAD = 1024  # samples of silence or of wrap-around kept around a waveform that is sent once
 OVERSAMPLING = 8
@@ -143,7 +143,7 @@ class Scene:
             f = frequencies(size)
             if carrier:  # what is moved over the band's edge comes in at the other one
                 f = f - np.round(f + carrier)
-            self._turns[key] = np.exp((-1j * TAU) * delay * f)
+            self._turns[key] = phasor(-TAU * delay * f)
         return self._turns[key]
 
     def course(self, coefficients: np.ndarray, late: float = 0.0) -> np.ndarray:

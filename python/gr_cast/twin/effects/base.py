@@ -451,7 +451,8 @@ class Family:
 
 def around_circle(f, middle: float):
     """How far frequencies, as shares of the sample rate, lie from one of them."""
-    return np.abs((f - middle + 0.5) % 1.0 - 0.5)
+    ahead = f - middle + 0.5
+    return np.abs(ahead - np.floor(ahead) - 0.5)
 
 
 def db(ratio: float) -> float:

@@ -33,6 +33,8 @@ class ClockWander(Family):
     beyond = True
 
     def apply(self, chain, effect):
+        if not effect.p.any():  # as it is where a search begins
+            return
         shift = chain.scene.course(effect.p)
         alone = chain.wanted is chain.y
         chain.y = moved(sp_fft.fft(chain.y), shift, ORDERS)

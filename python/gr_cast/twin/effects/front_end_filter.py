@@ -67,8 +67,8 @@ class FrontEndFilter(Family):
             chain.waves[i] = filtered(chain.waves[i], effect.aux["low"], self.impulse_response(effect, effect.p))
             return
         taps, low = self.impulse_response(effect, effect.p), effect.aux["low"]
-        full = np.convolve(chain.y, taps)
-        chain.y = full[-low : -low + chain.scene.count]
+        if effect.p.any():  # else as it is where a search begins
+            chain.y = np.convolve(chain.y, taps)[-low : -low + chain.scene.count]
         chain.wanted = chain.y
 
     def nest(self, scene, effect):

@@ -11,6 +11,7 @@ from .values import NEEDED, SIDE
 SHARE_APART = 0.01  # of the recording, by which two steps are told apart
 HEAVY = 2.5  # of the standard deviation of its time: its errors fall off like exp(−|t|), one in 200 is eight of them
 LEAST_PART = 16  # samples on either side of a step
+LEAST_ENERGY = 1e-9  # of all, that is heard on either side: what is summed of less is rounding
 LARGEST_STEP = 100.0  # nepers: a trial beyond it is as far off, and its square can still be held
 
 
@@ -36,7 +37,8 @@ class GainStep(GainFamily):
         if high - low < LEAST_PART:
             return
         share = e / e[-1]
-        gain = (a - share * a[-1]) ** 2 / np.maximum(e[-1] * share * (1 - share), 1e-300)
+        sides = np.where(share * (1 - share) > LEAST_ENERGY, share * (1 - share), np.inf)
+        gain = (a - share * a[-1]) ** 2 / (e[-1] * sides)
         at = low + int(np.argmax(gain[low:high]))
         yield start(self, [0.0, view.scene.u[min(at + 1, view.scene.count - 1)]], free=[True, False], trials=200)
 

@@ -5,13 +5,14 @@ floor, ln of their share of samples; aux `length`: samples that an impulse lasts
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import ive
+from scipy.special import i0e
 
 from .base import start
 from .noise_family import REMEMBERED, NoiseFamily
 from .values import NEEDED, NEEDED_POSITIVE, Value, one_of
 
 LONGEST = 8.0  # samples that an impulse may last: longer ones are bursts
+HUGE = 700.0  # nats, of which the exponential can still be held
 EXPECTED = 6.0  # impulses, of which none came by chance once in 400 times
 TOGETHER = 2  # samples apart, at most, that are of one impulse
 
@@ -105,7 +106,7 @@ class ImpulsiveNoise(NoiseFamily):
     def shares(self, effect, power):
         energy, share = power / effect.aux["_level"], np.exp(effect.p[1])
         with_impulse = np.log(share) + DENSITIES[effect.aux["law"]](energy, np.exp(effect.p[0]))
-        return np.exp(with_impulse - np.logaddexp(np.log1p(-share) - energy, with_impulse))
+        return _share_of(with_impulse, np.log1p(-share) - energy)
 
     def spared_nats(self, effect, count):
         share = np.exp(effect.p[1])
@@ -119,6 +120,11 @@ class ImpulsiveNoise(NoiseFamily):
         return np.logaddexp(np.log1p(-share) - energy, np.log(share) + DENSITIES[effect.aux["law"]](energy, np.exp(effect.p[0])))
 
 
+def _share_of(log_density: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(n,) share of one of two densities, of which the logarithms are given, in both together."""
+    return 1 / (1 + np.exp(np.minimum(other - log_density, HUGE)))
+
+
 def _random(energy, power):
     """ln density of a sample's energy where an impulse of complex Gaussian size is in it."""
     return -np.log1p(power) - energy / (1 + power)
@@ -126,7 +132,7 @@ def _random(energy, power):
 
 def _steady(energy, power):
     """The same for impulses of one size and any phase (Rice)."""
-    return -((np.sqrt(energy) - np.sqrt(power)) ** 2) + np.log(ive(0, 2 * np.sqrt(energy * power)))
+    return -((np.sqrt(energy) - np.sqrt(power)) ** 2) + np.log(i0e(2 * np.sqrt(energy * power)))
 
 
 DENSITIES = {"random": _random, "steady": _steady}
@@ -143,8 +149,7 @@ def _mixed(e, law, level=0.0, power=30.0, share=0.01):
         before = power
         z = e / level
         with_impulse = np.log(share) + DENSITIES[law](z, power)
-        light = np.log1p(-share) - z
-        strong = np.exp(with_impulse - np.logaddexp(light, with_impulse))
+        strong = _share_of(with_impulse, np.log1p(-share) - z)
         share = float(np.clip(strong.mean(), 1e-7, 0.5))
         level = (e * (1 - strong)).sum() / (1 - strong).sum()
         power = max(float((strong * e / level).sum() / max(strong.sum(), 1e-9)) - 1, 0.5)

@@ -69,13 +69,17 @@ def filled(signals: np.ndarray, inside: np.ndarray, spectrum: np.ndarray) -> np.
     """Signals (…, n) with the samples that are not `inside` (n,) bool as noise of this spectrum (n,) most likely goes on there:
     a gap would spread what is loud in one band over all others (Papoulis 1975; by Chebyshev's iteration)."""
     quiet, middle, half = spectrum.min() / spectrum, (1 + LEAST_HELD) / 2, (1 - LEAST_HELD) / 2
-    x, step, weight = np.where(inside, signals, 0.0), 0.0, 0.0
-    for k in range(FILL_STEPS):
-        wrong = np.where(inside, 0.0, sp_fft.ifft(quiet * sp_fft.fft(x, axis=-1), axis=-1))
+    whole, gap, step, weight = np.where(inside, signals, 0.0 + 0.0j), np.flatnonzero(~inside), 0.0, 0.0
+    x, quiet = whole.astype(np.complex64), quiet.astype(np.float32)  # far finer than the filling is
+    for k in range(FILL_STEPS if len(gap) else 0):
+        level = sp_fft.fft(x, axis=-1)
+        level *= quiet
+        wrong = np.take(sp_fft.ifft(level, axis=-1, overwrite_x=True), gap, axis=-1)
         weight = 1 / (middle - (half / 2) ** 2 * weight * (1 + (k == 1)))
         step = -weight * wrong + (middle * weight - 1) * step
-        x = x + step
-    return x
+        x[..., gap] += step
+    whole[..., gap] = x[..., gap]
+    return whole
 
 
 def profile(energy: np.ndarray, shape: np.ndarray) -> float:

@@ -85,7 +85,8 @@ class PaNonlinearity(Family):
         terms = kept(chain.scene, i, x, chain.leaks.get(i, 0.0), effect.aux["peak"], effect.aux["orders"])
         out = x
         for c, (order, lag) in zip(effect.p[::2] + 1j * effect.p[1::2], self._units(effect.aux), strict=True):
-            out = out + c * (np.roll(terms[order], lag) if lag else terms[order])
+            if c:
+                out = out + c * (np.roll(terms[order], lag) if lag else terms[order])
         chain.waves[i] = out
 
     def nest(self, scene, effect):

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..basis import course_length, course_orders, grid_of
 from ..columns import Courses
+from ..interpolate import phasor
 from .base import RX_LO, TX_LO, Family, Multiplicity, Role, of_sender, side_of, start
 from .values import POSITIVE, SIDE, Value, one_of
 
@@ -72,9 +73,9 @@ class PhaseNoise(Family):
     def apply(self, chain, effect):
         if effect.aux.get("side") == "tx":
             scene = chain.scene
-            chain.modulate(effect.aux["source"], lru_cache(lambda late: np.exp(1j * scene.course(effect.p, late))))
+            chain.modulate(effect.aux["source"], lru_cache(lambda late: phasor(scene.course(effect.p, late))))
         else:
-            chain.y = chain.y * np.exp(1j * self.course(chain.scene, effect, effect.p))
+            chain.y = chain.y * phasor(self.course(chain.scene, effect, effect.p))
             chain.wanted = chain.y
 
     def nest(self, scene, effect):

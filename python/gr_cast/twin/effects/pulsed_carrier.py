@@ -11,7 +11,8 @@ from scipy import fft as sp_fft
 from scipy import optimize
 
 from ...core.tails import log_gamma_tail
-from ..columns import Lags
+from ..columns import Lags, some_at_once
+from ..interpolate import TAU, phasor
 from .base import AIR, PROBE, Family, Multiplicity, rms_of, said_rms, start
 from .values import NEEDED, NEEDED_POSITIVE, NUMBER, POSITIVE, Value
 
@@ -31,6 +32,7 @@ MOST_TURNS = 80  # quarters of a cycle, at most, by which a chirp's edge is trie
 EVEN = 0.25  # of the mean energy of a pulse, the least of the median: in a train with gaps every second pulse would be none
 GAPS = 9  # places between two pulses at which the wave is looked for too
 EDGES = 48  # places at which a pulse's beginning and end are tried
+AT_ONCE = 1 << 16  # places of pulses, or bins of their spectra, that are worked on at once
 POLISHED = 3  # times that a search for the best wave begins again
 EDGE_SHARE = 2.5  # energies of noise that an edge is placed to (Hinkley 1970)
 DB = 10 / np.log(10)
@@ -55,7 +57,7 @@ class Train:
     def wave(self, index: np.ndarray) -> np.ndarray:
         """(n,) the wave in the pulses, 0 between them."""
         number, from_middle = self.pulses(index)
-        return (number > -1e9) * np.exp(2j * np.pi * (self.frequency * index + 0.5 * self.sweep * from_middle**2))
+        return (number > -1e9) * phasor(TAU * (self.frequency * index + 0.5 * self.sweep * from_middle**2))
 
 
 def trains(signal: np.ndarray, power: float) -> list[Train]:
@@ -86,16 +88,16 @@ def _combs(signal, block: int) -> list[Train]:
     lines = np.abs(sp_fft.rfft(energy - energy.mean(axis=0), size, axis=0)) ** 2
     lines /= np.median(lines[1:]) / np.log(2)
     places = np.arange(int(np.ceil(FEWEST_PULSES * size / len(energy))), len(lines) // 2)
-    best = (SURPRISE_NATS, [])
-    for teeth in TEETH if len(places) else ():
-        comb = sum(
-            lines[np.minimum(h * places, len(lines) - 1)] * (h * places < len(lines))[:, None] for h in range(1, teeth + 1)
-        )
-        counted = np.minimum(teeth, (len(lines) - 1) // places)[:, None]
-        surprise = -log_gamma_tail(comb, counted) - np.log(comb.size * len(TEETH) * len(BLOCKS))
-        k, row = np.unravel_index(int(np.argmax(surprise)), surprise.shape)
-        if surprise[k, row] > best[0]:
-            best = float(surprise[k, row]), [_folded(signal, block, size / places[k] * block, row)]
+    best, comb = (SURPRISE_NATS, []), np.zeros((len(places), block))
+    for h in range(1, TEETH[-1] + 1) if len(places) else ():
+        seen = np.searchsorted(places, -(-len(lines) // h))
+        comb[:seen] += lines[h * places[:seen]]
+        if h in TEETH:
+            counted = np.minimum(h, (len(lines) - 1) // places)
+            surprise = -log_gamma_tail(comb.max(1), counted) - np.log(comb.size * len(TEETH) * len(BLOCKS))
+            k = int(np.argmax(surprise))
+            if surprise[k] > best[0]:
+                best = float(surprise[k]), [_folded(signal, block, size / places[k] * block, int(np.argmax(comb[k])))]
     return best[1]
 
 
@@ -109,26 +111,18 @@ def _lattices(signal, block: int) -> list[Train]:
         (loud[:, row] > 0) & (energy[:, row] >= np.maximum(np.roll(energy[:, row], 1), np.roll(energy[:, row], -1)))
     )
     peaks = np.sort(peaks[np.argsort(-energy[peaks, row])[:MOST_PEAKS]])
-    best = (0.0, None)
-    for i, j in zip(*np.triu_indices(len(peaks), 1), strict=True):
-        for parts in range(1, MOST_PARTS + 1):
-            period = (peaks[j] - peaks[i]) / parts
-            if period < 4 or len(energy) / period < FEWEST_PULSES - 1:
-                continue
-            off = np.abs((peaks - peaks[i]) / period - np.round((peaks - peaks[i]) / period)) * period <= 1.0
-            nats = energy[peaks[off], row].sum() - np.log(len(energy)) * len(energy) / period
-            if off.sum() >= FEWEST_PULSES and nats > best[0]:
-                best = (
-                    float(nats),
-                    Train(
-                        period=period * hop,
-                        first=peaks[i] * hop % (period * hop),
-                        width=float(block),
-                        frequency=row / block,
-                        sweep=0.0,
-                    ),
-                )
-    return [best[1]] if best[1] else []
+    i, j = np.triu_indices(len(peaks), 1)
+    period = (peaks[j] - peaks[i])[:, None] / np.arange(1, MOST_PARTS + 1)
+    turns = (peaks - peaks[i, None])[:, None] / period[..., None]
+    on = np.abs(turns - np.round(turns)) * period[..., None] <= 1.0
+    nats = (on * energy[peaks, row]).sum(2) - np.log(len(energy)) * len(energy) / period
+    often = (period >= 4) & (len(energy) / period >= FEWEST_PULSES - 1) & (on.sum(2) >= FEWEST_PULSES)
+    nats = np.where(often, nats, 0.0)
+    if not nats.size or nats.max() <= 0.0:
+        return []
+    pair, parts = np.unravel_index(int(np.argmax(nats)), nats.shape)
+    beat = period[pair, parts] * hop
+    return [Train(period=beat, first=peaks[i[pair]] * hop % beat, width=float(block), frequency=row / block, sweep=0.0)]
 
 
 def _folded(signal, block: int, period: float, row: int) -> Train:
@@ -140,7 +134,7 @@ def _folded(signal, block: int, period: float, row: int) -> Train:
     best = (-np.inf,)
     for t in period * (1 + np.arange(-12, 13) / 12 * min(0.5, block / n * period / hop)):
         bins = max(8, int(t / hop))
-        at = ((middle / t) % 1.0 * bins).astype(int)
+        at = ((middle / t - np.floor(middle / t)) * bins).astype(int)
         total, hits = np.bincount(at, energy, bins), np.maximum(np.bincount(at, minlength=bins), 1)
         for length in (x for x in (1, 2, 4, 8, 16) if x <= bins // 2):
             window = np.convolve(np.concatenate([total, total]), np.ones(length))[length - 1 : length - 1 + bins]
@@ -171,7 +165,7 @@ def _matched(signal, power, train: Train) -> np.ndarray:
     """(pulses,) energy of each pulse over that of noise in it."""
     parts = _segments(signal, train, train.width)
     from_middle = np.arange(parts.shape[1]) - (parts.shape[1] - 1) / 2
-    down = np.exp(-2j * np.pi * (train.frequency * from_middle + 0.5 * train.sweep * from_middle**2))
+    down = phasor(-TAU * (train.frequency * from_middle + 0.5 * train.sweep * from_middle**2))
     return np.abs(parts @ down) ** 2 / (parts.shape[1] * power)
 
 
@@ -179,25 +173,27 @@ def _beat(signal, power, train: Train, seldom: int) -> Train:
     """The train, its wave known, with the period (a part, or up to so many times as long) and beginning that explain most."""
     size = max(8, int(round(train.width)))
     from_middle = np.arange(size) - (size - 1) / 2
-    wave = np.exp(2j * np.pi * (train.frequency * from_middle + 0.5 * train.sweep * from_middle**2))
+    wave = phasor(TAU * (train.frequency * from_middle + 0.5 * train.sweep * from_middle**2))
     span = sp_fft.next_fast_len(len(signal) + size)
     both = sp_fft.ifft(sp_fft.fft(signal, span) * np.conj(sp_fft.fft(wave, span)))[: len(signal)]
     energy = np.abs(both) ** 2 / (size * power)  # of a pulse that begins at a sample; of noise exponential, 1 in the mean
     count = len(signal) / train.period
     best = (-np.inf, train.period, train.first)
+    within = len(signal) - size // 2
+    energy = np.append(energy[:within], 0.0)
     for times in (*(1 / k for k in range(2, 4) if seldom > 1), *range(1, seldom + 1)):
         if count / times < FEWEST_PULSES - 1 or times * train.period < 2 * size:
             continue
-        for period in times * train.period + np.linspace(-2, 2, 33) * size * times / count:
-            begins = train.first + train.period * np.arange(np.ceil(times))[:, None] + np.linspace(-1, 1, 9) * size
-            at = np.round(begins.ravel()[:, None] + period * np.arange(int(count / times) + 1)).astype(int)
-            inside = (at >= 0) & (at < len(signal) - size // 2)
-            pulses = inside.sum(1)
-            mean = np.where(inside, energy[np.clip(at, 0, len(energy) - 1)], 0.0).sum(1) / np.maximum(pulses, 1)
-            mean = np.maximum(mean, 1.0)
+        begins = (train.first + train.period * np.arange(np.ceil(times))[:, None] + np.linspace(-1, 1, 9) * size).ravel()
+        periods, number = times * train.period + np.linspace(-2, 2, 33) * size * times / count, np.arange(int(count / times) + 1)
+        for some in some_at_once(periods, len(begins) * len(number), AT_ONCE):
+            at = np.rint(begins[:, None] + (some[:, None] * number)[:, None]).astype(int)
+            at[(at < 0) | (at >= within)] = within
+            pulses = np.count_nonzero(at < within, axis=2)
+            mean = np.maximum(energy[at].sum(2) / np.maximum(pulses, 1), 1.0)
             nats = pulses * (mean - 1 - np.log(mean))
-            k = int(np.argmax(nats))
-            best = max(best, (float(nats[k]), period, float(begins.ravel()[k])))
+            k = np.argmax(nats, axis=1)
+            best = max(best, max(zip(nats[np.arange(len(some)), k].tolist(), some, begins[k].tolist(), strict=True)))
     _, period, first = best
     return replace(train, period=float(period), first=first % float(period))
 
@@ -214,18 +210,19 @@ def _segments(signal, train: Train, width: float) -> np.ndarray:
 def _wave(signal, train: Train) -> Train:
     """The train with the frequency and sweep that explain most of its strongest pulses."""
     parts = _segments(signal, train, train.width)
-    parts = parts[np.argsort(-np.sum(np.abs(parts) ** 2, axis=1))[:LOUDEST]]
+    parts = parts[np.argsort(-np.sum(np.abs(parts) ** 2, axis=1))[:LOUDEST]].astype(np.complex64)  # bins alone are told
     size = parts.shape[1]
     span = sp_fft.next_fast_len(2 * size)
     from_middle = np.arange(size) - (size - 1) / 2
-    best = (-np.inf,)
-    reach = np.floor(min(FASTEST * size / 2, MOST_TURNS))
-    for turns in np.arange(-reach, reach + 1):  # quarters of a cycle by which an edge is ahead of the middle
-        sweep = 2 * turns / size**2
-        lines = np.sum(np.abs(sp_fft.fft(parts * np.exp(-1j * np.pi * sweep * from_middle**2), span, axis=1)) ** 2, axis=0)
-        k = int(np.argmax(lines))
-        best = max(best, (float(lines[k]), float(sp_fft.fftfreq(span)[k]), sweep))
-    return replace(train, frequency=best[1], sweep=best[2])
+    reach, best = np.floor(min(FASTEST * size / 2, MOST_TURNS)), (-np.inf,)
+    turns = np.arange(-reach, reach + 1)  # quarters of a cycle by which an edge is ahead of the middle
+    for some in some_at_once(turns, len(parts) * span, AT_ONCE):
+        turned = phasor(-TAU * some[:, None] * (from_middle / size) ** 2).astype(np.complex64)
+        lines = sp_fft.fft(parts * turned[:, None], span, axis=2)
+        lines = (lines.real**2 + lines.imag**2).sum(1)
+        m, k = np.unravel_index(int(np.argmax(lines)), lines.shape)
+        best = max(best, (float(lines[m, k]), k, 2 * some[m] / size**2))
+    return replace(train, frequency=float(sp_fft.fftfreq(span)[best[1]]), sweep=best[2])
 
 
 def _edges(signal, train: Train) -> Train:
@@ -233,10 +230,13 @@ def _edges(signal, train: Train) -> Train:
     size = int(min(3 * train.width + 16, train.period))
     parts = _segments(signal, train, size)
     from_middle = np.arange(parts.shape[1]) - (parts.shape[1] - 1) / 2
-    down = np.exp(-2j * np.pi * (train.frequency * from_middle + 0.5 * train.sweep * from_middle**2))
-    sums = np.concatenate([np.zeros((len(parts), 1)), np.cumsum(parts * down, axis=1)], axis=1)
+    down = phasor(-TAU * (train.frequency * from_middle + 0.5 * train.sweep * from_middle**2))
     at = np.unique(np.linspace(0, parts.shape[1], EDGES + 1).astype(int))
-    energy = np.array([[np.sum(np.abs(sums[:, b] - sums[:, a]) ** 2) / (b - a) if b > a else 0.0 for b in at] for a in at])
+    sums = np.concatenate([np.zeros((len(parts), 1)), np.cumsum(parts * down, axis=1)], axis=1).T[at]
+    energy = np.zeros((len(at), len(at)))
+    for begin in range(len(at) - 1):
+        inside = sums[begin + 1 :] - sums[begin]
+        energy[begin, begin + 1 :] = (inside.real**2 + inside.imag**2).sum(1) / (at[begin + 1 :] - at[begin])
     i, j = np.unravel_index(int(np.argmax(energy)), energy.shape)
     begins, ends = at[i] - parts.shape[1] / 2, at[j] - parts.shape[1] / 2
     middle, moved = train.first + train.width / 2, 0.5 * (begins + ends)
@@ -274,7 +274,7 @@ def polished(signal: np.ndarray, train: Train) -> Train:
         at = from_middle - (number - centre) * late
         inside = (at >= begin) & (at < end)
         at, k = at[inside], which[inside]
-        down = y[inside] * np.exp(-2j * np.pi * (frequency * at + 0.5 * sweep * at**2))
+        down = y[inside] * phasor(-TAU * (frequency * at + 0.5 * sweep * at**2))
         sums = np.bincount(k, down.real) ** 2 + np.bincount(k, down.imag) ** 2
         return -float(np.sum(sums / np.maximum(np.bincount(k), 1)))
 

@@ -26,7 +26,8 @@ class PulsedInterference(NoiseFamily):
 
     def gate(self, scene, effect):
         _, period, first, duty = effect.p
-        return ((scene.index - first) / period) % 1.0 < duty
+        turn = (scene.index - first) / period
+        return turn - np.floor(turn) < duty
 
     def variance(self, scene, effect, wanted):
         return 1 + np.exp(effect.p[0]) * self.gate(scene, effect)
@@ -61,11 +62,11 @@ class PulsedInterference(NoiseFamily):
         use, n = view.use, len(view.use)
         e = np.where(use, view.energy, 0.0)
         total, count = e.sum(), use.sum()
-        mean = total / count
+        mean, held = total / count, {}
         if n < 2000:
             return 0.0, None
         if near is not None:
-            gain, p = _fold(e, use, near.p[1], n, total, count, scales=(0.5, 0.1))
+            gain, p = _fold(e, use, held, near.p[1], n, total, count, scales=(0.5, 0.1))
             return (0.0, None) if p is None else (gain, self._found(_edged(e, use, p), n))
         q = np.where(use, np.minimum(e / mean, 8.0), 0.0)
         q = np.where(use, q - q.sum() / count, 0.0)
@@ -85,13 +86,15 @@ class PulsedInterference(NoiseFamily):
         top = (0.0, None)
         for period in periods:
             for divisor in (1, 2, 3, 4, 5, 6):
-                found = _fold(e, use, period / divisor, n, total, count)
+                found = _fold(e, use, held, period / divisor, n, total, count)
                 if found[0] > top[0] * 1.001 and _repeats(e, use, found[1]):
                     top = found
         if top[1] is None:
             return 0.0, None
         # Of a few slow pulses only harmonics stand out.
-        slower = (_fold(e, use, top[1][1] * multiple, n, total, count) for multiple in (2, 3) if top[1][1] * multiple < n / 2)
+        slower = (
+            _fold(e, use, held, top[1][1] * multiple, n, total, count) for multiple in (2, 3) if top[1][1] * multiple < n / 2
+        )
         gain, p = max([top, *(found for found in slower if _repeats(e, use, found[1]))], key=lambda found: found[0])
         return gain, self._found(_edged(e, use, p), n)
 
@@ -110,7 +113,7 @@ def _repeats(e, use, p) -> bool:
     if p is None:
         return False
     turn = (np.arange(len(e)) - p[2]) / p[1]
-    on = use & (turn % 1.0 < p[3])
+    on = use & (turn - np.floor(turn) < p[3])
     pulse = np.floor(turn[on]).astype(int) + 1
     strongest = np.zeros_like(on)
     strongest[on] = pulse == np.bincount(pulse, e[on]).argmax()
@@ -118,11 +121,11 @@ def _repeats(e, use, p) -> bool:
     return two_levels(on.sum(), e[on].sum(), rest.sum(), e[rest].sum()) > np.log(_TRIALS)
 
 
-def _fold(e, use, period, n, total, count, scales=(1.0, 0.15)):
+def _fold(e, use, held, period, n, total, count, scales=(1.0, 0.15)):
     """Best two-level window of the energy folded at periods near `period`: (gain, [ln ratio, period, first,
-    duty])."""
+    duty]); `held`: where `_blocks` keeps its own."""
     best = (0.0, None)
-    width, held = 64, {}
+    width = 64
     step = period * period / n / width
     for scale in scales:
         centre = period if best[1] is None else best[1][1]
@@ -131,20 +134,18 @@ def _fold(e, use, period, n, total, count, scales=(1.0, 0.15)):
             if p < 4:
                 continue
             bins = int(min(width if scale == 1.0 else 256, max(8, p)))
-            first, energy, used = _blocks(e, use, int(p / (4 * bins)), held)
-            at = (((first + 0.5 * (first[1] - first[0] - 1)) / p) % 1.0 * bins).astype(int)
+            middle, energy, used = _blocks(e, use, int(p / (4 * bins)), held)
+            turn = middle / p
+            at = ((turn - np.floor(turn)) * bins).astype(int)
             folded, hits = np.bincount(at, energy, bins), np.bincount(at, used, bins)
-            e2, h2 = (
-                np.cumsum(np.concatenate([[0], folded, folded])),
-                np.cumsum(np.concatenate([[0], hits, hits])),
-            )
+            e2, h2 = (np.cumsum(np.concatenate([[0], x, x])) for x in (folded, hits))
             lengths = np.unique(np.geomspace(1, bins // 2, 24).astype(int)) if bins > 64 else np.arange(1, bins // 2 + 1)
-            for length in lengths:
-                e_on, n_on = e2[length : length + bins] - e2[:bins], h2[length : length + bins] - h2[:bins]
-                gain = two_levels(n_on, e_on, count, total)
-                i = int(np.argmax(gain))
-                if gain[i] > best[0]:
-                    best = (float(gain[i]), [_ln_ratio(e_on[i], n_on[i], total, count), p, i / bins * p, length / bins])
+            ends = lengths[:, None] + np.arange(bins)
+            e_on, n_on = e2[ends] - e2[:bins], h2[ends] - h2[:bins]
+            gain = two_levels(n_on, e_on, count, total)
+            m, i = np.unravel_index(int(np.argmax(gain)), gain.shape)
+            if gain[m, i] > best[0]:
+                best = (float(gain[m, i]), [_ln_ratio(e_on[m, i], n_on[m, i], total, count), p, i / bins * p, lengths[m] / bins])
     return best
 
 
@@ -152,7 +153,8 @@ def _edged(e, use, p) -> list[float]:
     """The gate `p` with its edges where energy changes: the best two near where a search has them."""
     _, period, first, duty = p
     bins = int(np.clip(period, 8, _FINEST))
-    at = np.minimum(((((np.arange(len(e)) - first) / period) % 1.0) * bins).astype(int), bins - 1)
+    turn = (np.arange(len(e)) - first) / period
+    at = np.minimum(((turn - np.floor(turn)) * bins).astype(int), bins - 1)
     folded, hits = (np.tile(np.bincount(at, x, bins), 3) for x in (e, use.astype(float)))
     e2, h2 = (np.cumsum(np.append(0.0, x)) for x in (folded, hits))
     reach = int(np.ceil(bins * (_NEXT * duty + 2 / _COARSE)))
@@ -173,9 +175,9 @@ def _ln_ratio(e_on: float, n_on: float, total: float, count: float) -> float:
 
 
 def _blocks(e, use, size, held):
-    """(first samples, energies, used samples) of blocks of about `size`, kept in `held`."""
+    """(middles, energies, used samples) of blocks of about `size`, kept in `held`."""
     size = 1 << max(0, size.bit_length() - 1)
     if size not in held:
         first = np.arange(0, len(e), size)
-        held[size] = first, np.add.reduceat(e, first), np.add.reduceat(use.astype(float), first)
+        held[size] = first + 0.5 * (size - 1), np.add.reduceat(e, first), np.add.reduceat(use.astype(float), first)
     return held[size]

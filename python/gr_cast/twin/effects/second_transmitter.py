@@ -5,7 +5,7 @@ where it has echoes of its own, Re and Im of taps at whole samples (aux lags) fr
 import numpy as np
 
 from ..columns import Dense
-from ..interpolate import TAU, frequencies
+from ..interpolate import TAU, frequencies, phasor
 from ..scene import BINS
 from .base import ENVIRONMENT, PROBE, Family, Multiplicity, amid, complex_pair, db, start, turned
 from .values import NEEDED, NUMBER, NUMBERS, WHOLES, Value
@@ -31,14 +31,14 @@ class SecondTransmitter(Family):
             signal = chain.copy_of(source, source.samples, delay + chain.delay, chain.clock)
         else:
             spectrum = chain.scene.spectrum_of(effect.aux["code"])
-            shifted = spectrum * np.exp((-1j * TAU) * frequencies(len(spectrum)) * (delay + chain.delay))
+            shifted = spectrum * phasor(-TAU * frequencies(len(spectrum)) * (delay + chain.delay))
             signal = chain.sample(source, shifted, chain.clock)
         if lags := effect.aux.get("lags"):
             signal = np.convolve(signal, self._taps(effect))[-min(lags) :][: chain.scene.count]
         else:
             signal = complex(re, im) * signal
         if doppler:
-            signal = signal * np.exp(1j * TAU * doppler * (chain.u - 0.5))
+            signal = signal * phasor(TAU * doppler * (chain.u - 0.5))
         chain.y = chain.y + signal
 
     @staticmethod

@@ -69,9 +69,10 @@ class SignalDependentNoise(NoiseFamily):
         energy, blur = view.energy[view.use], near.aux.get("_blur", (0.0, 0.0)) if near is not None else (0.0, 0.0)
         (smooth, strength, least), tried = self._form(view, energy, blur[0])
         power = self._power(view, smooth, blur[0])
+        shape = _over_mean(power)
         # Of what follows, what of the floor may be the fit's own errors.
         followed = np.exp(strength) * blur[1] / max(float(power.mean()), 1e-300)
-        error = self._error(lambda k: self._cost(energy, power, k) - least, strength)
+        error = self._error(lambda k: self._cost(energy, shape, k) - least, strength)
         aux = {"_std": [float(np.hypot(error, followed))], "_blur": blur, "smooth": smooth}
         gain = -least - profile(energy, np.ones_like(energy))
         return gain, start(self, [strength], free=[False], aux=aux, trials=tried)
@@ -97,14 +98,19 @@ class SignalDependentNoise(NoiseFamily):
         return _smoothed(view.wanted_power, *smooth)[view.use] + blur
 
     @staticmethod
-    def _cost(energy: np.ndarray, power: np.ndarray, strength: float) -> float:
-        return -profile(energy, 1 + np.exp(strength) * power / max(float(power.mean()), 1e-300))
+    def _cost(energy: np.ndarray, followed: np.ndarray, strength: float) -> float:
+        return -profile(energy, 1 + np.exp(strength) * followed)
 
     def _likeliest(self, energy: np.ndarray, power: np.ndarray) -> tuple[float, float]:
         """(strength, −ln L) of noise that follows a power in one form."""
-        cost = lambda k: self._cost(energy, power, k)  # noqa: E731
+        followed = _over_mean(power)
+        cost = lambda k: self._cost(energy, followed, k)  # noqa: E731
         best = minimize_scalar(cost, bounds=(-STRONGEST, STRONGEST), method="bounded", options={"xatol": 1e-3})
         return float(best.x), float(best.fun)
+
+
+def _over_mean(power: np.ndarray) -> np.ndarray:
+    return power / max(float(power.mean()), 1e-300)
 
 
 def _smoothed(power: np.ndarray, samples: int, late: int) -> np.ndarray:

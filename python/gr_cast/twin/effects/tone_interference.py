@@ -3,6 +3,7 @@
 
 import numpy as np
 
+from ..interpolate import TAU, phasor
 from .base import AIR, Family, Multiplicity, amid, complex_pair, db, rms_of, said_rms, start, turned
 from .values import NEEDED, NUMBER, POSITIVE
 
@@ -22,7 +23,7 @@ class ToneInterference(Family):
 
     def apply(self, chain, effect):
         re, im, cycles = effect.p
-        turning = np.exp(2j * np.pi * cycles * (chain.u - 0.5))  # in the air it goes on while a recorder loses samples
+        turning = phasor(TAU * cycles * (chain.u - 0.5))  # in the air it goes on while a recorder loses samples
         chain.y = chain.y + rms_of(chain.scene, effect) * complex(re, im) * turning
 
     def starts(self, view):
