@@ -145,14 +145,14 @@ def test_half_the_amplitude_is_bent_a_quarter_as_much_and_leaks_as_much_as_befor
     leak, bend = document["effects"]
     leak["model"], bend["model"] = {"sent_power": 1.0}, {"peak": float(np.abs(X).max())}
     entry.write_text(yaml.safe_dump(document))
-    plain, bent = twin(tmp_path / "plain"), tmp_path / "twin_of_the_amplifier.yaml"
-    bent.write_text(yaml.safe_dump(document | {"effects": [bend]}))
+    plain, alone = twin(tmp_path / "plain"), [tmp_path / "twin_of_the_leak.yaml", tmp_path / "twin_of_the_amplifier.yaml"]
+    for path, effect in zip(alone, (leak, bend), strict=True):
+        path.write_text(yaml.safe_dump(document | {"effects": [effect]}))
     half = Conditions(amplitude={"tx1": 0.5}, noise_power_db=-np.inf)
-    cube = played(bent, 6000) - played(plain, 6000)
-    leaked = played(entry, 6000) - played(bent, 6000)
-    both = played(entry, 6000, half) - played(plain, 6000, half)
+    leaked, cube = (played(one, 6000) - played(plain, 6000) for one in alone)
+    less, bent = (played(one, 6000, half) - played(plain, 6000, half) for one in alone)
     assert np.abs(leaked).mean() > 0.01 and np.abs(cube).max() > 0.1
-    assert np.abs(both - cube / 8 - leaked).max() < 1e-5
+    assert np.abs(less - leaked).max() < 1e-5 and np.abs(bent - cube / 8).max() < 1e-5
 
 
 @pytest.mark.parametrize("owner", ["tx1", "rx1"])

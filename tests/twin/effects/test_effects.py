@@ -2,6 +2,7 @@
 """Forward models against closed formulas."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -197,6 +198,15 @@ def test_the_mean_of_a_limiter_under_noise_is_that_of_its_integral(value):
 def test_lost_samples_move_the_waveform_ahead_from_their_moment_on():
     y = predicted(ONE, start(FAMILIES["sample_loss"], [1000.0, 13.0], free=[False, False]))
     assert np.allclose(y[:1000], at(N[:1000])) and np.allclose(y[1000:], at(N[1000:] + 13))
+
+
+def test_a_gain_steps_where_something_is_sent_however_little_comes_after_it():
+    """So little that sums of its power hold none of it, and sums of what is left some."""
+    n, sent = np.arange(1000), np.where(np.arange(1000) < 800, 1.0, 1e-9)
+    left = RNG.normal(size=1000) * 1e-2 - np.where(n >= 300, 0.3, 0.0) * sent
+    view = SimpleNamespace(amplitude_moments=lambda: (left * sent, sent**2), scene=SimpleNamespace(u=n / 1000, count=1000))
+    (found,) = FAMILIES["gain_step"].starts(view)
+    assert found.p[1] == pytest.approx(0.3, abs=0.01)
 
 
 def test_an_amplifier_compresses_by_what_it_reports():
