@@ -77,7 +77,7 @@ def null(rng, folder):
             harmless, never = [dict(family="iq_imbalance", strength=abs(spec["image"] / spec["direct"]))], ["iq_imbalance"]
     elif hidden < 0.6:
         f = 0.02 / link.duration / math.sqrt(link.n * link.wanted / link.noise) * rng.uniform(2, 8)
-        spec = dict(offset_hz=f, drift=0.0)
+        spec = dict(at="tx", offset_hz=f, drift=0.0)
         if strength.energy(link, {"carrier_frequency_offset": spec}) < 0.5:
             causes["carrier_frequency_offset"] = spec
             harmless = [dict(family="carrier_frequency_offset", strength=f)]

@@ -39,7 +39,7 @@ def clipping(link, rng, aim):
     lo, hi = 12 / len(a), 0.5  # shares of the clipped values
     for _ in range(8):
         share = math.sqrt(lo * hi)
-        level = float(a[int((1 - share) * (len(a) - 1))])
+        level = float(np.ceil(a[int((1 - share) * (len(a) - 1))] * 32768) / 32768)  # a file's integers hold it
         lam = clipping_energy(link, level)
         if abs(math.log(max(lam, 1e-9) / aim)) < 0.4:
             break

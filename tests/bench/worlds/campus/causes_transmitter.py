@@ -20,8 +20,15 @@ def carrier_offset(link, rng, aim):
     sign = rng.choice([-1, 1])
     ratio = rng.uniform(-3, 3) if rng.random() < 0.35 else 0.0
     hi = min(0.004 * link.rate, 2e-6 * link.carrier, 60 / link.duration)
-    make = lambda s: dict(offset_hz=sign * s, drift=ratio * s / link.duration)  # noqa: E731
-    spec, lam = scaled(link, "carrier_frequency_offset", make, 0.05 / link.duration, 1e-9, hi, aim)
+    unseen = 0.003 / TURN / max(max(t["delay_s"] for t in link.taps), 1e-12)  # a transmitter's offset turns late paths too
+    if link.network:
+        hi, ratio = min(hi, unseen), 0.0
+
+    def make(s):
+        at = "tx" if s * (1 + abs(ratio)) < unseen else "rx"
+        return dict(at=at, offset_hz=sign * s, drift=ratio * s / link.duration)
+
+    spec, lam = scaled(link, "carrier_frequency_offset", make, min(hi, 0.05 / link.duration), 1e-9, hi, aim)
     f, drift = spec["offset_hz"], spec["drift"]
     p = dict(offset_hz=told(f, True, [f + drift * link.duration / 2] if drift else []))
     if drift:

@@ -46,6 +46,10 @@ def sent(link):
     return link.fine
 
 
+def turned(offset, t):
+    return TURN * (offset["offset_hz"] * t + 0.5 * offset["drift"] * t**2)
+
+
 def at_end(causes, family, end):
     spec = causes.get(family)
     return spec if spec is not None and spec["at"] == end else None
@@ -53,9 +57,9 @@ def at_end(causes, family, end):
 
 def modulated(link, causes):
     """Spectrum of what leaves the transmitter, on the grid of twice the sample rate."""
-    early = ("iq_imbalance", "front_end_filter", "phase_noise", *GAINS)
+    early = ("iq_imbalance", "front_end_filter", "carrier_frequency_offset", "phase_noise", *GAINS)
     at_tx = any(at_end(causes, f, "tx") for f in early)
-    if not at_tx and not {"lo_leakage", "pa_nonlinearity", "carrier_frequency_offset"} & set(causes):
+    if not at_tx and not {"lo_leakage", "pa_nonlinearity"} & set(causes):
         if link.plain is None:
             link.plain = _halved(link, sent(link))
         return link.plain
@@ -73,9 +77,9 @@ def modulated(link, causes):
     v = _halved(link, u)
     t = times(link)
     factor, phase = None, None
-    if "carrier_frequency_offset" in causes:
-        c = causes["carrier_frequency_offset"]
-        phase = TURN * (c["offset_hz"] * t + 0.5 * c["drift"] * t**2)
+    offset = at_end(causes, "carrier_frequency_offset", "tx")
+    if offset:
+        phase = turned(offset, t)
     wander = at_end(causes, "phase_noise", "tx")
     if wander:
         phase = (0 if phase is None else phase) + np.interp(t, wander["t"], wander["phase"])
@@ -179,6 +183,9 @@ def received(link, causes, noise=None, slope=False):
             beside = beside + math.sqrt(size) * np.abs(y) * noise[1]
     if "second_transmitter" in causes:
         y = y + causes["second_transmitter"]["signal"](t)
+    offset = at_end(causes, "carrier_frequency_offset", "rx")
+    if offset:
+        y = y * np.exp(1j * turned(offset, t))
     if link.offset_hz:  # the receiver's, which the twin knows: all that it hears is turned
         y = y * np.exp(1j * TURN * link.offset_hz * t)
     return converted(link, causes, y + beside, t)

@@ -10,7 +10,7 @@ from . import causes_transmitter as tx
 from .strength import LEAST
 
 FAMILIES = {
-    "carrier_frequency_offset": (tx.carrier_offset, "tx"),
+    "carrier_frequency_offset": (tx.carrier_offset, "side"),
     "sample_clock_offset": (tx.sample_clock, "side"),
     "phase_noise": (tx.phase_noise, "side"),
     "iq_imbalance": (tx.imbalance, "side"),
@@ -62,6 +62,7 @@ APART = (
     {"missing_path", "extra_path"},
     {"tone_interference", "narrowband_interference", "pulsed_interference", "second_transmitter"},
     {"sample_clock_offset", "sample_loss"},
+    {"sample_loss", "gain_step"},
     {"front_end_filter", "dc_offset"},
     {"adc_clipping", "quantization", "impulsive_noise"},
     {"front_end_filter", "tap_gain_error"},
