@@ -264,7 +264,9 @@ class Case:
         gram = (a / size).conj().T @ (a / size) + 1e-9 * len(a) * np.eye(a.shape[1])
         c = np.linalg.solve(gram, (a / size).conj().T @ y) / size
         left = float(np.mean(np.abs(y - a @ c) ** 2)) * len(y) / max(1, len(y) - a.shape[1])
-        if self.hidden:
+        if self.hidden and "noise" in self.twin:
+            wanted = (10 ** (self.twin["noise"]["rx1"]["power_db"] / 10) - self.rounding) / self.noise
+        elif self.hidden:  # data that the twin does not know are on the air too
             wanted = float(np.mean(np.abs(self.y) ** 2)) / (1 + self.noise)
         else:
             wanted = self.fit["gain"] ** 2 * float(np.mean(np.abs(self.plain()) ** 2))
