@@ -51,16 +51,17 @@ def effect(family, level, found, recordings=("recording",), tx="tx1", rx="rx1", 
 def relevel(link, causes, founds):
     """Levels re the mean wanted power, where other causes change it; the level re the twin's stays allowed."""
     alone = {"dc_offset", *channel.OTHERS, "adc_clipping", "quantization", "second_transmitter", "sample_loss"}
+    alone |= {"signal_dependent_noise", "noise_floor"}
     rest = {k: v for k, v in causes.items() if k not in alone}
     if not rest or not alone & set(causes):
         return
     change = db(link.wanted / power(channel.received(link, rest)))
     for family, found in founds.items():
-        for name in ("level_dbc", "power_dbc"):
+        for name, way in (("level_dbc", 1), ("power_dbc", 1), ("slope_db", -1)):
             p = found.parameters.get(name)
             if p is not None and family != "lo_leakage":
-                p["also"] = [*p["also"], p["value"], *(a + change for a in p["also"])]
-                p["value"] += change
+                p["also"] = [*p["also"], p["value"], *(a + way * change for a in p["also"])]
+                p["value"] += way * change
 
 
 def datatype(rng, link, y, causes):
