@@ -326,27 +326,27 @@ def test_lambda_of_a_signal_is_its_energy_over_the_noise(family, tmp_path):
     assert abs(share * n - lam) < 0.1 * lam + 6 * math.sqrt(n) + 6 * math.sqrt(2 * lam)
 
 
-def test_lambda_of_noise_is_twice_the_log_likelihood_of_its_law(tmp_path):
+def test_lambda_of_noise_is_the_log_likelihood_of_its_law(tmp_path):
     case = drawn(tmp_path, ["noise_floor"], accept=wholly_known)
     r = 10 ** (case.value("noise_floor", "change_db") / 10)
-    assert case.truth["effects"][0]["lambda"] == pytest.approx(2 * len(case.y) * (r - 1 - math.log(r)), rel=1e-6)
+    assert case.truth["effects"][0]["lambda"] == pytest.approx(len(case.y) * (r - 1 - math.log(r)), rel=1e-6)
 
     boxed = lambda t: wholly_known(t) and t["effects"][0]["where"]  # noqa: E731
     case = drawn(tmp_path / "band", ["narrowband_interference"], accept=boxed)
     rho, b = 10 ** (case.value("narrowband_interference", "power_dbc") / 10) / case.noise, None
     b = case.value("narrowband_interference", "bandwidth_hz") / case.rate
-    law = 2 * len(case.y) * (math.log1p(rho) - b * math.log1p(rho / b))
+    law = len(case.y) * (math.log1p(rho) - b * math.log1p(rho / b))
     assert case.truth["effects"][0]["lambda"] == pytest.approx(law, rel=0.03)
 
-    # Laws that are tried on noise drawn by them: twice the ratio's mean over draws.
+    # Laws that are tried on noise drawn by them: the ratio's mean over draws.
     rng, v, total = np.random.default_rng(1), np.repeat([1.0, 9.0], [4000, 1000]), 0.0
     for _ in range(20):
         w = rng.exponential(v)
         total += np.sum(-w / v - np.log(v) + w / np.mean(v) + np.log(np.mean(v))) / 20
-    assert strength.uneven(v) == pytest.approx(2 * total, rel=0.03)
+    assert strength.uneven(v) == pytest.approx(total, rel=0.03)
     assert strength.modes(5000, [8.0] * 1000) == pytest.approx(strength.uneven(v), rel=1e-9)
     train = np.where(rng.random(20000) < 0.01, 10.0, 0)
-    known = 2 * np.sum(np.log(np.mean(1 + train**2)) + (np.abs(train) ** 2 - train**2))
+    known = np.sum(np.log(np.mean(1 + train**2)) + (np.abs(train) ** 2 - train**2))
     assert 0.5 * known < strength.impulses(train, 0.01, [10.0], 1.0, rng) < known
 
 

@@ -214,10 +214,11 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
         return delays.near(signals[about[1]], sources, low + about[0], reach=64)[0] - low, about[1]
     tried, find = period or n + len(sources[0].samples), delays.of_repeated if period else delays.of_sent_once
     near = []
-    if not period and len(sources[0].samples) >= n and n > 4000 and not any(delays.comes_again(s.samples) for s in sources):
+    if not period and len(sources[0].samples) >= n and n > 4000:
         near = [delays.near(signal, sources, low - observation.first, reach=2048) for signal in signals]
     clear = any(clear for *_, clear in near)
-    most = clear and max(share for _, share, clear in near if clear) > NEAR_MOST
+    again = clear and all(delays.comes_again(s.samples) for s in sources)
+    most = clear and not again and max(share for _, share, clear in near if clear) > NEAR_MOST
 
     def likelier(signals, found) -> int | None:
         return presence.likelier(
@@ -226,7 +227,8 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
 
     found = [delay for delay, *_ in near] if clear else []
     if not most and (not clear or tried <= LONGEST_EVERYWHERE):  # what is like itself stands out at a wrong delay too
-        found += [find(signal, sources, taps, rate) for signal in signals]
+        everywhere = [find(signal, sources, taps, rate) for signal in signals]
+        found = everywhere + found if again else found + everywhere
     best = likelier([*signals, *signals][: len(found)], found)
 
     def otherwise():

@@ -58,8 +58,9 @@ def without_lines(samples: np.ndarray) -> np.ndarray:
 
 
 def comes_again(samples: np.ndarray) -> bool:
-    """Whether what is sent is like itself at another delay, so that only where it begins and ends tells the delay."""
-    power = np.abs(sp_fft.fft(samples, sp_fft.next_fast_len(2 * len(samples)))) ** 2
+    """Whether what is sent, but for its mean, is like itself at another delay, so that only where it begins and ends tells the
+    delay."""
+    power = np.abs(sp_fft.fft(samples - samples.mean(), sp_fft.next_fast_len(2 * len(samples)))) ** 2
     alike = np.abs(sp_fft.ifft(power)[: len(samples)])
     return bool((alike[np.argmax(alike < LIKE_ITSELF * alike[0]) :] > LIKE_ITSELF * alike[0]).any())
 

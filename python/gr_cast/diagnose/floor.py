@@ -56,26 +56,7 @@ class Heard:
 
 def compare(finding: Finding) -> None:
     """Add to what was found that the noise is another one than the twin's, where nothing else is left of the recording, and what
-    is heard either has one level or follows the signal; and tell what follows it over the floor alone."""
-    _add_level(finding)
-    finding.fit = _without_rounding(finding.fit)
-
-
-def _without_rounding(fit: Fit) -> Fit:
-    """The fit with noise that follows the signal told over the floor without what the steps of the file add to it, of which the
-    twin's figure may hold some."""
-    at = fit.model.index_of(Role.FOLLOWING, found=True)
-    if at is None:
-        return fit
-    own, alone = fit.model.effects[at], fit.sigma2 - fit.data.rounding
-    share = max(alone, min(fit.data.noise_power or 0.0, fit.sigma2)) / fit.sigma2
-    if share <= 0:
-        return fit
-    moved = replace(own.moved(own.p - np.log(share)), aux={**own.aux, "_floor": share * own.aux["_floor"]})
-    return replace(fit, model=fit.model.replacing(at, moved))
-
-
-def _add_level(finding: Finding) -> None:
+    is heard either has one level or follows the signal."""
     fit = finding.fit
     heard = None if finding.left else _heard(finding)
     if heard is not None and (tied := _all_follows(finding, heard)):
@@ -102,10 +83,28 @@ def _add_level(finding: Finding) -> None:
                 "record_next": _experiment(fit, heard, other.effect, lead),
             }
         )
-    effect = replace(told.effect, aux={"nats": told.worth.evidence, "_floor": fit.sigma2})
+    level = fit.sigma2 / (heard.ratio if plays(told.effect, Role.FOLLOWING) else 1.0)
+    effect = replace(told.effect, aux={"nats": told.worth.evidence, "_floor": level})
     finding.fit = replace(fit, model=fit.model.adding(effect))
     finding.worths[effect.key] = told.worth
     finding.stds[effect.family] = told.stds
+
+
+def without_rounding(fit: Fit) -> Fit:
+    """The fit with noise that follows the signal told over the floor without what the steps of the file add to it, of which the
+    twin's figure may hold some; as it is where next to nothing else would be left."""
+    at = fit.model.index_of(Role.FOLLOWING, found=True)
+    if at is None:
+        return fit
+    own, rounding = fit.model.effects[at], fit.data.rounding
+    floor = own.aux["_floor"]
+    alone = max(floor - rounding, min(fit.data.noise_power or 0.0, floor))
+    if HIDES * rounding > alone:
+        return fit
+    aux = {**own.aux, "_floor": alone}
+    if "_std" in aux:  # the power of so many samples is known so well, and what is left of it the worse
+        aux["_std"] = [float(np.hypot(aux["_std"][0], (floor / alone - 1) / np.sqrt(fit.data.count)))]
+    return replace(fit, model=fit.model.replacing(at, replace(own, p=own.p + np.log(floor / alone), aux=aux)))
 
 
 def _all_follows(finding: Finding, heard: Heard) -> Fit | None:

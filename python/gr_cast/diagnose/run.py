@@ -421,6 +421,8 @@ def diagnose(case, *, budget_s: float = BUDGET_S, progress=lambda where: None) -
     heard = [f for f in findings if not f.absent]
     agree_on_sides(heard)
     agree_on_wander(heard)
+    for finding in heard:
+        finding.fit = floor.without_rounding(finding.fit)
 
     def vault(entries):
         return [predict_only(case, o, entries, findings, begun + budget_s) for o in case.observations if o.vault]

@@ -157,8 +157,9 @@ class PaNonlinearity(Family):
         bent_alone = {**effect.aux, "bent_alone": True}
         # What is remembered of between the samples is heard in many of them on either side.
         between = ({**bent_alone, "orders": orders, "lags": _around(reach)} for orders in ORDERS[:2] for reach in (4, 8))
-        for aux in (*(() if effect.aux.get("bent_alone") else (bent_alone,)), *between):
-            yield start(self, np.zeros(self._shape(aux)), aux=aux)
+        for aux in (bent_alone, *between):
+            if aux != effect.aux:
+                yield start(self, np.zeros(self._shape(aux)), aux=aux)
 
     def less(self, scene, effect, others):
         """The amplifier without memory, and, where no filter is there for it, the same memory of a linear front end."""
@@ -192,13 +193,14 @@ class PaNonlinearity(Family):
         key = ("met", i, effect.aux["peak"], *units)
         if key not in scene.notes or scene.notes[key][0] is not x or scene.notes[key][1] != leak:
             terms = kept(scene, i, x, leak, effect.aux["peak"], orders)
-            level = np.abs(x)
+            driven = terms[0]
+            level = np.abs(driven)
             sent = np.flatnonzero(level > 0)
             strongest = sent[np.argsort(level[sent])][-max(8, len(sent) // 1000) :]
 
             def shares(part):
                 rows = np.array([terms[order][(part - lag) % len(x)] for order, lag in units])
-                return rows @ np.conj(x[part]) / np.vdot(x[part], x[part]).real
+                return rows @ np.conj(driven[part]) / np.vdot(driven[part], driven[part]).real
 
             linear = np.array([order == 0 for order, _ in units])
             scene.notes[key] = x, leak, (shares(sent) * linear, shares(strongest))

@@ -73,7 +73,7 @@ def envelope(link):
 def nearest(profile, models):
     """The least λ of noise of this profile over those of the models."""
     ratios = [profile / m for m in models]
-    return strength.NATS * min(float(np.sum(r - 1 - np.log(r))) for r in ratios)
+    return min(float(np.sum(r - 1 - np.log(r))) for r in ratios)
 
 
 def noise_floor(link, rng, aim, flat=False):
@@ -81,7 +81,7 @@ def noise_floor(link, rng, aim, flat=False):
     if not link.tells_noise:
         raise Redraw("the twin does not tell the noise")
     n, sign = int(link.mask.sum()), rng.choice([-1, 1, 1])
-    change = 4.34 * math.sqrt(2 * aim / strength.NATS / n) * sign
+    change = 4.34 * math.sqrt(2 * aim / n) * sign
     for _ in range(6):
         change = float(np.clip(change, -8, 12))
         ratio = 10 ** (change / 10)

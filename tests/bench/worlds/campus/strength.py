@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How much of a cause shows: λ, on one scale for what is a known signal and for what is noise.
 
-A signal's λ is the energy that gain, phase and delay leave of it, over the noise's variance. Noise has no signal to subtract: its
-λ is `NATS` times the expected log-likelihood ratio, in nats, of its true law over even noise of the same power.
+A signal's λ is the energy that gain, phase and delay leave of it, over the noise's variance: the expected log-likelihood ratio in
+nats. Noise has no signal to subtract: its λ is that ratio of its true law over even noise of the same power.
 """
 
 import math
@@ -13,7 +13,6 @@ from scipy import special
 from . import channel
 from .scene import Redraw
 
-NATS = 2.0
 LEAST, MOST = 30.0, 1e5
 
 
@@ -51,18 +50,18 @@ def over_noise(link, difference):
 # ---------------------------------------------------------------- noise
 def uneven(profile):
     """λ of complex Gaussian noise whose variances are `profile`, over even noise."""
-    return NATS * float(np.sum(np.log(np.mean(profile)) - np.log(profile)))
+    return float(np.sum(np.log(np.mean(profile)) - np.log(profile)))
 
 
 def louder(count, ratio):
     """λ of white noise `ratio` times as strong as the twin says."""
-    return NATS * count * (ratio - 1 - math.log(ratio))
+    return count * (ratio - 1 - math.log(ratio))
 
 
 def modes(total, energies):
     """λ of a random course: of `total` complex numbers, some hold these expected energies over the noise besides it."""
     extra = np.asarray(energies)
-    return NATS * float(total * np.log1p(np.sum(extra) / total) - np.sum(np.log1p(extra)))
+    return float(total * np.log1p(np.sum(extra) / total) - np.sum(np.log1p(extra)))
 
 
 def phase_course(count, ratio, density):
@@ -70,7 +69,7 @@ def phase_course(count, ratio, density):
     over its modes, per sample."""
     v = 1 + 2 * ratio * density
     even = (count + np.sum(v)) / (2 * count)
-    return NATS * 0.5 * float(2 * count * np.log(even) - np.sum(np.log(v)))
+    return 0.5 * float(2 * count * np.log(even) - np.sum(np.log(v)))
 
 
 def impulses(train, share, sizes, noise, rng):
@@ -88,7 +87,7 @@ def impulses(train, share, sizes, noise, rng):
         hit = special.logsumexp(w - (root - a) ** 2 + np.log(special.i0e(2 * a * root)), axis=0) - math.log(len(a))
     flat = np.mean(w)
     ratio = np.logaddexp(math.log1p(-share), math.log(share) + hit) - w + w / flat + math.log(flat)
-    return NATS * float(np.sum(ratio))
+    return float(np.sum(ratio))
 
 
 # ---------------------------------------------------------------- sizes
