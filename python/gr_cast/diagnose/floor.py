@@ -204,9 +204,10 @@ def _heard(finding: Finding) -> Heard | None:
     rounding = rounding_of_grids(fit)
     if rounding > HIDES * told:
         return None
-    gain = gain_of_receiver(fit, fit.model)
+    # The noise of the recording is told, on average, but for what the twin's own gain makes of it.
+    gain = gain_of_receiver(fit, replace(fit.model, effects=tuple(fit.model.found)))
     gained = 1.0 if gain is None else float(gain.mean())
-    told = told / gained + rounding  # the noise of the recording is told, on average
+    told = told / gained + rounding
     inside, data = off_the_rails(fit), fit.data
     if not inside.any():
         return None
