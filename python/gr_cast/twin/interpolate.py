@@ -9,6 +9,11 @@ from scipy import fft as sp_fft
 TAU = 2 * np.pi
 
 
+def within_turn(turns: np.ndarray) -> np.ndarray:
+    """What is over whole turns, 0 to 1: the remainder, which itself takes many times as long."""
+    return turns - np.floor(turns)
+
+
 def phasor(angle: np.ndarray) -> np.ndarray:
     """exp(j·angle): its real and imaginary parts apart are many times as fast as a complex exponential."""
     out = np.empty(angle.shape, complex)

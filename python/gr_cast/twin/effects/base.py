@@ -15,6 +15,7 @@ import numpy as np
 
 from ..chain import Chain
 from ..columns import Courses, Dense, Lags
+from ..interpolate import within_turn
 from ..scene import Scene
 from .values import Value
 
@@ -451,8 +452,7 @@ class Family:
 
 def around_circle(f, middle: float):
     """How far frequencies, as shares of the sample rate, lie from one of them."""
-    ahead = f - middle + 0.5
-    return np.abs(ahead - np.floor(ahead) - 0.5)
+    return np.abs(within_turn(f - middle + 0.5) - 0.5)
 
 
 def db(ratio: float) -> float:

@@ -12,7 +12,7 @@ from scipy import optimize
 
 from ...core.tails import log_gamma_tail
 from ..columns import Lags, some_at_once
-from ..interpolate import TAU, phasor
+from ..interpolate import TAU, phasor, within_turn
 from .base import AIR, PROBE, Family, Multiplicity, rms_of, said_rms, start
 from .values import NEEDED, NEEDED_POSITIVE, NUMBER, POSITIVE, Value
 
@@ -134,7 +134,7 @@ def _folded(signal, block: int, period: float, row: int) -> Train:
     best = (-np.inf,)
     for t in period * (1 + np.arange(-12, 13) / 12 * min(0.5, block / n * period / hop)):
         bins = max(8, int(t / hop))
-        at = ((middle / t - np.floor(middle / t)) * bins).astype(int)
+        at = (within_turn(middle / t) * bins).astype(int)
         total, hits = np.bincount(at, energy, bins), np.maximum(np.bincount(at, minlength=bins), 1)
         for length in (x for x in (1, 2, 4, 8, 16) if x <= bins // 2):
             window = np.convolve(np.concatenate([total, total]), np.ones(length))[length - 1 : length - 1 + bins]
@@ -161,19 +161,22 @@ def _between(signal, power, train: Train) -> float:
     return float(np.median([_matched(signal, power, replace(train, first=train.first + late)).mean() for late in places]))
 
 
+def _pulse(train: Train, size: int) -> np.ndarray:
+    """(size,) the wave of a pulse, about its middle."""
+    from_middle = np.arange(size) - (size - 1) / 2
+    return phasor(TAU * (train.frequency * from_middle + 0.5 * train.sweep * from_middle**2))
+
+
 def _matched(signal, power, train: Train) -> np.ndarray:
     """(pulses,) energy of each pulse over that of noise in it."""
     parts = _segments(signal, train, train.width)
-    from_middle = np.arange(parts.shape[1]) - (parts.shape[1] - 1) / 2
-    down = phasor(-TAU * (train.frequency * from_middle + 0.5 * train.sweep * from_middle**2))
-    return np.abs(parts @ down) ** 2 / (parts.shape[1] * power)
+    return np.abs(parts @ np.conj(_pulse(train, parts.shape[1]))) ** 2 / (parts.shape[1] * power)
 
 
 def _beat(signal, power, train: Train, seldom: int) -> Train:
     """The train, its wave known, with the period (a part, or up to so many times as long) and beginning that explain most."""
     size = max(8, int(round(train.width)))
-    from_middle = np.arange(size) - (size - 1) / 2
-    wave = phasor(TAU * (train.frequency * from_middle + 0.5 * train.sweep * from_middle**2))
+    wave = _pulse(train, size)
     span = sp_fft.next_fast_len(len(signal) + size)
     both = sp_fft.ifft(sp_fft.fft(signal, span) * np.conj(sp_fft.fft(wave, span)))[: len(signal)]
     energy = np.abs(both) ** 2 / (size * power)  # of a pulse that begins at a sample; of noise exponential, 1 in the mean
@@ -229,8 +232,7 @@ def _edges(signal, train: Train) -> Train:
     """The train with the beginning and the width that explain most, its wave known."""
     size = int(min(3 * train.width + 16, train.period))
     parts = _segments(signal, train, size)
-    from_middle = np.arange(parts.shape[1]) - (parts.shape[1] - 1) / 2
-    down = phasor(-TAU * (train.frequency * from_middle + 0.5 * train.sweep * from_middle**2))
+    down = np.conj(_pulse(train, parts.shape[1]))
     at = np.unique(np.linspace(0, parts.shape[1], EDGES + 1).astype(int))
     sums = np.concatenate([np.zeros((len(parts), 1)), np.cumsum(parts * down, axis=1)], axis=1).T[at]
     energy = np.zeros((len(at), len(at)))

@@ -6,6 +6,7 @@ import numpy as np
 from scipy import fft as sp_fft
 
 from ...core.tails import log_gamma_tail
+from ..interpolate import within_turn
 from .base import peaks, start
 from .noise_family import REMEMBERED, NoiseFamily, two_levels
 from .pulsed_carrier import PulsedCarrier
@@ -26,8 +27,7 @@ class PulsedInterference(NoiseFamily):
 
     def gate(self, scene, effect):
         _, period, first, duty = effect.p
-        turn = (scene.index - first) / period
-        return turn - np.floor(turn) < duty
+        return within_turn((scene.index - first) / period) < duty
 
     def variance(self, scene, effect, wanted):
         return 1 + np.exp(effect.p[0]) * self.gate(scene, effect)
@@ -113,7 +113,7 @@ def _repeats(e, use, p) -> bool:
     if p is None:
         return False
     turn = (np.arange(len(e)) - p[2]) / p[1]
-    on = use & (turn - np.floor(turn) < p[3])
+    on = use & (within_turn(turn) < p[3])
     pulse = np.floor(turn[on]).astype(int) + 1
     strongest = np.zeros_like(on)
     strongest[on] = pulse == np.bincount(pulse, e[on]).argmax()
@@ -135,8 +135,7 @@ def _fold(e, use, held, period, n, total, count, scales=(1.0, 0.15)):
                 continue
             bins = int(min(width if scale == 1.0 else 256, max(8, p)))
             middle, energy, used = _blocks(e, use, int(p / (4 * bins)), held)
-            turn = middle / p
-            at = ((turn - np.floor(turn)) * bins).astype(int)
+            at = (within_turn(middle / p) * bins).astype(int)
             folded, hits = np.bincount(at, energy, bins), np.bincount(at, used, bins)
             e2, h2 = (np.cumsum(np.concatenate([[0], x, x])) for x in (folded, hits))
             lengths = np.unique(np.geomspace(1, bins // 2, 24).astype(int)) if bins > 64 else np.arange(1, bins // 2 + 1)
@@ -153,8 +152,7 @@ def _edged(e, use, p) -> list[float]:
     """The gate `p` with its edges where energy changes: the best two near where a search has them."""
     _, period, first, duty = p
     bins = int(np.clip(period, 8, _FINEST))
-    turn = (np.arange(len(e)) - first) / period
-    at = np.minimum(((turn - np.floor(turn)) * bins).astype(int), bins - 1)
+    at = np.minimum((within_turn((np.arange(len(e)) - first) / period) * bins).astype(int), bins - 1)
     folded, hits = (np.tile(np.bincount(at, x, bins), 3) for x in (e, use.astype(float)))
     e2, h2 = (np.cumsum(np.append(0.0, x)) for x in (folded, hits))
     reach = int(np.ceil(bins * (_NEXT * duty + 2 / _COARSE)))

@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import ndtr
 
+from ..interpolate import within_turn
 from .base import QUANTISER, Family, Role, start
 from .values import NEEDED_POSITIVE, NUMBER, Value
 
@@ -23,7 +24,7 @@ def mean_of_quantizer(value, step, origin, sigma):
     origin)·step."""
     x = value / step - origin
     table, slope = _deviation(sigma)
-    place = (x - np.floor(x)) * TABLE
+    place = within_turn(x) * TABLE
     cell = place.astype(np.int32)
     return (x + table[cell] + slope[cell] * (place - cell) + origin) * step
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..told import truth
 from . import files
 from .causes import FAMILIES, in_order
 from .chain import Prediction, received
@@ -167,29 +168,17 @@ def effect(cause, scenes, causes, shown, network):
 def truth_of(kind, folder, scenes, effects, fits, **more):
     scene = scenes[0]
     verdict = {"null": "no_mismatch", "ambiguous": "ambiguous", "outside": "unexplained"}.get(kind, "identified")
-    return {
-        "kind": kind,
-        "verdicts_ok": [verdict],
-        "ambiguous": None,
-        "tolerated": [],
-        "harmless": [],
-        "never_claim": [],
-        "case": Path(folder).name,
-        "effects": effects,
-        "fit": fits,
-        "tap_delays_s": [t["delay_s"] for t in scene.taps],
-        "network": kind == "network",
-        "conditions": {
-            "sample_rate_hz": scene.rate_hz,
-            "samples": scene.n,
-            "taps": len(scene.taps),
-            "waveform": scene.wave.name,
-            "samples_per_chip": scene.wave.samples_per_chip,
-            "duration_s": scene.duration_s,
-            "period_samples": scene.wave.period,
-        },
-        **more,
+    conditions = {
+        "sample_rate_hz": scene.rate_hz,
+        "samples": scene.n,
+        "taps": len(scene.taps),
+        "waveform": scene.wave.name,
+        "samples_per_chip": scene.wave.samples_per_chip,
+        "duration_s": scene.duration_s,
+        "period_samples": scene.wave.period,
     }
+    told = {"network": kind == "network", "case": Path(folder).name}
+    return truth(kind, [verdict], effects, fits, scene.taps, conditions, **told, **more)
 
 
 # ---------------------------------------------------------------- recording and files

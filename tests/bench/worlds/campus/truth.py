@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..rig import files
+from ..told import truth
 from . import channel, strength
 from .scene import db, power
 
@@ -164,18 +165,5 @@ def entry(folder, stem, link, x, traits, repeat):
 
 def of(kind, links, effects, fits, verdict, **more):
     """The truth of a case."""
-    base = {
-        "kind": kind,
-        "verdicts_ok": [verdict],
-        "ambiguous": None,
-        "tolerated": [],
-        "harmless": [],
-        "never_claim": [],
-        "case": "",
-        "effects": effects,
-        "fit": fits,
-        "tap_delays_s": [t["delay_s"] for t in links[0].taps],
-        "network": kind == "network",
-        "conditions": conditions(links),
-    }
-    return files.plain({**base, **more})
+    network = kind == "network"
+    return files.plain(truth(kind, [verdict], effects, fits, links[0].taps, conditions(links), network=network, **more))

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..told import truth
 from . import files, numeric
 from .scene import Context, baseline, concerned, energy_left, known_mask, simulate
 
@@ -215,23 +216,8 @@ def conditions(scene):
 
 def truth_of(scene, kind, effects, fit, *, verdicts, tolerated=(), ambiguous=None, **more):
     first = next(iter(scene.links.values()))
-    return files.plain(
-        {
-            "kind": kind,
-            "verdicts_ok": list(verdicts),
-            "ambiguous": ambiguous,
-            "tolerated": list(tolerated),
-            "harmless": [],
-            "never_claim": [],
-            "case": "",
-            "effects": effects,
-            "fit": fit,
-            "tap_delays_s": [t["delay_s"] for t in first],
-            "network": scene.network,
-            "conditions": conditions(scene),
-            **more,
-        }
-    )
+    told = {"network": scene.network, "tolerated": tolerated, "ambiguous": ambiguous}
+    return files.plain(truth(kind, verdicts, effects, fit, first, conditions(scene), **told, **more))
 
 
 # ---------------------------------------------------------------- drawing
