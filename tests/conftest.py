@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 BUILD = Path(os.environ.get("CAST_BUILD", ROOT / "build"))
 sys.path.insert(0, str(BUILD / "python"))
-sys.path.append(str(ROOT / "apps"))
+sys.path += [str(ROOT / "apps"), str(ROOT / "tests")]
 # A suite in the background inherits that interrupts are ignored, and so would every program that a test interrupts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 os.environ["GR_DONT_LOAD_PREFS"] = "1"

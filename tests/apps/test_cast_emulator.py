@@ -17,6 +17,7 @@ import zmq
 from gr_cast.emulation.reference import emulate, scenario_updates
 from gr_cast.scenario import load
 from gr_cast.signals import recording
+from ports import free_address
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = str(ROOT / "apps" / "cast_emulator.py")
@@ -52,12 +53,6 @@ sink.set_unbuffered(True)
 top.connect(zeromq.req_source(8, 1, address, 50, False, -1), blocks.head(8, count), sink)
 top.run()
 """
-
-
-def free_address() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp://127.0.0.1:{probe.getsockname()[1]}"
 
 
 def start(*command) -> subprocess.Popen:

@@ -5,7 +5,6 @@ import contextlib
 import os
 import random
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -16,6 +15,7 @@ import pytest
 import zmq
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
+from ports import free_address
 from zmq_peers import PERIOD, Peer, gnuradio, gnuradio_pubsub, srsran
 
 N_SCHEDULES = int(os.environ.get("CAST_SCHEDULES", 12))  # 200 and more by hand
@@ -28,12 +28,6 @@ links:
   - {tx: a, rx: b, taps: [{delay_s: 0.0, gain_db: 0.0}]}
   - {tx: b, rx: a, taps: [{delay_s: 0.0, gain_db: 0.0}]}
 """
-
-
-def free_address() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp://127.0.0.1:{probe.getsockname()[1]}"
 
 
 @contextlib.contextmanager

@@ -5,7 +5,6 @@ import json
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -15,24 +14,11 @@ from pathlib import Path
 import pytest
 from gr_cast.core.errors import CastError
 from gr_cast.pipeline import document, jenkins, server, site
+from ports import free_port
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ROOT / "apps" / "cast_pipeline.py"
 PLAYBOOK = ROOT / "python" / "gr_cast" / "pipeline" / "playbook.yaml"
-
-
-@pytest.fixture
-def free_port() -> int:
-    """A port whose next one is free too."""
-    for port in range(21000 + os.getpid() % 5000, 32000, 7):
-        with socket.socket() as one, socket.socket() as other:
-            try:
-                one.bind(("127.0.0.1", port))
-                other.bind(("127.0.0.1", port + 1))
-            except OSError:
-                continue
-            return port
-    raise OSError("no port is free")
 
 
 def until(holds, seconds: float = 240.0):
@@ -50,14 +36,15 @@ def fetched(address: str) -> str:
         return ""
 
 
-def test_a_server_that_is_killed_in_mid_build_goes_on_and_its_page_shows_the_commit(stack, tmp_path, free_port):
+def test_a_server_that_is_killed_in_mid_build_goes_on_and_its_page_shows_the_commit(stack, tmp_path):
+    port = free_port()
     try:
         server.python()
     except CastError as error:
         pytest.skip(f"NO BUILDBOT: {error}")
     storage = tmp_path / "store"
     words = [sys.executable, PROGRAM, "serve", "--repository", stack.folder, "--sites", stack.sites, "--storage", storage]
-    words += ["--port", str(free_port), "--poll", "1"]
+    words += ["--port", str(port), "--poll", "1"]
 
     def served():
         process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True)
@@ -85,8 +72,8 @@ def test_a_server_that_is_killed_in_mid_build_goes_on_and_its_page_shows_the_com
     process = served()
     try:
         verdict = until(lambda: list(storage.glob(f"verdicts/*/{pushed}.json")))[0]
-        page = until(lambda: pushed[:10] in (text := fetched(f"http://127.0.0.1:{free_port + 1}/")) and text)
-        builds = json.loads(fetched(f"http://127.0.0.1:{free_port}/api/v2/builds"))["builds"]
+        page = until(lambda: pushed[:10] in (text := fetched(f"http://127.0.0.1:{port + 1}/")) and text)
+        builds = json.loads(fetched(f"http://127.0.0.1:{port}/api/v2/builds"))["builds"]
     finally:
         killed(process, signal.SIGTERM)
     assert json.loads(verdict.read_text())["kinds"] == ["same on both"] and "A word" in page

@@ -13,6 +13,7 @@ from gr_cast.core.processes import Processes
 from gr_cast.experiments.cellular import stack, stack_run
 from gr_cast.experiments.cellular.downlink import Cell
 from gr_cast.experiments.cellular.stack_clock import Clock
+from ports import free_port
 
 RR = "cell_list =\n(\n  {\n    // rf_port = 0;\n    cell_id = 0x01;\n    tac = 0x0007;\n    pci = 1;\n  }\n);\n"
 UE = """\
@@ -127,10 +128,11 @@ def test_a_file_of_the_real_iperf3_is_read(tmp_path):
     if shutil.which("iperf3") is None:
         pytest.skip("NO IPERF3: apt install iperf3")
     words = ["--udp", "--bitrate", "4M", "--time", "3", "--interval", "1", "--json", "--get-server-output"]
-    with subprocess.Popen(["iperf3", "-s", "-1", "-p", "45201"], stdout=subprocess.DEVNULL) as server:
+    port = str(free_port())
+    with subprocess.Popen(["iperf3", "-s", "-1", "-p", port], stdout=subprocess.DEVNULL) as server:
         time.sleep(1)
         done = subprocess.run(
-            ["iperf3", "--client", "127.0.0.1", "-p", "45201", *words], capture_output=True, timeout=60, check=False
+            ["iperf3", "--client", "127.0.0.1", "-p", port, *words], capture_output=True, timeout=60, check=False
         )
         server.terminate()
     (tmp_path / "udp.json").write_bytes(done.stdout)
