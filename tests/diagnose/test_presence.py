@@ -2,6 +2,8 @@
 """A waveform that is in a recording explains more of it than chance would, one that is not explains what chance does, whatever
 else is recorded."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from conftest_world import noise, sent_once
@@ -51,7 +53,8 @@ STRANGERS = {
 
 
 def _look(y, sent, period):
-    return presence.look(y, sent[None], np.ones(len(y)), period, tried=period or 2 * COUNT)
+    by_places = presence.is_of_one_phase([SimpleNamespace(samples=sent)])
+    return presence.look(y, sent[None], np.ones(len(y)), period, tried=period or 2 * COUNT, by_places=by_places)
 
 
 @pytest.mark.parametrize("stranger", STRANGERS)
@@ -148,6 +151,24 @@ def test_pulses_in_bursts_are_there_and_other_bits_in_the_same_bursts_are_not(se
     left = noise(rng, len(frame), 0.1)
     assert _look(frame + left, frame, 0).there
     assert not _look(other + left, frame, 0).there
+
+
+@pytest.mark.parametrize("snr_db", [20, 0])
+@pytest.mark.parametrize("seed", range(3))
+def test_pulses_of_one_phase_are_there_by_their_places_and_those_of_another_beacon_are_not(tmp_path, seed, snr_db):
+    """Pairs of alike pulses with chance between them, as an interrogator of distances sends them: there are no phases to compare."""
+    rng = np.random.default_rng(seed)
+
+    def pairs():
+        at = np.cumsum(rng.integers(100, 400, 60))
+        times = np.arange(at[-1] + 100)[:, None]
+        return sum(np.exp(-(((times - at - later) / 5.0) ** 2) / 2).sum(1) for later in (0, 26))[:12000] + 0j
+
+    sent, other = pairs(), pairs()
+    left = noise(rng, 12000, 10 ** (-snr_db / 20) * np.sqrt(np.mean(np.abs(sent) ** 2)))
+    for heard, there in ((sent, True), (other, False)):
+        _, data, model = align.build(case := sent_once(tmp_path, heard + left, sent), case.observations[0])
+        assert presence.judge(data, model).there == there
 
 
 @pytest.mark.parametrize(("once", "there"), [(True, True), (False, True), (False, False)])

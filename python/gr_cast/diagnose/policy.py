@@ -200,6 +200,7 @@ FARTHEST_NEAR = 8 * PRESENCE_AROUND
 PRESENCE_ENVELOPE = 64  # samples over which amplitudes are averaged: more than a symbol's, less than a burst's
 PRESENCE_SILENT = 1e-3  # of the mean energy of the waveform in a stretch: less holds none of it
 LEAST_OVERLAP = 0.25  # of the most energy of the waveform in the recording at any delay: those with less are not compared
+ONE_PHASE = 0.99  # coherence of a waveform with its amplitudes, from which on its phases tell nothing
 PRESENCE_ALIKE = 0.7  # coherence of a waveform with itself, from which on another delay makes no other waveform of it
 PRESENCE_SHORTEST = 64  # samples in which something is compared at all
 LEAST_WHOLE = 0.5  # of the recording, in which something is sent that cannot be compared, if it is to be believed

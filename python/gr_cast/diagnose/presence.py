@@ -30,6 +30,7 @@ from .policy import (
     LOUDEST_SHARE,
     NULLS,
     NULLS_OF_SHORT,
+    ONE_PHASE,
     PIECES_AT_ONCE,
     PRESENCE_ALIKE,
     PRESENCE_AROUND,
@@ -72,8 +73,9 @@ def judge(data, model) -> Presence:
     source = scene.sources[0]
     period = len(source.samples) if source.repeat else 0
     tried = period or scene.whole + scene.span
-    told = look(y, signals, inside, period, tried)
-    return told if told.there else look(within(y, scene.sources), signals, inside, period, tried)
+    by_places = is_of_one_phase(scene.sources)
+    told = look(y, signals, inside, period, tried, by_places)
+    return told if told.there else look(within(y, scene.sources), signals, inside, period, tried, by_places)
 
 
 def within(y: np.ndarray, sources) -> np.ndarray:
@@ -86,9 +88,9 @@ def within(y: np.ndarray, sources) -> np.ndarray:
     return y / np.maximum(1.0, np.abs(y) / (heard * sent.max() / most))
 
 
-def look(y, signals, inside, period: int = 0, tried: int = 1) -> Presence:
+def look(y, signals, inside, period: int = 0, tried: int = 1, by_places: bool = False) -> Presence:
     """`judge` of arrays: recording (n,), what each transmitter sends (sources, n), 1 where a sample counts (n,); `period` of
-    what repeats, the number of delays that were `tried`."""
+    what repeats, the number of delays that were `tried`; `by_places`, where phases tell nothing."""
     best = Presence(nats=-np.inf)
     for length in LENGTHS:
         best = max(best, _look(y, signals, inside, period, tried, length, PRESENCE_SURE_NATS), key=lambda p: p.nats)
@@ -98,7 +100,19 @@ def look(y, signals, inside, period: int = 0, tried: int = 1) -> Presence:
         for half in (slice(None, len(y) // 2), slice(len(y) // 2, None)):
             told = _look(y[half], signals[:, half], inside[half], 0, HALVES * tried, len(y), PRESENCE_SURE_NATS)
             best = max(best, told, key=lambda p: p.nats)
+    if not best.there and by_places:
+        told = _look(y, signals, inside, period, 2 * tried, len(y), PRESENCE_SURE_NATS, by_places=True)
+        best = max(best, told, key=lambda p: p.nats)
     return best
+
+
+def is_of_one_phase(sources) -> bool:
+    """Whether all that is sent are pulses of one phase, which nothing but their places and amplitudes tell from another's."""
+    for source in sources:
+        amplitudes = np.abs(source.samples)
+        if abs(np.vdot(amplitudes, source.samples)) < ONE_PHASE * np.vdot(amplitudes, amplitudes):
+            return False
+    return True
 
 
 def likelier(options, period: int, tried: int) -> int | None:
@@ -114,10 +128,13 @@ def likelier(options, period: int, tried: int) -> int | None:
     return best if nats[best] > LIKELIER * nats[0] + PRESENT_NATS else 0
 
 
-def _look(y, signals, inside, period: int, tried: int, length: int, sure: float) -> Presence:
-    """`look` at a stretch of so many samples, until so many nats are there."""
+def _look(y, signals, inside, period: int, tried: int, length: int, sure: float, by_places: bool = False) -> Presence:
+    """`look` at a stretch of so many samples, until so many nats are there; `by_places`: by what is explained of all that is
+    recorded, not of what is recorded where it is sent."""
     whole = min(len(y), length)
     y, signals, inside = _on_air(*_fullest(y, signals, inside, length))
+    if not by_places:
+        signals = _without_envelopes(signals, inside)
     if len(y) < PRESENCE_SHORTEST:
         return Presence(nats=np.inf if len(y) > LEAST_WHOLE * whole else -np.inf)
     near, *others = _delays(len(y), period)
@@ -136,6 +153,8 @@ def _look(y, signals, inside, period: int, tried: int, length: int, sure: float)
     )
     for together in lengths:
         explained, most, gains = (sum(parts) for parts in zip(*(_added(*piece, together) for piece in pieces), strict=True))
+        if by_places:
+            most = np.full(len(delays), np.sum(np.abs(y * inside) ** 2))
         share = explained / np.maximum(most, 1e-300)[:, None]
         trials = np.log(tried * share.shape[1] * len(lengths) * 2.0)  # both orientations
         here = np.where(heard[: len(near), None], share[: len(near)], 0.0)
@@ -160,16 +179,19 @@ def _fullest(y, signals, inside, length: int):
 
 
 def _on_air(y, signals, inside):
-    """The stretch from the first to the last sample that is sent, in which other delays meet the same recording; what is sent
-    without what it has of its own envelope there, for any signal with a carrier that is on at these times would explain that as
-    much."""
+    """The stretch from the first to the last sample that is sent, in which other delays meet the same recording."""
     power = (np.abs(signals) ** 2).sum(0) * inside
     sent = np.flatnonzero(power > PRESENCE_SILENT * np.mean(power))
     at = slice(sent[0], sent[-1] + 1) if len(sent) else slice(0, 0)
-    y, signals, inside = y[at], signals[:, at], inside[at]
+    return y[at], signals[:, at], inside[at]
+
+
+def _without_envelopes(signals, inside):
+    """What is sent without what it has of its own envelope, for any signal with a carrier that is on at these times would
+    explain that as much."""
     envelopes = inside * ndimage.uniform_filter1d(np.abs(signals * inside), PRESENCE_ENVELOPE, mode="constant")
     held = (envelopes * signals).sum(1) / np.maximum((envelopes**2).sum(1), 1e-300)
-    return y, signals - held[:, None] * envelopes, inside
+    return signals - held[:, None] * envelopes
 
 
 def _delays(n: int, period: int):
