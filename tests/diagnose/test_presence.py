@@ -156,7 +156,7 @@ def test_pulses_in_bursts_are_there_and_other_bits_in_the_same_bursts_are_not(se
 @pytest.mark.parametrize("snr_db", [20, 0])
 @pytest.mark.parametrize("seed", range(3))
 def test_pulses_of_one_phase_are_there_by_their_places_and_those_of_another_beacon_are_not(tmp_path, seed, snr_db):
-    """Pairs of alike pulses with chance between them, as an interrogator of distances sends them: there are no phases to compare."""
+    """Pairs of alike pulses with chance between them, as for measuring distances: there are no phases to compare."""
     rng = np.random.default_rng(seed)
 
     def pairs():

@@ -400,6 +400,19 @@ def test_a_hundredth_of_what_the_vault_shows_is_too_much_to_leave_but_for_fields
     assert told == [False, True]
 
 
+@pytest.mark.parametrize(("gain_db", "is_foretold"), [(2.5, True), (1.5, False)])
+def test_a_vault_that_is_quieter_than_what_was_fitted_is_foretold_within_its_doubt(gain_db, is_foretold):
+    random = np.random.default_rng(3)
+    vault, (loud,) = (louder(heard(theirs(), 60.0), "n4", db) for db in (gain_db, 3.0))
+    power = (np.abs(loud.heard.y) ** 2).mean()
+    noise = np.sqrt(power / 2) * (random.normal(size=loud.heard.y.shape) + 1j * random.normal(size=loud.heard.y.shape))
+    ears = [replace(loud, heard=replace(loud.heard, y=loud.heard.y + noise, weight=np.full(noise.shape, 1 / power)))]
+    model = fitted(ears, evaluated(ears, ours(), [of("node_gain", "n4", 3.0)]))
+    before, left = (evaluated(vault, ours(), effects).left_nats(vault[0].count) for effects in ((), model.effects))
+    assert left > max(0.5 * vault[0].count, 0.005 * before)
+    assert foretold.holds(View(ears, model, KNOWN), vault) is is_foretold
+
+
 @pytest.mark.parametrize(("is_node", "told"), [(True, ("node_gain", "n4")), (False, ("excess_loss", "n4>n2"))])
 def test_of_two_that_explain_alike_the_one_that_foretells_the_vault_is_told(is_node, told):
     whole = heard(theirs(), 30.0)

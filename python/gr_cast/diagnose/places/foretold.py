@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from . import policy
-from .fit import Ear, Model, evaluated, normal_equations, without_effects
+from .fit import Ear, Model, evaluated, fitted, normal_equations, without_effects
 from .view import View
 
 _LEAST_KNOWN = 1e-8  # of what is known of a number with the vault, the part without: what is known is no wider than the place
@@ -42,8 +42,9 @@ def told_nats(vault: Sequence[Ear], model: Model) -> list[float]:
 
 
 def holds(view: View, vault: Sequence[Ear]) -> bool:
-    """Whether the responses of the vault are predicted as well as their noise lets one know, with or without what may have been
-    there for once, and wherever what was added ends: that the soundings of one campaign do not show; and no effect is refused."""
+    """Whether the responses of the vault are predicted as well as their noise and the doubt of the numbers let one know, with or
+    without what may have been there for once, and wherever what was added ends: that the soundings of one campaign do not show;
+    and no effect is refused."""
     vault = [one for one in vault if one.has_responses]
     if not vault:
         return True
@@ -64,7 +65,22 @@ def holds(view: View, vault: Sequence[Ear]) -> bool:
     if foretells and before > policy.CLEAN_DEVIATIONS * np.sqrt(count) and after > policy.UNTOLD_MOST * before:
         return False  # the vault shows something, and it is not this
     share = policy.UNTOLD_BY_FIELDS if is_flexible else policy.UNTOLD_SHARE
-    return after < max(policy.UNTOLD_NOISE * count, share * before)
+    most = max(policy.UNTOLD_NOISE * count, share * before)
+    return after < most or _left_at_best(view, vault) < most
+
+
+def _left_at_best(view: View, vault: Sequence[Ear]) -> float:
+    """Nats that numbers leave there which explain the vault too; infinite if these leave something of what was fitted, or lose
+    much of what an effect explains of it."""
+    ears, model = view.ears, view.model
+    together, count = (*ears, *vault), sum(one.count for one in ears)
+    effects = fitted(together, evaluated(together, model.base, model.effects)).effects
+    here = evaluated(ears, model.base, effects)
+    least = min((without_effects(ears, model, [k]).energy - model.energy for k in range(len(effects))), default=0.0)
+    lost, most = here.energy - model.energy, policy.RESETTLED_SHARE * least
+    if lost > most or here.left_nats(count) > policy.CLEAN_DEVIATIONS * (np.sqrt(count) + here.slack):
+        return np.inf
+    return evaluated(vault, model.base, effects).left_nats(sum(one.count for one in vault))
 
 
 def foreseen(ears: Sequence[Ear], vault: Sequence[Ear], model: Model) -> float:

@@ -51,6 +51,7 @@ CONFIRMED_SHARE = 0.5  # of what is left of the vault, which a small effect must
 UNTOLD_NOISE = 0.5  # of the vault's noise: what is left more is not predicted, unless it is no more than
 UNTOLD_SHARE, UNTOLD_BY_FIELDS = 0.005, 0.02  # of what the twin leaves there; where random fields are told, which have no place:
 # of 45 lists that were right on the bench none left more, of 15 wrong ones 9; none of 60 without fields left half the noise
+RESETTLED_SHARE = 0.05  # of what the least effect explains of what was fitted, which numbers may lose that explain the vault too
 UNTOLD_MOST = 0.9  # of what the twin leaves there, where it is more than noise: a list that leaves so much tells none of it
 SUREST = 0.95  # of a cause that nothing speaks against: one in twenty was wrong on the bench
 SURE_IF_REFUSED, SURE_IF_UNSHOWN = 0.5, 0.8  # the vault speaks against it, or has nothing that shows it
