@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from conftest_world import RATE_HZ, World, sent_once
+from conftest_world import noise as noise_of
 from gr_cast.diagnose import align, diagnose, noise, read_case, search
 from gr_cast.diagnose.next_recording import Hypothesis, record_next
 from gr_cast.diagnose.ownership import kind_of
@@ -18,6 +19,7 @@ from gr_cast.twin.effects import FAMILIES
 from gr_cast.twin.effects.base import start
 from gr_cast.twin.model import predict
 from scipy import signal
+from scipy.ndimage import gaussian_filter1d
 
 
 @pytest.fixture
@@ -250,3 +252,23 @@ def test_a_lone_echo_that_stands_still_is_no_tail_for_the_dopplers_that_it_might
     y = world.noisy(world.clean() + gain * world.path(5))
     document = diagnose(read_case(world.write(tmp_path / "case", y)), budget_s=300).document
     assert [e["family"] for e in document["effects"]] == ["extra_path"] and not document["ambiguous"]
+
+
+def test_what_stands_behind_a_promise_that_is_not_kept_is_tried_too(world, tmp_path, monkeypatch):
+    """As the colour of impulses promises a filter, on either side, and a path that fades less."""
+    fading = gaussian_filter1d(noise_of(world.rng, len(world.n)), 2000, mode="wrap")
+    y = world.noisy(world.clean() + 0.005 * world.path(9) * (fading - fading.mean()) / fading.std())
+    case = read_case(world.write(tmp_path / "case", y))
+    _, data, model = align.build(case, case.observations[0])
+    scored, kept = search._candidates, search.plausible
+
+    def lying(fit):
+        scores = [replace(s, net=s.net + 1e4 * (s.effect.family == "front_end_filter")) for s in scored(fit)]
+        return sorted(scores, key=lambda s: -s.net)
+
+    monkeypatch.setattr(search, "_candidates", lying)
+    monkeypatch.setattr(
+        search, "plausible", lambda model: "front_end_filter" not in {e.family for e in model.effects} and kept(model)
+    )
+    best = search.search(data, [refit(data, model)])[0]
+    assert [e.family for e in best.model.found] == ["tap_fading"]

@@ -251,6 +251,7 @@ UNEXPLAINED_SHARE = 0.01
 MANY = 200  # parameters with a prior up to which their dependence is taken into account by a score
 SEARCH_MARGIN = 5.0  # nats of evidence that an effect must bring beyond its price
 BEAM = 2
+STILL_NATS = 30.0  # promised, from which an effect is tried when what promised more did not keep it
 REFITS = 3
 MOST_EFFECTS = 6  # more are not searched for: a list of so many is hardly ever the whole truth
 ANOTHER_PATH = 0.5  # of what is left, at most, with another path where the twin's strongest was looked for

@@ -4,6 +4,7 @@ backward elimination."""
 
 import functools
 import itertools
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,6 +47,7 @@ from .policy import (
     SEEN,
     SETTLED,
     SOFTENED_STEPS,
+    STILL_NATS,
 )
 from .view import View
 
@@ -366,6 +368,18 @@ def _worth_trying(scores: list[Score]) -> list[Score]:
     return simple[:REFITS] + flexible[:2] + noises[:2]
 
 
+def _to_try(fit: Fit) -> Iterator[Iterable[Model]]:
+    """Models with more effects: those that promise most, and, for where none keeps its promise, those that stood behind it."""
+    scores = candidates(fit)
+    trying = _worth_trying(scores)
+    yield itertools.chain(_all_at_once(fit), (more for s in trying for more in _adding(fit, s.effect)))
+    while trying:
+        tried = {s.effect.family for s in trying}
+        scores = [s for s in scores if s.effect.family not in tried and s.net > STILL_NATS]
+        trying = _worth_trying(scores)
+        yield (more for s in trying for more in _adding(fit, s.effect))
+
+
 def search(data: Data, beam: list[Fit], proof_deadline: float = np.inf) -> list[Fit]:
     """Fits by falling evidence, the best first, grown from those of `beam`; every effect of the best has paid its price. What was
     found by the data's deadline has until `proof_deadline` to prove itself; the note `cut` of the best says whether that ended
@@ -377,16 +391,19 @@ def search(data: Data, beam: list[Fit], proof_deadline: float = np.inf) -> list[
         for fit in beam:
             if data.late:
                 break
-            for more in itertools.chain(
-                _all_at_once(fit), (m for s in _worth_trying(candidates(fit)) for m in _adding(fit, s.effect))
-            ):
-                if data.late:
+            for trials in _to_try(fit):
+                better = False
+                for more in trials:
+                    if data.late:
+                        break
+                    trial = _on_either_side(data, fit, refit(data, more, near=fit))
+                    key = trial.model.families
+                    if trial.evidence > fit.evidence + _least(fit, more) and plausible(trial.model):
+                        better = True
+                        if key not in done or done[key].evidence < trial.evidence:
+                            done[key] = grown[key] = trial
+                if better:
                     break
-                trial = _on_either_side(data, fit, refit(data, more, near=fit))
-                key = trial.model.families
-                if trial.evidence > fit.evidence + _least(fit, more) and plausible(trial.model):
-                    if key not in done or done[key].evidence < trial.evidence:
-                        done[key] = grown[key] = trial
         leader = max(done.values(), key=lambda f: f.evidence)
         rounds = 0 if leader.evidence > before else rounds + 1
         if causes(leader.model) >= MOST_EFFECTS:
