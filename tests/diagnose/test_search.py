@@ -142,6 +142,20 @@ def test_an_echo_is_found_however_fast_a_path_may_turn_it(world, tmp_path, cycle
     assert any(abs(e.p[2] - 23) < 1 and abs(e.p[3] - cycles) <= 0.5 for e in found)
 
 
+@pytest.mark.parametrize("cycles", [-13.3, 41.0])
+def test_an_echo_that_turns_is_found_where_the_waveform_is_known_in_parts(tmp_path, cycles):
+    rng, count = np.random.default_rng(4), 30000
+    sent = noise_of(rng, count)
+    y = sent + 0.03 * np.roll(sent, 14) * np.exp(2j * np.pi * cycles * np.arange(count) / count) + noise_of(rng, count, 0.1)
+    for begin, end in ((2000, 9000), (15000, 18000)):
+        sent[begin:end] = np.nan
+    case = sent_once(tmp_path, y, sent)
+    _, data, model = align.build(case, case.observations[0])
+    assert data.scene.at is not None
+    (delay, found, *_), *_ = View(refit(data, model)).echoes(0, count=1, fastest=100.0)
+    assert abs(delay - 14) < 1 and abs(found - cycles) <= 0.5
+
+
 @pytest.mark.parametrize("a", [-0.4, 0.0, 0.4])
 def test_coloured_noise_is_worth_what_its_entropy_lacks_where_it_is_densest_in_the_signals_band(world, tmp_path, a):
     world.x = np.repeat(world.x[::2], 8)

@@ -169,7 +169,10 @@ class View:
         source = self.scene.sources[code] if isinstance(code, int) else self.scene.extra[code]
         n, size = self.scene.count, len(source.samples)
         if np.ndim(edges) == 0:
-            edges = np.minimum(np.arange(edges + 1) * -(-n // edges), n)
+            whole = n if self.scene.at is None else self.scene.span
+            edges = np.minimum(np.arange(edges + 1) * -(-whole // edges), whole)
+            if self.scene.at is not None:
+                edges = np.searchsorted(self.scene.at, edges)  # alike long in time, of what is known in samples or not
         segments, lengths = len(edges) - 1, np.diff(edges)
         if source.repeat:
             spectrum = np.conj(sp_fft.fft(source.samples))
@@ -187,6 +190,8 @@ class View:
         c = np.zeros((segments, spread - low), complex)
         for m, begin in enumerate(edges[:-1]):
             piece = signal[begin : edges[m + 1]]
+            if not len(piece):
+                continue
             first = PAD + begin - spread + 1
             template = source.samples[max(first, 0) : PAD + begin + len(piece) - low]
             if first < 0:
