@@ -16,7 +16,7 @@ import yaml
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
 
 from worlds import build
-from worlds.campus import cases, menu, scene, strength, waveforms
+from worlds.campus import cases, causes_transmitter, menu, scene, strength, waveforms
 
 pytestmark = pytest.mark.timeout(120)
 TURN = 2 * np.pi
@@ -316,6 +316,17 @@ def test_the_told_truth_leaves_the_noise(family, tmp_path):
         level, told = 20 * np.log10(abs(got[0] / c[0])), case.value(family, "gain_db")
     if level is not None:
         assert abs(level - told) < 8.7 * 4 / math.sqrt(2 * effect["lambda"]) + 0.1
+
+
+def test_a_filters_mean_delay_is_the_links_and_not_the_filters():
+    f, late = np.linspace(-1e5, 1e5, 9), 37e-6
+    shape = lambda f: 1 / (1 + 1j * f / 4e5)  # noqa: E731
+    once, again = (
+        causes_transmitter.centred(shape, 1e5),
+        causes_transmitter.centred(lambda f: shape(f) * np.exp(-1j * TURN * late * f), 1e5),
+    )
+    assert np.allclose(once(f), again(f)) and np.allclose(np.abs(once(f)), np.abs(shape(f)))
+    assert abs(np.polyfit(f, np.angle(once(f)), 1)[0]) < 0.02 * abs(np.polyfit(f, np.angle(shape(f)), 1)[0])
 
 
 @pytest.mark.parametrize("family", ["pa_nonlinearity", "front_end_filter", "diffuse_tail", "extra_path", "tap_gain_error"])

@@ -234,8 +234,16 @@ def hum(link, rng, aim):
 
 
 # ---------------------------------------------------------------- filters
+def centred(h, half):
+    """A response without its mean delay in a band of ± half."""
+    band = np.linspace(-half, half, 401)
+    slope = np.polyfit(band, np.unwrap(np.angle(h(band))), 1, w=np.abs(h(band)))[0]
+    return lambda f: h(f) * np.exp(-1j * slope * f)
+
+
 def filtering(link, rng, aim):
-    """Roll-offs, a mismatched cable, a surface-wave filter; at the receiver the mean power of its noise stays."""
+    """Roll-offs, a mismatched cable, a surface-wave filter, without the delay of their own that the link's unknown delay takes; at
+    the receiver the mean power of its noise stays."""
     at, form, rate = link.side(rng), rng.choice(["butterworth", "chebyshev", "cable", "surface wave"]), link.rate
     half = link.traits["bw"] * rate / 2
     if form == "butterworth":
@@ -262,7 +270,7 @@ def filtering(link, rng, aim):
         first, lo, hi = 0.2, 1e-4, 3.0
 
     def make(s):
-        h = shape(s)
+        h = centred(shape(s), half)
         mean = math.sqrt(power(h(np.linspace(-rate / 2, rate / 2, 2001)))) if at == "rx" else 1.0
         return dict(at=at, response=lambda f: h(f) / mean)
 
