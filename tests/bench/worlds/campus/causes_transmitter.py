@@ -242,7 +242,7 @@ def centred(h, half):
 
 
 def filtering(link, rng, aim):
-    """Roll-offs, a mismatched cable, a surface-wave filter, without the delay of their own that the link's unknown delay takes; at
+    """Roll-offs, a mismatched cable, a surface-wave filter, without their mean delay, which the link's unknown delay takes; at
     the receiver the mean power of its noise stays."""
     at, form, rate = link.side(rng), rng.choice(["butterworth", "chebyshev", "cable", "surface wave"]), link.rate
     half = link.traits["bw"] * rate / 2
