@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 import yaml
-from conftest_world import RATE_HZ
+from conftest_world import RATE_HZ, noise, sent_once
 from gr_cast.diagnose import diagnose, read_case
 from gr_cast.signals import codes, recording
 from scipy import signal
@@ -566,3 +566,15 @@ def test_an_image_far_below_a_radios_usual_one_is_told_where_the_data_carry_it(w
     document = run(world, tmp_path, world.noisy(y + beta * np.conj(y)))
     assert sorted(named(document)) == ["carrier_frequency_offset", "iq_imbalance"]
     assert said(document, "iq_imbalance", "image_rejection_db")["value"] == pytest.approx(62.0, abs=1.0)
+
+
+@pytest.mark.parametrize(("seed", "in_decibels"), [(1, False), (2, True)])
+def test_a_drift_that_a_burst_shows_in_part_holds_both_laws_in_its_interval(tmp_path, seed, in_decibels):
+    """A third of the recording; evenly in decibels or in amplitude differ by a parabola of 0.03 dB there, and 0.4 dB in all."""
+    rng, count = np.random.default_rng(seed), 12000
+    sent, y, u = noise(rng, 4000), np.zeros(count, complex), np.arange(count) / count
+    y[6000:10000] = sent
+    gain = 10 ** (-4 * u / 20) if in_decibels else 1 + (10 ** (-4 / 20) - 1) * u
+    (told,) = diagnose(sent_once(tmp_path, y * gain + noise(rng, count, 0.08), sent)).document["effects"]
+    total_db = told["parameters"]["total_db"]
+    assert abs(total_db["value"] + 4) < 2.5 * total_db["std"] < 0.6

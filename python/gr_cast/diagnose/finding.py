@@ -152,7 +152,7 @@ def numbers(finding: Finding, index: int) -> tuple[dict, dict]:
             moved = [family.values(scene, effect, effect.p + h * np.eye(len(effect.p))[k])[name] for k in range(len(effect.p))]
             variance[name] = sum(((m - values[name]) / h * std) ** 2 for m, std in zip(moved, effect.aux["_std"], strict=True))
     found = family.spread(scene, effect, fit.sigma2, float(np.mean(np.abs(fit.chain.wanted) ** 2)))
-    variance |= {name: std**2 for name, std in found.items()}
+    variance |= {name: variance[name] + std**2 for name, std in found.items()}
     stds = effect.aux.get("_stds") or finding.stds.get(effect.family, {})
     out = {}
     for name, value in values.items():

@@ -93,6 +93,13 @@ class Scene:
         self.u = self.index / self.span
         self._wraps = {}
 
+    def on_air(self) -> np.ndarray:
+        """(n,) bool: where something is sent, to some samples."""
+        if any(s.repeat for s in self.sources):
+            return np.ones(self.count, bool)
+        at = PAD + self.place.astype(int)
+        return np.any([s.samples[at] != 0 for s in self.sources], axis=0)
+
     def stretch(self, first: int, count: int, sources: list[Source], extra: dict[str, Source]) -> "Scene":
         """Other samples of the same recording, `count` from number `first` on, with what was sent around them."""
         other = copy.copy(self)

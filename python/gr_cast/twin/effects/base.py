@@ -434,7 +434,8 @@ class Family:
         return effect
 
     def spread(self, scene: Scene, effect: Effect, sigma2: float, power: float) -> dict[str, float]:
-        """Standard deviations of numbers that are found by search, at a noise and a wanted power."""
+        """Standard deviations of numbers besides what a fit leaves open, at a noise and a wanted power: of those that a search
+        found, or that laws tell differently which explain the same."""
         return {}
 
     def resolution(self, scene: Scene, name: str, value: float) -> float:

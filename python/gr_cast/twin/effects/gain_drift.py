@@ -71,6 +71,22 @@ class GainDrift(GainFamily):
         """Its law over the whole recording, of which `scene` may be a part."""
         return DECIBELS if _ends(effect, 0.0, scene.whole_s / scene.duration_s) else _law(effect)
 
+    def spread(self, scene, effect, sigma2, power):
+        """Both even laws bend apart by little where a burst is heard, a parabola without its mean, and go on differently where
+        it is not."""
+        heard = scene.u[scene.on_air()]
+        if _law(effect) == RELAXATION or scene.whole != scene.span or len(heard) < 2:
+            return {}
+        first, last = heard[0], heard[-1]
+        change = float(np.diff(self._nepers(np.array([first, last]), effect))[0])
+        if _law(effect) == AMPLITUDE:
+            other = change / (last - first)
+        else:
+            slope = np.expm1(change) / (last - first)
+            other = float(np.diff(np.log(np.maximum(1 + slope * (np.array([0.0, 1.0]) - first), LEAST_LEFT)))[0])
+        nats = 4 / 45 * np.log(np.cosh(change / 2)) ** 2 * power * scene.count / sigma2
+        return {"total_db": 20 / np.log(10) * abs(other - effect.p[0]) / np.sqrt(1 + np.exp(min(nats, MOST)))}
+
     def parse(self, scene, parameters, model):
         tau_s = parameters.get("time_constant_s")
         law = RELAXATION if tau_s else AMPLITUDE if model.get("law") == AMPLITUDE else DECIBELS
