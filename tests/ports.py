@@ -4,7 +4,7 @@
 import os
 import socket
 
-_PORTS = iter(range(21000 + os.getpid() * 11 % 5000, 32000, 2))
+_PORTS = iter(range(21000 + os.getpid() % 50 * 100, 32000, 2))
 
 
 def free_port() -> int:

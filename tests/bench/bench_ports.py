@@ -9,16 +9,16 @@ import argparse
 import json
 import multiprocessing
 import os
-import socket
 import sys
 import tempfile
 import threading
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "apps"))
+sys.path[:0] = [str(Path(__file__).resolve().parents[up] / name) for up, name in ((2, "apps"), (1, ""))]
 
 import _program  # noqa: F401  (finds gr_cast)
+from ports import free_address
 
 SCENARIO = """\
 cast_scenario: 1
@@ -28,12 +28,6 @@ links:
   - {tx: a, rx: b, taps: [{delay_s: 0.0, gain_db: 0.0}]}
 """
 SETTLE_S = 1.0
-
-
-def free_address() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp://127.0.0.1:{probe.getsockname()[1]}"
 
 
 def send(kind: str, address: str) -> None:

@@ -2,6 +2,7 @@
 """A waveform that is in a recording explains more of it than chance would, one that is not explains what chance does, whatever
 else is recorded."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -65,6 +66,14 @@ def test_what_was_not_sent_is_not_there(wave, stranger):
         rng = np.random.default_rng(seed)
         y = STRANGERS[stranger](rng, other(np.random.default_rng(99 + seed)))
         assert not _look(y, sent(rng), period).there
+
+
+def test_two_levels_of_one_phase_which_are_like_themselves_at_every_delay_are_not_there_in_noise():
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        sent = np.repeat(rng.choice([0.5, 1.0], COUNT // 4), 4).astype(complex)
+        assert not _look(noise(rng, COUNT), sent, 0).there
+        assert _look(sent + noise(rng, COUNT, 0.1), sent, 0).there
 
 
 @pytest.mark.parametrize("snr_db", [0, -6, -12])
@@ -153,11 +162,9 @@ def test_pulses_in_bursts_are_there_and_other_bits_in_the_same_bursts_are_not(se
     assert not _look(other + left, frame, 0).there
 
 
-@pytest.mark.parametrize("snr_db", [20, 0])
-@pytest.mark.parametrize("seed", range(3))
-def test_pulses_of_one_phase_are_there_by_their_places_and_those_of_another_beacon_are_not(tmp_path, seed, snr_db):
+def test_pulses_of_one_phase_are_there_by_their_places_and_those_of_another_beacon_are_not(tmp_path):
     """Pairs of alike pulses with chance between them, as for measuring distances: there are no phases to compare."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
 
     def pairs():
         at = np.cumsum(rng.integers(100, 400, 60))
@@ -165,10 +172,14 @@ def test_pulses_of_one_phase_are_there_by_their_places_and_those_of_another_beac
         return sum(np.exp(-(((times - at - later) / 5.0) ** 2) / 2).sum(1) for later in (0, 26))[:12000] + 0j
 
     sent, other = pairs(), pairs()
-    left = noise(rng, 12000, 10 ** (-snr_db / 20) * np.sqrt(np.mean(np.abs(sent) ** 2)))
-    for heard, there in ((sent, True), (other, False)):
+    rms = np.sqrt(np.mean(np.abs(sent) ** 2))
+    left = noise(rng, 12000, 0.1 * rms)
+    for heard, there in ((other, False), (sent, True)):
         _, data, model = align.build(case := sent_once(tmp_path, heard + left, sent), case.observations[0])
         assert presence.judge(data, model).there == there
+    click = 1000 * (np.arange(12000) == np.argmax(np.abs(sent)))  # upon a pulse
+    for heard, there in ((left, False), (click + left, False), (sent + noise(rng, 12000, rms), True)):
+        assert presence.judge(replace(data, y=heard), model).there == there
 
 
 @pytest.mark.parametrize(("once", "there"), [(True, True), (False, True), (False, False)])

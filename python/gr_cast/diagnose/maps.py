@@ -56,15 +56,16 @@ def maps_of(fit, floor: float, longest: float = 0.0) -> Maps:
 
 def _time_frequency(fit, rows: int = 64, bins: int = 48) -> np.ndarray:
     """(rows, bins) mean power of the residual as it is, by time and frequency from −rate/2 up; NaN where nothing is used."""
-    n = fit.data.scene.count
+    use, residual = (fit.data.scene.spread(x) for x in (fit.data.use > 0, fit.residual))
+    n = len(use)
     rows = max(1, min(rows, n // bins))
     length = n // rows // bins * bins
     firsts = np.linspace(0, n - length, rows).astype(int)
     out = np.full((rows, bins), np.nan)
     for row, first in enumerate(firsts):
-        used = (fit.data.use[first : first + length] > 0).reshape(-1, bins)
+        used = use[first : first + length].reshape(-1, bins)
         if used.any():
-            blocks = (fit.residual[first : first + length] * used.ravel()).reshape(-1, bins)
+            blocks = (residual[first : first + length] * used.ravel()).reshape(-1, bins)
             out[row] = np.sum(np.abs(sp_fft.fft(blocks, axis=1)) ** 2, axis=0) / used.sum()
     return sp_fft.fftshift(out, axes=1)
 

@@ -6,6 +6,7 @@ Pieces of recording × waveform* are added with their phases over stretches of s
 stretches without phase, so that neither a carrier nor a phase that wanders hides a waveform. Where it is not, the share of the
 energy that it explains has a Beta distribution about its mean over other delays, whatever the spectra of both: a line explains
 as much at every delay. Near delays keep the structure in time of both, far ones are free of echoes: the larger mean counts.
+Of pulses of one phase only the places tell: theirs is the share of all that is recorded, not of what is where they are sent.
 """
 
 from dataclasses import dataclass
@@ -73,9 +74,10 @@ def judge(data, model) -> Presence:
     source = scene.sources[0]
     period = len(source.samples) if source.repeat else 0
     tried = period or scene.whole + scene.span
-    by_places = is_of_one_phase(scene.sources)
-    told = look(y, signals, inside, period, tried, by_places)
-    return told if told.there else look(within(y, scene.sources), signals, inside, period, tried, by_places)
+    told = look(y, signals, inside, period, tried)
+    if told.there:
+        return told
+    return look(within(y, scene.sources), signals, inside, period, tried, by_places=is_of_one_phase(scene.sources))
 
 
 def within(y: np.ndarray, sources) -> np.ndarray:
@@ -145,6 +147,8 @@ def _look(y, signals, inside, period: int, tried: int, length: int, sure: float,
     heard = (overlap > LEAST_OVERLAP * overlap.max()) & (met > 0)
     edges = len(near) + np.cumsum([0, *map(len, others)])
     elsewhere = [at for a, b in zip(edges, edges[1:], strict=False) if len(at := a + np.flatnonzero(heard[a:b])) >= LEAST_NULLS]
+    if not elsewhere and by_places:  # only places could tell, and none does
+        return Presence(nats=-np.inf)
     if not elsewhere:  # there is nothing that it could be compared with
         return Presence(nats=np.inf if len(y) > LEAST_WHOLE * whole else -np.inf)
     best, count = Presence(nats=-np.inf), pieces[0][0].shape[1]
@@ -154,7 +158,7 @@ def _look(y, signals, inside, period: int, tried: int, length: int, sure: float,
     for together in lengths:
         explained, most, gains = (sum(parts) for parts in zip(*(_added(*piece, together) for piece in pieces), strict=True))
         if by_places:
-            most = np.full(len(delays), np.sum(np.abs(y * inside) ** 2))
+            most = np.full(len(delays), len(signals) * np.sum(np.abs(y * inside) ** 2))
         share = explained / np.maximum(most, 1e-300)[:, None]
         trials = np.log(tried * share.shape[1] * len(lengths) * 2.0)  # both orientations
         here = np.where(heard[: len(near), None], share[: len(near)], 0.0)

@@ -356,9 +356,8 @@ def _in_several(at: np.ndarray) -> float:
 
 
 def delay_time(fit, segments: int = 24, longest: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """(delays in s on the taps' scale, (segments, delays)): energy with which the residual holds the
-    waveform once more,
-    over what noise alone would give; `longest` is a delay in samples that is to be seen."""
+    """(delays in s on the taps' scale, (segments, delays)): energy with which the residual holds the waveform once more, over
+    what noise alone would give, NaN where nothing is known; `longest` is a delay in samples that is to be seen."""
     view, scene = View(fit), fit.data.scene
     segments = max(1, min(segments, scene.count // 64))
     source = scene.sources[0]
@@ -371,5 +370,6 @@ def delay_time(fit, segments: int = 24, longest: float = 0.0) -> tuple[np.ndarra
         delays = np.arange(span) - span // 6
     else:
         c, delays = c[:, :span], lags[:span]
-    expected = fit.sigma2 * np.mean(np.abs(view.carrier) ** 2) * source.power * fit.data.count / segments
-    return delays / scene.sample_rate_hz, np.abs(c) ** 2 / max(expected, 1e-300)
+    share = np.diff(view.stretches(segments))[:, None] / scene.count
+    expected = fit.sigma2 * np.mean(np.abs(view.carrier) ** 2) * source.power * fit.data.count * share
+    return delays / scene.sample_rate_hz, np.where(share, np.abs(c) ** 2, np.nan) / np.maximum(expected, 1e-300)

@@ -370,12 +370,11 @@ def _worth_trying(scores: list[Score]) -> list[Score]:
 
 def _to_try(fit: Fit) -> Iterator[Iterable[Model]]:
     """Models with more effects: those that promise most, and, for where none keeps its promise, those that stood behind it."""
-    scores = candidates(fit)
+    together, scores = _all_at_once(fit), candidates(fit)  # in this order: they share a view
     trying = _worth_trying(scores)
-    yield itertools.chain(_all_at_once(fit), (more for s in trying for more in _adding(fit, s.effect)))
+    yield itertools.chain(together, (more for s in trying for more in _adding(fit, s.effect)))
     while trying:
-        tried = {s.effect.family for s in trying}
-        scores = [s for s in scores if s.effect.family not in tried and s.net > STILL_NATS]
+        scores = [s for s in scores if s.net > STILL_NATS and not any(s is other for other in trying)]
         trying = _worth_trying(scores)
         yield (more for s in trying for more in _adding(fit, s.effect))
 
@@ -402,7 +401,7 @@ def search(data: Data, beam: list[Fit], proof_deadline: float = np.inf) -> list[
                         better = True
                         if key not in done or done[key].evidence < trial.evidence:
                             done[key] = grown[key] = trial
-                if better:
+                if better or data.late:
                     break
         leader = max(done.values(), key=lambda f: f.evidence)
         rounds = 0 if leader.evidence > before else rounds + 1

@@ -163,16 +163,19 @@ class View:
             found.append((i if i < span else i - 2 * span) / 2)
         return found
 
+    def stretches(self, count: int) -> np.ndarray:
+        """(count + 1,) first samples of so many stretches that are alike long in time, and the end."""
+        at, whole = self.scene.at, self.scene.span if self.scene.at is not None else self.scene.count
+        edges = np.minimum(np.arange(count + 1) * -(-whole // count), whole)
+        return edges if at is None else np.searchsorted(at, edges)
+
     def correlations(self, code, signal, edges: int | np.ndarray, reach: int | None = None):
         """c[m, d] of `signal` with a waveform at lags d, by segments in time (so many, or between edges in samples); and the
         lags: of a waveform that is sent once those up to `reach`, or those that paths of the twin may have."""
         source = self.scene.sources[code] if isinstance(code, int) else self.scene.extra[code]
-        n, size = self.scene.count, len(source.samples)
+        size = len(source.samples)
         if np.ndim(edges) == 0:
-            whole = n if self.scene.at is None else self.scene.span
-            edges = np.minimum(np.arange(edges + 1) * -(-whole // edges), whole)
-            if self.scene.at is not None:
-                edges = np.searchsorted(self.scene.at, edges)  # alike long in time, of what is known in samples or not
+            edges = self.stretches(edges)
         segments, lengths = len(edges) - 1, np.diff(edges)
         if source.repeat:
             spectrum = np.conj(sp_fft.fft(source.samples))

@@ -73,14 +73,20 @@ def _left_at_best(view: View, vault: Sequence[Ear]) -> float:
     """Nats that numbers leave there which explain the vault too; infinite if these leave something of what was fitted, or lose
     much of what an effect explains of it."""
     ears, model = view.ears, view.model
-    together, count = (*ears, *vault), sum(one.count for one in ears)
+    together, count, there = (*ears, *vault), *(sum(one.count for one in some) for some in (ears, vault))
+    if not _is_clean(model, count):
+        return np.inf
     effects = fitted(together, evaluated(together, model.base, model.effects)).effects
     here = evaluated(ears, model.base, effects)
     least = min((without_effects(ears, model, [k]).energy - model.energy for k in range(len(effects))), default=0.0)
-    lost, most = here.energy - model.energy, policy.RESETTLED_SHARE * least
-    if lost > most or here.left_nats(count) > policy.CLEAN_DEVIATIONS * (np.sqrt(count) + here.slack):
+    if here.energy - model.energy > policy.RESETTLED_SHARE * least or not _is_clean(here, count):
         return np.inf
-    return evaluated(vault, model.base, effects).left_nats(sum(one.count for one in vault))
+    lasting = [one for one in effects if one.family.lasts]
+    return min(evaluated(vault, model.base, some).left_nats(there) for some in (effects, lasting))
+
+
+def _is_clean(model: Model, count: float) -> bool:
+    return model.left_nats(count) < policy.CLEAN_DEVIATIONS * (np.sqrt(count) + model.slack)
 
 
 def foreseen(ears: Sequence[Ear], vault: Sequence[Ear], model: Model) -> float:
