@@ -54,6 +54,10 @@ class Model:
         """Above what noise has in `count` numbers."""
         return self.whitened - self.offset - count
 
+    def deviations(self, count: float) -> float:
+        """`left_nats` in standard deviations of what noise has."""
+        return float(self.left_nats(count) / (np.sqrt(max(count, 1.0)) + self.slack))
+
 
 def applied(base: World, effects: Sequence[Effect]) -> World:
     """The world with effects, in their families' order: what changes the mesh or its nodes goes before what reads them."""

@@ -41,10 +41,10 @@ def told_nats(vault: Sequence[Ear], model: Model) -> list[float]:
     ]
 
 
-def holds(view: View, vault: Sequence[Ear]) -> bool:
-    """Whether the responses of the vault are predicted as well as their noise and the doubt of the numbers let one know, with or
-    without what may have been there for once, and wherever what was added ends: that the soundings of one campaign do not show;
-    and no effect is refused."""
+def holds(view: View, vault: Sequence[Ear], at_best: bool = False) -> bool:
+    """Whether the responses of the vault are predicted as well as their noise lets one know, with or without what may have been
+    there for once, and wherever what was added ends: that the soundings of one campaign do not show; and no effect is refused.
+    `at_best`: or as well as the doubt of the numbers lets one know."""
     vault = [one for one in vault if one.has_responses]
     if not vault:
         return True
@@ -66,7 +66,7 @@ def holds(view: View, vault: Sequence[Ear]) -> bool:
         return False  # the vault shows something, and it is not this
     share = policy.UNTOLD_BY_FIELDS if is_flexible else policy.UNTOLD_SHARE
     most = max(policy.UNTOLD_NOISE * count, share * before)
-    return after < most or _left_at_best(view, vault) < most
+    return after < most or at_best and _left_at_best(view, vault) < most
 
 
 def _left_at_best(view: View, vault: Sequence[Ear]) -> float:
@@ -74,19 +74,15 @@ def _left_at_best(view: View, vault: Sequence[Ear]) -> float:
     much of what an effect explains of it."""
     ears, model = view.ears, view.model
     together, count, there = (*ears, *vault), *(sum(one.count for one in some) for some in (ears, vault))
-    if not _is_clean(model, count):
+    if model.deviations(count) > policy.CLEAN_DEVIATIONS:
         return np.inf
     effects = fitted(together, evaluated(together, model.base, model.effects)).effects
     here = evaluated(ears, model.base, effects)
     least = min((without_effects(ears, model, [k]).energy - model.energy for k in range(len(effects))), default=0.0)
-    if here.energy - model.energy > policy.RESETTLED_SHARE * least or not _is_clean(here, count):
+    if here.energy - model.energy > policy.RESETTLED_SHARE * least or here.deviations(count) > policy.CLEAN_DEVIATIONS:
         return np.inf
     lasting = [one for one in effects if one.family.lasts]
     return min(evaluated(vault, model.base, some).left_nats(there) for some in (effects, lasting))
-
-
-def _is_clean(model: Model, count: float) -> bool:
-    return model.left_nats(count) < policy.CLEAN_DEVIATIONS * (np.sqrt(count) + model.slack)
 
 
 def foreseen(ears: Sequence[Ear], vault: Sequence[Ear], model: Model) -> float:

@@ -108,7 +108,7 @@ def _told(place: Place, found: search.Found, ears: tuple, vault: tuple, pathless
     model = found.model
     view = View(ears, model, place.unknown)
     alike = [_alike(found, number, ears, vault, model.base) for number in range(len(model.effects))]
-    predicted = foretold.holds(view, vault)
+    predicted = foretold.holds(view, vault, at_best=True)
     field = diffuse.unevenness(ears, model.fits, model.world) < policy.UNEVEN_DEVIATIONS
     clean = found.deviations < policy.CLEAN_DEVIATIONS and not pathless and field and predicted
     there = evaluated(vault, model.base, model.effects) if vault else None

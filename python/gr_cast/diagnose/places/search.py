@@ -294,12 +294,7 @@ class Found:
 
     @property
     def deviations(self) -> float:
-        return _excess(self.model, self.count)
-
-
-def _excess(model: Model, count: float) -> float:
-    """Energy above what noise has, in its standard deviations."""
-    return float(model.left_nats(count) / (np.sqrt(max(count, 1.0)) + model.slack))
+        return self.model.deviations(self.count)
 
 
 def run(
@@ -350,7 +345,7 @@ def _barring(ears, model: Model, numbers: list[int], barred: Barred) -> Model:
 
 def _is_foretold(ears, vault: Sequence[Ear], model: Model, unknown: dict, count: float) -> bool:
     """Whether a model leaves nothing of what it was fitted to, nor of the vault."""
-    return _excess(model, count) < policy.CLEAN_DEVIATIONS and foretold.holds(View(ears, model, unknown), vault)
+    return model.deviations(count) < policy.CLEAN_DEVIATIONS and foretold.holds(View(ears, model, unknown), vault)
 
 
 def _confirmed(ears, vault: Sequence[Ear], model: Model, unknown: dict, budget: Budget, others: dict, barred: Barred) -> Model:
@@ -406,7 +401,7 @@ def _by_shape(ears, model: Model) -> float:
 
 def _is_told(model: Model, count: float) -> bool:
     """Whether a model leaves nothing, and no random field takes part in that: those explain much that they are not."""
-    return _excess(model, count) < policy.CLEAN_DEVIATIONS and not any(one.family.is_flexible for one in model.effects)
+    return model.deviations(count) < policy.CLEAN_DEVIATIONS and not any(one.family.is_flexible for one in model.effects)
 
 
 def _grown(
@@ -458,7 +453,7 @@ def _grown(
         before = model
         for number in range(len(model.effects) - 1):  # what was found before fits what is known now
             model = _shaped(ears, model, number, unknown, budget)
-            if _excess(model, count) > policy.QUIET_DEVIATIONS and not budget.is_spent:
+            if model.deviations(count) > policy.QUIET_DEVIATIONS and not budget.is_spent:
                 model = _begun_anew(ears, model, number)
         if model is not before:
             model = pruned(ears, model, count, tried)
@@ -471,7 +466,7 @@ def _looked_for_anew(ears, model: Model, unknown: dict, budget: Budget, tried: f
     what was found first was found while the others hid part of it."""
     count = sum(ear.count for ear in ears)
     for number, own in enumerate(model.effects):
-        if budget.is_spent or _excess(model, count) < policy.CLEAN_DEVIATIONS:
+        if budget.is_spent or model.deviations(count) < policy.CLEAN_DEVIATIONS:
             break
         if len(model.effects) < 2 or not len(own.values):
             continue
@@ -510,7 +505,7 @@ def _stiff_first(paying: list[Model], good: Model | None, model: Model, count: f
     best = paying[0]
     if not good or good is best:
         return best
-    return best if not _explains_most(good, model, count) and _excess(best, count) < policy.CLEAN_DEVIATIONS else good
+    return best if not _explains_most(good, model, count) and best.deviations(count) < policy.CLEAN_DEVIATIONS else good
 
 
 def _has_shape(model: Model) -> bool:
