@@ -15,7 +15,8 @@ import threading
 import time
 from pathlib import Path
 
-sys.path[:0] = [str(Path(__file__).resolve().parents[up] / name) for up, name in ((2, "apps"), (1, ""))]
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT / "apps"), str(ROOT / "tests")]
 
 import _program  # noqa: F401  (finds gr_cast)
 from ports import free_address

@@ -379,6 +379,18 @@ def _to_try(fit: Fit) -> Iterator[Iterable[Model]]:
         yield (more for s in trying for more in _adding(fit, s.effect))
 
 
+def _likelier(data: Data, fit: Fit, models: Iterable[Model]) -> list[Fit]:
+    """The fits of models with more effects that are likelier than the fit that they grew from, by their price, and plausible."""
+    found = []
+    for more in models:
+        if data.late:
+            break
+        trial = _on_either_side(data, fit, refit(data, more, near=fit))
+        if trial.evidence > fit.evidence + _least(fit, more) and plausible(trial.model):
+            found.append(trial)
+    return found
+
+
 def search(data: Data, beam: list[Fit], proof_deadline: float = np.inf) -> list[Fit]:
     """Fits by falling evidence, the best first, grown from those of `beam`; every effect of the best has paid its price. What was
     found by the data's deadline has until `proof_deadline` to prove itself; the note `cut` of the best says whether that ended
@@ -390,17 +402,12 @@ def search(data: Data, beam: list[Fit], proof_deadline: float = np.inf) -> list[
         for fit in beam:
             if data.late:
                 break
-            for trials in _to_try(fit):
-                better = False
-                for more in trials:
-                    if data.late:
-                        break
-                    trial = _on_either_side(data, fit, refit(data, more, near=fit))
+            for models in _to_try(fit):
+                better = _likelier(data, fit, models)
+                for trial in better:
                     key = trial.model.families
-                    if trial.evidence > fit.evidence + _least(fit, more) and plausible(trial.model):
-                        better = True
-                        if key not in done or done[key].evidence < trial.evidence:
-                            done[key] = grown[key] = trial
+                    if key not in done or done[key].evidence < trial.evidence:
+                        done[key] = grown[key] = trial
                 if better or data.late:
                     break
         leader = max(done.values(), key=lambda f: f.evidence)

@@ -79,13 +79,10 @@ class GainDrift(GainFamily):
             return {}
         first, last = heard[0], heard[-1]
         change = float(np.diff(self._nepers(np.array([first, last]), effect))[0])
-        if _law(effect) == AMPLITUDE:
-            other = change / (last - first)
-        else:
-            slope = np.expm1(change) / (last - first)
-            other = float(np.diff(np.log(np.maximum(1 + slope * (np.array([0.0, 1.0]) - first), LEAST_LEFT)))[0])
+        ends = (np.array([0.0, 1.0]) - first) / (last - first)
+        begun, ended = change * ends if _law(effect) == AMPLITUDE else np.maximum(_even(change, ends), np.log(LEAST_LEFT))
         nats = 4 / 45 * np.log(np.cosh(change / 2)) ** 2 * power * scene.count / sigma2
-        return {"total_db": 20 / np.log(10) * abs(other - effect.p[0]) / np.sqrt(1 + np.exp(min(nats, MOST)))}
+        return {"total_db": 20 / np.log(10) * abs(ended - begun - effect.p[0]) / np.sqrt(1 + np.exp(min(nats, MOST)))}
 
     def parse(self, scene, parameters, model):
         tau_s = parameters.get("time_constant_s")
