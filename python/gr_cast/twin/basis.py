@@ -47,27 +47,29 @@ def course_on(grid: np.ndarray, u: np.ndarray) -> np.ndarray:
     return CubicSpline(at / size, grid[fold])(u)
 
 
-def _cosine_sums(signal: np.ndarray, orders: int) -> np.ndarray:
-    """(orders + 1,) Σ_n signal·cos(πkn/L) for k = 0 … orders of a real signal (n,)."""
-    length = course_length(len(signal))
+def _cosine_sums(signals: np.ndarray, orders: int) -> np.ndarray:
+    """(…, orders + 1) Σ_n signal·cos(πkn/L) for k = 0 … orders of real signals (…, n)."""
+    count = signals.shape[-1]
+    length = course_length(count)
     block = 1
     while block < GRAIN and length // (2 * block) >= FINE * orders:
         block *= 2
-    whole = np.zeros(length)
-    whole[: len(signal)] = signal
+    whole = np.zeros((*signals.shape[:-1], length))
+    whole[..., :count] = signals
     beside = np.arange(block) - (block - 1) / 2  # samples from a block's middle: its moments hold what is not smooth
-    moments = (whole.reshape(-1, block) @ beside[:, None] ** np.arange(3 if block > 1 else 1)).T
+    moments = whole.reshape(*whole.shape[:-1], -1, block) @ beside[:, None] ** np.arange(3 if block > 1 else 1)
     k = np.arange(orders + 1)
-    sums = sp_fft.rfft(moments, 2 * length // block)[:, : orders + 1] * np.exp(-0.5j * np.pi * k * (block - 1) / length)
+    turn = np.exp(-0.5j * np.pi * k * (block - 1) / length)
+    sums = sp_fft.rfft(np.moveaxis(moments, -1, 0), 2 * length // block)[..., : orders + 1] * turn
     if block == 1:
         return sums[0].real
     step = np.pi * k / length  # cos(a + d) = cos a·(1 − d²/2) − sin a·d, but for d³/6
     return sums[0].real + step * sums[1].imag - step**2 / 2 * sums[2].real
 
 
-def weights(signal: np.ndarray, orders: int) -> np.ndarray:
-    """(orders,) Σ_n signal·√2·cos(πkn/L) of a real signal (n,)."""
-    return np.sqrt(2) * _cosine_sums(signal, orders)[1:]
+def weights(signals: np.ndarray, orders: int) -> np.ndarray:
+    """(…, orders) Σ_n signal·√2·cos(πkn/L) of real signals (…, n)."""
+    return np.sqrt(2) * _cosine_sums(signals, orders)[..., 1:]
 
 
 def products(energy: np.ndarray, first: int, second: int) -> np.ndarray:

@@ -20,6 +20,7 @@ FEW = 8  # derivatives against which a whole table is cheaper than its chunks
 MANY_LAGS = 32  # from which the structure of their inner products pays
 MOST_OF_ROWS = 2  # times the entries, that rows of all lags may have, to be cheaper than the entries one by one
 OFTEN = 20  # samples, in the mean, between two changes of a window that are cheaper than all samples
+TOGETHER = 1 << 13  # numbers of short signals whose sums with cosines are taken at once: of longer ones it saves nothing
 CHUNK = 1 << 18  # complex numbers that are worked on at once: what a cache holds
 
 
@@ -113,16 +114,13 @@ def inner(a, b) -> np.ndarray:
                 for j, v in enumerate(b.signals):
                     out[:, i, :, j] = products(a.scene.spread((np.conj(u) * v).real), a.orders, b.orders)
         else:
-            out = np.empty((a.orders, len(a.signals), len(b)))
+            out, step = np.empty((a.orders, len(a.signals), len(b))), 2 if b.paired else 1
             for i, u in enumerate(a.signals):
-                for j in range(b.height):
-                    row = b.table[j]
-                    product = a.scene.spread(np.conj(u) * row)
+                for rows in some_at_once(np.arange(b.height), len(u), TOGETHER):
+                    product = a.scene.spread(np.conj(u) * b.table[rows])
+                    out[:, i, step * rows] = weights(product.real, a.orders).T
                     if b.paired:
-                        out[:, i, 2 * j] = weights(product.real, a.orders)
-                        out[:, i, 2 * j + 1] = -b.paired * weights(product.imag, a.orders)
-                    else:
-                        out[:, i, j] = weights(product.real, a.orders)
+                        out[:, i, step * rows + 1] = -b.paired * weights(product.imag, a.orders).T
         return out.reshape(len(a), len(b))
     if isinstance(b, Courses):
         return inner(b, a).T

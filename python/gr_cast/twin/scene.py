@@ -167,11 +167,11 @@ class Scene:
         return course_on(self.notes[key], self.index / course_length(self.span))
 
     def spread(self, signal: np.ndarray) -> np.ndarray:
-        """(span,) a signal (count,) on the whole axis of time, zero where samples are left out."""
+        """(…, span) signals (…, count) on the whole axis of time, zero where samples are left out."""
         if self.at is None:
             return signal
-        whole = np.zeros(self.span, signal.dtype)
-        whole[self.at] = signal
+        whole = np.zeros((*signal.shape[:-1], self.span), signal.dtype)
+        whole[..., self.at] = signal
         return whole
 
     def drift_of(self, doppler: float) -> float:
