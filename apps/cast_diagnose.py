@@ -21,6 +21,7 @@ from gr_cast.core import tasks
 from gr_cast.core.errors import CastError
 from gr_cast.core.files import check_writable, sweep_dead
 from gr_cast.diagnose import places
+from gr_cast.diagnose.write import check_replaceable
 from gr_cast.report import place as place_report
 from gr_cast.twin.places import document
 
@@ -58,6 +59,8 @@ def _one(common: tuple[Path, float], folder: Path) -> tuple[str, list[str]]:
         return "", [f"{error.filename or output}: {error.strerror or error}"]
     d = diagnosis.document
     notes = [f"    {line}" for line in d.get("warnings", [])]
+    if d["residual"].get("out_of_time"):
+        notes.append(f"    The time was over: --budget gives more than {budget_s:g} s.")
     named = ", ".join(f"{e['family']} ({e['owner']['name']})" for e in d["effects"])
     return "\n".join(
         [f"{case.name}: {d['verdict']}{': ' + named if named else ''}  [{d['seconds']:.1f} s]", *notes, *_next(d)]
@@ -93,10 +96,12 @@ def main(argv=None) -> int:
         faults.append(f"--jobs: got {args.jobs}, needs 1 or more")
     if not args.budget > 0:
         faults.append(f"--budget: got {args.budget}, needs more than 0 seconds")
-    try:
-        check_writable(args.output)
-    except CastError as error:
-        faults += error.faults
+    checks = [(check_writable, args.output), *((check_replaceable, args.output / name) for name in names)]
+    for check, folder in checks:
+        try:
+            check(folder)
+        except CastError as error:
+            faults += error.faults
     if faults:
         raise CastError(*faults)
     refused, done = False, 0

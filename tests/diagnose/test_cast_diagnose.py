@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The program: files of the contract, refusals, the same answer for any number of jobs."""
 
+import filecmp
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -38,6 +40,23 @@ def test_a_diagnosis_is_a_whole_folder_and_its_twin_carries_the_effects(case, tm
     assert document["cast_diagnosis"] == 1 and document["verdict"] == "identified"
     assert [e["family"] for e in twin["effects"]] == [e["family"] for e in document["effects"]]
     assert twin["effects"][0]["parameters"] == document["effects"][0]["parameters"]
+
+
+def test_what_is_no_diagnosis_is_never_replaced_by_one(case, tmp_path):
+    """A case whose own parent is to hold the diagnosis, and notes beside a diagnosis, stay to the last byte."""
+    shutil.copytree(case, tmp_path / "before")
+    done = call(case, "--output", case.parent)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1 and f"{case}: would be replaced, and it holds recording.sigmf-data" in done.stderr
+    same = filecmp.dircmp(case, tmp_path / "before")
+    assert same.same_files and not same.diff_files + same.left_only + same.right_only
+    folder = tmp_path / "out" / "echo"
+    folder.mkdir(parents=True)
+    (folder / "diagnosis.json").write_text("{}")
+    (folder / "notes.txt").write_text("mine")
+    assert call(case, "--output", tmp_path / "out").returncode == 2 and (folder / "notes.txt").read_text() == "mine"
+    (folder / "notes.txt").unlink()
+    assert call(case, "--output", tmp_path / "out").returncode == 0 and sorted(p.name for p in folder.iterdir()) == FILES
 
 
 def test_a_diagnosis_is_what_its_schema_says(case, tmp_path):

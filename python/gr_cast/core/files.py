@@ -72,6 +72,17 @@ def written_aside(path: str | Path):
             _remove(aside)
 
 
+def foreign_to(folder: str | Path, mark: str, own: str) -> list[str]:
+    """What an existing folder holds that is not its writer's, who puts a file `mark` into each and whose other files are named as
+    the regular expression `own` says: all of it where the mark is missing. A writer that replaces it as a whole would lose it."""
+    try:
+        found = sorted(Path(folder).iterdir())
+    except OSError:  # nothing is there, or a file, which a folder does not replace
+        return []
+    marked = any(path.name == mark for path in found)
+    return [path.name for path in found if not marked or not (path.is_dir() or path.name == mark or re.fullmatch(own, path.name))]
+
+
 def _put(aside: Path, path: Path) -> None:
     if not (aside.is_dir() and path.is_dir()):
         os.replace(aside, path)

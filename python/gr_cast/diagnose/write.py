@@ -11,10 +11,13 @@ import numpy as np
 
 from ..core.arrays import plain_values
 from ..core.documents import yaml_text
-from ..core.files import written_aside
+from ..core.errors import CastError
+from ..core.files import foreign_to, written_aside
 from ..core.units import db_from_amplitude, db_from_power
 from ..signals.recording import data_path, meta_path
 from .maps import before_and_after
+
+_FILES = r"report\.html|residual\.npz|(spec|twin)_corrected\.(yaml|obj)|.*\.sigmf-(meta|data)"  # a link's and a place's
 
 
 def corrected_twin(diagnosis) -> dict:
@@ -53,6 +56,13 @@ def maps(diagnosis) -> dict[str, np.ndarray]:
             for key, value in asdict(both).items():
                 out[f"{name}/{label}/{key}"] = value.astype(np.complex64 if np.iscomplexobj(value) else np.float32)
     return out
+
+
+def check_replaceable(folder: str | Path) -> None:
+    """Raises CastError where a folder that a diagnosis would replace as a whole holds what is none: a case, or notes."""
+    if others := foreign_to(folder, "diagnosis.json", _FILES):
+        more = f" and {len(others) - 1} more" if len(others) > 1 else ""
+        raise CastError(f"{folder}: would be replaced, and it holds {others[0]}{more}, of no diagnosis: choose another folder")
 
 
 def write(diagnosis, folder: Path, html: str) -> None:

@@ -126,7 +126,8 @@ def read_twin(path: str | Path) -> Case:
 
 def _read(path: Path, recorded: bool) -> Case:
     folder = path.parent
-    get = yaml_file(path, missing=f" (a case is a folder with a {TWIN_FILE})" if recorded else "")
+    case = f" (a case is a folder with a {TWIN_FILE}, that of a place one with a place.yaml)"
+    get = yaml_file(path, missing=case if recorded else "")
     document = get.document
     get.keys(document, "", _TOP, ("sample_rate_hz", "waveforms", "nodes", "links", "recordings"))
     get.version("cast_twin", VERSION)

@@ -12,7 +12,8 @@ from gr_cast.core.errors import CastError
 from gr_cast.scenario.create import materials, model, spec
 from gr_cast.scenario.create.geometry import Solid
 from gr_cast.scenario.create.media import Medium
-from gr_cast.twin.places import document, write
+from gr_cast.twin.places import correct, document, write
+from gr_cast.twin.places.believed import believed
 
 EFFECTS = (
     {
@@ -72,6 +73,14 @@ def test_a_corrected_place_is_read_back_as_it_was_written(tmp_path):
     assert [getattr(back, key) for key in fixed] == [getattr(corrected, key) for key in fixed]
     assert [entry["parameters"] for entry in back.effects] == [{"error_db": -3.0}, {"position_m": (1.0, 2.0, 0.0)}]
     assert yaml.safe_load(path.read_text())["effects"][0]["sentence"] == "Its cable: −3 dB."
+
+
+@pytest.mark.parametrize("name", ["room", "r" * 64, "room-corrected"])
+def test_a_corrected_place_stands_beside_its_twin_in_a_catalogue(tmp_path, name):
+    place = document.read(place_case.write(tmp_path / "case", spec=place_case.SPEC.replace("id: room", f"id: {name}")))
+    corrected = correct.corrected_spec(place.spec, believed(place))
+    back, _ = read(write.write_spec(tmp_path, write.document(corrected), place.solids, ()))
+    assert back.id.endswith("-corrected") and back.id.startswith(name[:10]) and back.id.count("corrected") == 1
 
 
 def test_the_twins_own_document_may_be_written_too(tmp_path):

@@ -102,6 +102,8 @@ def _imaged(view) -> list[tuple[np.ndarray, float]]:
     upright = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(_AZIMUTHS)])
     normals = [*upright, np.array([0.0, 0.0, 1.0])]
     levels = np.array([_levels_m(view, normal, resolution_m / 2, _LEVELS) for normal in normals])
+    if levels.shape[1] < 2:  # the band is too narrow for any delay within the place
+        return []
     repeated = np.repeat(normals, levels.shape[1], axis=0)
     image = imaging.plane_scores(view.echoes, repeated, levels.ravel()).reshape(levels.shape)
     near = max(int(np.ceil(1.0 / (levels[0, 1] - levels[0, 0]))), 2)

@@ -13,7 +13,7 @@ from ...core.units import db_from_power
 from ...twin.places.believed import believed
 from ...twin.places.document import Place
 from ...twin.places.families.objects import ObjectMoved
-from . import diffuse, elsewhere, foretold, policy, search, taps
+from . import diffuse, elsewhere, foretold, mistakes, policy, search, taps
 from .ears import ear, told_of
 from .fit import Model, applied, deviations, evaluated, fitted, without_effects
 from .next_position import where_to_sound
@@ -43,7 +43,7 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
     base, bandwidth_hz = believed(place), place.spec.bandwidth_hz
     ears = tuple(ear(one, place.unknown, bandwidth_hz) for one in place.soundings if not one.vault)
     vault = tuple(ear(one, place.unknown, bandwidth_hz) for one in place.soundings if one.vault)
-    warnings, pathless = [], False
+    warnings, pathless = mistakes.of_units_and_signs(place, ears, base), False
     for number, campaign in enumerate(ears):
         kept, lost, count = told_of(campaign, base)
         if lost:
@@ -169,7 +169,7 @@ def _ambiguous(alike: list, ears, place: Place) -> list[dict]:
     return [
         {
             "families": [name, other],
-            "why": f"{words} and {others_words} explain the soundings alike, {more - nats:.1f} nats apart.",
+            "why": f"{words} and {others_words} explain the soundings alike, {abs(more - nats):.1f} nats apart.",
             "record_next": where_to_sound(ears, [world, rival], place.unknown),
         }
         for ones in alike
@@ -212,9 +212,11 @@ def _entry(
     told = effect.family.told(view, effect, covariance)
     rivals = _rivals(found, effect)
     margin = min((nats for _, nats in rivals), default=None)
-    less = fitted(view.ears, without_effects(view.ears, found.model, cause), rounds=2)
+    bare = without_effects(view.ears, found.model, cause)
+    less = fitted(view.ears, bare, rounds=2)
     gain = less.energy - found.model.energy
-    where = {"links": _links(view.ears, less, found.model), "time_s": None, "delay_s": None}
+    links = _links(view.ears, bare, found.model) or _links(view.ears, less, found.model)  # refitted, the rest changes others too
+    where = {"links": links, "time_s": None, "delay_s": None}
     if extent := effect.family.extent_m(view, effect):
         where["position_m"] = extent
         where["extent_m"] = extent

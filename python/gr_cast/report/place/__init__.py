@@ -76,8 +76,9 @@ def _maps(scene, found, album: Album) -> str:
     more = f" {len(found) - maps.MOST_LINKS} more in residual.npz." if len(found) > maps.MOST_LINKS else ""
     return (
         f"<h2>What is left, before and after</h2>{picture}<p class='note'>Above: by delay, a row per link, worst first.{more} "
-        "Middle: the worst link over time. Below: evidence for one more upright mirror by the direction that it faces and its "
-        f"distance from the middle of the plan; clutter of known walls is in it.</p>{album.note()}"
+        "Below it, of soundings at more than three instants: the worst link over time. Last: what an upright mirror explains, "
+        "by the direction that it faces and its distance from the middle of the plan; clutter of known walls is in it.</p>"
+        f"{album.note()}"
     )
 
 

@@ -130,6 +130,8 @@ def _evidence(evidence: dict) -> str:
     held = evidence["heldout_gain_nats"]
     if held is None:
         return f"{gain}; no vault to try it on"
+    if abs(held) < 1.0:
+        return f"{gain}; the vault shows nothing of it, which lowers the confidence"
     return f"{gain}; {abs(held):,.0f} nats {'better' if held >= 0 else 'worse'} with it in the vault"
 
 

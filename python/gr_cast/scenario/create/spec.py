@@ -15,6 +15,7 @@ from . import families, materials, osm
 from .media import Medium
 from .nodes import Node
 
+LONGEST_ID = 64  # characters
 VERSION = 1
 SWITCHES = ("refraction", "diffraction", "scattering")  # mechanisms beyond reflection, off unless asked for
 METHODS = ("least_squares", "kmeans")
@@ -68,8 +69,8 @@ def read(path: str | Path) -> Spec:
     get.keys(document, "", _KEYS)
     get.version("cast_create", VERSION)
     name = get.text(document.get("id", path.stem), "id")
-    if name and not re.fullmatch(r"[A-Za-z0-9_-]{1,64}", name):
-        faults.add("id", f"got {name!r}, needs letters, digits, _ and - (at most 64)")
+    if name and not re.fullmatch(rf"[A-Za-z0-9_-]{{1,{LONGEST_ID}}}", name):
+        faults.add("id", f"got {name!r}, needs letters, digits, _ and - (at most {LONGEST_ID})")
     values = _environment(document, get) | _model(document, get, path) | _sampling(document, get) | _approximation(document, get)
     rules = materials.read_rules(get, document.get("materials"))
     nodes = _nodes(document, get, values["model_path"])

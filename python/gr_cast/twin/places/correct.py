@@ -7,14 +7,17 @@ import numpy as np
 
 from ...scenario.create.geometry import Solid
 from ...scenario.create.nodes import Node
-from ...scenario.create.spec import Spec
+from ...scenario.create.spec import LONGEST_ID, Spec
 from .world import World
+
+_CORRECTED = "-corrected"
 
 
 def corrected_spec(spec: Spec, world: World) -> Spec:
-    """The SPEC with the nodes, carrier and switches of a world."""
+    """The SPEC with the nodes, carrier and switches of a world; its id is its own, for both may stand in a catalogue."""
     return replace(
         spec,
+        id=spec.id.removesuffix(_CORRECTED)[: LONGEST_ID - len(_CORRECTED)] + _CORRECTED,
         nodes=tuple(_node(node, world) for node in spec.nodes),
         carrier_hz=world.carrier_hz,
         max_depth=world.max_depth,

@@ -61,12 +61,22 @@ def read(folder: str | Path) -> Place:
         with _told(told):
             found.append(soundings.read(folder / entry["file"], entry["kind"], entry["vault"], nodes, left))
             left -= _size(found[-1])
+            told += _absolute(folder / entry["file"], found[-1], made)
     if told:
         raise CastError(*told)
     return Place(
         name=folder.resolve().name, folder=folder, spec=made, solids=tuple(solids),
         media={solid.name: solid.medium for solid in solids}, soundings=tuple(found), unknown=unknown, max_range_m=farthest_m,
     )  # fmt: skip
+
+
+def _absolute(path: Path, sounding: Sounding, made: Spec | None) -> list[str]:
+    """The fault of frequencies that are no offsets from the carrier."""
+    if made is None or sounding.frequency_hz is None or np.abs(sounding.frequency_hz).max() < made.carrier_hz / 2:
+        return []
+    low, high = sounding.frequency_hz[[0, -1]]
+    needs = f"needs offsets from the carrier, {made.carrier_hz:g} Hz, within half of it"
+    return [f"{path}: frequency_hz: got {low:g} to {high:g} Hz, {needs}"]
 
 
 def read_file(path: str | Path) -> dict:
