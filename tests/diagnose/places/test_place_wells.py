@@ -188,3 +188,37 @@ def test_beside_what_nobody_named_a_node_may_be_where_it_was_surveyed_or_as_far_
     for direction in np.random.default_rng(5).normal(size=(50, 3)):
         true_m = offset_m + np.linalg.norm(offset_m) * direction / np.linalg.norm(direction)
         assert np.all(np.abs(true_m - offset_m) <= 1.9600 * std_m)
+
+
+OFFSET_M = np.array([0.03, -0.02, 0.01])
+
+
+def with_b_elsewhere() -> list[ResponseEar]:
+    world = theirs()
+    moved = world["nodes"]["b"] | {"waypoints_m": (np.array(world["nodes"]["b"]["waypoints_m"]) + OFFSET_M).tolist()}
+    return of_world(world | {"nodes": world["nodes"] | {"b": moved}}, 2e8)
+
+
+def b_at(ears, offset_m):
+    return fitted(ears, evaluated(ears, twin(), [Effect(family=BY_NAME["node_position"], owner="b", values=np.array(offset_m))]))
+
+
+def is_right(model) -> bool:
+    return np.linalg.norm(model.effects[0].values - OFFSET_M) < 2e-3
+
+
+def test_what_the_vault_refuses_is_looked_for_in_wells_that_are_far_off_too(monkeypatch):
+    ears = with_b_elsewhere()
+    model = b_at(ears, [0.15, 0.15, 0.0])
+    assert np.linalg.norm(model.effects[0].values - OFFSET_M) > 0.1  # 6 wavelengths
+    monkeypatch.setattr(search.foretold, "refused", lambda vault, one: [] if is_right(one) else [0])
+    assert is_right(search._otherwise(ears, ears, model, 0, UNKNOWN, {}))
+
+
+def test_a_well_that_a_part_of_the_soundings_holds_for_the_deepest_is_not_taken_for_it():
+    ears = with_b_elsewhere()
+    right, wrong, far = (b_at(ears, offset_m) for offset_m in (OFFSET_M, [0.13, -0.01, -0.02], [0.15, 0.15, 0.0]))
+    assert is_right(right) and not is_right(wrong)
+    base = evaluated(ears, twin(), ())
+    found = search._by_all(ears, base, [wrong, far, right], [wrong, far])
+    assert is_right(found[0]) and [one.energy for one in found] == pytest.approx([right.energy, wrong.energy], rel=1e-3)

@@ -122,14 +122,30 @@ def _round(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, bar
             chosen.append(one)
     final: list[Model] = []
     chosen.sort(key=_has_shape)  # what has a shape takes long, and may have to wait for what has none
-    for one in chosen:
-        promised, one = promise(one), one if heard is ears else evaluated(ears, model.base, one.effects)
+    for thin, one in zip(chosen, chosen if heard is ears else _by_all(ears, model, screened, chosen), strict=True):
+        promised = promise(thin)
         is_far_behind = final and promised < policy.BEHIND_SHARE * max(worth(done, model, count, tried) for done in final)
         is_hopeless = _has_shape(one) and any(_is_plain(done) and _explains_most(done, model, count) for done in final)
         waits = is_far_behind or is_hopeless
         one = fitted(ears, one, rounds=policy.SCREEN_ROUNDS) if waits else _settled(ears, one, unknown, budget)
         final += [one] if _stands_out(ears, one, count, tried) else []
     return sorted(final, key=lambda one: -worth(one, model, count, tried)), tried
+
+
+def _by_all(ears, model: Model, screened: list[Model], chosen: list[Model]) -> list[Model]:
+    """What was chosen on a part of the soundings, on all of them: each in the best well that is left of its key, for a part may
+    hold the wrong well of a phase for the deepest."""
+    best: dict[tuple, list[Model]] = {}
+    for effect in (one.effects[-1] for one in chosen):
+        if effect.key not in best and effect.family.wells(model.base, effect):
+            begun = [one.effects for one in screened if one.effects[-1].key == effect.key][: policy.WELLS]
+            fits = sorted((_quick(ears, evaluated(ears, model.base, one)) for one in begun), key=lambda one: -one.tempered)
+            apart = {id(one) for one in _distinct(model.base, [one.effects[-1] for one in reversed(fits)])}
+            best[effect.key] = [one for one in fits if id(one.effects[-1]) in apart]
+    return [
+        best[one.effects[-1].key].pop() if best.get(one.effects[-1].key) else evaluated(ears, model.base, one.effects)
+        for one in chosen
+    ]
 
 
 def _span_s(ears: Sequence[Ear]) -> tuple[float, float]:
@@ -311,7 +327,7 @@ def run(
     while True:
         model, tried = _explored(ears, model, unknown, budget, others, barred, progress)
         refused = foretold.refused(vault, model)
-        if refused and (other := _otherwise(ears, vault, model, refused[0], others)):
+        if refused and (other := _otherwise(ears, vault, model, refused[0], unknown, others)):
             model, refused = other, foretold.refused(vault, other)
         if not refused and (unshown := _unshown(ears, vault, model)):
             model = _barring(ears, model, unshown, barred)
@@ -533,10 +549,12 @@ def _good_stiff(paying: list[Model], model: Model, count: float) -> Model | None
     return stiff if stiff and model.energy - stiff.energy > policy.STIFF_SHARE * here else None
 
 
-def _otherwise(ears, vault: Sequence[Ear], model: Model, number: int, others: dict) -> Model | None:
+def _otherwise(ears, vault: Sequence[Ear], model: Model, number: int, unknown: dict, others: dict) -> Model | None:
     """The model with another fit of a refused effect that explains the soundings as well and is not refused: the same wall, or
-    another, elsewhere, or the same in another well of its phase, or beside where it is as far as they do not tell."""
-    for one in (*_kinds(ears, model, number, others), *_restarted(ears, model, number, policy.WELLS)):
+    another, elsewhere, or the same in another well of its phase, next to it or wherever what else is known leaves one, or beside
+    where it is as far as they do not tell."""
+    near = (*_kinds(ears, model, number, others), *_restarted(ears, model, number, policy.WELLS))
+    for one in itertools.chain(near, _lowest(_begun_beside(ears, model, number, unknown))):
         other = fitted(ears, one, rounds=4)
         if other.energy < model.energy + policy.RIVAL_NATS and number not in foretold.refused(vault, other):
             return other
@@ -559,13 +577,9 @@ def _in_its_well(ears, vault: Sequence[Ear], model: Model, number: int, unknown:
     fits, expanded, own = [model], set(), model.effects[number]
     if not own.family.lasts:
         return model
-    view = View(ears, without_effects(ears, model, [number]), unknown)
-    begun = [*_kinds(ears, model, number, others)]
-    if own.family.wells(model.base, own):
-        begun += [replaced(ears, model, number, one) for one in own.family.starts(view, own.owner)]
+    begun = [*_kinds(ears, model, number, others), *_begun_beside(ears, model, number, unknown)]
     for _ in range(policy.RESHAPED):
-        begun = sorted(begun, key=lambda one: one.energy)[: 2 * policy.WELLS]
-        fits += [fitted(ears, one, rounds=4) for one in begun]
+        fits += [fitted(ears, one, rounds=4) for one in _lowest(begun)]
         apart = _distinct(model.base, [one.effects[number] for one in sorted(fits, key=lambda one: one.energy)])
         lowest = min(one.energy for one in fits)
         open_ = [one for one in fits if one.effects[number] in apart and one.energy < lowest + policy.RIVAL_NATS]
@@ -576,6 +590,19 @@ def _in_its_well(ears, vault: Sequence[Ear], model: Model, number: int, unknown:
         expanded.add(id(nearest.effects[number]))
         begun = [replaced(ears, nearest, number, one) for one in own.family.wells(model.base, nearest.effects[number])]
     return min(open_, key=lambda one: evaluated(vault, one.base, one.effects).energy)
+
+
+def _begun_beside(ears, model: Model, number: int, unknown: dict) -> list[Model]:
+    """The model with an effect that has wells at each of its first guesses, looked for beside all others."""
+    own = model.effects[number]
+    if not own.family.wells(model.base, own):
+        return []
+    view = View(ears, without_effects(ears, model, [number]), unknown)
+    return [replaced(ears, model, number, one) for one in own.family.starts(view, own.owner)]
+
+
+def _lowest(begun: list[Model]) -> list[Model]:
+    return sorted(begun, key=lambda one: one.energy)[: 2 * policy.WELLS]
 
 
 def _kinds(ears, model: Model, number: int, others: dict) -> list[Model]:
