@@ -77,10 +77,15 @@ def _applied(base: World, effects: Sequence[Effect]) -> World:
     return _worlds[key][-1]
 
 
+def heard_in(ears: Sequence[Ear], world: World) -> tuple[list[Fitted], list[tuple[Fitted, Fitted]]]:
+    """Fits of each sounding by a world whose edges bend as the theory has it, and those where they may bend otherwise."""
+    theory = [ear.profiled(ear.predicted(world)) for ear in ears]
+    return theory, [bending.loosened(ear, fit, world) for ear, fit in zip(ears, theory, strict=True)]
+
+
 def evaluated(ears: Sequence[Ear], base: World, effects: Sequence[Effect]) -> Model:
     world = applied(base, effects)
-    theory = [ear.profiled(ear.predicted(world)) for ear in ears]
-    bent = [bending.loosened(ear, fit, world) for ear, fit in zip(ears, theory, strict=True)]
+    theory, bent = heard_in(ears, world)
     fits, apart = (tuple(pair[part] for pair in bent) for part in (0, 1))
     plain = sum(fit.energy for fit in fits)
     spared = _tempered(ears, apart)

@@ -14,7 +14,7 @@ from ...twin.places.families import FAMILIES
 from . import diffuse, eclipses, extents, fringes, imaging, planes, policy, scan, shades, sides, tracks
 from .coherent import Phased
 from .ears import alone, of_link, thinned_as_fitted, without_phase
-from .fit import Model, applied, evaluated, fitted, with_effect
+from .fit import Model, applied, evaluated, fitted, heard_in, with_effect
 
 _SCANNED_CARRIERS = 100_000
 _LOUDEST = 6  # lines of echoes that are looked at beside those of a shadow
@@ -70,13 +70,14 @@ class View:
     def row_by_row(self, starts: list) -> list:
         """First guesses by their energy on a thinned sounding each of whose responses may do without."""
 
-        def rows(model) -> list[np.ndarray]:
-            return [ear.row_nats(fit) for ear, fit in zip(self.thin, model.fits, strict=True) if ear.has_responses]
+        def rows(fits) -> list[np.ndarray]:
+            return [ear.row_nats(fit) for ear, fit in zip(self.thin, fits, strict=True) if ear.has_responses]
 
-        here = rows(self._thin_model)
+        here = rows(self._thin_model.fits)
 
         def energy(start) -> float:
-            there = rows(evaluated(self.thin, self.model.base, (*self.model.effects, start)))
+            _, bent = heard_in(self.thin, applied(self.model.base, (*self.model.effects, start)))
+            there = rows([fit for fit, _ in bent])
             return sum(float(np.minimum(one, other).sum()) for one, other in zip(here, there, strict=True))
 
         return sorted(starts, key=energy)
