@@ -44,8 +44,10 @@ def _progress(name: str):
 def _one(common: tuple[Path, float], folder: Path) -> tuple[str, list[str]]:
     """(line for the screen, faults) of one case; `common`: folder for the diagnoses, seconds for each."""
     output, budget_s = common
+    target = output / Path(folder).resolve().name
     kind = places if document.is_place(folder) else links
     try:
+        check_replaceable(target)
         case = kind.read_case(folder)
         diagnosis = kind.diagnose(case, budget_s=budget_s, progress=_progress(case.name))
         page = (place_report if kind is places else report).render(diagnosis)
@@ -54,13 +56,15 @@ def _one(common: tuple[Path, float], folder: Path) -> tuple[str, list[str]]:
     except Exception:  # one case must not stop the others
         return "", [f"{folder}: internal error\n{traceback.format_exc()}"]
     try:
-        kind.write(diagnosis, output / Path(folder).resolve().name, page)
+        kind.write(diagnosis, target, page)
+    except CastError as error:
+        return "", list(error.faults)
     except OSError as error:
         return "", [f"{error.filename or output}: {error.strerror or error}"]
     d = diagnosis.document
     notes = [f"    {line}" for line in d.get("warnings", [])]
     if d["residual"].get("out_of_time"):
-        notes.append(f"    The time was over: --budget gives more than {budget_s:g} s.")
+        notes.append(f"    Out of time after {budget_s:g} s: a larger --budget may find more.")
     named = ", ".join(f"{e['family']} ({e['owner']['name']})" for e in d["effects"])
     return "\n".join(
         [f"{case.name}: {d['verdict']}{': ' + named if named else ''}  [{d['seconds']:.1f} s]", *notes, *_next(d)]
@@ -96,12 +100,10 @@ def main(argv=None) -> int:
         faults.append(f"--jobs: got {args.jobs}, needs 1 or more")
     if not args.budget > 0:
         faults.append(f"--budget: got {args.budget}, needs more than 0 seconds")
-    checks = [(check_writable, args.output), *((check_replaceable, args.output / name) for name in names)]
-    for check, folder in checks:
-        try:
-            check(folder)
-        except CastError as error:
-            faults += error.faults
+    try:
+        check_writable(args.output)
+    except CastError as error:
+        faults += error.faults
     if faults:
         raise CastError(*faults)
     refused, done = False, 0

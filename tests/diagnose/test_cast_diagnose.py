@@ -12,6 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from gr_cast.core.errors import CastError
+from gr_cast.diagnose.write import check_replaceable
+from gr_cast.signals import recording
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "docs"))
 import effect_schemas
@@ -42,21 +45,35 @@ def test_a_diagnosis_is_a_whole_folder_and_its_twin_carries_the_effects(case, tm
     assert twin["effects"][0]["parameters"] == document["effects"][0]["parameters"]
 
 
-def test_what_is_no_diagnosis_is_never_replaced_by_one(case, tmp_path):
-    """A case whose own parent is to hold the diagnosis, and notes beside a diagnosis, stay to the last byte."""
+def test_a_case_is_never_replaced_by_its_diagnosis(case, tmp_path):
     shutil.copytree(case, tmp_path / "before")
     done = call(case, "--output", case.parent)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1 and f"{case}: would be replaced, and it holds recording.sigmf-data" in done.stderr
     same = filecmp.dircmp(case, tmp_path / "before")
     assert same.same_files and not same.diff_files + same.left_only + same.right_only
+
+
+@pytest.mark.parametrize("others", ["notes.txt", "notes/mine.txt", "field_trip.sigmf-data", "case/twin.yaml"])
+def test_what_lies_beside_a_diagnosis_is_never_lost(case, tmp_path, others):
     folder = tmp_path / "out" / "echo"
-    folder.mkdir(parents=True)
+    (folder / others).parent.mkdir(parents=True)
     (folder / "diagnosis.json").write_text("{}")
-    (folder / "notes.txt").write_text("mine")
-    assert call(case, "--output", tmp_path / "out").returncode == 2 and (folder / "notes.txt").read_text() == "mine"
-    (folder / "notes.txt").unlink()
-    assert call(case, "--output", tmp_path / "out").returncode == 0 and sorted(p.name for p in folder.iterdir()) == FILES
+    (folder / others).write_text("mine")
+    with pytest.raises(CastError, match=f"echo: would be replaced, and it holds {others}, of no diagnosis"):
+        check_replaceable(folder)
+    (folder / others).unlink()
+    check_replaceable(folder)
+
+
+def test_a_diagnosis_with_its_waveforms_is_replaced_by_the_next(case, tmp_path):
+    twin = yaml.safe_load((case / "twin.yaml").read_text())
+    recording.write(case / "sent", np.tile([1, -1, 1j], 85).repeat(2), sample_rate_hz=1e6)
+    twin["waveforms"]["w2"] = {"file": "sent"}
+    (case / "twin.yaml").write_text(yaml.safe_dump(twin))
+    for _ in range(2):
+        assert call(case, "--output", tmp_path / "out", "--budget", 20).returncode == 0
+    assert (tmp_path / "out" / "echo" / "sent.sigmf-data").exists()
 
 
 def test_a_diagnosis_is_what_its_schema_says(case, tmp_path):

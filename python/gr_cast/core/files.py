@@ -72,17 +72,6 @@ def written_aside(path: str | Path):
             _remove(aside)
 
 
-def foreign_to(folder: str | Path, mark: str, own: str) -> list[str]:
-    """What an existing folder holds that is not its writer's, who puts a file `mark` into each and whose other files are named as
-    the regular expression `own` says: all of it where the mark is missing. A writer that replaces it as a whole would lose it."""
-    try:
-        found = sorted(Path(folder).iterdir())
-    except OSError:  # nothing is there, or a file, which a folder does not replace
-        return []
-    marked = any(path.name == mark for path in found)
-    return [path.name for path in found if not marked or not (path.is_dir() or path.name == mark or re.fullmatch(own, path.name))]
-
-
 def _put(aside: Path, path: Path) -> None:
     if not (aside.is_dir() and path.is_dir()):
         os.replace(aside, path)
@@ -98,7 +87,7 @@ def _put(aside: Path, path: Path) -> None:
 
 
 def _remove(path: Path) -> None:
-    if path.is_dir():
+    if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path)
     else:
         path.unlink(missing_ok=True)

@@ -10,14 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from ..core.arrays import plain_values
-from ..core.documents import yaml_text
+from ..core.documents import yaml_file, yaml_text
 from ..core.errors import CastError
-from ..core.files import foreign_to, written_aside
+from ..core.files import written_aside
 from ..core.units import db_from_amplitude, db_from_power
 from ..signals.recording import data_path, meta_path
 from .maps import before_and_after
 
-_FILES = r"report\.html|residual\.npz|(spec|twin)_corrected\.(yaml|obj)|.*\.sigmf-(meta|data)"  # a link's and a place's
+_MARK, _TWIN = "diagnosis.json", "twin_corrected.yaml"
+_FILES = (_MARK, _TWIN, "report.html", "residual.npz", "spec_corrected.yaml", "spec_corrected.obj")  # of a link and of a place
+_LITTER = (".DS_Store", "Thumbs.db")  # what desktops leave
 
 
 def corrected_twin(diagnosis) -> dict:
@@ -59,22 +61,40 @@ def maps(diagnosis) -> dict[str, np.ndarray]:
 
 
 def check_replaceable(folder: str | Path) -> None:
-    """Raises CastError where a folder that a diagnosis would replace as a whole holds what is none: a case, or notes."""
-    if others := foreign_to(folder, "diagnosis.json", _FILES):
+    """Raises CastError where a folder that a diagnosis would replace as a whole holds what no diagnosis put there: a case, or
+    notes."""
+    folder = Path(folder)
+    own = {*_FILES, *_LITTER, *_waveform_files(folder)} if (folder / _MARK).is_file() else {*_LITTER}
+    try:
+        others = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if not path.is_dir() or path.is_symlink())
+    except OSError as error:
+        raise CastError(f"{folder}: {error.strerror or error}") from None
+    if others := [name for name in others if name not in own]:
         more = f" and {len(others) - 1} more" if len(others) > 1 else ""
         raise CastError(f"{folder}: would be replaced, and it holds {others[0]}{more}, of no diagnosis: choose another folder")
 
 
+def _waveform_files(folder: Path) -> list[str]:
+    """The waveforms that a link's diagnosis has beside its corrected twin."""
+    try:
+        waveforms = yaml_file(folder / _TWIN).document.get("waveforms", {})
+        stems = [Path(one["file"]) for one in waveforms.values() if "file" in one]
+    except (CastError, AttributeError, KeyError, TypeError):  # there is none, or none that was written here
+        return []
+    return [str(path(stem)) for stem in stems for path in (meta_path, data_path)]
+
+
 def write(diagnosis, folder: Path, html: str) -> None:
-    """Write diagnosis.json, report.html, twin_corrected.yaml and residual.npz into `folder`, replacing it
-    as a whole."""
+    """Write diagnosis.json, report.html, twin_corrected.yaml and residual.npz into `folder`, in the place of the diagnosis that
+    it may hold. Raises CastError where it holds anything else."""
     folder = Path(folder)
+    check_replaceable(folder)
     folder.parent.mkdir(parents=True, exist_ok=True)
     with written_aside(folder) as aside:
         aside.mkdir()
         text = json.dumps(plain_values(diagnosis.document), indent=1, ensure_ascii=False)
-        (aside / "diagnosis.json").write_text(text + "\n", encoding="utf-8")
-        (aside / "twin_corrected.yaml").write_text(yaml_text(corrected_twin(diagnosis)), encoding="utf-8")
+        (aside / _MARK).write_text(text + "\n", encoding="utf-8")
+        (aside / _TWIN).write_text(yaml_text(corrected_twin(diagnosis)), encoding="utf-8")
         for waveform in diagnosis.case.document["waveforms"].values():
             if "file" in waveform:  # the corrected twin needs them beside it
                 for path in (meta_path, data_path):

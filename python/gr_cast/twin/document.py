@@ -126,7 +126,7 @@ def read_twin(path: str | Path) -> Case:
 
 def _read(path: Path, recorded: bool) -> Case:
     folder = path.parent
-    case = f" (a case is a folder with a {TWIN_FILE}, that of a place one with a place.yaml)"
+    case = f" (a case is a folder with a {TWIN_FILE}, or with a place.yaml for a place)"
     get = yaml_file(path, missing=case if recorded else "")
     document = get.document
     get.keys(document, "", _TOP, ("sample_rate_hz", "waveforms", "nodes", "links", "recordings"))

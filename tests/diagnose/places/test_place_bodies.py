@@ -639,7 +639,7 @@ def test_an_interval_reaches_the_wells_that_are_open():
 def test_what_the_vault_refuses_is_looked_for_in_the_next_wells(monkeypatch):
     ears, model = half_a_wave_off()
     monkeypatch.setattr(foretold, "refused", lambda vault, one: [0] if abs(one.effects[0].values[0] - MOVED_M) > 0.05 else [])
-    other = search._otherwise(ears, ears, model, 0, KNOWN, {})
+    other = search._otherwise(ears, ears, model, 0, KNOWN, {}, search.Budget.of(60.0))
     assert other.effects[0].values == pytest.approx([MOVED_M], abs=2e-3)
 
 

@@ -4,8 +4,10 @@
 import numpy as np
 import place_case
 import pytest
-from gr_cast.diagnose.places import mistakes
+from gr_cast.diagnose.places import mistakes, planes
 from gr_cast.diagnose.places.ears import ear
+from gr_cast.diagnose.places.fit import evaluated
+from gr_cast.diagnose.places.view import View
 from gr_cast.twin.places import document
 from gr_cast.twin.places.believed import believed
 
@@ -26,6 +28,7 @@ def _said(folder, *, turned=np.array, unit_hz=1.0, metre=1.0) -> list[str]:
     )
     place = document.read(place_case.write(folder / "case", place=PLACE, mesh=mesh + "\n", monday=told))
     ears = tuple(ear(one, place.unknown, place.spec.bandwidth_hz) for one in place.soundings if not one.vault)
+    planes._imaged(View(ears, evaluated(ears, believed(place), ()), place.unknown))  # whatever the band
     return mistakes.of_units_and_signs(place, ears, believed(place))
 
 

@@ -212,13 +212,13 @@ def test_what_the_vault_refuses_is_looked_for_in_wells_that_are_far_off_too(monk
     model = b_at(ears, [0.15, 0.15, 0.0])
     assert np.linalg.norm(model.effects[0].values - OFFSET_M) > 0.1  # 6 wavelengths
     monkeypatch.setattr(search.foretold, "refused", lambda vault, one: [] if is_right(one) else [0])
-    assert is_right(search._otherwise(ears, ears, model, 0, UNKNOWN, {}))
+    assert is_right(search._otherwise(ears, ears, model, 0, UNKNOWN, {}, search.Budget.of(60.0)))
 
 
 def test_a_well_that_a_part_of_the_soundings_holds_for_the_deepest_is_not_taken_for_it():
     ears = with_b_elsewhere()
     right, wrong, far = (b_at(ears, offset_m) for offset_m in (OFFSET_M, [0.13, -0.01, -0.02], [0.15, 0.15, 0.0]))
     assert is_right(right) and not is_right(wrong)
-    base = evaluated(ears, twin(), ())
-    found = search._by_all(ears, base, [wrong, far, right], [wrong, far])
+    base, wells = evaluated(ears, twin(), ()), {}
+    found = [search._by_all(ears, base, [wrong, far, right], one, wells) for one in (wrong, far)]
     assert is_right(found[0]) and [one.energy for one in found] == pytest.approx([right.energy, wrong.energy], rel=1e-3)

@@ -29,21 +29,32 @@ def _bands(place: Place) -> list[str]:
 
 
 def _mesh(place: Place) -> list[str]:
-    mesh_m = float(np.ptp(np.vstack([solid.vertices_m for solid in place.solids]), axis=0).max())
-    nodes_m = float(np.ptp(np.vstack([node.waypoints_m for node in place.spec.nodes]), axis=0).max())
+    mesh_m = _wide_m([solid.vertices_m for solid in place.solids])
+    nodes_m = _wide_m(
+        [node.waypoints_m for node in place.spec.nodes] + [at_m for one in place.soundings for at_m in one.position_m.values()]
+    )
     if mesh_m < policy.WIDE_MESH_M or mesh_m < policy.WIDE_MESH * nodes_m:
         return []
     return [f"The mesh is {mesh_m:g} m wide and all nodes stand within {nodes_m:g} m: is it in mm?"]
 
 
+def _wide_m(points_m: list[np.ndarray]) -> float:
+    return float(np.ptp(np.vstack(points_m), axis=0).max())
+
+
 def _signs(ears: Sequence, base: World) -> list[str]:
-    responses = [one for one in ears if one.has_responses]
-    if not responses:
+    """Of enough responses that no displaced node looks like it."""
+    told = [one for one in ears if one.has_responses]
+    shapes = [one.heard.y.shape for one in told]
+    if sum(links for links, *_ in shapes) < policy.TURNED_LINKS or max(shape[2] for shape in shapes) < policy.TURNED_TONES:
         return []
-    turned = [replace(one, heard=replace(one.heard, y=np.conj(one.heard.y))) for one in responses]
-    as_told = evaluated(responses, base, ())
-    if as_told.deviations(sum(one.count for one in responses)) < policy.CLEAN_DEVIATIONS:
+    turned, count = (
+        [replace(one, heard=replace(one.heard, y=np.conj(one.heard.y))) for one in told],
+        sum(one.count for one in told),
+    )
+    as_told, otherwise = (evaluated(ears, base, ()) for ears in (told, turned))
+    if as_told.deviations(count) < policy.CLEAN_DEVIATIONS:
         return []
-    if evaluated(turned, base, ()).energy > policy.TURNED_SHARE * as_told.energy:
+    if otherwise.left_nats(count) > policy.TURNED_SHARE * as_told.left_nats(count):
         return []
     return ["The conjugates of the responses fit the twin better: a delay τ turns a response by e^(−j2πfτ), not e^(+j2πfτ)."]

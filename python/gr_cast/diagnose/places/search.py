@@ -122,8 +122,9 @@ def _round(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, bar
             chosen.append(one)
     final: list[Model] = []
     chosen.sort(key=_has_shape)  # what has a shape takes long, and may have to wait for what has none
-    for thin, one in zip(chosen, chosen if heard is ears else _by_all(ears, model, screened, chosen), strict=True):
-        promised = promise(thin)
+    wells: dict[tuple, list[Model]] = {}
+    for one in chosen:
+        promised, one = promise(one), one if heard is ears else _by_all(ears, model, screened, one, wells)
         is_far_behind = final and promised < policy.BEHIND_SHARE * max(worth(done, model, count, tried) for done in final)
         is_hopeless = _has_shape(one) and any(_is_plain(done) and _explains_most(done, model, count) for done in final)
         waits = is_far_behind or is_hopeless
@@ -132,20 +133,18 @@ def _round(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, bar
     return sorted(final, key=lambda one: -worth(one, model, count, tried)), tried
 
 
-def _by_all(ears, model: Model, screened: list[Model], chosen: list[Model]) -> list[Model]:
-    """What was chosen on a part of the soundings, on all of them: each in the best well that is left of its key, for a part may
-    hold the wrong well of a phase for the deepest."""
-    best: dict[tuple, list[Model]] = {}
-    for effect in (one.effects[-1] for one in chosen):
-        if effect.key not in best and effect.family.wells(model.base, effect):
-            begun = [one.effects for one in screened if one.effects[-1].key == effect.key][: policy.WELLS]
-            fits = sorted((_quick(ears, evaluated(ears, model.base, one)) for one in begun), key=lambda one: -one.tempered)
-            apart = {id(one) for one in _distinct(model.base, [one.effects[-1] for one in reversed(fits)])}
-            best[effect.key] = [one for one in fits if id(one.effects[-1]) in apart]
-    return [
-        best[one.effects[-1].key].pop() if best.get(one.effects[-1].key) else evaluated(ears, model.base, one.effects)
-        for one in chosen
-    ]
+def _by_all(ears, model: Model, screened: list[Model], one: Model, wells: dict) -> Model:
+    """What was chosen on a part of the soundings, on all of them: of a family whose wells only a fit tells apart, the best that is
+    left of its key in `wells`, for a part may hold the wrong well of a phase for the deepest."""
+    effect = one.effects[-1]
+    if effect.family.ranks_unfitted or effect.family.shape_axes:
+        return evaluated(ears, model.base, one.effects)
+    if effect.key not in wells:
+        begun = [other.effects for other in screened if other.effects[-1].key == effect.key][: policy.WELLS]
+        fits = sorted((_quick(ears, evaluated(ears, model.base, effects)) for effects in begun), key=lambda fit: fit.tempered)
+        apart = {id(own) for own in _distinct(model.base, [fit.effects[-1] for fit in fits])}
+        wells[effect.key] = [fit for fit in fits if id(fit.effects[-1]) in apart]
+    return wells[effect.key].pop(0) if wells[effect.key] else evaluated(ears, model.base, one.effects)
 
 
 def _span_s(ears: Sequence[Ear]) -> tuple[float, float]:
@@ -327,7 +326,7 @@ def run(
     while True:
         model, tried = _explored(ears, model, unknown, budget, others, barred, progress)
         refused = foretold.refused(vault, model)
-        if refused and (other := _otherwise(ears, vault, model, refused[0], unknown, others)):
+        if refused and (other := _otherwise(ears, vault, model, refused[0], unknown, others, budget)):
             model, refused = other, foretold.refused(vault, other)
         if not refused and (unshown := _unshown(ears, vault, model)):
             model = _barring(ears, model, unshown, barred)
@@ -488,10 +487,10 @@ def _looked_for_anew(ears, model: Model, unknown: dict, budget: Budget, tried: f
             continue
         view = View(ears, fitted(ears, without_effects(ears, model, [number]), rounds=4), unknown)
         heard, here, _ = _overheard(view)
-        near = sorted(_screened(view, heard, here, own.family, own.owner), key=lambda one: one.tempered)[
-            : policy.FITTED_PER_FAMILY
-        ]
-        settled = [_settled(ears, evaluated(ears, model.base, one.effects), unknown, budget) for one in near]
+        screened = sorted(_screened(view, heard, here, own.family, own.owner), key=lambda one: one.tempered)
+        wells: dict[tuple, list[Model]] = {}
+        near = [_by_all(ears, view.model, screened, one, wells) for one in screened[: policy.FITTED_PER_FAMILY]]
+        settled = [_settled(ears, one, unknown, budget) for one in near]
         best = min(settled, key=lambda one: one.tempered, default=model)
         if worth(best, model, count, tried) > policy.SHAPE_NATS:
             return pruned(ears, best, count, tried)
@@ -549,12 +548,19 @@ def _good_stiff(paying: list[Model], model: Model, count: float) -> Model | None
     return stiff if stiff and model.energy - stiff.energy > policy.STIFF_SHARE * here else None
 
 
-def _otherwise(ears, vault: Sequence[Ear], model: Model, number: int, unknown: dict, others: dict) -> Model | None:
+def _otherwise(
+    ears, vault: Sequence[Ear], model: Model, number: int, unknown: dict, others: dict, budget: Budget
+) -> Model | None:
     """The model with another fit of a refused effect that explains the soundings as well and is not refused: the same wall, or
     another, elsewhere, or the same in another well of its phase, next to it or wherever what else is known leaves one, or beside
     where it is as far as they do not tell."""
-    near = (*_kinds(ears, model, number, others), *_restarted(ears, model, number, policy.WELLS))
-    for one in itertools.chain(near, _lowest(_begun_beside(ears, model, number, unknown))):
+
+    def begun():
+        yield from (*_kinds(ears, model, number, others), *_restarted(ears, model, number, policy.WELLS))
+        if not budget.is_spent:
+            yield from _lowest(_begun_beside(ears, model, number, unknown))
+
+    for one in begun():
         other = fitted(ears, one, rounds=4)
         if other.energy < model.energy + policy.RIVAL_NATS and number not in foretold.refused(vault, other):
             return other

@@ -12,14 +12,17 @@ from ...twin.places import families
 from ...twin.places.correct import corrected_solids, corrected_spec
 from ...twin.places.write import document as spec_document
 from ...twin.places.write import write_spec
+from ..write import check_replaceable
 from .run import PlaceDiagnosis
 
 _IN_SPEC = {family.name for family in families.FAMILIES if family.is_in_spec}  # a SPEC's keys say them
 
 
 def write(diagnosis: PlaceDiagnosis, folder: str | Path, page: str) -> None:
-    """`diagnosis.json`, `report.html`, `spec_corrected.yaml` with its mesh, `residual.npz`."""
+    """`diagnosis.json`, `report.html`, `spec_corrected.yaml` with its mesh, `residual.npz`, in the place of the diagnosis that
+    the folder may hold. Raises CastError where it holds anything else."""
     folder = Path(folder)
+    check_replaceable(folder)
     folder.parent.mkdir(parents=True, exist_ok=True)
     with written_aside(folder) as aside:
         aside.mkdir()

@@ -55,7 +55,7 @@ def table(plan: Plan, has_campaign: bool) -> list[str]:
         if not known
     ]
     limits = ", ".join(f"{KNOWN[what]:g} {unit}" for what, unit in UNITS.items())
-    if not left:
+    if plan.numbers and not left:
         return [*lines, f"all {len(plan.numbers)} numbers are known to {limits}"]
     lines.append(f"not known to {limits} ({len(left)} of {len(plan.numbers)}), standard deviation that stays:")
     return [*lines, *(f"    {line}" for line in left)]

@@ -5,6 +5,7 @@ from html import escape
 
 import numpy as np
 
+from ...twin.places.families import FAMILIES
 from ..cards import cards
 from ..pictures import in_words
 
@@ -69,7 +70,7 @@ def causes(d: dict) -> str:
 
     def lines(one: dict) -> dict[str, str]:
         numbers = {escape(in_words(_without_unit(key))): told for key, told in _numbers(one["parameters"])}
-        seen = {"Seen by": escape(_links(one["where"].get("links") or [])), "Evidence": _evidence(one["evidence"])}
+        seen = {"Seen by": escape(_links(one["where"].get("links") or [])), "Evidence": _evidence(one)}
         return {"Whose": escape(_owner(one["owner"]))} | numbers | seen | {"Runner-up": escape(_runner_up(one, d["ambiguous"]))}
 
     return cards(d, lines)
@@ -125,13 +126,15 @@ def number(value, std, unit: str) -> str:
     return f"{text}{spread} {prefix}{unit}".strip()
 
 
-def _evidence(evidence: dict) -> str:
+def _evidence(one: dict) -> str:
+    evidence = one["evidence"]
     gain = f"{evidence['gain_nats']:,.0f} nats in what was fitted"
     held = evidence["heldout_gain_nats"]
     if held is None:
         return f"{gain}; no vault to try it on"
     if abs(held) < 1.0:
-        return f"{gain}; the vault shows nothing of it, which lowers the confidence"
+        lasts = next(family.lasts for family in FAMILIES if family.name == one["family"])
+        return f"{gain}; the vault shows nothing of it" + (", which lowers the confidence" if lasts else ": it may have gone")
     return f"{gain}; {abs(held):,.0f} nats {'better' if held >= 0 else 'worse'} with it in the vault"
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From a world back to a SPEC: what its keys can say is said there, the rest stands in its `effects`."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,14 +11,12 @@ from ...scenario.create.nodes import Node
 from ...scenario.create.spec import LONGEST_ID, Spec
 from .world import World
 
-_CORRECTED = "-corrected"
-
 
 def corrected_spec(spec: Spec, world: World) -> Spec:
     """The SPEC with the nodes, carrier and switches of a world; its id is its own, for both may stand in a catalogue."""
     return replace(
         spec,
-        id=spec.id.removesuffix(_CORRECTED)[: LONGEST_ID - len(_CORRECTED)] + _CORRECTED,
+        id=_next_id(spec.id),
         nodes=tuple(_node(node, world) for node in spec.nodes),
         carrier_hz=world.carrier_hz,
         max_depth=world.max_depth,
@@ -25,6 +24,13 @@ def corrected_spec(spec: Spec, world: World) -> Spec:
         diffraction=world.diffraction,
         scattering=spec.scattering or bool((world.surface.scattering > 0).any()),
     )
+
+
+def _next_id(name: str) -> str:
+    """room-corrected of room, and room-corrected-2 of that."""
+    found = re.fullmatch(r"(.*)-corrected(?:-(\d+))?", name)
+    twin, mark = (found[1], f"-corrected-{int(found[2] or 1) + 1}") if found else (name, "-corrected")
+    return twin[: LONGEST_ID - len(mark)] + mark
 
 
 def _node(node: Node, world: World) -> Node:

@@ -72,11 +72,12 @@ def read(folder: str | Path) -> Place:
 
 def _absolute(path: Path, sounding: Sounding, made: Spec | None) -> list[str]:
     """The fault of frequencies that are no offsets from the carrier."""
-    if made is None or sounding.frequency_hz is None or np.abs(sounding.frequency_hz).max() < made.carrier_hz / 2:
+    if made is None or sounding.frequency_hz is None:
         return []
     low, high = sounding.frequency_hz[[0, -1]]
-    needs = f"needs offsets from the carrier, {made.carrier_hz:g} Hz, within half of it"
-    return [f"{path}: frequency_hz: got {low:g} to {high:g} Hz, {needs}"]
+    if -made.carrier_hz < low <= made.carrier_hz / 2:
+        return []
+    return [f"{path}: frequency_hz: got {low:g} to {high:g} Hz, needs offsets from the carrier, {made.carrier_hz:g} Hz"]
 
 
 def read_file(path: str | Path) -> dict:
