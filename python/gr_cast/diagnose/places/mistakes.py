@@ -48,10 +48,8 @@ def _signs(ears: Sequence, base: World) -> list[str]:
     shapes = [one.heard.y.shape for one in told]
     if sum(links for links, *_ in shapes) < policy.TURNED_LINKS or max(shape[2] for shape in shapes) < policy.TURNED_TONES:
         return []
-    turned, count = (
-        [replace(one, heard=replace(one.heard, y=np.conj(one.heard.y))) for one in told],
-        sum(one.count for one in told),
-    )
+    count = sum(one.count for one in told)
+    turned = [replace(one, heard=replace(one.heard, y=np.conj(one.heard.y))) for one in told]
     as_told, otherwise = (evaluated(ears, base, ()) for ears in (told, turned))
     if as_told.deviations(count) < policy.CLEAN_DEVIATIONS:
         return []

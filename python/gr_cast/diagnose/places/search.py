@@ -134,8 +134,8 @@ def _round(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, bar
 
 
 def _by_all(ears, model: Model, screened: list[Model], one: Model, wells: dict) -> Model:
-    """What was chosen on a part of the soundings, on all of them: of a family whose wells only a fit tells apart, the best that is
-    left of its key in `wells`, for a part may hold the wrong well of a phase for the deepest."""
+    """What was chosen on a part of the soundings, on all of them: of a family whose wells only a fit tells apart, the best that
+    is left of its key in `wells`, for a part may hold the wrong well of a phase for the deepest."""
     effect = one.effects[-1]
     if effect.family.ranks_unfitted or effect.family.shape_axes:
         return evaluated(ears, model.base, one.effects)
