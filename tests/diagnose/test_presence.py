@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 from conftest_world import noise, sent_once
 from gr_cast.diagnose import align, diagnose, presence, read_case
 from gr_cast.signals import codes
@@ -108,6 +109,32 @@ def test_a_signal_20_db_below_the_noise_is_diagnosed_and_not_called_absent(world
     world.noise_rms = 10 * np.sqrt(np.mean(np.abs(world.clean()) ** 2))
     document = diagnose(read_case(world.write(tmp_path / "case", world.noisy(world.clean())))).document
     assert document["verdict"] == "no_mismatch"
+
+
+def _bursts(rng, bursts=10):
+    """Bursts of minimum-shift keying, each with its ramps, 148 bits at 4 samples, and a pause."""
+    ramp = np.minimum(1, np.minimum(np.arange(592), np.arange(592)[::-1]) / 16)
+    phase = np.cumsum(np.repeat(rng.choice([-1, 1], (bursts, 148)), 4, axis=1), axis=1) * np.pi / 8
+    return np.pad(ramp * np.exp(1j * phase), ((0, 0), (0, 33))).ravel()
+
+
+@pytest.mark.parametrize("first", [None, 12_000])
+def test_a_strong_tone_holds_no_waveform_of_which_nothing_falls_into_the_recording(tmp_path, first):
+    """Where it would explain a tone best no sample of it is recorded but the tails of its interpolation between samples."""
+    rng, count = np.random.default_rng(2), 17_600
+    sent = _bursts(rng)
+    y = np.exp(2j * np.pi * rng.uniform(-0.4, 0.4) * np.arange(count)) + noise(rng, count, 0.05)
+    if first is not None:  # what is recorded of it in part is there
+        y = noise(rng, count, 0.05)
+        y[first:] += 0.5 * sent[: count - first]
+    folder = tmp_path / "case"
+    folder.mkdir()
+    case = sent_once(folder, y, sent)
+    case.document["links"][0]["taps"].append({"delay_s": 9.26e-6, "gain_db": -5.7, "phase_rad": 1.5})
+    (folder / "twin.yaml").write_text(yaml.safe_dump(case.document))
+    case = read_case(folder)
+    _, data, model = align.build(case, case.observations[0])
+    assert presence.judge(data, model).there is (first is not None)
 
 
 def test_another_frame_of_the_same_kind_is_not_the_twins(tmp_path):

@@ -66,6 +66,8 @@ class Presence:
 def judge(data, model) -> Presence:
     """Whether the recording of `data` holds what a model sends, at the model's delay and in its orientation."""
     scene = data.scene
+    if not is_sent_within(scene):
+        return Presence(nats=-np.inf)
     y, effects = scene.spread(data.y), model.effects
     if model.inverted:  # oscillators are in front of the inversion
         y, effects = np.conj(y), tuple(e for e in effects if not plays(e, Role.ORIENTATION))
@@ -78,6 +80,17 @@ def judge(data, model) -> Presence:
     if told.there:
         return told
     return look(within(y, scene.sources), signals, inside, period, tried, by_places=is_of_one_phase(scene.sources))
+
+
+def is_sent_within(scene) -> bool:
+    """Whether enough of what is sent falls into the recording at all: the tails of its interpolation are no waveform."""
+    if any(source.repeat for source in scene.sources):
+        return True
+    latest, sent = int(np.ceil(max(path.delay for path in scene.taps))), 0
+    for source in scene.sources:
+        first = scene.first - source.origin
+        sent += np.count_nonzero(source.samples[max(first - latest, 0) : max(first + scene.count, 0)])
+    return sent >= min(PRESENCE_SHORTEST, scene.count // 2)
 
 
 def within(y: np.ndarray, sources) -> np.ndarray:
