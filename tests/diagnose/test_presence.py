@@ -137,6 +137,17 @@ def test_a_strong_tone_holds_no_waveform_of_which_nothing_falls_into_the_recordi
     assert presence.judge(data, model).there is (first is not None)
 
 
+def test_a_long_recording_that_loses_samples_holds_what_it_holds_before_or_behind_them():
+    """The stretch that is looked at first, for what is sent is loudest there, may lie behind the loss, at another delay."""
+    rng, period, count = np.random.default_rng(1), 1760, 99_000
+    wave = lambda: np.exp(1j * np.cumsum(np.repeat(rng.choice([-1, 1], period // 4), 4)) * np.pi / 8)  # noqa: E731
+    own, other, louder = wave(), wave(), 1 + 1e-6 * np.arange(count)
+    sent, behind, strange = (np.resize(np.roll(x, d), count) for x, d in ((own, 0), (own, 1021), (other, 0)))
+    for first, there in ((sent, True), (strange, False)):
+        y = np.where(np.arange(count) < 27_000, first, behind if there else strange) + noise(rng, count, 0.04)
+        assert presence.look(y, louder * sent[None], np.ones(count), period, tried=period).there is there
+
+
 def test_another_frame_of_the_same_kind_is_not_the_twins(tmp_path):
     rng = np.random.default_rng(5)
     y = np.concatenate([noise(rng, 300, 0.1), _ofdm(rng), noise(rng, 300, 0.1)])

@@ -111,9 +111,10 @@ def look(y, signals, inside, period: int = 0, tried: int = 1, by_places: bool = 
         best = max(best, _look(y, signals, inside, period, tried, length, PRESENCE_SURE_NATS), key=lambda p: p.nats)
         if best.nats > PRESENCE_SURE_NATS or length >= len(y):
             break
-    if not best.there and len(y) < PRESENCE_SHORT:  # a short frame may hold it in one half alone: samples may be lost between
+    if not best.there:  # one half alone may hold it: samples may be lost between, and what is at other delays then is no chance
+        length, again = (len(y), 0) if len(y) < PRESENCE_SHORT else (LENGTHS[-1], period)
         for half in (slice(None, len(y) // 2), slice(len(y) // 2, None)):
-            told = _look(y[half], signals[:, half], inside[half], 0, HALVES * tried, len(y), PRESENCE_SURE_NATS)
+            told = _look(y[half], signals[:, half], inside[half], again, HALVES * tried, length, PRESENCE_SURE_NATS)
             best = max(best, told, key=lambda p: p.nats)
     if not best.there and by_places:
         told = _look(y, signals, inside, period, 2 * tried, len(y), PRESENCE_SURE_NATS, by_places=True)
