@@ -66,12 +66,13 @@ class Presence:
 def judge(data, model) -> Presence:
     """Whether the recording of `data` holds what a model sends, at the model's delay and in its orientation."""
     scene = data.scene
-    if not is_sent_within(scene):
+    latest = int(np.ceil(max(path.delay for path in scene.taps)))
+    if not is_sent_within(scene, latest):
         return Presence(nats=-np.inf)
     y, effects = scene.spread(data.y), model.effects
     if model.inverted:  # oscillators are in front of the inversion
         y, effects = np.conj(y), tuple(e for e in effects if not plays(e, Role.ORIENTATION))
-    inside = scene.spread(reach(scene, 0, int(np.ceil(max(p.delay for p in scene.taps))), model.base[0]).astype(float))
+    inside = scene.spread(reach(scene, 0, latest, model.base[0]).astype(float))
     signals = np.array([scene.spread(s) for s in offsets.sent(scene, model.base, effects)])
     source = scene.sources[0]
     period = len(source.samples) if source.repeat else 0
@@ -82,11 +83,12 @@ def judge(data, model) -> Presence:
     return look(within(y, scene.sources), signals, inside, period, tried, by_places=is_of_one_phase(scene.sources))
 
 
-def is_sent_within(scene) -> bool:
-    """Whether enough of what is sent falls into the recording at all: the tails of its interpolation are no waveform."""
+def is_sent_within(scene, latest: int) -> bool:
+    """Whether enough of what is sent falls into the recording at all, up to `latest` samples late: the tails of its interpolation
+    are no waveform."""
     if any(source.repeat for source in scene.sources):
         return True
-    latest, sent = int(np.ceil(max(path.delay for path in scene.taps))), 0
+    sent = 0
     for source in scene.sources:
         first = scene.first - source.origin
         sent += np.count_nonzero(source.samples[max(first - latest, 0) : max(first + scene.count, 0)])

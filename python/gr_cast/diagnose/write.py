@@ -15,10 +15,11 @@ from ..core.errors import CastError
 from ..core.files import written_aside
 from ..core.units import db_from_amplitude, db_from_power
 from ..signals.recording import data_path, meta_path
+from ..twin.places.write import MESH_FILE, SPEC_FILE
 from .maps import before_and_after
 
 _MARK, _TWIN = "diagnosis.json", "twin_corrected.yaml"
-_FILES = (_MARK, _TWIN, "report.html", "residual.npz", "spec_corrected.yaml", "spec_corrected.obj")  # of a link and of a place
+_FILES = (_MARK, _TWIN, "report.html", "residual.npz", SPEC_FILE, MESH_FILE)  # of a link and of a place
 _LITTER = (".DS_Store", "Thumbs.db")  # what desktops leave
 
 

@@ -48,11 +48,10 @@ def _signs(ears: Sequence, base: World) -> list[str]:
     shapes = [one.heard.y.shape for one in told]
     if sum(links for links, *_ in shapes) < policy.TURNED_LINKS or max(shape[2] for shape in shapes) < policy.TURNED_TONES:
         return []
-    count = sum(one.count for one in told)
-    turned = [replace(one, heard=replace(one.heard, y=np.conj(one.heard.y))) for one in told]
-    as_told, otherwise = (evaluated(ears, base, ()) for ears in (told, turned))
+    count, as_told = sum(one.count for one in told), evaluated(told, base, ())
     if as_told.deviations(count) < policy.CLEAN_DEVIATIONS:
         return []
+    otherwise = evaluated([replace(one, heard=replace(one.heard, y=np.conj(one.heard.y))) for one in told], base, ())
     if otherwise.left_nats(count) > policy.TURNED_SHARE * as_told.left_nats(count):
         return []
     return ["The conjugates of the responses fit the twin better: a delay τ turns a response by e^(−j2πfτ), not e^(+j2πfτ)."]
