@@ -133,6 +133,20 @@ def test_what_passes_is_followed_by_the_phases_of_its_echo_as_fast_as_it_may_be(
     assert found.energy < 0.1 * evaluated(ears, ours(), ()).energy
 
 
+def test_what_stays_as_it_is_passes_nowhere_and_keeps_nothing_that_does_from_being_seen(monkeypatch):
+    monkeypatch.setattr(sys.modules[__name__], "LINKS", [("n0", "n2"), ("n0", "n5"), ("n4", "n2"), ("n4", "n5")])
+    height_m, place_m, velocity = passer.CENTRE * passer.HEIGHT_M, [-2.21, 1.37], [0.71, -0.46]
+    walk = walking(place_m, velocity, radius_m=0.3, rcs_m2=1.0)
+    for person, gain_db, is_seen in ((None, 1.0, False), (walk, 0.0, True), (walk, 0.01, True)):
+        ears = heard(theirs(person=person, node_gain_db={"n0": gain_db}), 30.0)
+        view = View(ears, evaluated(ears, ours(), ()), KNOWN)
+        assert view.model.left_nats(view.count) > 500
+        assert bool(view.passers(height_m)) == is_seen
+    walk_alone = heard(theirs(person=walk), 30.0)
+    told = tracks.moving_nats(View(walk_alone, evaluated(walk_alone, ours(), ()), KNOWN))
+    assert told > 0.5 * evaluated(walk_alone, ours(), ()).left_nats(walk_alone[0].count)
+
+
 def test_a_passer_whose_shadow_says_more_than_its_echo_is_where_the_echo_comes_from(monkeypatch):
     monkeypatch.setattr(sys.modules[__name__], "CARRIER_HZ", 15e9)
     place_m, velocity = [0.38, -2.9], [0.35, 0.96]
@@ -491,9 +505,12 @@ def test_paths_after_a_change_are_those_of_a_search_from_the_beginning():
             np.testing.assert_array_equal(one, other)
 
 
-def begun(monkeypatch, left: dict, first: str = "extra_object", settled=lambda one: one, loose=0.0, anew=None):
+def begun(
+    monkeypatch, left: dict, first: str = "extra_object", settled=lambda one: one, loose=0.0, anew=None, chosen=lambda one: None
+):
     """What is chosen where lists of owners leave `left` nats; `field` is of the family `first`, `settled` what is then; edges
-    gain `loose` nats by bending otherwise; four effects looked for anew are those of `anew`."""
+    gain `loose` nats by bending otherwise; four effects looked for anew are those of `anew`; `chosen` are told of effects of
+    which the best choice is taken again."""
     ears = heard(theirs(), 30.0)
 
     def model(owners) -> Model:
@@ -517,6 +534,7 @@ def begun(monkeypatch, left: dict, first: str = "extra_object", settled=lambda o
     monkeypatch.setattr(search, "_shaped", lambda ears, one, *rest: one)
     monkeypatch.setattr(search, "_asked_again", lambda ears, one, *rest: one)
     monkeypatch.setattr(search, "_by_shape", lambda ears, one: 0.0)
+    monkeypatch.setattr(search, "_chosen", lambda ears, one, number: chosen(one.effects[number]) or one)
     if anew:
         monkeypatch.setattr(search, "_looked_for_anew", lambda ears, one, *rest: model(anew) if len(one.effects) > 3 else one)
     monkeypatch.setattr(search.elsewhere, "instead", lambda ears, one, budget: [])
@@ -566,6 +584,12 @@ def test_what_a_few_patches_of_a_field_send_alike_accuses_nothing_beside_it(monk
     assert begun(monkeypatch, left, "missing_scattering") == ["field"]
     left |= {("field", "a"): 0.0}
     assert begun(monkeypatch, left, "missing_scattering") == ["field", "a"]
+
+
+def test_a_random_field_is_as_strong_as_what_is_left_beside_what_is_found_then(monkeypatch):
+    left, again = {(): 10_000.0, ("field",): 2000.0, ("field", "a"): 0.0}, []
+    assert begun(monkeypatch, left, "missing_scattering", chosen=lambda one: again.append(one.owner)) == ["field", "a"]
+    assert again == ["field"]
 
 
 def test_what_edges_gain_by_bending_otherwise_accuses_nothing_beside_them(monkeypatch):
@@ -679,8 +703,30 @@ def test_a_wall_that_leaves_far_less_waits_only_for_what_explains_half(told, fir
 
     before, wall, node = model("ground", 10_100.0), model("missing_object", 600.0), model("node_position", 10_100.0 - told)
     paying = [model("missing_scattering", 300.0), wall, node]
-    good = search._good_stiff(paying, before, 100.0)
+    good = search._good_stiff(paying, {id(one): before.energy - one.energy for one in paying}, before, 100.0)
     assert search._stiff_first(paying, good, before, 100.0) is {"wall": wall, "node": node}[first]
+
+
+@pytest.mark.parametrize(
+    ("left", "worths", "good"),
+    [
+        ((30.0, 7600.0, 1800.0), (1.0, 0.5, 0.45), "node_delay"),  # the best that is stiff explains a quarter, the next the most
+        ((30.0, 7600.0, 6000.0), (1.0, 0.5, 0.45), None),
+        ((30.0, 5200.0, 9000.0), (1.0, 0.13, 0.1), None),  # beside which a field says eight times as much
+        ((30.0, 5200.0, 9000.0), (1.0, 0.4, 0.1), "ground"),
+    ],
+)
+def test_a_random_field_waits_for_what_is_stiff_and_says_much_beside_it(left, worths, good):
+    def model(family: str, energy: float) -> Model:
+        effect = Effect(family=BY_NAME[family], owner=family, values=np.zeros(0))
+        return Model(
+            base=None, effects=(effect,), energy=energy, whitened=energy, slack=0.0, loose=(0.0, 0.0), tempered=energy, fits=()
+        )
+
+    before, names = model("carrier", 10_000.0), ("missing_scattering", "ground", "node_delay")
+    paying = [model(name, energy) for name, energy in zip(names, left, strict=True)]
+    found = search._good_stiff(paying, {id(one): nats for one, nats in zip(paying, worths, strict=True)}, before, 0.0)
+    assert (found and found.effects[0].owner) == good
 
 
 def test_a_node_is_looked_for_higher_and_lower_too():
@@ -712,6 +758,7 @@ def test_shapes_wait_unsettled_where_something_plain_explains_most(monkeypatch, 
     monkeypatch.setattr(search, "View", Families)
     monkeypatch.setattr(search, "_overheard", lambda view: (view.ears, model, 1.0))
     monkeypatch.setattr(search, "with_effect", with_one)
+    monkeypatch.setattr(search, "evaluated", lambda ears, base, effects: with_one(ears, model, effects[-1]))
     monkeypatch.setattr(search, "_quick", lambda ears, one: one)
     monkeypatch.setattr(search, "fitted", lambda ears, one, **_: one)
     monkeypatch.setattr(search, "_settled", lambda ears, one, *_: settled.append(one.effects[-1].family.name) or one)

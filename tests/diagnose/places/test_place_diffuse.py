@@ -5,14 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.places import diffuse
-from gr_cast.diagnose.places.ears import ResponseEar
+from gr_cast.diagnose.places import diffuse, search
+from gr_cast.diagnose.places.ears import ResponseEar, holding
 from gr_cast.diagnose.places.fit import evaluated
 from gr_cast.diagnose.places.likelihood import Fitted, Heard
 from gr_cast.diagnose.places.view import View
+from gr_cast.twin.places.families.base import Effect
 from gr_cast.twin.places.predict import Predictor
 
-from tests.diagnose.places.test_place_bodies import KNOWN, heard, ours, theirs
+from tests.diagnose.places.test_place_bodies import BY_NAME, KNOWN, heard, ours, theirs
 
 LINK, FREQUENCY_HZ, TIME_S = ("n0", "n2"), np.linspace(-4e7, 4e7, 40), np.linspace(0.0, 4.0, 17)
 
@@ -96,3 +97,27 @@ def test_objects_that_no_path_meets_may_scatter():
     view = View(ears, evaluated(ears, replace(ours(), max_depth=0), ()), KNOWN)
     assert view.seen_objects == []
     assert sorted(view.scatterers) == ["ground", "wall"]
+
+
+@pytest.mark.parametrize("share", [0.2, 0.45])
+def test_of_a_share_that_is_scattered_the_likeliest_is_chosen_whatever_it_was_taken_for_first(share):
+    random, ears = np.random.default_rng(6), heard(theirs(), 30.0)
+    places = np.arange(len(ours().mesh.names))
+    rough = ours().with_surface(places, scattering=share)
+    clean = evaluated(ears, rough, ())
+    y = clean.fits[0].model.copy()
+    y += (random.normal(size=(*y.shape, 2)) @ [1, 1j]) / np.sqrt(2 * ears[0].heard.weight)
+    for index, _, fields, is_still in diffuse._fields(ears[0], clean.fits[0], rough):
+        for which, strength, modes in fields:
+            many = y.shape[1] if is_still else 1  # instants that hear the same
+            drawn = random.normal(size=(1 if is_still else len(which), len(strength), 2)) @ [1, 1j]
+            y[index, slice(None) if is_still else which] += (drawn * np.sqrt(strength / 2 / many)) @ modes.T
+    ears = [replace(ears[0], heard=replace(ears[0].heard, y=y))]
+    field = Effect(family=BY_NAME["missing_scattering"], owner="place", values=np.zeros(0), choice=0.75)
+    found = search._chosen(ears, evaluated(ears, ours(), [field]), 0).effects[0]
+    assert found.choice == pytest.approx(share, abs=0.1)
+    candidate = Effect(family=BY_NAME["material"], owner="wall", values=np.array([1.0, -3.0]))
+    held = holding(ears, rough)
+    own, others = (evaluated(some, rough, [candidate]).energy for some in (ears, held))
+    assert evaluated(held, rough, []).energy == pytest.approx(evaluated(ears, rough, []).energy)
+    assert own != pytest.approx(others, abs=1.0)  # what the wall scatters is another then, and is not held to be

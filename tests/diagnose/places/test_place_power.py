@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from gr_cast.diagnose.places.ears import bursts
-from gr_cast.diagnose.places.fit import evaluated
+from gr_cast.diagnose.places.fit import evaluated, fitted
 from gr_cast.diagnose.places.power import Expected, PowerEar
 from gr_cast.diagnose.places.search import run
 from gr_cast.diagnose.places.view import View
@@ -17,6 +17,7 @@ from gr_cast.scenario.create.media import Medium
 from gr_cast.scenario.create.nodes import Node
 from gr_cast.twin.places.carrying import Body, headings, loss_db
 from gr_cast.twin.places.families.base import Effect
+from gr_cast.twin.places.families.mechanisms import Ground
 from gr_cast.twin.places.families.power import SmallScale, scales
 from gr_cast.twin.places.meters import Fading, Meter
 from gr_cast.twin.places.predict import Predictor
@@ -187,6 +188,29 @@ def test_ground_is_found_by_the_fringes_of_power_alone():
     assert [effect.key for effect in found.model.effects] == [("ground", "place")]
     assert found.model.effects[0].values[0] == pytest.approx(height_m, abs=0.02)
     assert abs(found.deviations) < 4
+
+
+def test_ground_is_found_where_echoes_of_another_permittivity_would_be_turned_round():
+    """At a grazing angle of 16°, over the Brewster angle of 21 and under that of 8; against the two-ray law."""
+    x_m, height_m, permittivity = np.linspace(9, 42, 80), 3.45, 21.0
+    up_m = np.tan(np.deg2rad(16.0)) * x_m
+    at_m = np.stack([x_m, 0 * x_m, up_m - 5.0 + 2 * height_m], 1)
+    straight_m, far_m = np.hypot(x_m, at_m[:, 2] - 5.0), np.hypot(x_m, up_m)
+    eta, sine = permittivity - 1j * 0.01 * 17.975 / (CARRIER_HZ / 1e9), up_m / far_m
+    root = np.sqrt(eta - (1 - sine**2))
+    reflection = (eta * sine - root) / (eta * sine + root)
+    k = 2 * np.pi * CARRIER_HZ / 299792458.0
+    field = np.exp(-1j * k * straight_m) / straight_m + reflection * np.exp(-1j * k * far_m) / far_m
+    power_db = 20 * np.log10(np.abs(field) * 299792458.0 / CARRIER_HZ / (4 * np.pi))
+    power_db = (power_db + np.random.default_rng(5).normal(0, 0.1, 80))[None]
+    predictor = Predictor(["a"], ["b"], np.arange(80.0), np.zeros(1), {"b": at_m})
+    ear = PowerEar(predictor, power_db[:, :, None], np.full((1, 80, 1), 0.5 / 0.1**2), None, "none")
+    world = replace(_yard(), max_depth=1)
+    model = evaluated([ear], world, ())
+    starts = Ground().starts(View([ear], model, {"gain": "none", "delay": "none", "phase": "none"}), "place")
+    best = min(starts, key=lambda one: evaluated([ear], world, [one]).energy)
+    assert best.values[0] == pytest.approx(height_m, abs=0.02)
+    assert fitted([ear], evaluated([ear], world, [best])).deviations(80) < 4 < model.deviations(80)
 
 
 def test_ground_far_under_steep_paths_is_found():

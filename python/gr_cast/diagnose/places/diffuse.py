@@ -3,6 +3,7 @@
 transform says. What is resolved to few bins of delay is few numbers, however many bins it leaks to."""
 
 import functools
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
@@ -44,12 +45,8 @@ def _along_modes(ear, fit, world):
     if not _scatters(ear, world):
         return
     unit = _unit(ear, fit, world)
-    for index in range(len(ear.heard.links)):
-        known = ear.heard.weight[index] > 0
-        if not known.any():
-            continue
-        noise, fields_, is_still = _fields(ear, fit, world, index)
-        rows = np.where(known, fit.residual[index] * unit[index].conj(), 0)
+    for index, noise, fields_, is_still in _fields(ear, fit, world):
+        rows = np.where(ear.heard.known[index], fit.residual[index] * unit[index].conj(), 0)
         if is_still:  # all instants say the same
             rows = rows.sum(axis=0, keepdims=True) / np.sqrt(max(len(rows), 1))
         for which, strength, modes in fields_:
@@ -77,8 +74,7 @@ def whitened(ear, fit, world, rows: np.ndarray) -> np.ndarray:
     half = rows.shape[1] // 2
     unit = _unit(ear, fit, world)
     turned = (rows[:, :half] + 1j * rows[:, half:]).reshape(len(rows), *fit.residual.shape) * unit.conj()
-    for index in np.flatnonzero((ear.heard.weight > 0).any(axis=(1, 2))):
-        noise, fields_, is_still = _fields(ear, fit, world, index)
+    for index, noise, fields_, is_still in _fields(ear, fit, world):
         for which, strength, modes in fields_:
             part = turned[:, index].mean(axis=1, keepdims=True) if is_still else turned[:, index, which]
             less = ((part @ modes.conj()) * (1 - np.sqrt(noise / (noise + strength)))) @ modes.T
@@ -95,8 +91,13 @@ def left(ear, fit, world) -> np.ndarray:
     return (row.reshape(2, len(ear.heard.links), -1) ** 2).sum(axis=(0, 2))
 
 
+def _heard_of(ear, world):
+    """The world whose scattered field an ear hears."""
+    return ear.field_of or world
+
+
 def _scatters(ear, world) -> bool:
-    return bool(ear.has_responses and world.surface.scatters)
+    return bool(ear.has_responses and _heard_of(ear, world).surface.scatters)
 
 
 def _unphased(ear, fit, world) -> list[int]:
@@ -120,7 +121,7 @@ def _unit(ear, fit, world) -> np.ndarray:
         size = np.abs(strength)[:, None]
         unit[index] = np.where(size > 0, strength[:, None] / np.maximum(size, 1e-300), 1)
         if ear.heard.delay != "none":
-            profile = profiles(world, ear.predictor, index, count, ear.heard.spacing_hz)[0].sum(axis=0)
+            profile = profiles(_heard_of(ear, world), ear.predictor, index, count, ear.heard.spacing_hz)[0].sum(axis=0)
             heard = np.abs(np.fft.ifft(field, count * _FINER)) ** 2
             late = int(np.argmax(np.fft.ifft(np.fft.fft(heard) * np.fft.fft(profile).conj()).real))
             unit[index] = unit[index] * np.exp(-2j * np.pi * late / (count * _FINER) * np.arange(count))
@@ -150,32 +151,24 @@ def _alike(ear, fit, index: int) -> tuple[np.ndarray, np.ndarray]:
     return left[:, 0] * size[0], right[0]
 
 
-def _fields(ear, fit, world, index: int) -> tuple[float, list[tuple], bool]:
-    """Noise of a link, modes of what is scattered to it as (instants, power of each mode, modes (K, modes)), and whether patches
-    keep their phases: then it is of the sum of all instants over the root of their number."""
-    heard = ear.heard
-    known, count = heard.weight[index] > 0, len(heard.frequency_hz)
-    key = (
-        "shapes",
-        ear.predictor.ends_key(world, index),
-        world.mesh.coarse.key,
-        world.surface.key,
-        world.is_clear,
-        world.carrier_hz,
-    )
-    told = ear.predictor.remembered(key, lambda: _shapes(*profiles(world, ear.predictor, index, count, heard.spacing_hz)))
-    noise, (is_still, shapes) = 1 / heard.weight[index][known].mean(), told
-    scale = float((np.abs(fit.factor[index]) ** 2).mean()) * (len(heard.y[index]) if is_still else 1) * known.mean()
-    out = []
-    for which, total, rounded in shapes:
-        strength, modes = _modes(rounded, count)
-        out.append((which, scale * total * strength, modes))
-    return noise, out, is_still
+def _fields(ear, fit, world) -> Iterator[tuple[int, float, list[tuple], bool]]:
+    """Of each link that is heard: its number, noise, modes of what is scattered to it as (instants, power of each mode, modes
+    (K, modes)), and whether patches keep their phases: then it is of the sum of all instants over the root of their number."""
+    heard, made_of = ear.heard, _heard_of(ear, world)
+    law = made_of.mesh.coarse.key, made_of.surface.key, made_of.is_clear, made_of.carrier_hz
+    loud = (np.abs(fit.factor) ** 2).mean(axis=(1, 2)) * heard.share
+    for index in np.flatnonzero(heard.share):
+        key = "shapes", ear.predictor.ends_key(made_of, index), law
+        is_still, shapes = ear.predictor.remembered(key, partial(_shapes, made_of, ear.predictor, index, heard))
+        scale = loud[index] * (heard.y.shape[1] if is_still else 1)
+        told = [(which, scale * most, *_modes(rounded, len(heard.frequency_hz))) for which, most, rounded in shapes]
+        yield index, heard.noise[index], [(which, most * strength, modes) for which, most, strength, modes in told], is_still
 
 
-def _shapes(power: np.ndarray, step: np.ndarray) -> tuple[bool, list[tuple]]:
+def _shapes(world, predictor, index: int, heard: likelihood.Heard) -> tuple[bool, list[tuple]]:
     """Whether nothing moves; of each step of a link's way to which anything is scattered its instants, the strongest cell and all
     over that, rounded."""
+    power, step = profiles(world, predictor, index, len(heard.frequency_hz), heard.spacing_hz)
     loud = [(number, row, row.max()) for number, row in enumerate(power) if row.any()]
     return len(step) == 1, [(np.flatnonzero(step == number), most, _rounded(row / most)) for number, row, most in loud]
 

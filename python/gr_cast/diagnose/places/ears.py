@@ -3,7 +3,7 @@
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,10 +22,11 @@ _POWER_STEPS = 64  # of the band whose mean power a meter reads (the contract)
 
 @dataclass(frozen=True, eq=False)
 class ResponseEar:
-    """Complex responses."""
+    """Complex responses; `field_of`: the world whose scattered field is heard whatever else is asked, None for that one's own."""
 
     predictor: Predictor
     heard: Heard
+    field_of: World | None = field(default=None, kw_only=True)
 
     has_responses = True
 
@@ -136,6 +137,11 @@ def thinned(one, instants: int, frequencies: int):
         one.heard, y=one.heard.y[:, t][:, :, k], weight=one.heard.weight[:, t][:, :, k], frequency_hz=predictor.frequency_hz
     )  # fmt: skip
     return ResponseEar(predictor, heard)
+
+
+def holding(ears: Sequence, world: World) -> list:
+    """The same soundings, what is scattered as a world has it: for candidates that are to be ranked by what they reflect."""
+    return [replace(one, field_of=world) if one.has_responses and world.surface.scatters else one for one in ears]
 
 
 def thinned_as_fitted(ears: Sequence, fits: Sequence) -> list:

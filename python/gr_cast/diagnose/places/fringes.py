@@ -33,15 +33,15 @@ def grounds(ears, world: World, lowest_m: float) -> list[tuple[float, float]]:
     """(height, permittivity), best first: paths that are there stay, each link gets one more from a plane under all nodes."""
     own = [_thinned(ear) for ear in ears if not ear.has_responses]
     tried = _tried_m(own, world, lowest_m)
-    wells = scan.minima(tried, _energies(own, world, tried, _PERMITTIVITIES[1]), _WELLS)
-    step_m = np.interp(wells, tried, np.gradient(tried))
-    near = np.add.outer(wells, np.zeros(_FINER)) + np.outer(step_m, np.linspace(-1, 1, _FINER))
-    energies = np.stack([_energies(own, world, near.ravel(), one) for one in _PERMITTIVITIES]).reshape(-1, *near.shape)
     found = []
-    for number in np.argsort(energies.min(axis=(0, 2))):
-        kind, place = np.unravel_index(np.argmin(energies[:, number]), energies[:, number].shape)
-        found.append((float(near[number, place]), _PERMITTIVITIES[kind]))
-    return found
+    for permittivity in _PERMITTIVITIES:  # of another, echoes may turn round, and no well of this one be there
+        wells = scan.minima(tried, _energies(own, world, tried, permittivity), _WELLS)
+        step_m = np.interp(wells, tried, np.gradient(tried))
+        near = np.add.outer(wells, np.zeros(_FINER)) + np.outer(step_m, np.linspace(-1, 1, _FINER))
+        energies = _energies(own, world, near.ravel(), permittivity).reshape(near.shape)
+        best = np.argmin(energies, axis=1)
+        found += [(energies[row, place], near[row, place], permittivity) for row, place in enumerate(best)]
+    return [(float(height_m), permittivity) for _, height_m, permittivity in sorted(found)[:_WELLS]]
 
 
 def _tried_m(ears, world: World, lowest_m: float) -> np.ndarray:

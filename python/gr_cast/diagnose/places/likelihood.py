@@ -49,6 +49,16 @@ class Heard:
         return self.known.sum(axis=2)
 
     @cached_property
+    def share(self) -> np.ndarray:
+        """(L,) of the numbers of a link that are there."""
+        return self.known.mean(axis=(1, 2))
+
+    @cached_property
+    def noise(self) -> np.ndarray:
+        """(L,) over all of them."""
+        return self.known.sum(axis=(1, 2)) / np.maximum(self.weight.sum(axis=(1, 2)), 1e-300)
+
+    @cached_property
     def root(self) -> np.ndarray:
         """(L, T, K): one over the noise's deviation, or 0."""
         return np.sqrt(self.weight)

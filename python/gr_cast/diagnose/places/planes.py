@@ -49,7 +49,7 @@ def lone(view) -> tuple[int, list[Sheet]]:
     other link says more of them than that it sees none."""
     if not view.wideband:
         return 0, []
-    rows, count = view.phased, sum(ear.count for ear in view.ears)
+    rows, count = view.phased, view.count
     nats, length_m = rows.every_nats(), rows.length_m
     direct_m = np.linalg.norm(rows.tx_m - rows.rx_m, axis=1)
     nats[length_m < direct_m[:, None] + view.resolution_m / 4] = 0.0  # there the direct path's own errors are

@@ -35,7 +35,9 @@ BESIDE_ROUGH_NATS = 30.0  # of an effect beside scattering, whose patches are no
 FIELDS_SHARE = 0.01  # of what fields explain, and less is theirs where the vault shows none of it: an object of 82 nats was told
 # beside 9,000 of a panel that scatters, and none of the vault; an order of reflections of 280 beside 52,000 does, and was there
 UNSOUNDED_NATS = 0.1  # by which the vault is otherwise with an effect: less, and it does not hear of it
-STIFF_SHARE = 0.25  # of the excess energy that one deterministic effect explains: then random fields wait
+STIFF_SHARE = (
+    0.25  # of the excess energy, and of a random field's evidence, which something stiff explains: then random fields wait
+)
 MOST_SHARE = 0.5  # of that excess: then they wait even where one of them leaves nothing
 CLOSE_REGRET = 0.3  # of the best candidate's evidence, by which another is behind and still tried where the best led nowhere
 FLEXIBLE_REGRET = 0.15  # of random fields, whatever they explain, and of something stiff that explains a good part beside them

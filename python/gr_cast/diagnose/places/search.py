@@ -10,7 +10,7 @@ import numpy as np
 
 from ...twin.places.families.base import Effect
 from . import elsewhere, foretold, policy
-from .ears import thinned_as_fitted
+from .ears import holding, thinned_as_fitted
 from .fit import Ear, Model, evaluated, fitted, replaced, shows_in, with_effect, without_effects
 from .view import View
 
@@ -124,7 +124,8 @@ def _round(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, bar
     chosen.sort(key=_has_shape)  # what has a shape takes long, and may have to wait for what has none
     wells: dict[tuple, list[Model]] = {}
     for one in chosen:
-        promised, one = promise(one), one if heard is ears else _by_all(ears, model, screened, one, wells)
+        promised = promise(one)
+        one = _by_all(ears, model, screened, one, wells) if more > 1 else evaluated(ears, model.base, one.effects)
         is_far_behind = final and promised < policy.BEHIND_SHARE * max(worth(done, model, count, tried) for done in final)
         is_hopeless = _has_shape(one) and any(_is_plain(done) and _explains_most(done, model, count) for done in final)
         waits = is_far_behind or is_hopeless
@@ -182,16 +183,19 @@ def _is_negligible(model: Model, number: int) -> bool:
 
 
 def _screened(view: View, heard: Sequence[Ear], here: Model, family, owner: str) -> list[Model]:
-    """Models with one effect more, from the most promising of its family's first guesses."""
+    """Models with one effect more, from the most promising of its family's first guesses; none of them but a random field changes
+    what is scattered, yet."""
     starts = family.starts(view, owner)
+    heard = heard if family.is_flexible else holding(heard, here.world)
     if len(starts) > policy.FULL_STARTS and family.ranks_unfitted:
         starts = list({id(one): one for one in (*view.ranked(starts)[: policy.FULL_STARTS], starts[0])}.values())
     alone = sorted((_quick(heard, with_effect(heard, here, start)) for start in starts), key=lambda one: one.tempered)
-    if not here.effects:
+    if not here.effects or not alone:
         return alone
     best, rest = alone[: policy.FITTED_PER_FAMILY], alone[policy.FITTED_PER_FAMILY :]
     # What was found before has taken some of what is another's for its own.
-    return [fitted(heard, one, rounds=policy.SCREEN_ROUNDS) for one in best] + rest
+    free = [n for n, effect in enumerate(best[0].effects) if family.is_flexible or not effect.family.is_flexible]
+    return [fitted(heard, one, rounds=policy.SCREEN_ROUNDS, free=free) for one in best] + rest
 
 
 def _overheard(view: View) -> tuple[Sequence[Ear], Model, float]:
@@ -452,7 +456,7 @@ def _grown(
         ]
         worths |= {id(one): worth(one, model, count, tried) for one in hidden}
         found, paying = (sorted([*some, *hidden], key=lambda one: -worths[id(one)]) for some in (found, paying))
-        good = _good_stiff(paying, model, count)
+        good = _good_stiff(paying, worths, model, count)
         best = _stiff_first(paying, good, model, count)
         known = {best.effects[-1].key}
         for one in paying:
@@ -468,6 +472,8 @@ def _grown(
         before = model
         for number in range(len(model.effects) - 1):  # what was found before fits what is known now
             model = _shaped(ears, model, number, unknown, budget)
+            if model.effects[number].family.is_flexible:  # and was for all that was not known yet
+                model = _chosen(ears, model, number)
             if model.deviations(count) > policy.QUIET_DEVIATIONS and not budget.is_spent:
                 model = _begun_anew(ears, model, number)
         if model is not before:
@@ -536,16 +542,19 @@ def _explains_most(one: Model, model: Model, count: float) -> bool:
     return model.energy - one.energy >= policy.MOST_SHARE * (model.energy - model.offset - count)
 
 
-def _good_stiff(paying: list[Model], model: Model, count: float) -> Model | None:
-    """The best that is no random field, if it explains a good part of what is left: of what has a shape and what has none the
-    latter, if it explains the most of that or hardly less than the other."""
+def _good_stiff(paying: list[Model], worths: dict, model: Model, count: float) -> Model | None:
+    """The best that is no random field, if it explains a good part of what is left, or else the best that explains the most of
+    it; of what has a shape and what has none the latter, if it explains the most of that or hardly less than the other. None of
+    which is worth little beside a random field: then that hides the rest."""
     here = model.energy - model.offset - count
-    stiff = next((one for one in paying if not one.effects[-1].family.is_flexible), None)
-    plain = next((one for one in paying if _is_plain(one)), None)
-    if plain and stiff is not plain:
-        told, other = model.energy - plain.energy, model.energy - stiff.energy
-        stiff = plain if told >= min(policy.MOST_SHARE * here, (1 - policy.CLOSE_REGRET) * other) else stiff
-    return stiff if stiff and model.energy - stiff.energy > policy.STIFF_SHARE * here else None
+    stiff = [one for one in paying if not one.effects[-1].family.is_flexible]
+    good, plain = stiff[0] if stiff else None, next((one for one in paying if _is_plain(one)), None)
+    if plain and good is not plain:
+        told, other = model.energy - plain.energy, model.energy - good.energy
+        good = plain if told >= min(policy.MOST_SHARE * here, (1 - policy.CLOSE_REGRET) * other) else good
+    if good and model.energy - good.energy <= policy.STIFF_SHARE * here:
+        good = next((one for one in stiff if _explains_most(one, model, count)), None)
+    return good if good and worths[id(good)] > policy.STIFF_SHARE * worths[id(paying[0])] else None
 
 
 def _otherwise(
@@ -715,7 +724,8 @@ def foreseen_nats(ears, vault: Sequence[Ear], rival: Model, model: Model, number
     one of both may have been there for once, the other one is likelier for what it explains of the vault, and not less for what
     it does not."""
     lasts, stays = rival.effects[number].family.lasts, model.effects[number].family.lasts
-    if not vault or not (lasts or stays) or behind_nats(rival, model, number, count) > 2 * policy.RIVAL_NATS:
+    most = 2 * policy.RIVAL_NATS + _beside_fields(model)
+    if not vault or not (lasts or stays) or behind_nats(rival, model, number, count) > most:
         return 0.0
     nats = foretold.foreseen(ears, vault, rival) - foretold.foreseen(ears, vault, model)
     return nats if lasts and stays else min(nats, 0.0) if lasts else max(nats, 0.0)

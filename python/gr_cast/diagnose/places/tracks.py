@@ -12,7 +12,7 @@ from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from ...scenario.create import fields
 from ...scenario.create.images import tracing
 from ...twin.places import passer
-from . import imaging, scan
+from . import imaging, policy, scan
 from .ears import thinned
 from .fit import evaluated
 
@@ -39,7 +39,7 @@ def passers(view, height_m: float):
     """(place (2,) at time 0, velocity (2,), cross-section in m² or None) of things that would explain echoes that move, the best
     first."""
     seen = moving_echoes(view)
-    if not seen:  # at one instant nothing passes
+    if not seen or moving_nats(view) < policy.BEHIND_SHARE * view.model.left_nats(view.count):
         return []
     coarse = _coarse(view, seen, height_m)
     fine = [track for one in coarse[:_FOLLOWED] for track in _fine(view, height_m, *one)]
@@ -56,6 +56,11 @@ def near(view, height_m: float, place_m: np.ndarray, velocity: np.ndarray, other
 def moving_echoes(view) -> list[imaging.Echoes]:
     """Of the campaigns of several instants, without what stays the same."""
     return [imaging.echoes(ear, _moving(ear, fit, view.world), view.world) for ear, fit in _pairs(view)]
+
+
+def moving_nats(view) -> float:
+    """Of what is left above noise, what changes: all that anything which passes can explain."""
+    return sum(float(ear.nats(_moving(ear, fit, view.world)).sum()) - ear.count for ear, fit in _pairs(view))
 
 
 def _pairs(view) -> list:

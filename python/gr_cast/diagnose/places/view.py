@@ -13,7 +13,7 @@ from ...twin.places.carrying import headings
 from ...twin.places.families import FAMILIES
 from . import diffuse, eclipses, extents, fringes, imaging, planes, policy, scan, shades, sides, tracks
 from .coherent import Phased
-from .ears import alone, of_link, thinned_as_fitted, without_phase
+from .ears import alone, holding, of_link, thinned_as_fitted, without_phase
 from .fit import Model, applied, evaluated, fitted, heard_in, with_effect
 
 _SCANNED_CARRIERS = 100_000
@@ -51,15 +51,15 @@ class View:
 
     def ranked(self, starts: list) -> list:
         """First guesses by how well they explain a thinned sounding."""
-        return [starts[number] for number in _order([with_effect(self.thin, self._thin_model, start) for start in starts])]
+        ears = self._ears_for(starts)
+        return [starts[number] for number in _order([with_effect(ears, self._thin_model, start) for start in starts])]
 
     def sharpened(self, starts: list) -> list:
         """First guesses, each at the bottom of its well on a thinned sounding, the lowest first."""
-        number, before = len(self.model.effects), self._thin_model
+        number, before, ears = len(self.model.effects), self._thin_model, self._ears_for(starts)
         found = [
-            fitted(self.thin, with_effect(self.thin, before, start), rounds=policy.SCREEN_ROUNDS, free=[number])
-            for start in starts
-        ]
+            fitted(ears, with_effect(ears, before, start), rounds=policy.SCREEN_ROUNDS, free=[number]) for start in starts
+        ]  # fmt: skip
         return [found[number].effects[-1] for number in _order(found)]
 
     def explains_much(self, start) -> bool:
@@ -81,6 +81,14 @@ class View:
             return sum(float(np.minimum(one, other).sum()) for one, other in zip(here, there, strict=True))
 
         return sorted(starts, key=energy)
+
+    @cached_property
+    def _held(self):
+        return holding(self.thin, self.world)
+
+    def _ears_for(self, starts: list):
+        """A thinned sounding as is to be heard what first guesses of one family explain of it."""
+        return self.thin if any(start.family.is_flexible for start in starts) else self._held
 
     @cached_property
     def _thin_model(self):
@@ -106,8 +114,12 @@ class View:
     @cached_property
     def is_quiet(self) -> bool:
         """Whether so little is left that what moves paths by wavelengths would have shown."""
-        count = sum(ear.count for ear in self.ears)
-        return self.model.left_nats(count) < policy.QUIET_DEVIATIONS * np.sqrt(count)
+        return self.model.left_nats(self.count) < policy.QUIET_DEVIATIONS * np.sqrt(self.count)
+
+    @cached_property
+    def count(self) -> int:
+        """Numbers of all soundings."""
+        return sum(ear.count for ear in self.ears)
 
     @property
     def has_responses(self) -> bool:

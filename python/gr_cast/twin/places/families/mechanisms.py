@@ -21,9 +21,8 @@ _ASKED = 12  # objects that are asked whether they scatter
 _OCTAVES = 1.3  # that a carrier may be off, up or down
 _BEST = 3
 _BEAT_M, _WELLS = 40.0, 30  # between paths: whose beats are tried about a carrier that was found, so many either way
-_MOST_SCATTERED = (
-    0.75  # walls were measured at 0.2 to 0.6 (Degli-Esposti et al. 2007): more would be a way to take reflections away
-)
+_SCATTERED = [step / 20 for step in range(2, 16)]  # that surfaces may: walls were measured at 0.2 to 0.6 (Degli-Esposti et al.
+# 2007); more would be a way to take reflections away
 
 
 class MissingReflections(Family):
@@ -102,8 +101,10 @@ class MissingScattering(OfThings):
         return ["place", *view.shared_materials(view.scatterers), *view.scatterers[:_ASKED]]
 
     def starts(self, view, owner):
-        grid = np.arange(0.15, _MOST_SCATTERED + 0.01, 0.1)
-        return [Effect(family=self, owner=owner, values=np.zeros(0), choice=float(share)) for share in grid]
+        return [Effect(family=self, owner=owner, values=np.zeros(0), choice=share) for share in _SCATTERED[1::2]]
+
+    def choices(self, world, effect):
+        return [replace(effect, choice=share) for share in _SCATTERED if share != effect.choice]
 
     def apply(self, world, effect):
         return world.with_surface(world.made_of(effect.owner), scattering=effect.choice)
