@@ -316,6 +316,31 @@ def test_a_waveform_is_found_where_the_twin_says_it_is_whatever_samples_the_twin
     assert diagnose(case).document["verdict"] == "no_mismatch"
 
 
+@pytest.mark.parametrize("late", [-1, 0, 1])
+@pytest.mark.parametrize("family", ["sample_loss", "gain_step"])
+def test_what_the_twin_knows_to_happen_at_a_moment_may_happen_at_the_sample_before_or_behind(tmp_path, family, late):
+    """Times are rounded: k/rate·rate is not k for every k."""
+    rng, at, count = np.random.default_rng(4), 14_203, 30_000
+    sent = noise(rng, count + 400, 1.0)
+    recorded = sent[:count].copy()
+    told, side = {"time_s": {"value": (at + 0.2 * late) / RATE_HZ, "std": 0.0}}, {"sample_loss": "rx", "gain_step": "tx"}[family]
+    if family == "sample_loss":
+        recorded = np.concatenate([sent[: at + max(late, 0)], sent[at + max(late, 0) + 182 :]])[:count]
+        told["samples"] = {"value": 182, "std": 0.0}
+    else:
+        recorded[at + late :] *= 10 ** (5.4 / 20)
+        told["step_db"] = {"value": 5.4, "std": 0.0}
+    sent_once(tmp_path, recorded + noise(rng, len(recorded), 0.03), sent)
+    twin = yaml.safe_load((tmp_path / "twin.yaml").read_text())
+    twin["effects"] = [{"family": family, "owner": {"level": side, "name": side + "1"}, "parameters": told}]
+    (tmp_path / "twin.yaml").write_text(yaml.safe_dump(twin))
+    case = read_case(tmp_path)
+    _, data, _ = align.build(case, case.observations[0])
+    beside = np.abs(data.scene.index + 0.5 - at) < 1
+    assert beside.sum() == 2 and not data.use[beside].any() and not data.vault[beside].any()
+    assert diagnose(case).document["verdict"] == "no_mismatch"
+
+
 def test_a_delay_is_found_again_once_the_carrier_is_known(world, tmp_path):
     """A code at a delay of its own is 255 times what it is at any other (its periodic autocorrelation)."""
     turned = world.clean() * np.exp(2j * np.pi * 3000.0 * world.n / RATE_HZ)

@@ -519,6 +519,20 @@ def test_a_hum_with_harmonics_is_one_hum_with_the_frequency_of_its_fundamental(w
     assert depth["value"] == pytest.approx(0.02, abs=4 * depth["std"])
 
 
+def test_a_hum_with_every_other_harmonic_has_the_frequency_of_its_own_fundamental(tmp_path):
+    """Half of it explains as much, and is no fundamental: nothing hums there."""
+    rng, count, cycles = np.random.default_rng(4), 30_000, 7.92
+    sent = np.fft.ifft(np.fft.fft(noise(rng, count)) * (np.abs(np.fft.fftfreq(count)) < 0.3))
+    t = 2 * np.pi * cycles * np.arange(count) / count
+    hum = 1 + 0.3 * np.cos(t + 2) + 0.09 * np.cos(2 * t - 0.5)
+    clock = np.interp(np.arange(count) * (1 + 7e-6), np.arange(count), sent.real)
+    clock = clock + 1j * np.interp(np.arange(count) * (1 + 7e-6), np.arange(count), sent.imag)
+    case = sent_once(tmp_path, clock * hum + noise(rng, count, 0.1), sent)
+    document = diagnose(case).document
+    assert said(document, "power_supply_hum", "frequency_hz")["value"] == pytest.approx(cycles * RATE_HZ / count, rel=0.01)
+    assert said(document, "power_supply_hum", "depth")["value"] == pytest.approx(0.3, abs=0.01)
+
+
 @pytest.mark.parametrize("sweep", [0.0, 1.5e-4])
 def test_pulses_of_a_wave_below_the_noise_are_pulses_and_no_band_of_noise(world, tmp_path, sweep):
     period, first, width = 1733.0, 210.0, 160

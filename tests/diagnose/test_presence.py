@@ -93,6 +93,33 @@ def test_what_was_sent_is_there_below_the_noise(wave, snr_db):
         assert found.carrier == pytest.approx(carrier, abs=1 / 16)
 
 
+@pytest.mark.parametrize("carrier", [0.0, 0.002, 0.0005])
+def test_packets_of_pulses_on_a_carrier_that_the_twin_knows_are_there_and_no_others_are(carrier):
+    """What is on at the same times and carrier explains no more at the right places than at others."""
+    count = 20_000
+    turn = np.exp(2j * np.pi * carrier * np.arange(count))
+
+    def packets(rng, on):
+        bits = rng.integers(0, 2, count // 6 + 1)
+        return np.where(on, np.repeat(np.stack([bits, 1 - bits], 1).ravel(), 3)[:count], 0) * turn
+
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        on = np.zeros(count, bool)
+        on[np.add.outer(np.cumsum(rng.integers(2200, 5700, 5)) - 2100, np.arange(720)) % count] = True
+        sent, other = packets(rng, on), packets(rng, on)
+        right, wrong = (
+            presence.look(y + noise(rng, count, 0.3), sent[None], np.ones(count), 0, tried=2 * count) for y in (sent, other)
+        )
+        assert right.nats > 3 * presence.PRESENT_NATS and not wrong.there
+
+
+def test_a_waveform_that_is_all_but_a_carrier_keeps_it():
+    tone = np.exp(2j * np.pi * 0.07 * np.arange(COUNT))[None]
+    kept = presence._without_envelopes(tone, np.ones(COUNT))
+    assert np.sum(np.abs(kept) ** 2) > 0.9 * COUNT
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_a_diagnosis_of_noise_says_that_the_waveform_is_absent_and_claims_nothing(world, tmp_path, seed):
     world.rng = np.random.default_rng(seed)

@@ -19,6 +19,7 @@ from . import delays, gate, offsets, pieces, presence
 from .fit import Data
 from .policy import (
     ALIGN_MARGIN,
+    BESIDE_A_MOMENT,
     DELAY_SHORTEST,
     EDGE,
     FACTORS,
@@ -333,6 +334,7 @@ def build(case, observation, *, near: tuple[float, bool] | None = None):
     for entry in twin:
         model = model.adding(effect_of(scene, entry))
     model = replace(model, effects=in_either_seconds(scene, model.effects))
+    data = _without_moments(data, model)
     if flip:
         model = model.adding(start(with_role(Role.ORIENTATION), []))
     model = offsets.within_told(data, model)
@@ -358,6 +360,15 @@ def whole_over_part(case, whole, part, scene) -> float:
         sent += source.power * during / len(whole.samples)
         here += float(np.sum(np.abs(source.samples[at]) ** 2) / max(1, source.known[at].sum()))
     return float(np.sqrt(sent / here)) if sent > 0 and here > 0 else 1.0
+
+
+def _without_moments(data: Data, model: Model) -> Data:
+    """The data without the samples beside what the twin knows to happen at a moment: rounding of its time may move it by one."""
+    scene, beside = data.scene, np.zeros(data.scene.count, bool)
+    for moment in (FAMILIES[e.family].moment(scene, e) for e in model.effects):
+        if moment is not None:
+            beside |= np.abs(scene.index + 0.5 - round(moment)) < BESIDE_A_MOMENT
+    return replace(data, use=np.where(beside, 0.0, data.use), vault=data.vault & ~beside) if beside.any() else data
 
 
 def _known_alone(data: Data) -> Data:

@@ -17,9 +17,11 @@ from scipy import ndimage, special
 
 from ..twin.columns import some_at_once
 from ..twin.effects import Role, plays
+from ..twin.interpolate import TAU
 from ..twin.scene import reach
 from . import offsets
 from .policy import (
+    ALL_BUT_A_CARRIER,
     FARTHEST_NEAR,
     HALF_OF_NULLS,
     HALVES,
@@ -207,11 +209,17 @@ def _on_air(y, signals, inside):
 
 
 def _without_envelopes(signals, inside):
-    """What is sent without what it has of its own envelope, for any signal with a carrier that is on at these times would
-    explain that as much."""
+    """What is sent without what it has of its own envelope, at the carrier that it has most of it at, for any signal that is on
+    at these times would explain that as much. What is all but a carrier keeps it, but at its middle."""
     envelopes = inside * ndimage.uniform_filter1d(np.abs(signals * inside), PRESENCE_ENVELOPE, mode="constant")
-    held = (envelopes * signals).sum(1) / np.maximum((envelopes**2).sum(1), 1e-300)
-    return signals - held[:, None] * envelopes
+    energies, n = np.maximum((envelopes**2).sum(1), 1e-300), signals.shape[1]
+    size = sp_fft.next_fast_len(4 * n)
+    at = np.argmax(np.abs(sp_fft.fft(envelopes * signals, size, axis=1)), axis=1)
+    carriers = np.exp(TAU * 1j * sp_fft.fftfreq(size)[at][:, None] * np.arange(n))
+    held = (envelopes * signals * carriers.conj()).sum(1)
+    is_all = np.abs(held) ** 2 > ALL_BUT_A_CARRIER * energies * (np.abs(signals) ** 2).sum(1)
+    carriers[is_all], held[is_all] = 1.0, (envelopes * signals).sum(1)[is_all]
+    return signals - (held / energies)[:, None] * envelopes * carriers
 
 
 def _delays(n: int, period: int):
