@@ -316,28 +316,49 @@ def test_a_waveform_is_found_where_the_twin_says_it_is_whatever_samples_the_twin
     assert diagnose(case).document["verdict"] == "no_mismatch"
 
 
+def _band_limited(samples):
+    return np.fft.ifft(np.fft.fft(samples) * (np.abs(np.fft.fftfreq(len(samples))) < 0.4))
+
+
+@pytest.mark.parametrize("late", [0, 5, 300])
+def test_a_waveform_sent_once_is_where_it_is_however_late_its_first_path_is(tmp_path, late):
+    rng, count = np.random.default_rng(4), 30_000
+    sent = _band_limited(noise(rng, count + 1000, 1.0))
+    recorded = np.concatenate([np.zeros(late), sent])[:count]
+    sent_once(tmp_path, recorded + noise(rng, count, 0.03), sent)
+    twin = yaml.safe_load((tmp_path / "twin.yaml").read_text())
+    twin["links"][0]["taps"] = [{"delay_s": late / RATE_HZ, "gain_db": 0.0, "phase_rad": 0.0, "doppler_hz": 0.0}]
+    (tmp_path / "twin.yaml").write_text(yaml.safe_dump(twin))
+    case = read_case(tmp_path)
+    assert align.locate(case, case.observations[0]) == (0, False)
+    assert align.locate(case, case.observations[0], (7, False)) == (0, False)
+    assert diagnose(case).document["verdict"] == "no_mismatch"
+
+
 @pytest.mark.parametrize("late", [-1, 0, 1])
-@pytest.mark.parametrize("family", ["sample_loss", "gain_step"])
-def test_what_the_twin_knows_to_happen_at_a_moment_may_happen_at_the_sample_before_or_behind(tmp_path, family, late):
-    """Times are rounded: k/rate·rate is not k for every k."""
-    rng, at, count = np.random.default_rng(4), 14_203, 30_000
-    sent = noise(rng, count + 400, 1.0)
-    recorded = sent[:count].copy()
-    told, side = {"time_s": {"value": (at + 0.2 * late) / RATE_HZ, "std": 0.0}}, {"sample_loss": "rx", "gain_step": "tx"}[family]
+@pytest.mark.parametrize("family, side", [("sample_loss", "rx"), ("gain_step", "rx"), ("gain_step", "tx")])
+def test_what_the_twin_knows_to_happen_at_a_moment_may_happen_at_the_sample_before_or_behind(tmp_path, family, side, late):
+    """Times are rounded: k/rate·rate is not k for every k. At a transmitter it is as late as the path."""
+    rng, at, count, behind = np.random.default_rng(4), 14_203, 30_000, 5
+    sent = _band_limited(noise(rng, count + 400, 1.0))
+    heard = np.concatenate([np.zeros(behind), sent])
+    told = {"time_s": {"value": at / RATE_HZ, "std": 0.0}}
     if family == "sample_loss":
-        recorded = np.concatenate([sent[: at + max(late, 0)], sent[at + max(late, 0) + 182 :]])[:count]
+        recorded = np.concatenate([heard[: at + late], heard[at + late + 182 :]])[:count] + noise(rng, count, 0.03)
         told["samples"] = {"value": 182, "std": 0.0}
     else:
-        recorded[at + late :] *= 10 ** (5.4 / 20)
+        step = np.where(np.arange(count) < at + late + (behind if side == "tx" else 0), 1.0, 10 ** (5.4 / 20))
+        recorded = heard[:count] * step + noise(rng, count, 0.03) * (1.0 if side == "tx" else step)
         told["step_db"] = {"value": 5.4, "std": 0.0}
-    sent_once(tmp_path, recorded + noise(rng, len(recorded), 0.03), sent)
+    sent_once(tmp_path, recorded, sent)
     twin = yaml.safe_load((tmp_path / "twin.yaml").read_text())
+    twin["links"][0]["taps"] = [{"delay_s": behind / RATE_HZ, "gain_db": 0.0, "phase_rad": 0.0, "doppler_hz": 0.0}]
     twin["effects"] = [{"family": family, "owner": {"level": side, "name": side + "1"}, "parameters": told}]
     (tmp_path / "twin.yaml").write_text(yaml.safe_dump(twin))
     case = read_case(tmp_path)
     _, data, _ = align.build(case, case.observations[0])
-    beside = np.abs(data.scene.index + 0.5 - at) < 1
-    assert beside.sum() == 2 and not data.use[beside].any() and not data.vault[beside].any()
+    beside = np.abs(data.scene.index - at - (behind if side == "tx" else 0)) < 2
+    assert beside.sum() == 3 and not data.use[beside].any() and not data.vault[beside].any()
     assert diagnose(case).document["verdict"] == "no_mismatch"
 
 

@@ -116,8 +116,17 @@ def test_packets_of_pulses_on_a_carrier_that_the_twin_knows_are_there_and_no_oth
 
 def test_a_waveform_that_is_all_but_a_carrier_keeps_it():
     tone = np.exp(2j * np.pi * 0.07 * np.arange(COUNT))[None]
-    kept = presence._without_envelopes(tone, np.ones(COUNT))
+    inside = np.ones(COUNT)
+    inside[1000:1900] = 0.0
+    kept = presence._without_envelopes(tone, inside)
     assert np.sum(np.abs(kept) ** 2) > 0.9 * COUNT
+
+
+def test_where_nothing_is_sent_nothing_is_there():
+    rng, count = np.random.default_rng(0), 20_000
+    sent = np.where(np.arange(count) < 3000, noise(rng, count), 0.0)
+    assert not presence.look(noise(rng, count), sent[None], np.ones(count), 0, tried=2 * count).there
+    assert presence.look(sent + noise(rng, count), sent[None], np.ones(count), 0, tried=2 * count).there
 
 
 @pytest.mark.parametrize("seed", range(2))

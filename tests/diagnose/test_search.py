@@ -241,6 +241,19 @@ def test_a_hum_of_which_not_one_period_is_seen_is_a_drift(tmp_path, cycles, cour
     assert [e.aux["law"] for e in found.model.found] == less and bool(less) == (found.evidence > fit.evidence)
 
 
+@pytest.mark.parametrize("harmonics", [2, 3, 4])
+def test_a_hum_of_even_harmonics_alone_hums_twice_as_fast(tmp_path, harmonics):
+    rng, count, cycles = np.random.default_rng(4), 20_000, 8.0
+    sent = np.fft.ifft(np.fft.fft(rng.normal(size=(count, 2)) @ [1, 1j]) * (np.abs(np.fft.fftfreq(count)) < 0.3))
+    y = sent * (1 + 0.3 * np.cos(2 * np.pi * cycles * np.arange(count) / count)) + 0.1 * rng.normal(size=(count, 2)) @ [1, 1j]
+    case = sent_once(tmp_path, y, sent)
+    _, data, model = align.build(case, case.observations[0])
+    hum = start(FAMILIES["power_supply_hum"], [0.01, 0.01, cycles / 2, 0.3, 0.01, *[0.0] * (2 * harmonics - 4)])
+    fit = refit(data, model.adding(hum))
+    found = search._lesser(data, fit, len(model.effects), [])
+    assert found.evidence > fit.evidence and found.model.found[0].p[2] == pytest.approx(cycles, abs=0.05)
+
+
 def test_a_burst_under_a_known_carrier_promises_no_more_than_chance(tmp_path):
     """Between its ends a course that turns all of the burst is the carrier itself, and gains nothing beside it."""
     rng, count, silent, offset_hz = np.random.default_rng(4), 20_000, 8000, 50.0

@@ -211,12 +211,18 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
     turn = phasor(-TAU * _twin_offset_hz(case, observation, links) * np.arange(n) / rate)
     taps, told = [link.taps for link in links], _told_inverted(case, observation)
     signals = [np.conj(y) * turn] if told else [y * turn, np.conj(y) * turn]
+    late = round(max((t for link in taps for t in link), key=lambda t: t.gain_db).delay_s * rate)
+
+    def near_to(signal, delay: int, reach: int):  # by the loudest path, which is late by itself
+        found, share, clear = delays.near(signal, sources, delay + late, reach=reach)
+        return found - late, share, clear
+
     if about:
-        return delays.near(signals[about[1]], sources, low + about[0], reach=64)[0] - low, about[1]
+        return near_to(signals[about[1]], low + about[0], 64)[0] - low, about[1]
     tried, find = period or n + len(sources[0].samples), delays.of_repeated if period else delays.of_sent_once
     near = []
     if not period and len(sources[0].samples) >= n and n > 4000:
-        near = [delays.near(signal, sources, low - observation.first, reach=2048) for signal in signals]
+        near = [near_to(signal, low - observation.first, 2048) for signal in signals]
     clear = any(clear for *_, clear in near)
     again = clear and all(delays.comes_again(s.samples) for s in sources)
     most = clear and not again and max(share for _, share, clear in near if clear) > NEAR_MOST
@@ -363,11 +369,14 @@ def whole_over_part(case, whole, part, scene) -> float:
 
 
 def _without_moments(data: Data, model: Model) -> Data:
-    """The data without the samples beside what the twin knows to happen at a moment: rounding of its time may move it by one."""
+    """The data without the samples beside what the twin knows to happen at a moment, at a transmitter as late as its paths:
+    rounding of its time may move it by one."""
     scene, beside = data.scene, np.zeros(data.scene.count, bool)
-    for moment in (FAMILIES[e.family].moment(scene, e) for e in model.effects):
-        if moment is not None:
-            beside |= np.abs(scene.index + 0.5 - round(moment)) < BESIDE_A_MOMENT
+    for e in model.effects:
+        moment = FAMILIES[e.family].moment(scene, e)
+        lates = {p.delay for p in scene.taps if p.source == e.aux["source"]} if e.aux.get("side") == "tx" else {0.0}
+        for late in lates if moment is not None else ():
+            beside |= np.abs(scene.index - moment - late) < BESIDE_A_MOMENT
     return replace(data, use=np.where(beside, 0.0, data.use), vault=data.vault & ~beside) if beside.any() else data
 
 

@@ -25,6 +25,7 @@ from .policy import (
     FARTHEST_NEAR,
     HALF_OF_NULLS,
     HALVES,
+    LEAST_CARRIED,
     LEAST_NULLS,
     LEAST_OVERLAP,
     LEAST_WHOLE,
@@ -153,10 +154,10 @@ def _look(y, signals, inside, period: int, tried: int, length: int, sure: float,
     recorded, not of what is recorded where it is sent."""
     whole = min(len(y), length)
     y, signals, inside = _on_air(*_fullest(y, signals, inside, length))
-    if not by_places:
-        signals = _without_envelopes(signals, inside)
     if len(y) < PRESENCE_SHORTEST:
         return Presence(nats=np.inf if len(y) > LEAST_WHOLE * whole else -np.inf)
+    if not by_places:
+        signals = _without_envelopes(signals, inside)
     near, *others = _delays(len(y), period)
     others = [_unlike(signals, inside, delays) for delays in others]
     delays = np.concatenate([near, *others])
@@ -209,16 +210,17 @@ def _on_air(y, signals, inside):
 
 
 def _without_envelopes(signals, inside):
-    """What is sent without what it has of its own envelope, at the carrier that it has most of it at, for any signal that is on
-    at these times would explain that as much. What is all but a carrier keeps it, but at its middle."""
+    """What is sent without what it has of its own envelope, at the carrier that it has much of it at or else at its middle, for
+    any signal that is on at these times would explain that as much. What is all but a carrier keeps that."""
     envelopes = inside * ndimage.uniform_filter1d(np.abs(signals * inside), PRESENCE_ENVELOPE, mode="constant")
     energies, n = np.maximum((envelopes**2).sum(1), 1e-300), signals.shape[1]
     size = sp_fft.next_fast_len(4 * n)
     at = np.argmax(np.abs(sp_fft.fft(envelopes * signals, size, axis=1)), axis=1)
     carriers = np.exp(TAU * 1j * sp_fft.fftfreq(size)[at][:, None] * np.arange(n))
     held = (envelopes * signals * carriers.conj()).sum(1)
-    is_all = np.abs(held) ** 2 > ALL_BUT_A_CARRIER * energies * (np.abs(signals) ** 2).sum(1)
-    carriers[is_all], held[is_all] = 1.0, (envelopes * signals).sum(1)[is_all]
+    share = np.abs(held) ** 2 / np.maximum(energies * (np.abs(signals * inside) ** 2).sum(1), 1e-300)
+    stays = (share < LEAST_CARRIED) | (share > ALL_BUT_A_CARRIER)
+    carriers[stays], held[stays] = 1.0, (envelopes * signals).sum(1)[stays]
     return signals - (held / energies)[:, None] * envelopes * carriers
 
 

@@ -147,6 +147,16 @@ def test_what_stays_as_it_is_passes_nowhere_and_keeps_nothing_that_does_from_bei
     assert told > 0.5 * evaluated(walk_alone, ours(), ()).left_nats(walk_alone[0].count)
 
 
+@pytest.mark.parametrize("instants", [2, 3, 4, 17])
+def test_what_stays_the_same_takes_no_more_noise_with_it_than_is_taken_off(monkeypatch, instants):
+    """A median of few instants holds much of their noise: what passes is not to pay for it."""
+    monkeypatch.setattr(sys.modules[__name__], "LINKS", [("n0", "n2"), ("n0", "n5"), ("n4", "n2"), ("n4", "n5")])
+    monkeypatch.setattr(sys.modules[__name__], "TIME_S", np.linspace(0.0, 4.0, instants))
+    ears = heard(theirs(), 30.0)
+    told = tracks.moving_nats(View(ears, evaluated(ears, ours(), ()), KNOWN))
+    assert -4 < told / np.sqrt(ears[0].count) < (4 if instants == 2 else 0.2 * np.sqrt(ears[0].count))
+
+
 def test_a_passer_whose_shadow_says_more_than_its_echo_is_where_the_echo_comes_from(monkeypatch):
     monkeypatch.setattr(sys.modules[__name__], "CARRIER_HZ", 15e9)
     place_m, velocity = [0.38, -2.9], [0.35, 0.96]
@@ -589,7 +599,17 @@ def test_what_a_few_patches_of_a_field_send_alike_accuses_nothing_beside_it(monk
 def test_a_random_field_is_as_strong_as_what_is_left_beside_what_is_found_then(monkeypatch):
     left, again = {(): 10_000.0, ("field",): 2000.0, ("field", "a"): 0.0}, []
     assert begun(monkeypatch, left, "missing_scattering", chosen=lambda one: again.append(one.owner)) == ["field", "a"]
-    assert again == ["field"]
+    assert again == ["field", "field"]  # when it is found, and when another is
+
+
+def test_what_explains_nothing_once_another_is_exchanged_is_not_told(monkeypatch):
+    ears = heard(theirs(node_gain_db={"n0": 4.0}), 30.0)
+    gain = Effect(family=BY_NAME["node_gain"], owner="n0", values=np.array([4.0]))
+    late = Effect(family=BY_NAME["node_delay"], owner="n2", values=np.array([1e-13]))
+    found, both = (fitted(ears, evaluated(ears, ours(), effects)) for effects in ([gain], [gain, late]))
+    monkeypatch.setattr(search, "_explored", lambda *_: (found, 10))
+    monkeypatch.setattr(search, "exchanged", lambda *_: (both, {}))
+    assert [one.owner for one in search.run(ears, ours(), KNOWN, 60.0).model.effects] == ["n0"]
 
 
 def test_what_edges_gain_by_bending_otherwise_accuses_nothing_beside_them(monkeypatch):
@@ -714,6 +734,7 @@ def test_a_wall_that_leaves_far_less_waits_only_for_what_explains_half(told, fir
         ((30.0, 7600.0, 6000.0), (1.0, 0.5, 0.45), None),
         ((30.0, 5200.0, 9000.0), (1.0, 0.13, 0.1), None),  # beside which a field says eight times as much
         ((30.0, 5200.0, 9000.0), (1.0, 0.4, 0.1), "ground"),
+        ((600.0, 4000.0, 9000.0), (1.0, 0.2, 0.1), "ground"),  # of a wall that says five times as much it is no rival's matter
     ],
 )
 def test_a_random_field_waits_for_what_is_stiff_and_says_much_beside_it(left, worths, good):
@@ -723,7 +744,8 @@ def test_a_random_field_waits_for_what_is_stiff_and_says_much_beside_it(left, wo
             base=None, effects=(effect,), energy=energy, whitened=energy, slack=0.0, loose=(0.0, 0.0), tempered=energy, fits=()
         )
 
-    before, names = model("carrier", 10_000.0), ("missing_scattering", "ground", "node_delay")
+    first = "missing_object" if left[0] > 100 else "missing_scattering"
+    before, names = model("carrier", 10_000.0), (first, "ground", "node_delay")
     paying = [model(name, energy) for name, energy in zip(names, left, strict=True)]
     found = search._good_stiff(paying, {id(one): nats for one, nats in zip(paying, worths, strict=True)}, before, 0.0)
     assert (found and found.effects[0].owner) == good

@@ -121,3 +121,11 @@ def test_of_a_share_that_is_scattered_the_likeliest_is_chosen_whatever_it_was_ta
     own, others = (evaluated(some, rough, [candidate]).energy for some in (ears, held))
     assert evaluated(held, rough, []).energy == pytest.approx(evaluated(ears, rough, []).energy)
     assert own != pytest.approx(others, abs=1.0)  # what the wall scatters is another then, and is not held to be
+    here = evaluated(ears, ours(), [replace(field, choice=found.choice)])
+    for name, is_held in (("material", True), ("missing_scattering", False)):
+        known = here if is_held else evaluated(ears, ours(), [])
+        view = View(ears, known, KNOWN)
+        (one, *_) = search._screened(view, ears, known, BY_NAME[name], "wall")
+        as_held, as_own = (evaluated(some, ours(), one.effects).energy for some in (holding(ears, known.world), ears))
+        assert one.energy == pytest.approx(as_held if is_held else as_own, rel=1e-9)
+        assert is_held == (abs(as_held - as_own) > 1e-3)

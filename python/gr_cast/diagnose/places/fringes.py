@@ -41,7 +41,11 @@ def grounds(ears, world: World, lowest_m: float) -> list[tuple[float, float]]:
         energies = _energies(own, world, near.ravel(), permittivity).reshape(near.shape)
         best = np.argmin(energies, axis=1)
         found += [(energies[row, place], near[row, place], permittivity) for row, place in enumerate(best)]
-    return [(float(height_m), permittivity) for _, height_m, permittivity in sorted(found)[:_WELLS]]
+    apart: list[tuple[float, float]] = []
+    for _, height_m, permittivity in sorted(found):  # one of each well
+        if all(abs(height_m - other_m) > world.wavelength_m / 4 for other_m, _ in apart):
+            apart.append((float(height_m), permittivity))
+    return apart[:_WELLS]
 
 
 def _tried_m(ears, world: World, lowest_m: float) -> np.ndarray:

@@ -251,6 +251,13 @@ def _chosen(ears, model: Model, number: int) -> Model:
     return fitted(ears, best) if best.energy < model.energy else model
 
 
+def _as_strong(ears, model: Model) -> Model:
+    """With random fields as strong as suits what is left beside all others: each was found for all that was not known yet."""
+    for number, effect in enumerate(model.effects):
+        model = _chosen(ears, model, number) if effect.family.is_flexible else model
+    return model
+
+
 def _restarted(ears, model: Model, number: int, most: int = policy.FULL_STARTS) -> list[Model]:
     """The most promising of other beginnings; of many, those that lead to the least energy in thinned soundings."""
     others = model.effects[number].family.restarts(model.base, model.effects[number])
@@ -352,12 +359,13 @@ def run(
     tracks = [one for one in (*itertools.chain(*others.values()), *model.effects) if one.family.has_ways]
     ways = {track.key: [one for one in tracks if one.key == track.key] for track in tracks}
     model, rivals = exchanged(ears, model, others, count, tried, budget, vault)
+    model = pruned(ears, model, count, tried)  # what one of its kinds explains better, another need not explain any more
     return Found(model=model, start=start, rivals=rivals, tried=tried, count=count, spent=spent, ways=ways)
 
 
 def _barring(ears, model: Model, numbers: list[int], barred: Barred) -> Model:
     """The model without effects, which are not looked for again where no more than the rest is known."""
-    less = fitted(ears, without_effects(ears, model, numbers))
+    less = _as_strong(ears, fitted(ears, without_effects(ears, model, numbers)))
     barred.add([model.effects[number] for number in numbers], less)
     return less
 
@@ -391,7 +399,7 @@ def _confirmed(ears, vault: Sequence[Ear], model: Model, unknown: dict, budget: 
         if best is None or told[id(best)] < least:
             break
         others[best.effects[-1].key] = [one.effects[-1] for one in found if one is not best]
-        model = best
+        model = _as_strong(ears, best)
     return model
 
 
@@ -472,10 +480,9 @@ def _grown(
         before = model
         for number in range(len(model.effects) - 1):  # what was found before fits what is known now
             model = _shaped(ears, model, number, unknown, budget)
-            if model.effects[number].family.is_flexible:  # and was for all that was not known yet
-                model = _chosen(ears, model, number)
             if model.deviations(count) > policy.QUIET_DEVIATIONS and not budget.is_spent:
                 model = _begun_anew(ears, model, number)
+        model = _as_strong(ears, model)
         if model is not before:
             model = pruned(ears, model, count, tried)
         model = _asked_again(ears, model, count, tried, others, budget, barred)
@@ -554,7 +561,8 @@ def _good_stiff(paying: list[Model], worths: dict, model: Model, count: float) -
         good = plain if told >= min(policy.MOST_SHARE * here, (1 - policy.CLOSE_REGRET) * other) else good
     if good and model.energy - good.energy <= policy.STIFF_SHARE * here:
         good = next((one for one in stiff if _explains_most(one, model, count)), None)
-    return good if good and worths[id(good)] > policy.STIFF_SHARE * worths[id(paying[0])] else None
+    is_behind = good and worths[id(good)] < policy.STIFF_SHARE * worths[id(paying[0])]
+    return None if is_behind and paying[0].effects[-1].family.is_flexible else good
 
 
 def _otherwise(

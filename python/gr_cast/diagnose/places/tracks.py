@@ -38,10 +38,9 @@ _LEAST, _LEAST_AREA_M2 = 1e-30, 0.02
 def passers(view, height_m: float):
     """(place (2,) at time 0, velocity (2,), cross-section in m² or None) of things that would explain echoes that move, the best
     first."""
-    seen = moving_echoes(view)
-    if not seen or moving_nats(view) < policy.BEHIND_SHARE * view.model.left_nats(view.count):
+    if not _pairs(view) or moving_nats(view) < policy.BEHIND_SHARE * view.model.left_nats(view.count):
         return []
-    coarse = _coarse(view, seen, height_m)
+    coarse = _coarse(view, moving_echoes(view), height_m)
     fine = [track for one in coarse[:_FOLLOWED] for track in _fine(view, height_m, *one)]
     return [track for _, track in sorted(fine, key=lambda pair: -pair[0])] + [(*one, None) for one in coarse]
 
@@ -59,8 +58,20 @@ def moving_echoes(view) -> list[imaging.Echoes]:
 
 
 def moving_nats(view) -> float:
-    """Of what is left above noise, what changes: all that anything which passes can explain."""
-    return sum(float(ear.nats(_moving(ear, fit, view.world)).sum()) - ear.count for ear, fit in _pairs(view))
+    """Of what is left above noise, what changes: all that anything which passes can explain. What stays the same has taken its
+    share of the noise, no more of it than a mean would."""
+    total = 0.0
+    for ear, fit in _pairs(view):
+        instants = np.maximum(ear.heard.known.any(axis=2).sum(axis=1), 1)
+        stands = [_stands(ear, index, view.world) for index in range(len(instants))]
+        noise = ear.heard.known.sum(axis=(1, 2)) * np.where(stands, 1 - 1 / instants, 1.0)
+        total += float((ear.nats(_moving(ear, fit, view.world)) - noise).sum())
+    return total
+
+
+def _stands(ear, index: int, world) -> bool:
+    """Whether both ends of a link stay where they are."""
+    return not any(np.ptp(end_m, axis=0).any() for end_m in ear.predictor.ends_m(world, index))
 
 
 def _pairs(view) -> list:
@@ -72,7 +83,7 @@ def _moving(ear, fit, world):
     a shadow at some instants would leave its share at all others, as something that stands there."""
     residual = fit.residual.copy()
     for index in range(len(ear.heard.links)):
-        if not any(np.ptp(end_m, axis=0).any() for end_m in ear.predictor.ends_m(world, index)):
+        if _stands(ear, index, world):
             factor, known = fit.factor[index], ear.heard.weight[index] > 0
             own = np.where(known, residual[index] / np.where(known, factor, 1), np.nan)
             some = known.any(axis=0)

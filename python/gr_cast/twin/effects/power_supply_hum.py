@@ -41,13 +41,13 @@ class PowerSupplyHum(GainFamily):
             yield start(self, [0.0, 0.0, cycles, *[0.0] * (2 * harmonics - 2)], trials=view.hum_bins)
 
     def less(self, scene, effect, others):
-        """Without harmonics, or of even ones alone, whose fundamental is twice as fast; and where not even one period is seen,
-        a drift."""
+        """Without harmonics or, where the second is stronger than the fundamental, of the even ones alone, whose own is twice as
+        fast; and where not even one period is seen, a drift."""
         plain, even = effect.p[:3], pairs(effect.p)[1::2]
         if len(effect.p) > len(plain):
-            yield replace(effect, p=plain, free=effect.free[:3])
             twice = np.array([*even[0], 2 * effect.p[2], *even[1:].ravel()])
-            yield replace(effect, p=twice, free=effect.free[: len(twice)])
+            fewer = twice if np.hypot(*even[0]) > np.hypot(*plain[:2]) else plain
+            yield replace(effect, p=fewer, free=effect.free[: len(fewer)])
         if abs(effect.p[2]) < 1.0 and not any(e.family == GainDrift.name for e in others):
             side = {k: effect.aux[k] for k in ("side", "source") if k in effect.aux}
             for law, tau in ((DECIBELS, 1.0), (AMPLITUDE, 1.0), (RELAXATION, 0.1), (RELAXATION, 0.3)):
