@@ -211,7 +211,7 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
     turn = phasor(-TAU * _twin_offset_hz(case, observation, links) * np.arange(n) / rate)
     taps, told = [link.taps for link in links], _told_inverted(case, observation)
     signals = [np.conj(y) * turn] if told else [y * turn, np.conj(y) * turn]
-    late = round(max((t for link in taps for t in link), key=lambda t: t.gain_db).delay_s * rate)
+    late = round(_loudest(links).delay_s * rate)
 
     def near_to(signal, delay: int, reach: int):  # by the loudest path, which is late by itself
         found, share, clear = delays.near(signal, sources, delay + late, reach=reach)
@@ -422,8 +422,12 @@ def _twin_offset_hz(case, observation, links) -> float:
     for entry in twin_effects(case, observation):
         if FAMILIES[entry["family"]].role is Role.CARRIER:
             total += plain(entry["parameters"].get("offset_hz", 0.0), observation.name) or 0.0
-    strongest = max((t for link in links for t in link.taps), key=lambda t: t.gain_db)
-    return total + strongest.doppler_hz
+    return total + _loudest(links).doppler_hz
+
+
+def _loudest(links):
+    """The strongest tap of all links."""
+    return max((t for link in links for t in link.taps), key=lambda t: t.gain_db)
 
 
 def split(valid: np.ndarray, seed: int = 1) -> np.ndarray:

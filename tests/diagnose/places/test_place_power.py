@@ -166,69 +166,51 @@ def test_a_law_of_distance_is_of_the_ends_or_of_each_path():
     assert len(lengths_m) == 4 and np.abs(gains[0] / gains[1]) ** 2 == pytest.approx(1 / lengths_m)
 
 
-def test_ground_is_found_by_the_fringes_of_power_alone():
-    """Against the two-ray law with Fresnel's coefficient of a half-space."""
-    x_m = np.linspace(8, 60, 60)
-    at_m = np.stack([x_m, 0 * x_m, 5.0 + 0 * x_m], 1)
-    height_m, eta = 3.45, 9.0 - 1j * 0.01 * 17.975 / (CARRIER_HZ / 1e9)
-    up_m = 2 * (5.0 - height_m)
-    far_m = np.hypot(x_m, up_m)
-    sine = up_m / far_m
+NOTHING_UNKNOWN = {"gain": "none", "delay": "none", "phase": "none"}
+
+
+def _over_ground(x_m, z_m, height_m: float, permittivity: float, std_db: float, seed: int) -> PowerEar:
+    """What is heard at (x, 0, z) of a node at 5 m by the two-ray law, with Fresnel's coefficient of a half-space: isotropic,
+    vertical, so that the fields of both ends are along theta, which a level ground turns into transverse magnetic."""
+    up_m = 5.0 + z_m - 2 * height_m
+    straight_m, far_m = np.hypot(x_m, z_m - 5.0), np.hypot(x_m, up_m)
+    eta, sine = permittivity - 1j * 0.01 * 17.975 / (CARRIER_HZ / 1e9), up_m / far_m
     root = np.sqrt(eta - (1 - sine**2))
     reflection = (eta * sine - root) / (eta * sine + root)
-    # isotropic, vertical: the fields of both ends are along theta, which a level ground turns into transverse magnetic
-    k = 2 * np.pi * CARRIER_HZ / 299792458.0
-    field = np.exp(-1j * k * x_m) / x_m + reflection * np.exp(-1j * k * far_m) / far_m
-    told_db = 20 * np.log10(np.abs(field) * 299792458.0 / CARRIER_HZ / (4 * np.pi))
-    power_db = (told_db + np.random.default_rng(1).normal(0, 0.5, 60))[None]
-    predictor = Predictor(["a"], ["b"], np.arange(60.0), np.zeros(1), {"b": at_m})
-    ear = PowerEar(predictor, power_db[:, :, None], np.full((1, 60, 1), 2.0), None, "none")
-    world, unknown = replace(_yard(), max_depth=1), {"gain": "none", "delay": "none", "phase": "none"}
-    found = run([ear], world, unknown, 60.0)
+    k, count = 2 * np.pi * CARRIER_HZ / 299792458.0, len(x_m)
+    field = np.exp(-1j * k * straight_m) / straight_m + reflection * np.exp(-1j * k * far_m) / far_m
+    power_db = 20 * np.log10(np.abs(field) * 299792458.0 / CARRIER_HZ / (4 * np.pi))
+    power_db = (power_db + np.random.default_rng(seed).normal(0, std_db, count))[None]
+    predictor = Predictor(["a"], ["b"], np.arange(float(count)), np.zeros(1), {"b": np.stack([x_m, 0 * x_m, z_m], 1)})
+    return PowerEar(predictor, power_db[:, :, None], np.full((1, count, 1), 0.5 / std_db**2), None, "none")
+
+
+def test_ground_is_found_by_the_fringes_of_power_alone():
+    x_m, height_m = np.linspace(8, 60, 60), 3.45
+    ear = _over_ground(x_m, 5.0 + 0 * x_m, height_m, 9.0, 0.5, seed=1)
+    found = run([ear], replace(_yard(), max_depth=1), NOTHING_UNKNOWN, 60.0)
     assert [effect.key for effect in found.model.effects] == [("ground", "place")]
     assert found.model.effects[0].values[0] == pytest.approx(height_m, abs=0.02)
     assert abs(found.deviations) < 4
 
 
 def test_ground_is_found_where_echoes_of_another_permittivity_would_be_turned_round():
-    """At a grazing angle of 16°, over the Brewster angle of 21 and under that of 8; against the two-ray law."""
-    x_m, height_m, permittivity = np.linspace(9, 42, 80), 3.45, 21.0
-    up_m = np.tan(np.deg2rad(16.0)) * x_m
-    at_m = np.stack([x_m, 0 * x_m, up_m - 5.0 + 2 * height_m], 1)
-    straight_m, far_m = np.hypot(x_m, at_m[:, 2] - 5.0), np.hypot(x_m, up_m)
-    eta, sine = permittivity - 1j * 0.01 * 17.975 / (CARRIER_HZ / 1e9), up_m / far_m
-    root = np.sqrt(eta - (1 - sine**2))
-    reflection = (eta * sine - root) / (eta * sine + root)
-    k = 2 * np.pi * CARRIER_HZ / 299792458.0
-    field = np.exp(-1j * k * straight_m) / straight_m + reflection * np.exp(-1j * k * far_m) / far_m
-    power_db = 20 * np.log10(np.abs(field) * 299792458.0 / CARRIER_HZ / (4 * np.pi))
-    power_db = (power_db + np.random.default_rng(5).normal(0, 0.1, 80))[None]
-    predictor = Predictor(["a"], ["b"], np.arange(80.0), np.zeros(1), {"b": at_m})
-    ear = PowerEar(predictor, power_db[:, :, None], np.full((1, 80, 1), 0.5 / 0.1**2), None, "none")
+    """At a grazing angle of 16°, over the Brewster angle of 21 and under that of 8."""
+    x_m, height_m = np.linspace(9, 42, 80), 3.45
+    ear = _over_ground(x_m, np.tan(np.deg2rad(16.0)) * x_m - 5.0 + 2 * height_m, height_m, 21.0, 0.1, seed=5)
     world = replace(_yard(), max_depth=1)
     model = evaluated([ear], world, ())
-    starts = Ground().starts(View([ear], model, {"gain": "none", "delay": "none", "phase": "none"}), "place")
+    starts = Ground().starts(View([ear], model, NOTHING_UNKNOWN), "place")
     best = min(starts, key=lambda one: evaluated([ear], world, [one]).energy)
     assert best.values[0] == pytest.approx(height_m, abs=0.02)
     assert fitted([ear], evaluated([ear], world, [best])).deviations(80) < 4 < model.deviations(80)
 
 
 def test_ground_far_under_steep_paths_is_found():
-    """Its fringes turn within a centimetre of height; against the two-ray law."""
+    """Its fringes turn within a centimetre of height."""
     x_m, height_m = np.linspace(6, 40, 80), -1.273
-    at_m = np.stack([x_m, 0 * x_m, 5.0 + 0.04 * x_m], 1)
-    up_m = 5.0 + at_m[:, 2] - 2 * height_m
-    straight_m, far_m = np.hypot(x_m, at_m[:, 2] - 5.0), np.hypot(x_m, up_m)
-    eta, sine = 6.0 - 1j * 0.01 * 17.975 / (CARRIER_HZ / 1e9), up_m / far_m
-    root = np.sqrt(eta - (1 - sine**2))
-    reflection = (eta * sine - root) / (eta * sine + root)
-    k = 2 * np.pi * CARRIER_HZ / 299792458.0
-    field = np.exp(-1j * k * straight_m) / straight_m + reflection * np.exp(-1j * k * far_m) / far_m
-    power_db = 20 * np.log10(np.abs(field) * 299792458.0 / CARRIER_HZ / (4 * np.pi))
-    power_db = (power_db + np.random.default_rng(5).normal(0, 0.5, 80))[None]
-    predictor = Predictor(["a"], ["b"], np.arange(80.0), np.zeros(1), {"b": at_m})
-    ear = PowerEar(predictor, power_db[:, :, None], np.full((1, 80, 1), 2.0), None, "none")
-    found = run([ear], replace(_yard(), max_depth=1), {"gain": "none", "delay": "none", "phase": "none"}, 60.0)
+    ear = _over_ground(x_m, 5.0 + 0.04 * x_m, height_m, 6.0, 0.5, seed=5)
+    found = run([ear], replace(_yard(), max_depth=1), NOTHING_UNKNOWN, 60.0)
     assert [effect.key for effect in found.model.effects] == [("ground", "place")]
     assert found.model.effects[0].values[0] == pytest.approx(height_m, abs=0.02)
 

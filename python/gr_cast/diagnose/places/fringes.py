@@ -41,11 +41,7 @@ def grounds(ears, world: World, lowest_m: float) -> list[tuple[float, float]]:
         energies = _energies(own, world, near.ravel(), permittivity).reshape(near.shape)
         best = np.argmin(energies, axis=1)
         found += [(energies[row, place], near[row, place], permittivity) for row, place in enumerate(best)]
-    apart: list[tuple[float, float]] = []
-    for _, height_m, permittivity in sorted(found):  # one of each well
-        if all(abs(height_m - other_m) > world.wavelength_m / 4 for other_m, _ in apart):
-            apart.append((float(height_m), permittivity))
-    return apart[:_WELLS]
+    return [(float(height_m), permittivity) for _, height_m, permittivity in sorted(found)]
 
 
 def _tried_m(ears, world: World, lowest_m: float) -> np.ndarray:

@@ -170,18 +170,21 @@ class Ground(Family):
             return Effect(family=self, owner=owner, values=np.array([height_m, np.log(permittivity)]))
 
         if not view.has_responses:
-            return [ground(*guess) for guess in view.scan_ground()]
+            return self._one_of_each_well(view, [ground(*guess) for guess in view.scan_ground()])
         wide_m = max(_STRIP_M, 2 * view.world.wavelength_m)  # within it a change of height turns phases alone
         near_m, about_m = np.array(view.heights_m()), np.clip(view.resolution_m / 2, *_ABOUT_M) + wide_m
         middles_m = np.arange(view.lowest_m - wide_m / 2, near_m.min() - about_m, -wide_m)
         middles_m = middles_m[(np.abs(middles_m[:, None] - near_m) < about_m).any(axis=1)]
         found_m = view.scan_strips(lambda m: ground(m, _USUAL_GROUND), middles_m, wide_m, "ground", _UP, best=_PER_STRIP)
         tried = [ground(height_m, e) for height_m in found_m if height_m < view.lowest_m - 0.02 for e in _GROUNDS]
+        return view.sharpened(self._one_of_each_well(view, view.ranked(tried)))[:_BEST]
+
+    def _one_of_each_well(self, view, begun: list[Effect]) -> list[Effect]:
         out: list[Effect] = []
-        for one in view.ranked(tried):  # one of each well
+        for one in begun:
             if all(abs(one.values[0] - other.values[0]) > view.world.wavelength_m / 4 for other in out):
                 out.append(one)
-        return view.sharpened(out[:_SHARPENED])[:_BEST]
+        return out[:_SHARPENED]
 
     def restarts(self, world, effect):
         # The next wells of its phase.
