@@ -47,13 +47,13 @@ void summed_along(const double* map, size_t maps, size_t wide, size_t deep, cons
 }
 
 void along(const strip& one, const int64_t* instant, size_t instants, const double* at_m,
-           const double* turn, size_t lines, double* cross, double* power)
+           const double* turn, size_t lines, double* out)
 {
-    std::fill_n(cross, lines, 0.0);
-    std::fill_n(power, lines, 0.0);
+    std::fill_n(out, one.kinds * lines, 0.0);
     const auto size = double(one.size);
+    const size_t cells = one.size * one.size, next = one.instants * cells;
     for (size_t number = 0; number < instants; number++) {
-        const size_t first = size_t(instant[number]) * one.size * one.size;
+        const float* map = one.map + size_t(instant[number]) * cells;
         const double after_s = one.after_s[instant[number]];
         for (size_t line = 0; line < lines; line++) {
             double cell[2];
@@ -64,9 +64,9 @@ void along(const strip& one, const int64_t* instant, size_t instants, const doub
             // A place that is no number is on no map.
             if (!(cell[0] >= 0 && cell[1] >= 0 && cell[0] < size && cell[1] < size))
                 continue;
-            const size_t at = first + size_t(cell[0]) * one.size + size_t(cell[1]);
-            cross[line] += double(one.cross[at]);
-            power[line] += double(one.power[at]);
+            const float* at = map + size_t(cell[0]) * one.size + size_t(cell[1]);
+            for (size_t kind = 0; kind < one.kinds; kind++)
+                out[kind * lines + line] += double(at[kind * next]);
         }
     }
 }

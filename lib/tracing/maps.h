@@ -17,18 +17,19 @@ namespace tracing
 void summed_along(const double* map, size_t maps, size_t wide, size_t deep, const int64_t* moved,
                   size_t ways, double* out);
 
-// Square maps of `size` x `size` cells of `step_m`, from `begin_m` on either way, at `after_s`.
+// `kinds` of square maps of `size` x `size` cells of `step_m`, from `begin_m` on either way, of
+// each kind one at each of `instants` times `after_s`.
 struct strip {
-    const float *cross, *power;
-    size_t size;
+    const float* map;
+    size_t kinds, instants, size;
     double begin_m, step_m;
     const double* after_s;
 };
 
-// Sums of both maps of some instants where lines are: those at `at_m` (lines x 2) that go at
-// `turn`.
+// Sums of the maps of each kind at some instants where lines are: those at `at_m` (lines x 2) that
+// go at `turn`; `out` is kinds x lines.
 void along(const strip& one, const int64_t* instant, size_t instants, const double* at_m,
-           const double* turn, size_t lines, double* cross, double* power);
+           const double* turn, size_t lines, double* out);
 
 // Real parts of fields (knots x knots) that are turned by so many radians, both linear between
 // knots, at cells (cells x cells) whose places `at` along either axis are counted in knots and rise

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.places import tracks
+from gr_cast.diagnose.places import passages, tracks
 from gr_cast.scenario.create import fields, images
 from gr_cast.scenario.create.geometry import Solid
 from gr_cast.twin.places import passer, predict
@@ -58,7 +58,7 @@ def drawn(request):
 def both(monkeypatch, make):
     """What the compiled kernels make, and what NumPy makes."""
     compiled = make()
-    for module in (images, fields, passer, tracks):
+    for module in (images, fields, passer, tracks, passages):
         monkeypatch.setattr(module, "tracing", None)
     return compiled, make()
 
@@ -158,20 +158,19 @@ def test_the_same_maps_are_summed_along_ways(monkeypatch):
     assert (one == other).all() and one.any()
 
 
-@pytest.mark.parametrize("instants", [None, [4, 0, 2]])
+@pytest.mark.parametrize("instants", [range(5), [4, 0, 2]])
 def test_the_same_cells_are_met_along_lines(monkeypatch, instants):
     random = np.random.default_rng(6)
-    cross, power = random.normal(size=(2, 5, 21, 21)).astype(np.float32)
-    axis_m = 0.02 * np.arange(-10, 11)
-    strip = tracks._Strip(cross=cross, power=power**2, axis_m=axis_m, after_s=np.linspace(-1, 1.5, 5))
+    maps = random.normal(size=(4, 5, 21, 21)).astype(np.float32)
+    strip = passages.Strip(nats=maps, axis_m=0.02 * np.arange(-10, 11), after_s=np.linspace(-1, 1.5, 5))
     at_m, turn = random.uniform(-0.25, 0.25, (40, 1, 2)), random.uniform(-0.2, 0.2, (40, 3, 2))
-    for one, other in zip(*both(monkeypatch, lambda: strip.along(at_m, turn, instants)), strict=True):
-        assert one.shape == (40, 3) and (one == other).all() and one.any()
+    one, other = both(monkeypatch, lambda: strip.sums(maps, instants, at_m, turn))
+    assert one.shape == (4, 40, 3) and (one == other).all() and one.any()
 
 
 def test_the_same_fields_are_turned_between_knots(monkeypatch):
     random = np.random.default_rng(8)
-    knots = tracks._Knots(axis_m=0.004 * np.arange(-50, 51))
+    knots = passages.Knots(axis_m=0.004 * np.arange(-50, 51))
     field, phase = random.normal(size=(2, len(knots.at_m), len(knots.at_m)))
     field, phase = field + 1j * random.normal(size=field.shape), 9 * phase
     one, other = both(monkeypatch, lambda: knots.turned(field, phase))
@@ -185,15 +184,16 @@ def test_maps_and_ways_that_do_not_belong_together_are_refused():
     with pytest.raises(ValueError, match="needs maps"):
         kernels.summed_along(np.zeros((3, 4, 4)), np.zeros((2, 4, 2), int))
     maps, after_s, lines = np.zeros((3, 4, 4), np.float32), np.zeros(3), np.zeros((5, 2))
-    for wrong in (dict(cross=maps[:, :3]), dict(power=maps[:2]), dict(turn=lines[:4])):
-        told = dict(cross=maps, power=maps, begin_m=0.0, step_m=1.0, after_s=after_s, instant=[0], at_m=lines, turn=lines) | wrong
+    maps = maps[None]
+    for wrong in (dict(maps=maps[:, :, :3]), dict(maps=maps[:, :2]), dict(maps=maps[0]), dict(turn=lines[:4])):
+        told = dict(maps=maps, begin_m=0.0, step_m=1.0, after_s=after_s, instant=[0], at_m=lines, turn=lines) | wrong
         with pytest.raises(ValueError, match="needs"):
             kernels.along(*told.values())
     for field, at, fault in ((np.zeros((2, 3)), [0.5], ValueError), (np.zeros((2, 2)), [2.5], IndexError)):
         with pytest.raises(fault, match="needs fields|beyond all knots"):
             kernels.turned_between(field, np.zeros(4), at)
     with pytest.raises(IndexError, match="instant: got"):
-        kernels.along(maps, maps, 0.0, 1.0, after_s, [3], lines, lines)
+        kernels.along(maps, 0.0, 1.0, after_s, [3], lines, lines)
 
 
 def test_a_convex_body_shows_its_outside_however_its_triangles_are_wound(drawn):

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "kernel/tests/check.h"
 #include "tracing/maps.h"
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <complex>
@@ -22,21 +23,19 @@ static void maps_are_summed_where_ways_are_on_them()
 // Lines are heard in the cell that they are in, at the instants that are asked for.
 static void lines_are_heard_in_their_cells()
 {
-    const std::array<float, 18> cross{1,  2,  3,  4,  5,  6,  7,  8,  9,
-                                      10, 20, 30, 40, 50, 60, 70, 80, 90};
-    std::array<float, 18> power = cross;
-    power[4] = 0.5F;
+    std::array<float, 36> maps{1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 20, 30, 40, 50, 60, 70, 80, 90};
+    std::copy_n(maps.begin(), 18, maps.begin() + 18); // of another kind, the same but for one cell
+    maps[18 + 4] = 0.5F;
     const std::array<double, 2> after_s{-1, 1};
-    const strip one{cross.data(), power.data(), 3, -0.1, 0.1, after_s.data()};
+    const strip one{maps.data(), 2, 2, 3, -0.1, 0.1, after_s.data()};
     const std::array<double, 8> at_m{0.01, -0.01, 0, 0.1, 1e30, 0, 0, std::nan("")};
     const std::array<double, 8> turn{0, 0, 0.1, 0, 0, 0, 0, 0};
     const std::array<int64_t, 2> both{0, 1}, last{1, 1};
-    std::array<double, 4> top{}, bottom{};
-    along(one, both.data(), 2, at_m.data(), turn.data(), 4, top.data(), bottom.data());
-    CHECK((top == std::array<double, 4>{55, 93, 0, 0}));
-    CHECK((bottom == std::array<double, 4>{50.5, 93, 0, 0}));
-    along(one, last.data(), 1, at_m.data(), turn.data(), 4, top.data(), bottom.data());
-    CHECK((top == std::array<double, 4>{50, 90, 0, 0}));
+    std::array<double, 8> out{};
+    along(one, both.data(), 2, at_m.data(), turn.data(), 4, out.data());
+    CHECK((out == std::array<double, 8>{55, 93, 0, 0, 50.5, 93, 0, 0}));
+    along(one, last.data(), 1, at_m.data(), turn.data(), 4, out.data());
+    CHECK((out == std::array<double, 8>{50, 90, 0, 0, 50, 90, 0, 0}));
 }
 
 // Between knots strengths and phases are linear, whether cells lie on knots or not.

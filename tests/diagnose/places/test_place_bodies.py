@@ -141,7 +141,7 @@ def test_what_stays_as_it_is_passes_nowhere_and_keeps_nothing_that_does_from_bei
         ears = heard(theirs(person=person, node_gain_db={"n0": gain_db}), 30.0)
         view = View(ears, evaluated(ears, ours(), ()), KNOWN)
         assert view.model.left_nats(view.count) > 500
-        assert bool(view.passers(height_m)) == is_seen
+        assert bool(view.passers(height_m, ())[0]) == is_seen
     walk_alone = heard(theirs(person=walk), 30.0)
     told = tracks.moving_nats(View(walk_alone, evaluated(walk_alone, ours(), ()), KNOWN))
     assert told > 0.5 * evaluated(walk_alone, ours(), ()).left_nats(walk_alone[0].count)
@@ -173,8 +173,8 @@ def test_a_passer_whose_echo_a_screen_keeps_from_some_links_is_where_it_comes_fr
     place_m, velocity = [-4.63, 1.37], [1.31, -0.46]
     walk = walking(place_m, velocity, radius_m=0.3, rcs_m2=20.0)
     ears = heard(theirs(person=walk), 30.0, band_hz=4e7)
-    at_m, at_m_per_s, _ = View(ears, evaluated(ears, ours(), ()), KNOWN).passers(passer.CENTRE * passer.HEIGHT_M)[0]
-    assert np.array([*at_m, *at_m_per_s]) == pytest.approx([*place_m, *velocity], abs=0.02)
+    (way, *_), _ = View(ears, evaluated(ears, ours(), ()), KNOWN).passers(passer.CENTRE * passer.HEIGHT_M, ())
+    assert np.array([*way.place_m, *way.velocity]) == pytest.approx([*place_m, *velocity], abs=0.02)
 
 
 def test_what_is_shadowed_for_a_while_leaves_nothing_that_stands_there_at_other_times():
@@ -208,18 +208,20 @@ def test_at_one_instant_nothing_passes(monkeypatch):
     assert BY_NAME["moving_scatterer"].starts(view, "place") == [] and BY_NAME["missing_object"].starts(view, "place")
 
 
-def test_beside_lines_of_a_shadow_those_of_loud_echoes_are_looked_at(monkeypatch):
-    place_m, velocity = [-2.21, 1.37], [0.71, -0.46]
-    walk = walking(place_m, velocity, radius_m=0.3, rcs_m2=1.0)
+def test_a_passer_whose_shadow_and_echo_are_little_without_each_other_is_found_by_both(monkeypatch):
+    monkeypatch.setitem(KNOWN, "phase", "snapshot")
+    place_m, velocity, area_m2 = [2.94, 0.52], [0.11, -0.57], 1.4
+    walk = walking(place_m, velocity, radius_m=0.3, rcs_m2=area_m2)
     ears = heard(theirs(person=walk), 30.0)
-    view = View(ears, evaluated(ears, ours(), ()), KNOWN)
-    aside = Effect(
-        family=BY_NAME["moving_scatterer"], owner="place", values=np.array([-1.9, 1.6, *velocity, 0.0, 1.8]), choice=(0.3, False)
-    )
-    monkeypatch.setattr(tracks, "near", lambda *rest: [])
-    at_m, at_m_per_s, radius_m, _ = view.passers_near(aside, passer.CENTRE * passer.HEIGHT_M)[0]
-    assert np.array([*at_m, *at_m_per_s]) == pytest.approx([*place_m, *velocity], abs=0.02)
-    assert 0.2 < radius_m < 0.45
+    model = evaluated(ears, ours(), ())
+    passes = PASSER.moved(np.array([*place_m, *velocity, np.log(area_m2), 1.8]))
+    fit, shade, echo = (with_effect(ears, model, replace(one, choice=(radius_m, True))) for one, radius_m in (
+        (passes, 0.3), (passes.moved(np.where(np.arange(6) == 4, np.log(1e-3), passes.values)), 0.3), (passes, 1e-3)
+    ))  # fmt: skip
+    left = [one.left_nats(ears[0].count) for one in (model, fit, shade, echo)]
+    assert left[1] < 0.02 * left[0] and min(left[2:]) > 0.3 * left[0]
+    found = best_of("moving_scatterer", ears)
+    assert found.effects[-1].values[:4] == pytest.approx([*place_m, *velocity], abs=0.02)
 
 
 PASSER = Effect(
@@ -809,3 +811,32 @@ def test_a_body_whose_echo_is_lost_in_noise_goes_where_it_hides_what_is_missing(
 def test_where_no_path_counts_nobody_hides_one():
     silent = heard(theirs(), -90.0)
     assert View(silent, evaluated(silent, ours(), ()), KNOWN).eclipses() == []
+
+
+def test_beside_a_passer_what_shows_in_one_response_alone_is_no_cause_that_lasts():
+    gain = Effect(family=BY_NAME["node_gain"], owner="n0", values=np.array([1.0]))
+    ears = heard(theirs(), 30.0)
+    before = evaluated(ears, ours(), ())
+    for effects, rows, is_told in (((PASSER,), 1, False), ((PASSER,), 2, True), ((), 1, True)):
+        y = before.fits[0].model.copy()
+        y[0, :rows] *= 10 ** (1.0 / 20)  # of n0's first link
+        passes = evaluated(ears, ours(), effects)
+        y += passes.fits[0].model - before.fits[0].model
+        there = [replace(ears[0], heard=replace(ears[0].heard, y=y))]
+        known = evaluated(there, ours(), effects)
+        alone = replace(known, effects=(*effects, gain), fits=(replace(known.fits[0], residual=0 * known.fits[0].residual),))
+        assert search._at_once(there, alone, known) == (not is_told)
+
+
+def test_candidates_are_looked_at_on_as_few_soundings_as_show_what_is_left(monkeypatch):
+    monkeypatch.setattr(policy, "THIN_INSTANTS", 2)
+    monkeypatch.setattr(policy, "THIN_FREQUENCIES", 4)
+    asked = []
+    for gain_db in (0.3, 1.0, 4.0):
+        ears = heard(theirs(node_gain_db={"n0": gain_db}), 30.0)
+        view = View(ears, evaluated(ears, ours(), ()), KNOWN)
+        found, here, more = search._overheard(view)
+        asked.append(found[0].heard.y.shape[1:])
+        part = found[0].count / ears[0].count
+        assert more == pytest.approx(1 / part) and (part == 1 or here.left_nats(found[0].count) > 500)
+    assert asked == [(7, 32), (4, 8), (2, 4)]  # the less is left, the more of them

@@ -269,22 +269,22 @@ array<double> summed_maps(const array<double>& maps, const array<int64_t>& moved
     return out;
 }
 
-py::tuple sums_along(const array<float>& cross, const array<float>& power, double begin_m,
-                     double step_m, const array<double>& after_s, const array<int64_t>& instant,
-                     const array<double>& at_m, const array<double>& turn)
+array<double> sums_along(const array<float>& maps, double begin_m, double step_m,
+                         const array<double>& after_s, const array<int64_t>& instant,
+                         const array<double>& at_m, const array<double>& turn)
 {
     const auto instants = size_t(after_s.size());
-    if (cross.ndim() != 3 || size_t(cross.shape(0)) != instants || cross.shape(1) != cross.shape(2))
-        throw std::invalid_argument("along: needs a square map at each instant");
-    expect(power, size_t(cross.size()), "power");
+    if (maps.ndim() != 4 || size_t(maps.shape(1)) != instants || maps.shape(2) != maps.shape(3))
+        throw std::invalid_argument("along: needs a square map of each kind at each instant");
     expect_below(instant, 0, instants, "instant");
     const size_t lines = rows(at_m, 2, "at_m");
     expect(turn, 2 * lines, "turn");
-    array<double> top{py::ssize_t(lines)}, bottom{py::ssize_t(lines)};
-    along({cross.data(), power.data(), size_t(cross.shape(1)), begin_m, step_m, after_s.data()},
+    array<double> out({maps.shape(0), py::ssize_t(lines)});
+    along({maps.data(), size_t(maps.shape(0)), instants, size_t(maps.shape(2)), begin_m, step_m,
+           after_s.data()},
           instant.data(), size_t(instant.size()), at_m.data(), turn.data(), lines,
-          top.mutable_data(), bottom.mutable_data());
-    return py::make_tuple(top, bottom);
+          out.mutable_data());
+    return out;
 }
 
 array<float> turned_fields(const array<complex>& field, const array<double>& turned,

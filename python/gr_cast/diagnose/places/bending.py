@@ -2,7 +2,7 @@
 """Diffraction is known less well than mirror images: real corners are no perfect wedges. How strong each edge bends on a link is
 therefore a random number about what the theory says, and what the sounding says of it is taken out of the residual."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,20 +17,20 @@ def loosened(ear, fit, world):
     And the same where responses that these leave spoilt, by another cause, have no more say than their noise would give them."""
     if not ear.has_responses or not world.diffraction:
         return fit, fit
-    weight = ear.heard.weight
-    plain = _loosened(ear, fit, world, weight)
+    weight, columns = ear.heard.weight, [_columns(ear, fit, world, index) for index in range(len(ear.heard.links))]
+    if not any(map(len, columns)):  # the same to the last digit
+        return fit, fit
+    plain = _loosened(ear, fit, columns, weight)
     share = np.where((weight > 0).any(axis=2), ear.undisturbed(plain), 1.0)[:, :, None]
-    return plain, plain if share.min() > _UNSPOILT else _loosened(ear, fit, world, weight * share)
+    return plain, plain if share.min() > _UNSPOILT else _loosened(ear, fit, columns, weight * share)
 
 
-def _loosened(ear, fit, world, weight: np.ndarray):
+def _loosened(ear, fit, links: list[np.ndarray], weight: np.ndarray):
     model, residual = fit.model.copy(), fit.residual.copy()
-    price, is_bent = 0.0, False
-    for index in range(len(ear.heard.links)):
-        columns = _columns(ear, fit, world, index)
+    price = 0.0
+    for index, columns in enumerate(links):
         if not len(columns):
             continue
-        is_bent = True
         inner = np.einsum("etk,ftk->ef", columns.conj(), columns * weight[index]) * policy.EDGE_SHARE**2
         side = (columns.conj() * (residual[index] * weight[index])).sum(axis=(1, 2)) * policy.EDGE_SHARE
         inner[np.diag_indices(len(inner))] += 1
@@ -39,29 +39,47 @@ def _loosened(ear, fit, world, weight: np.ndarray):
         model[index] += more
         residual[index] -= np.where(weight[index] > 0, more, 0)
         price += float((np.abs(change) ** 2).sum() + np.linalg.slogdet(inner)[1])
-    if not is_bent:  # the same to the last digit
-        return fit
     energy = float((np.abs(residual) ** 2 * ear.heard.weight).sum()) + fit.offset + price
     return replace(fit, model=model, residual=residual, energy=energy, offset=fit.offset + price)
 
 
-def whitened(ear, fit, world, rows: np.ndarray, *, left: bool = False) -> np.ndarray:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Edges:
+    """How loud edges are on a link, over noise: `bent` (E, T·K), the powers (E,) that these have together, and what turns them
+    to these (E, E)."""
+
+    bent: np.ndarray
+    power: np.ndarray
+    turn: np.ndarray
+
+
+def edges(ear, fit, world) -> list[Edges | None]:
+    """Of each link; None where none counts."""
+    if not ear.has_responses or not world.diffraction:
+        return []
+    return [_edges(_columns(ear, fit, world, index), ear.heard.weight[index]) for index in range(len(ear.heard.links))]
+
+
+def _edges(columns: np.ndarray, weight: np.ndarray) -> Edges | None:
+    if not len(columns):
+        return None
+    bent = policy.EDGE_SHARE * (columns * np.sqrt(weight)).reshape(len(columns), -1)
+    power, turn = np.linalg.eigh(bent.conj() @ bent.T)
+    return Edges(bent=bent, power=np.maximum(power, 0), turn=turn)
+
+
+def whitened(links: list[Edges | None], rows: np.ndarray, *, left: bool = False) -> np.ndarray:
     """Rows (n, numbers of the residual) of a linear problem, over what noise and edges of unknown strength together may be.
     `left`: of what `loosened` leaves, which is less already."""
-    if not ear.has_responses or not world.diffraction:
+    if not any(links):
         return rows
     half = rows.shape[1] // 2
-    fields = (rows[:, :half] + 1j * rows[:, half:]).reshape(len(rows), *fit.residual.shape)
-    for index in range(len(ear.heard.links)):
-        columns = _columns(ear, fit, world, index)
-        if len(columns):
-            bent = policy.EDGE_SHARE * (columns * np.sqrt(ear.heard.weight[index])).reshape(len(columns), -1)
-            power, turn = np.linalg.eigh(bent.conj() @ bent.T)
-            power = np.maximum(power, 0)
-            share = (1 - (1 + power) ** (0.5 if left else -0.5)) / np.where(power > 0, power, 1)
-            own = fields[:, index].reshape(len(rows), -1)
-            seen = (own @ bent.conj().T) @ turn.conj()
-            fields[:, index] -= ((seen * share) @ (turn.T @ bent)).reshape(fields[:, index].shape)
+    fields = (rows[:, :half] + 1j * rows[:, half:]).reshape(len(rows), len(links), -1)
+    for index, one in enumerate(links):
+        if one:
+            share = (1 - (1 + one.power) ** (0.5 if left else -0.5)) / np.where(one.power > 0, one.power, 1)
+            seen = (fields[:, index] @ one.bent.conj().T) @ one.turn.conj()
+            fields[:, index] -= (seen * share) @ (one.turn.T @ one.bent)
     flat = fields.reshape(len(rows), -1)
     return np.concatenate([flat.real, flat.imag], axis=1)
 

@@ -17,6 +17,7 @@ from .power import PowerEar
 _MOST_READINGS = 2400  # of powers in a campaign that are heard: a search in seconds
 _BURST = 40  # instants in a row
 _NOTHING_DB, _ABOVE = -250.0, 5.0  # what no path leaves of the power; errors of the meter over where it is blind
+_REFITTED = 4  # times
 _POWER_STEPS = 64  # of the band whose mean power a meter reads (the contract)
 
 
@@ -144,20 +145,29 @@ def holding(ears: Sequence, world: World) -> list:
     return [replace(one, field_of=world) if one.has_responses and world.surface.scatters else one for one in ears]
 
 
-def thinned_as_fitted(ears: Sequence, fits: Sequence) -> list:
+def thinned_as_fitted(ears: Sequence, fits: Sequence, times: int = 1) -> list:
     """Soundings on which first guesses are ranked, without the delays of links that fits found: fewer frequencies could not tell
-    long ones from others."""
-    return [_without_delays(one, fit) for one, fit in zip(ears, fits, strict=True)]
+    long ones from others. Of so many `times` as many instants and frequencies as are told of a family."""
+    return [_without_delays(one, fit, times) for one, fit in zip(ears, fits, strict=True)]
 
 
-def _without_delays(one, fit: Fitted):
-    thin = thinned(one, policy.THIN_INSTANTS, policy.THIN_FREQUENCIES)
+def _without_delays(one, fit: Fitted, times: int):
+    thin = thinned(one, times * policy.THIN_INSTANTS, times * policy.THIN_FREQUENCIES)
     if not one.has_responses or one.heard.delay == "none":
         return thin
     turn = (fit.factor[:, :, 1:] * fit.factor[:, :, :-1].conj()).sum(axis=(1, 2))
     delay_s = -np.angle(turn) / (2 * np.pi * one.heard.spacing_hz)
     y = thin.heard.y * np.exp(2j * np.pi * delay_s[:, None] * thin.heard.frequency_hz)[:, None]
     return replace(thin, heard=replace(thin.heard, y=y))
+
+
+def undisturbed_fit(ear: ResponseEar, world: World) -> Fitted:
+    """What is unknown fitted to the responses that are as they should be, more than to those that someone spoils."""
+    heard, predicted = ear.heard, ear.predicted(world)
+    fit = ear.profiled(predicted)
+    for _ in range(_REFITTED):
+        fit = profiled(replace(heard, weight=heard.weight * ear.undisturbed(fit)[:, :, None]), predicted)
+    return fit
 
 
 @functools.lru_cache(maxsize=8)

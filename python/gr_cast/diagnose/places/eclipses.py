@@ -2,7 +2,6 @@
 """Where something passes by: by the paths that it hides, whatever its echoes are."""
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -10,21 +9,19 @@ import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
 from ...twin.places import passer
-from . import imaging, tracks
-from .ears import evenly
-from .likelihood import Fitted, profiled, tempered
+from . import tracks
+from .ears import evenly, undisturbed_fit
+from .likelihood import tempered
 
 _ROWS = 240  # responses of a campaign that are looked at
 _PATHS, _TONES = 6, 12  # of a response, the strongest
 _LEAST_NATS = 1.0  # of a path: less is no reason for someone in its way, nor against
 _CELL_M, _CELLS = 0.15, 60  # of the floor; to a side, at most
 _RADIUS_M, _RADII_M = 0.25, (0.14, 0.17, 0.2, 0.23, 0.27, 0.32, 0.4, 0.55, 0.75, 1.0)  # of bodies: to begin with, and tried
-_ABOUT, _AS_MUCH, _WIDTHS = (0.7, 0.84, 1.0, 1.19, 1.41), 0.5, 41  # times a radius; of nats; radii that are tried
 _BEGUN, _KEPT = 6, 3  # lines that are moved to where they explain most, and that are returned
 _STEPS_M = (0.15, 0.07, 0.03, 0.015)  # by which both ends of a line are moved
 _MOVED = 6  # times by each of them, at most
 _ELSEWHERE_M = 0.7  # between beginnings of lines
-_REFITTED = 4  # times
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -106,39 +103,14 @@ class Hidden:
         return now.nats(foot_m, _RADIUS_M).sum(axis=1).reshape(len(self.x_m), -1)
 
 
-def lines(hidden: "Hidden | None", seen: Sequence, height_m: float) -> list[tuple[np.ndarray, np.ndarray, float]]:
+def lines(hidden: "Hidden | None") -> list[tuple[np.ndarray, np.ndarray, float]]:
     """(place (2,) at time 0, velocity (2,), radius in m) of upright bodies that hide what is missing and little else, the best
-    first; echoes that are `seen` once something hides it say where along the hidden paths it was, at `height_m`."""
+    first."""
     if hidden is None:
         return []
-    search = _Search(hidden=hidden, seen=seen, height_m=height_m)
+    search = _Search(hidden=hidden)
     settled = sorted((search.settled(ends_m) for ends_m in search.coarse()), key=lambda one: -one[0])
     return [(*search.line(ends_m), radius_m) for nats, ends_m, radius_m in settled[:_KEPT] if nats > 0]
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Hiding:
-    """What bodies like one hide: of about his width, and about as much of what is missing."""
-
-    rows: _Rows
-    radii_m: np.ndarray
-    least: float
-
-    @classmethod
-    def of(cls, rows: _Rows, place_m: np.ndarray, velocity: np.ndarray, radius_m: float) -> "Hiding":
-        like = cls(rows=rows, radii_m=radius_m * np.array(_ABOUT), least=-np.inf)
-        return replace(like, least=_AS_MUCH * float(like.nats(place_m[None], velocity[None])[0]))
-
-    def nats(self, place_m: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """(C,) of places (C, 2) at time 0 and velocities (C, 2); −∞ of what hides too little of it."""
-        told = np.max([self.rows.along(place_m, velocity, one) for one in self.radii_m], axis=0)
-        return np.where(told >= self.least, told, -np.inf)
-
-    def radius_m(self, place_m: np.ndarray, velocity: np.ndarray) -> float:
-        """Of the body on one line that hides the most."""
-        finely_m = np.geomspace(self.radii_m[0], self.radii_m[-1], _WIDTHS)
-        told = np.array([self.rows.along(place_m[None], velocity[None], one)[0] for one in finely_m])
-        return float(np.median(finely_m[told == told.max()]))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -146,8 +118,6 @@ class _Search:
     """For lines (2, 2) from where they are at the first response to where they are at the last."""
 
     hidden: Hidden
-    seen: Sequence
-    height_m: float
 
     def line(self, ends_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places (..., 2) at time 0 and velocities of lines (..., 2, 2)."""
@@ -159,10 +129,6 @@ class _Search:
         """Nats (C,) of lines (C, 2, 2) by what they hide."""
         return self.hidden.rows.along(*self.line(ends_m), radius_m)
 
-    def echoed(self, ends_m: np.ndarray) -> np.ndarray:
-        """Nats (C,) of lines by their echoes."""
-        return imaging.along(self.seen, *self.line(ends_m), self.height_m) if self.seen else np.zeros(len(ends_m))
-
     def settled(self, ends_m: np.ndarray) -> tuple[float, np.ndarray, float]:
         """A line moved, and made wider or narrower, to where it explains most."""
         moves = np.array(list(itertools.product((-1, 0, 1), repeat=4))).reshape(-1, 2, 2)
@@ -170,26 +136,21 @@ class _Search:
         for step_m in _STEPS_M:
             for _ in range(_MOVED):
                 near = ends_m + step_m * moves
-                ends_m = near[int(np.argmax(self.hides(near, radius_m) + self.echoed(near)))]
+                ends_m = near[int(np.argmax(self.hides(near, radius_m)))]
                 widths = [float(self.hides(ends_m[None], one)[0]) for one in _RADII_M]
                 radius_m = _RADII_M[int(np.argmax(widths))]
-                now = max(widths) + float(self.echoed(ends_m[None])[0])
-                if now <= nats:
+                if max(widths) <= nats:
                     break
-                nats = now
+                nats = max(widths)
         return nats, ends_m, radius_m
 
     def coarse(self) -> list[np.ndarray]:
         """Lines across a grid of the floor that explain most, apart from each other."""
         hidden, times, step_m = self.hidden, self.hidden.times, self.hidden.step_m
-        foot_m, maps = hidden.foot_m, hidden.maps.copy()
-        if self.seen:
-            echoes, heard_s = imaging.passer_maps(self.seen, foot_m, self.height_m)
-            for one, time_s in zip(echoes, heard_s, strict=True):
-                maps[np.argmin(np.abs(times - time_s))] += one.reshape(maps.shape[1:])
+        foot_m = hidden.foot_m
         speeds = np.arange(-1, 1.001, 2 * step_m / hidden.extent_m) * hidden.extent_m / max(np.ptp(times), 1e-9)
         velocity = np.array([(a, b) for a in speeds for b in speeds if np.hypot(a, b) <= speeds[-1]])
-        scores = tracks.summed(maps, np.round((times - times[0])[:, None] * velocity[:, None] / step_m).astype(int))
+        scores = tracks.summed(hidden.maps, np.round((times - times[0])[:, None] * velocity[:, None] / step_m).astype(int))
         found = []
         for _ in range(_BEGUN):
             v, p = np.unravel_index(np.argmax(scores), scores.shape)
@@ -204,7 +165,7 @@ def _rows(view) -> _Rows | None:
     for ear in view.ears:
         if not ear.has_responses or len(ear.predictor.time_s) < 2:
             continue
-        heard, predictor, fit = ear.heard, ear.predictor, _undisturbed(ear, view.world)
+        heard, predictor, fit = ear.heard, ear.predictor, undisturbed_fit(ear, view.world)
         tones = evenly(len(heard.frequency_hz), _TONES)
         steps = evenly(len(predictor.time_s), max(2, _ROWS // len(heard.links)))
         more = len(heard.frequency_hz) / len(tones)
@@ -238,15 +199,6 @@ def _rows(view) -> _Rows | None:
         return None
     corners = max(one["points_m"].shape[1] for one in found)
     return _Rows(**{name: np.array([_padded(one[name], paths, corners) for one in found]) for name in found[0]})
-
-
-def _undisturbed(ear, world) -> Fitted:
-    """What is unknown fitted to the responses that are as they should be, more than to those that someone spoils."""
-    heard, predicted = ear.heard, ear.predicted(world)
-    fit = ear.profiled(predicted)
-    for _ in range(_REFITTED):
-        fit = profiled(replace(heard, weight=heard.weight * ear.undisturbed(fit)[:, :, None]), predicted)
-    return fit
 
 
 def _padded(value, paths: int, corners: int):

@@ -138,10 +138,11 @@ def normal_equations(ears: Sequence[Ear], model: Model, free: np.ndarray) -> tup
         for number, world in zip(free, shifted, strict=True):
             columns.append(ear.columns(fit, base, ear.predicted(world), steps[number]))
         others = ear.nuisance(fit)
-        residual = bending.whitened(ear, fit, here, ear.rows(fit)[None], left=True)
+        bent = bending.edges(ear, fit, here)
+        residual = bending.whitened(bent, ear.rows(fit)[None], left=True)
         residual = diffuse.whitened(ear, fit, here, residual)[0]
         j, others = (
-            diffuse.whitened(ear, fit, here, bending.whitened(ear, fit, here, np.array(rows))) if len(rows) else np.array(rows)
+            diffuse.whitened(ear, fit, here, bending.whitened(bent, np.array(rows))) if len(rows) else np.array(rows)
             for rows in (columns, others)
         )
         if len(others):

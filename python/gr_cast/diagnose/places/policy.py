@@ -10,6 +10,7 @@ FITTED_AFTER_SCREEN = 8  # candidates of a round that are fitted to their optimu
 BEHIND_SHARE = 0.1  # of the best one's evidence: what promises less is not looked at from all its beginnings
 FITTED_PER_FAMILY = 2  # of those, at most of one family: a crowd of neighbours leaves room for other physics
 SCREENED_NATS = 1000.0  # of excess energy in thinned soundings: then candidates are screened on them
+SCREENED_TIMES = 1, 2  # as many instants and frequencies as first guesses are ranked on, the fewest that have this energy
 SCREEN_ROUNDS = 2  # Gauss-Newton steps of a candidate, alone or with what was found before
 RESHAPED, SHAPE_NATS = 6, 2.0  # turns of looking for a shape, at most; what a turn must give for another
 TRIMMED_NATS = 0.5  # that the end of an added object must be worth to be there

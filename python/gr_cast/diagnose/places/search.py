@@ -201,11 +201,13 @@ def _screened(view: View, heard: Sequence[Ear], here: Model, family, owner: str)
 def _overheard(view: View) -> tuple[Sequence[Ear], Model, float]:
     """What candidates are screened on: the soundings, thinned where what is left shows in a part of them just as well; the
     model there, and how much more the whole says."""
-    if not shows_in(view.thin, view.ears, view.model):
+    parts = (thinned_as_fitted(view.ears, view.model.fits, times) for times in policy.SCREENED_TIMES)
+    thin = next((part for part in parts if shows_in(part, view.ears, view.model)), None)
+    if thin is None:
         return view.ears, view.model, 1.0
-    count, part = (sum(ear.count for ear in ears) for ears in (view.ears, view.thin))
-    here = fitted(view.thin, evaluated(view.thin, view.model.base, view.model.effects), rounds=policy.SCREEN_ROUNDS)
-    return view.thin, here, count / max(part, 1)
+    count, part = (sum(ear.count for ear in ears) for ears in (view.ears, thin))
+    here = fitted(thin, evaluated(thin, view.model.base, view.model.effects), rounds=policy.SCREEN_ROUNDS)
+    return thin, here, count / max(part, 1)
 
 
 def _settled(ears, model: Model, unknown: dict, budget: Budget) -> Model:
@@ -392,6 +394,7 @@ def _confirmed(ears, vault: Sequence[Ear], model: Model, unknown: dict, budget: 
         found, tried = candidates(ears, model, unknown, budget, barred)
         least = max(policy.LEAST_EVIDENCE_NATS, model.slack, _beside_fields(model))
         paying = [one for one in found if worth(one, model, count, tried) > least and not foretold.refused(vault, one)]
+        paying = [one for one in paying if not _at_once(ears, one, model)]
         before = evaluated(vault, model.base, model.effects)
         told = {id(one): before.energy - evaluated(vault, one.base, one.effects).energy for one in paying}
         best = max(paying, key=lambda one: told[id(one)], default=None)
@@ -451,7 +454,7 @@ def _grown(
         unshaped = policy.SHAPE_SHARE * _by_shape(ears, model)
         worths = {id(one): worth(one, model, count, tried) for one in found}
         least = max(policy.LEAST_EVIDENCE_NATS, model.slack, unshaped, _beside_rough(model))
-        paying = [one for one in found if worths[id(one)] >= max(least, _beside_edges(one))]
+        paying = [one for one in found if worths[id(one)] >= max(least, _beside_edges(one)) and not _at_once(ears, one, model)]
         if not paying:
             model, before = _looked_for_anew(ears, model, unknown, budget, tried), model
             if model is before:
@@ -756,6 +759,20 @@ def _beside_fields(model: Model) -> float:
 def _beside_rough(model: Model) -> float:
     """Nats that any effect may gain so, or, where edges are heard, from edges that bend in no phase of the theory's."""
     return policy.BESIDE_ROUGH_NATS if any(model.loose) else _beside_fields(model)
+
+
+def _at_once(ears, one: Model, before: Model) -> bool:
+    """Whether, beside something that passes, an effect that lasts explains one response alone: where a shadow begins no law knows
+    so well."""
+    if not one.effects[-1].family.lasts or not any(effect.family.has_ways for effect in before.effects):
+        return False
+    rows = [
+        ear.row_nats(old) - ear.row_nats(new)
+        for ear, old, new in zip(ears, before.fits, one.fits, strict=True)
+        if ear.has_responses
+    ]
+    told = np.concatenate([row.ravel() for row in rows] or [np.zeros(1)])
+    return bool(told.sum() - told.max() < policy.LEAST_EVIDENCE_NATS)
 
 
 def _unshown(ears, vault: Sequence[Ear], model: Model) -> list[int]:

@@ -17,7 +17,6 @@ from .ears import alone, holding, of_link, thinned_as_fitted, without_phase
 from .fit import Model, applied, evaluated, fitted, heard_in, with_effect
 
 _SCANNED_CARRIERS = 100_000
-_LOUDEST = 6  # lines of echoes that are looked at beside those of a shadow
 _SOUNDED, _ONE_WELL = 300, 0.05  # wells of a grid of places whose bottoms are looked for; wavelengths between bottoms of one
 _AROUND = 0.3  # change of a link's direction, as a share of its length, from which antennas show from several sides
 
@@ -564,25 +563,12 @@ class View:
         """Points (n, 3) on the legs that an added object stands in the way of."""
         return shades.shaded(self, effect)
 
-    def passers(self, height_m: float):
-        return tracks.passers(self, height_m)
+    def passers(self, height_m: float, hiding):
+        return tracks.passers(self, height_m, hiding)
 
-    def passers_near(self, effect, height_m: float):
-        """(place at time 0, velocity, radius, cross-section) on lines near someone's who hides what he hides, with echoes
-        in phase, and on those along which echoes are the loudest anywhere."""
-        place_m, velocity = effect.values[:2], effect.values[2:4]
-        hiding = eclipses.Hiding.of(self.hidden.rows, place_m, velocity, effect.choice[0])
-        found = tracks.near(self.among(effect), height_m, place_m, velocity, hiding.nats)
-        found += [line for line in self.passers(height_m) if line[-1]][:_LOUDEST]
-        return [(*line, hiding.radius_m(*line), area_m2) for *line, area_m2 in found]
-
-    @cached_property
-    def hidden(self) -> eclipses.Hidden | None:
-        return eclipses.Hidden.of(self)
-
-    def eclipses(self, beside: "View | None" = None, height_m: float = 0.0):
-        """Lines of bodies that hide what is missing; `beside`: the view with one of them, whose echoes count too."""
-        return eclipses.lines(self.hidden, tracks.moving_echoes(beside) if beside else (), height_m)
+    def eclipses(self):
+        """Lines of bodies that hide what is missing."""
+        return eclipses.lines(eclipses.Hidden.of(self))
 
     def lit(self, effect):
         return planes.lit(self, effect)

@@ -41,7 +41,8 @@ _LONE = 3  # planes that are looked at which one link alone sees
 _ENDED, _WALLS = 3, 3  # planes whose ends are looked for: where echoes have them, where other things end
 _WELLS, _BOX_WELLS = 3, 6  # of the phase of an echo, either way
 _FAINT_M2 = 0.05  # of an echo that is not known
-_AREA, _GOES = 4, (2, 3)  # the cross-section's place among a passer's numbers, and his velocity's
+_AREAS_M2 = (1.0, 8.0)  # of one that hides nothing to speak of
+_GOES = (2, 3)  # the places of a passer's velocity among his numbers
 _STANDS = 3  # places of his way where he may as well have stood still
 _WIDER = 1.03 ** np.concatenate([np.arange(-12, 0), np.arange(1, 13)])  # than the radius that was found
 _RADII_M = (0.4, 0.2, 0.9)  # of a person or a vehicle: how wide a shadow is
@@ -333,30 +334,18 @@ class MovingScatterer(Family):
         return ["place"] if view.world.person is None and view.has_responses else []
 
     def starts(self, view, owner):
-        height_m = CENTRE * HEIGHT_M
-        dark = view.ranked([self._of(owner, *one) for one in view.eclipses()])[:1]
-        if not dark or not view.explains_much(dark[0]):
-            return self._seen(view, owner)
-        # Its shadow hides where its echoes come from: beside the shadow they are looked for, and wherever else they are loud.
-        both = [self._of(owner, *one) for one in view.eclipses(view.among(dark[0]), height_m)] or dark
-        near = view.passers_near(both[0], height_m)
+        # A shadow may hide where its echoes come from, and echoes fill a shadow: both together, and each alone.
+        dark = view.eclipses()
+        ways, late = view.passers(CENTRE * HEIGHT_M, dark)
         return [
-            *(self._of(owner, *one) for one in near),
-            *(one.moved(np.where(np.arange(6) == _AREA, np.log(_FAINT_M2), one.values)) for one in (*both, *dark)),
+            *(self._of(owner, way.place_m, way.velocity, way.radius_m, way.area_m2) for way in ways),
+            *(self._of(owner, *one, _FAINT_M2) for one in dark),
+            *(self._of(owner, *one, _RADII_M[0], area_m2) for one in late for area_m2 in _AREAS_M2),
         ]
 
-    def _of(self, owner, place_m, velocity, radius_m, area_m2=0.0) -> Effect:
-        with np.errstate(divide="ignore"):
-            values = np.array([*place_m, *velocity, np.log(area_m2), HEIGHT_M])
+    def _of(self, owner, place_m, velocity, radius_m, area_m2) -> Effect:
+        values = np.array([*place_m, *velocity, np.log(area_m2), HEIGHT_M])
         return Effect(family=self, owner=owner, values=values, choice=(radius_m, False))
-
-    def _seen(self, view, owner) -> list[Effect]:
-        return [
-            self._of(owner, *line, radius_m, area_m2)
-            for *line, told in view.passers(CENTRE * HEIGHT_M)
-            for area_m2 in ((told,) if told else (1.0, 8.0))
-            for radius_m in (_RADII_M if told else _RADII_M[:1])
-        ]
 
     def plainer(self, span_s, effect):
         place_m, velocity, others = np.split(effect.values, [2, 4])
