@@ -100,6 +100,28 @@ void turned_between(const std::complex<double>* field, const double* turned, siz
     }
 }
 
+void likelier(const response& heard, const echo& from, const uint8_t* kind, size_t cells,
+              const double* roots, size_t count, float* out)
+{
+    for (size_t cell = 0; cell < cells; cell++) {
+        const double real = from.real[cell], imag = from.imag[cell], loud = from.loud[cell];
+        const double common = from.common[kind[cell] * cells + cell];
+        const double own = heard.own[kind[cell]];
+        const std::complex<double> shared = heard.shared[kind[cell]];
+        for (size_t one = 0; one < count; one++) {
+            const double root = roots[one], x = shared.real() + root * real,
+                         y = shared.imag() + root * imag;
+            const double said = heard.is_free ? std::sqrt(x * x + y * y) : x;
+            double energy = heard.power + own + root * (root * loud + 2 * common) - 2 * said;
+            if (energy > heard.count) // as much noise as suits it
+                energy = heard.count * (1 + std::log(energy / heard.count));
+            else
+                energy = heard.count;
+            out[one * cells + cell] = float(heard.before - energy);
+        }
+    }
+}
+
 } // namespace tracing
 } // namespace cast
 } // namespace gr

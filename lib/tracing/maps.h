@@ -37,6 +37,27 @@ void along(const strip& one, const int64_t* instant, size_t instants, const doub
 void turned_between(const std::complex<double>* field, const double* turned, size_t knots,
                     const double* at, size_t cells, float* out);
 
+// What is heard at one instant on one link: its energy over noise, in so many numbers, and what of
+// it noise leaves without anybody, `before`. Of each kind of what somebody may hide, the energy of
+// what is predicted then and what that has in common with what is heard, whose phase may be free.
+struct response {
+    double power, count, before;
+    bool is_free;
+    const double* own;
+    const std::complex<double>* shared;
+};
+
+// An echo of 1 m^2 from each cell: what it has in common with what is heard, with what is predicted
+// of each kind (kinds x cells), and its energy.
+struct echo {
+    const float *real, *imag, *common, *loud;
+};
+
+// By how many nats the response is likelier with somebody in each of `cells`, who hides what `kind`
+// says and echoes as `roots` times so strong: `out` is roots x cells.
+void likelier(const response& heard, const echo& from, const uint8_t* kind, size_t cells,
+              const double* roots, size_t count, float* out);
+
 } // namespace tracing
 } // namespace cast
 } // namespace gr

@@ -168,6 +168,21 @@ def test_the_same_cells_are_met_along_lines(monkeypatch, instants):
     assert one.shape == (4, 40, 3) and (one == other).all() and one.any()
 
 
+@pytest.mark.parametrize("is_free", [False, True])
+def test_a_response_is_as_much_likelier_with_somebody(monkeypatch, is_free):
+    random = np.random.default_rng(7)
+    said, common, loud = random.normal(size=(3, 2, 9, 9)).astype(np.float32)
+    said, loud, kind = said[0] + 1j * said[1], loud[0] ** 2, random.integers(0, 2, (9, 9))
+    heard = passages.Response(
+        power=9.0, count=5, is_free=is_free, own=np.array([3.0, 1.0]), shared=np.array([2.0 + 1j, 0.5]), before=(3.0, 2.0 + 1j)
+    )
+    one, other = both(monkeypatch, lambda: heard.likelier(said, common, loud, kind))
+    assert one.shape == (6, 9, 9) and one.std() > 1
+    np.testing.assert_allclose(one, other, atol=1e-4)
+    without = heard.likelier(0 * said, 0 * common, 0 * loud, 0 * kind)
+    np.testing.assert_allclose(without, 0, atol=1e-6)  # somebody who hides and echoes nothing
+
+
 def test_the_same_fields_are_turned_between_knots(monkeypatch):
     random = np.random.default_rng(8)
     knots = passages.Knots(axis_m=0.004 * np.arange(-50, 51))
@@ -192,6 +207,8 @@ def test_maps_and_ways_that_do_not_belong_together_are_refused():
     for field, at, fault in ((np.zeros((2, 3)), [0.5], ValueError), (np.zeros((2, 2)), [2.5], IndexError)):
         with pytest.raises(fault, match="needs fields|beyond all knots"):
             kernels.turned_between(field, np.zeros(4), at)
+    with pytest.raises(IndexError, match="kind: got"):
+        kernels.likelier(1.0, 1, 0.0, True, [1.0], [1.0], np.zeros(2), np.zeros(2), np.zeros(2), [0, 1], [1.0])
     with pytest.raises(IndexError, match="instant: got"):
         kernels.along(maps, 0.0, 1.0, after_s, [3], lines, lines)
 

@@ -64,8 +64,37 @@ static void fields_are_turned_between_knots()
     }
 }
 
+// A response is likelier by what somebody hides and echoes; what is left above noise counts by its
+// logarithm.
+static void somebody_makes_a_response_likelier()
+{
+    const std::array<double, 2> own{4, 1}, roots{0.5, 2};
+    const std::array<std::complex<double>, 2> shared{{{2, 0}, {0.5, 0.5}}};
+    const std::array<float, 3> real{1, 0, 3}, imag{0, 2, 4}, loud{4, 1, 9};
+    const std::array<float, 6> common{0.5, 1, 1.5, 2, 2.5, 3};
+    const std::array<uint8_t, 3> kind{0, 1, 1};
+    for (bool is_free : {false, true}) {
+        std::array<float, 6> out{};
+        likelier({20, 6, 3, is_free, own.data(), shared.data()},
+                 {real.data(), imag.data(), common.data(), loud.data()}, kind.data(), 3,
+                 roots.data(), 2, out.data());
+        for (size_t one = 0; one < 2; one++)
+            for (size_t i = 0; i < 3; i++) {
+                const double root = roots[one];
+                const std::complex<double> both =
+                    shared[kind[i]] + root * std::complex<double>(real[i], imag[i]);
+                const double energy = 20 + own[kind[i]] + root * root * loud[i] +
+                                      2 * root * common[kind[i] * 3 + i] -
+                                      2 * (is_free ? std::abs(both) : both.real());
+                const double told = energy > 6 ? 6 + 6 * std::log(energy / 6) : 6;
+                CHECK(std::abs(out[one * 3 + i] - (3 - told)) < 1e-4);
+            }
+    }
+}
+
 int main()
 {
+    somebody_makes_a_response_likelier();
     maps_are_summed_where_ways_are_on_them();
     lines_are_heard_in_their_cells();
     fields_are_turned_between_knots();

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The kernels of the tracer for Python, without GNU Radio: scenario/create/images.py and fields.py,
-// twin/places/passer.py and diagnose/places/tracks.py have the same in NumPy.
+// twin/places/passer.py and diagnose/places/tracks.py, passages.py have the same in NumPy.
 #include "../numpy_layout.h"
 #include "tracing/body.h"
 #include "tracing/fields.h"
 #include "tracing/maps.h"
 #include "tracing/mesh.h"
+#include <algorithm>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <stdexcept>
@@ -287,6 +288,32 @@ array<double> sums_along(const array<float>& maps, double begin_m, double step_m
     return out;
 }
 
+array<float> likelier_maps(double power, double count, double before, bool is_free,
+                           const array<double>& own, const array<complex>& shared,
+                           const array<complex>& heard, const array<float>& common,
+                           const array<float>& loud, const array<int64_t>& kind,
+                           const array<double>& roots)
+{
+    const auto cells = size_t(kind.size()), kinds = size_t(own.size());
+    expect(shared, kinds, "shared");
+    expect(heard, cells, "heard");
+    expect(common, kinds * cells, "common");
+    expect(loud, cells, "loud");
+    expect_below(kind, 0, std::min(kinds, size_t(256)), "kind");
+    std::vector<float> real(cells), imag(cells);
+    std::vector<uint8_t> which(cells);
+    for (size_t i = 0; i < cells; i++) {
+        real[i] = float(heard.data()[i].real());
+        imag[i] = float(heard.data()[i].imag());
+        which[i] = uint8_t(kind.data()[i]);
+    }
+    array<float> out({roots.size(), py::ssize_t(cells)});
+    likelier({power, count, before, is_free, own.data(), shared.data()},
+             {real.data(), imag.data(), common.data(), loud.data()}, which.data(), cells,
+             roots.data(), size_t(roots.size()), out.mutable_data());
+    return out;
+}
+
 array<float> turned_fields(const array<complex>& field, const array<double>& turned,
                            const array<double>& at)
 {
@@ -324,5 +351,6 @@ PYBIND11_MODULE(tracing, m)
           py::arg("points_m"));
     m.def("summed_along", &summed_maps, py::arg("maps"), py::arg("moved"));
     m.def("along", &sums_along);
+    m.def("likelier", &likelier_maps);
     m.def("turned_between", &turned_fields, py::arg("field"), py::arg("turned"), py::arg("at"));
 }

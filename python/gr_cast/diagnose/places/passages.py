@@ -22,7 +22,7 @@ _REACH_M, _MOST = 1.4, 600  # about a coarse way; steps across at most
 _FINE = 8  # steps of a wavelength: an echo's phase turns twice as fast as a place moves
 _SMOOTH_M = 0.05  # between places from which lengths and strengths are interpolated
 _FINER = 16  # of the grid of delays over the resolution of the band
-_INSTANTS = 15  # that are looked at, at most
+_INSTANTS, _FEWER, _MANY = 15, 10, 300  # that are looked at, at most; where there are more steps across
 _ROOTS_M = np.array([0.35, 0.6, 0.9, 1.3, 1.9, 2.8])  # of cross-sections that are tried: what lies between is a parabola's
 _PATHS = 4  # of a link at an instant, the strongest, that may be hidden
 _PEAKS = 200  # of each instant, through which ways are drawn: echoes of few links are in phase at many places
@@ -47,8 +47,9 @@ class Way:
 def ways(view, ear, height_m: float, place_m: np.ndarray, velocity: np.ndarray, radii_m: Sequence[float]) -> list[Way]:
     """Of bodies so wide about a coarse way, the best of each first, each a cell away from the others; echoes come from
     `height_m`."""
-    ear = thinned(ear, _INSTANTS, len(ear.heard.frequency_hz))
-    middle_s, axis_m = ear.predictor.time_s.mean(), axis(view.world)
+    axis_m = axis(view.world)
+    ear = thinned(ear, _FEWER if is_wide(view.world) else _INSTANTS, len(ear.heard.frequency_hz))
+    middle_s = ear.predictor.time_s.mean()
     begun_m = place_m + velocity * middle_s
     found = []
     for radius_m, strip in zip(radii_m, _strips(view, ear, height_m, begun_m, velocity, radii_m, axis_m), strict=True):
@@ -64,6 +65,11 @@ def axis(world) -> np.ndarray:
     step_m = world.wavelength_m / _FINE
     steps = round(min(_REACH_M, step_m * _MOST / 2) / step_m)
     return step_m * np.arange(-steps, steps + 1)
+
+
+def is_wide(world) -> bool:
+    """Whether a strip has very many steps."""
+    return len(axis(world)) > _MANY
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -304,26 +310,49 @@ class _Rest:
 
     def nats(self, echo: _Echo, hidden: list[np.ndarray]) -> np.ndarray:
         """(bodies, cross-sections, X, Y): by which the response is likelier with each body, which hides so much."""
-        bodies = np.array(hidden)
-        count, power = (self.weight > 0).sum(), (np.abs(self.y) ** 2 * self.weight).sum()
-        out = np.empty((len(_ROOTS_M), *bodies.shape), np.float32)
+        sets, kind = np.unique(np.array(hidden), return_inverse=True)
+        models = [self.model - self.paths[(bits >> np.arange(len(self.paths))) & 1 == 1].sum(axis=0) for bits in sets]
+        shape = hidden[0].shape
+        heard = Response(
+            power=float((np.abs(self.y) ** 2 * self.weight).sum()),
+            count=int((self.weight > 0).sum()),
+            is_free=self.is_free,
+            own=np.array([(np.abs(model) ** 2 * self.weight).sum() for model in models]),
+            shared=np.array([(model.conj() * self.y * self.weight).sum() for model in models]),
+            before=((np.abs(self.model) ** 2 * self.weight).sum(), (self.model.conj() * self.y * self.weight).sum()),
+        )
+        common = np.array([echo.told(model * self.weight) for model in models])
+        said = echo.all_told(self.y * self.weight)
+        return np.array([heard.likelier(said, common, echo.power, one) for one in kind.reshape(len(hidden), *shape)])
 
-        def energy(own: np.ndarray, shared: np.ndarray) -> np.ndarray:
-            common = np.abs(shared) if self.is_free else np.real(shared)
-            return tempered(np.maximum(power + own - 2 * common, count), count)
 
-        def of(model: np.ndarray) -> tuple:
-            return (np.abs(model) ** 2 * self.weight).sum(), (model.conj() * self.y * self.weight).sum()
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Response:
+    """Of one link at one instant: its energy over noise, in `count` numbers; `own` (sets,) of what is predicted of it where some
+    set of paths is hidden, what that has in common with it, `shared` (sets,), whose phase may be free; `before`: both of these
+    without anybody."""
 
-        before, heard = energy(*of(self.model)), echo.all_told(self.y * self.weight)
-        for bits in np.unique(bodies):
-            model = self.model - self.paths[(bits >> np.arange(len(self.paths))) & 1 == 1].sum(axis=0)
-            own, shared = of(model)
-            at = bodies == bits
-            some = at.any(axis=0)
-            common, loud, said = echo.told(model * self.weight)[some], echo.power[some], heard[some]
-            for number, root_m in enumerate(_ROOTS_M):
-                found = np.zeros(some.shape, np.float32)
-                found[some] = before - energy(own + root_m**2 * loud + 2 * root_m * common, shared + root_m * said)
-                np.copyto(out[number], found, where=at)
-        return out.swapaxes(0, 1)
+    power: float
+    count: int
+    is_free: bool
+    own: np.ndarray
+    shared: np.ndarray
+    before: tuple[float, complex]
+
+    def energy(self, own, shared) -> np.ndarray:
+        common = np.abs(shared) if self.is_free else np.real(shared)
+        return tempered(np.maximum(self.power + own - 2 * common, self.count), self.count)
+
+    def likelier(self, said: np.ndarray, common: np.ndarray, loud: np.ndarray, kind: np.ndarray) -> np.ndarray:
+        """(cross-sections, X, Y): nats with somebody who hides the set `kind` (X, Y), by what an echo of 1 m² has in common with
+        the response (X, Y) and with what is predicted (sets, X, Y), and how `loud` it is."""
+        before = float(self.energy(*self.before))
+        if tracing:
+            told = self.power, self.count, before, self.is_free, self.own, self.shared, said, common, loud, kind, _ROOTS_M
+            return tracing.likelier(*told).reshape(-1, *kind.shape)
+        common = np.take_along_axis(common, kind[None], axis=0)[0]
+        each = [
+            self.energy(self.own[kind] + root_m**2 * loud + 2 * root_m * common, self.shared[kind] + root_m * said)
+            for root_m in _ROOTS_M
+        ]
+        return (before - np.array(each)).astype(np.float32)

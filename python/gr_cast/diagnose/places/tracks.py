@@ -13,9 +13,8 @@ from . import imaging, passages, policy
 _SPEEDS_M_PER_S, _SPEED_STEP_M_PER_S, _SPEEDS = (2.4, 30.0), 0.4, 60  # that are looked for; steps at most
 _ELSEWHERE_M = 1.5  # between coarse tracks
 _KEPT = 3  # coarse tracks that are returned
-_FOLLOWED, _KEPT_WAYS = 2, 10  # of each kind of coarse tracks, about which is looked finely; ways that are returned
+_FOLLOWED, _KEPT_WAYS = 2, 10  # coarse tracks of echoes about which is looked finely; ways that are returned
 _RADII_M, _WIDER = (0.2, 0.3), (1.0, 1.2)  # of bodies about tracks of echoes; times that of one which hides something
-_MANY = 300  # steps across: from there it is looked for a body between these two
 
 
 def passers(view, height_m: float, hiding: Sequence) -> tuple[list[passages.Way], list[tuple]]:
@@ -25,8 +24,8 @@ def passers(view, height_m: float, hiding: Sequence) -> tuple[list[passages.Way]
         return [], []
     coarse = _coarse(view, moving_echoes(view), height_m)
     about = [(*one, _RADII_M) for one in coarse[:_FOLLOWED]]
-    about += [(*way, [radius_m * one for one in _WIDER]) for *way, radius_m in hiding[:_FOLLOWED]]
-    if len(passages.axis(view.world)) > _MANY:
+    about += [(*way, [radius_m * one for one in _WIDER]) for *way, radius_m in hiding[:1]]
+    if passages.is_wide(view.world):  # in wavelengths: it takes long
         about = [(*way, [np.mean(radii_m)]) for *way, radii_m in about]
     found = [way for one in about for way in passages.ways(view, pairs[0][0], height_m, *one)]
     return sorted(found, key=lambda way: -way.nats)[:_KEPT_WAYS], coarse
