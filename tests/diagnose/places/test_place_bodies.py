@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.places import foretold, policy, run, search, tracks
+from gr_cast.diagnose.places import foretold, passages, policy, run, search, tracks
 from gr_cast.diagnose.places.ears import ResponseEar, thinned
 from gr_cast.diagnose.places.fit import Model, applied, evaluated, fitted, with_effect
 from gr_cast.diagnose.places.likelihood import Heard
@@ -840,3 +840,31 @@ def test_candidates_are_looked_at_on_as_few_soundings_as_show_what_is_left(monke
         part = found[0].count / ears[0].count
         assert more == pytest.approx(1 / part) and (part == 1 or here.left_nats(found[0].count) > 500)
     assert asked == [(7, 32), (4, 8), (2, 4)]  # the less is left, the more of them
+
+
+def test_beside_a_passer_scattering_and_what_powers_tell_need_not_show_in_responses():
+    ears = heard(theirs(), 30.0)
+    known = evaluated(ears, ours(), (PASSER,))
+    for family, is_told in (("missing_scattering", True), ("node_gain", False)):
+        effect = Effect(family=BY_NAME[family], owner="place", values=np.zeros(0))
+        assert search._at_once(ears, replace(known, effects=(PASSER, effect)), known) == (not is_told)
+
+
+def test_a_cross_section_beyond_those_that_are_tried_is_the_last_of_them():
+    for nats, root_m in (([10, 1, 0, 0, 0, 0], 0.35), ([0, 0, 0, 0, 1, 10], 2.8), ([0, 0, 5, 5, 0, 0], 1.1)):
+        told, found_m = passages._summit(np.array(nats, float)[:, None])
+        assert told[0] >= max(nats) and found_m[0] == pytest.approx(root_m, abs=0.05)
+
+
+def test_the_same_way_is_found_whatever_the_order_of_the_soundings(monkeypatch):
+    monkeypatch.setitem(KNOWN, "phase", "snapshot")
+    place_m, velocity = [2.94, 0.52], [0.11, -0.57]
+    walk = walking(place_m, velocity, radius_m=0.3, rcs_m2=1.4)
+    monkeypatch.setattr(sys.modules[__name__], "TIME_S", TIME_S[::-1].copy())
+    ears = heard(theirs(person=walk), 30.0)
+    view = View(ears, evaluated(ears, ours(), ()), KNOWN)
+    (way, *_), _ = view.passers(passer.CENTRE * passer.HEIGHT_M, view.eclipses())
+    assert np.array([*way.place_m, *way.velocity]) == pytest.approx([*place_m, *velocity], abs=0.02)
+    monkeypatch.setattr(sys.modules[__name__], "TIME_S", np.full(7, 2.0))
+    ears = heard(theirs(person=walk), 30.0)
+    assert View(ears, evaluated(ears, ours(), ()), KNOWN).passers(1.0, ()) == ([], [])  # all at once: nobody goes anywhere

@@ -124,7 +124,7 @@ def bursts(instants: int, most: int) -> np.ndarray:
     return np.unique(begin[:, None] + np.arange(_BURST))
 
 
-@functools.lru_cache(maxsize=16)
+@functools.lru_cache(maxsize=64)
 def thinned(one, instants: int, frequencies: int):
     """The same sounding with fewer instants and frequencies, for what is only to be ranked. The same again for the same ear: what
     was traced for it is remembered by its predictor."""

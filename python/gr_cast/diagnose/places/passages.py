@@ -136,7 +136,7 @@ class Strip:
         found = [(np.zeros((1, 2)), np.zeros((1, 2)))]
         for first, last in itertools.combinations(range(len(after_s)), 2):
             apart_s = after_s[last] - after_s[first]
-            if apart_s < np.ptp(after_s) * _APART or not len(peaks[first]) or not len(peaks[last]):
+            if abs(apart_s) < np.ptp(after_s) * _APART or not len(peaks[first]) or not len(peaks[last]):
                 continue
             a, b = (one.reshape(-1, 2) for one in np.broadcast_arrays(peaks[first][:, None], peaks[last][None]))
             turn = (b - a) / apart_s
@@ -156,7 +156,8 @@ def _summit(nats: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     a, b, c = (_ROOTS_M[at + one] for one in (-1, 0, 1))
     slope = (best - low) / (b - a)
     bend = ((high - best) / (c - b) - slope) / (c - a)
-    top = np.where(bend < 0, np.clip((a + b) / 2 - slope / np.where(bend < 0, 2 * bend, -1), a, c), b)
+    end = np.where(low > np.maximum(best, high), a, np.where(high > best, c, b))
+    top = np.where(bend < 0, np.clip((a + b) / 2 - slope / np.where(bend < 0, 2 * bend, -1), a, c), end)
     return np.maximum(low + slope * (top - a) + bend * (top - a) * (top - b), nats.max(axis=0)), top
 
 

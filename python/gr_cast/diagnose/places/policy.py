@@ -57,7 +57,9 @@ UNTOLD_SHARE, UNTOLD_BY_FIELDS = 0.005, 0.02  # of what the twin leaves there; w
 RESETTLED_SHARE = 0.05  # of what the least effect explains of what was fitted, which numbers may lose that explain the vault too
 UNTOLD_MOST = 0.9  # of what the twin leaves there, where it is more than noise: a list that leaves so much tells none of it
 SUREST = 0.98  # of a cause that nothing speaks against: of the last 54 so told on the bench every one was right
-SURE_IF_REFUSED, SURE_IF_UNSHOWN = 0.4, 0.8  # the vault speaks against it (of 5 on the bench none was right), or shows none of it
+SURE_IF_REFUSED, SURE_IF_ELSEWHERE = 0.2, 0.4  # the vault speaks against what lasts (of 6 on the bench none was right), or
+# against what may have gone another way then
+SURE_IF_UNSHOWN = 0.8  # the vault shows none of it
 SURE_IF_SPENT = 0.85  # the time ended before nothing more was found: of 25 so told on the bench 20 were right
 SURE_IF_MANY = 0.8  # as many causes as are looked for: pieces of what was not found, more often than not
 SURE_IF_LEFT, SURE_IF_FLEXIBLE = 0.6, 0.4  # something is left that nobody named; then, of what explains much that it is not

@@ -253,7 +253,7 @@ def _confidence(effect, gain: float, behind: list, vault_nats: float | None, cle
     sure = policy.SUREST / (1 + float(np.exp(-np.clip(margin / 2, -30, 30))))
     sure *= 1 - float(np.exp(-np.clip(gain / policy.LEAST_EVIDENCE_NATS, 0, 50)))
     if vault_nats is not None and vault_nats < -policy.RIVAL_NATS:
-        sure *= policy.SURE_IF_REFUSED
+        sure *= policy.SURE_IF_REFUSED if effect.family.lasts else policy.SURE_IF_ELSEWHERE
     elif vault_nats is not None and effect.family.lasts and abs(vault_nats) < 1.0:
         sure *= policy.SURE_IF_UNSHOWN
     if len(found.model.effects) >= policy.MOST_EFFECTS:

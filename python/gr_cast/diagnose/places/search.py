@@ -464,6 +464,7 @@ def _grown(
             one
             for one in elsewhere.instead(ears, model, budget)
             if not barred.bars(one.effects[-1].key, {effect.key for effect in one.effects[:-1]})
+            and not _at_once(ears, one, model)
         ]
         worths |= {id(one): worth(one, model, count, tried) for one in hidden}
         found, paying = (sorted([*some, *hidden], key=lambda one: -worths[id(one)]) for some in (found, paying))
@@ -762,17 +763,18 @@ def _beside_rough(model: Model) -> float:
 
 
 def _at_once(ears, one: Model, before: Model) -> bool:
-    """Whether, beside something that passes, an effect that lasts explains one response alone: where a shadow begins no law knows
-    so well."""
-    if not one.effects[-1].family.lasts or not any(effect.family.has_ways for effect in before.effects):
+    """Whether, beside something that passes, an effect that lasts explains one response alone, and no powers: where a shadow
+    begins no law knows so well. What random fields explain is in no response's residual."""
+    family = one.effects[-1].family
+    if not family.lasts or family.is_flexible or not any(effect.family.has_ways for effect in before.effects):
         return False
-    rows = [
-        ear.row_nats(old) - ear.row_nats(new)
-        for ear, old, new in zip(ears, before.fits, one.fits, strict=True)
-        if ear.has_responses
-    ]
-    told = np.concatenate([row.ravel() for row in rows] or [np.zeros(1)])
-    return bool(told.sum() - told.max() < policy.LEAST_EVIDENCE_NATS)
+    told, powers = [0.0], 0.0
+    for ear, old, new in zip(ears, before.fits, one.fits, strict=True):
+        if ear.has_responses:
+            told += (ear.row_nats(old) - ear.row_nats(new)).ravel().tolist()
+        else:
+            powers += old.energy - new.energy
+    return powers < policy.LEAST_EVIDENCE_NATS and sum(told) - max(told) < policy.LEAST_EVIDENCE_NATS
 
 
 def _unshown(ears, vault: Sequence[Ear], model: Model) -> list[int]:

@@ -27,7 +27,8 @@ def passers(view, height_m: float, hiding: Sequence) -> tuple[list[passages.Way]
     about += [(*way, [radius_m * one for one in _WIDER]) for *way, radius_m in hiding[:1]]
     if passages.is_wide(view.world):  # in wavelengths: it takes long
         about = [(*way, [np.mean(radii_m)]) for *way, radii_m in about]
-    found = [way for one in about for way in passages.ways(view, pairs[0][0], height_m, *one)]
+    ear, _ = max(pairs, key=lambda pair: _nats(view, *pair))
+    found = [way for one in about for way in passages.ways(view, ear, height_m, *one) if way.nats > 0]
     return sorted(found, key=lambda way: -way.nats)[:_KEPT_WAYS], coarse
 
 
@@ -39,13 +40,15 @@ def moving_echoes(view) -> list[imaging.Echoes]:
 def moving_nats(view) -> float:
     """Of what is left above noise, what changes: all that anything which passes can explain. What stays the same has taken its
     share of the noise, no more of it than a mean would."""
-    total = 0.0
-    for ear, fit in _pairs(view):
-        instants = np.maximum(ear.heard.known.any(axis=2).sum(axis=1), 1)
-        stands = [_stands(ear, index, view.world) for index in range(len(instants))]
-        noise = ear.heard.known.sum(axis=(1, 2)) * np.where(stands, 1 - 1 / instants, 1.0)
-        total += float((ear.nats(_moving(ear, fit, view.world)) - noise).sum())
-    return total
+    return sum(_nats(view, *pair) for pair in _pairs(view))
+
+
+def _nats(view, ear, fit) -> float:
+    """The same of one campaign."""
+    instants = np.maximum(ear.heard.known.any(axis=2).sum(axis=1), 1)
+    stands = [_stands(ear, index, view.world) for index in range(len(instants))]
+    noise = ear.heard.known.sum(axis=(1, 2)) * np.where(stands, 1 - 1 / instants, 1.0)
+    return float((ear.nats(_moving(ear, fit, view.world)) - noise).sum())
 
 
 def _stands(ear, index: int, world) -> bool:
@@ -54,7 +57,7 @@ def _stands(ear, index: int, world) -> bool:
 
 
 def _pairs(view) -> list:
-    return [(ear, fit) for ear, fit in view.wideband if len(ear.predictor.time_s) > 1]
+    return [(ear, fit) for ear, fit in view.wideband if np.ptp(ear.predictor.time_s) > 0]
 
 
 def _moving(ear, fit, world):
