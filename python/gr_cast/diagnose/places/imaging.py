@@ -111,10 +111,9 @@ def _over(one: Echoes, foot_m: np.ndarray, height_m: float) -> np.ndarray:
 
 def passer_scores(seen: list[Echoes], foot_m: np.ndarray, velocity: np.ndarray, height_m: float) -> np.ndarray:
     """Nats (P, V) of something at `foot_m` (P, 2) at time 0 that goes at `velocity` (V, 2)."""
-    return np.stack([along(seen, foot_m, speed[None], height_m) for speed in velocity], axis=1)
+    return np.stack([sum(_along(one, foot_m, speed, height_m) for one in seen) for speed in velocity], axis=1)
 
 
-def along(seen: list[Echoes], foot_m: np.ndarray, velocity: np.ndarray, height_m: float) -> np.ndarray:
-    """Nats (C,) of something at `foot_m` (C, 2) at time 0 that goes at `velocity` (C, 2), or all at one (1, 2)."""
-    place_m = [foot_m[:, None] + one.time_s[:, None] * velocity[:, None] for one in seen]
-    return sum(looked_up(one, _over(one, at_m, height_m)).sum(axis=1) for one, at_m in zip(seen, place_m, strict=True))
+def _along(one: Echoes, foot_m: np.ndarray, velocity: np.ndarray, height_m: float) -> np.ndarray:
+    """The same (P,) of one campaign at one velocity."""
+    return looked_up(one, _over(one, foot_m[:, None] + one.time_s[:, None] * velocity, height_m)).sum(axis=1)

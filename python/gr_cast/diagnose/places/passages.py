@@ -4,7 +4,7 @@ it hides its echo is what is left, and neither alone need explain anything."""
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +14,7 @@ from ...scenario.create import fields
 from ...scenario.create.images import tracing
 from ...twin.places import passer
 from ...twin.places.predict import phasors
+from ...twin.places.world import World
 from . import scan
 from .ears import thinned, undisturbed_fit
 from .likelihood import tempered
@@ -198,19 +199,35 @@ def _strips(
     nats = np.zeros((len(radii_m), len(_ROOTS_M), len(after_s), len(axis_m), len(axis_m)), np.float32)
     for step, t in enumerate(after_s):
         centre_m = begun_m + velocity * t
-        foot_m = _around(centre_m, axis_m)
+        foot_m, bodies = _around(centre_m, axis_m), _Bodies(world=world, at_m=_around(centre_m, knots.at_m, height_m))
         for index, table in enumerate(tables):
             if ear.heard.weight[index, step].any():
-                echo = _Echo.of(world, ear, fit.factor, index, step, _around(centre_m, knots.at_m), height_m, knots)
-                rest = _Rest.of(world, ear, fit, index, step, table)
+                echo = _Echo.of(bodies, ear, fit.factor, index, step, knots)
+                rest = _Rest.of(world, ear, fit, index, step, table, echo.scale)
                 nats[:, :, step] += rest.nats(echo, [rest.hidden(foot_m, radius_m) for radius_m in radii_m])
     return [Strip(nats=one, axis_m=axis_m, after_s=after_s) for one in nats]
 
 
-def _around(centre_m: np.ndarray, axis_m: np.ndarray) -> np.ndarray:
-    """Feet (n, n, 3) over an axis either way of a place."""
+def _around(centre_m: np.ndarray, axis_m: np.ndarray, height_m: float = 0.0) -> np.ndarray:
+    """Places (n, n, 3) over an axis either way of one, feet or so high."""
     at_m = centre_m + np.stack(np.meshgrid(axis_m, axis_m, indexing="ij"), axis=-1)
-    return np.concatenate([at_m, np.zeros((*at_m.shape[:2], 1))], axis=2)
+    return np.concatenate([at_m, np.full((*at_m.shape[:2], 1), height_m)], axis=2)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Bodies:
+    """Where echoes of one instant may come from (n, n, 3), and by the ends of links from which of these they come there."""
+
+    world: World
+    at_m: np.ndarray
+    found: dict[bytes, np.ndarray] = field(default_factory=dict)
+
+    def reach(self, end_m: np.ndarray) -> np.ndarray:
+        """(n, n): nothing solid stands in the way; links share their ends."""
+        if (key := end_m.tobytes()) not in self.found:
+            ways_m = np.stack(np.broadcast_arrays(end_m, self.at_m.reshape(-1, 3)), axis=1)
+            self.found[key] = ~passer.blocked(self.world, ways_m).reshape(self.at_m.shape[:2])
+        return self.found[key]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -227,11 +244,10 @@ class _Echo:
     knots: Knots
 
     @classmethod
-    def of(cls, world, ear, factors: np.ndarray, index: int, step: int, foot_m, height_m: float, knots: Knots) -> "_Echo":
-        heard, f_hz = ear.heard, ear.heard.frequency_hz
-        body_m = foot_m + np.array([0.0, 0.0, height_m])
+    def of(cls, bodies: _Bodies, ear, factors: np.ndarray, index: int, step: int, knots: Knots) -> "_Echo":
+        world, heard, f_hz = bodies.world, ear.heard, ear.heard.frequency_hz
         ends_m = [end[step] for end in ear.predictor.ends_m(world, index)]
-        legs = [body_m - ends_m[0], ends_m[1] - body_m]
+        legs = [bodies.at_m - ends_m[0], ends_m[1] - bodies.at_m]
         far_m = [np.maximum(np.linalg.norm(leg, axis=2), 0.1) for leg in legs]
         strength = world.wavelength_m / (4 * np.pi) ** 1.5 / (far_m[0] * far_m[1])
         for name, leg, long_m, sign in zip(heard.links[index], legs, far_m, (1, -1), strict=True):
@@ -239,8 +255,7 @@ class _Echo:
             far_field = np.linalg.norm(fields.far_field(world.radios[name].antenna, direction), axis=1)
             strength = strength * far_field.reshape(long_m.shape)
         for end_m in ends_m:
-            ways_m = np.stack(np.broadcast_arrays(end_m, body_m.reshape(-1, 3)), axis=1)
-            strength = strength * ~passer.blocked(world, ways_m).reshape(strength.shape)
+            strength = strength * bodies.reach(end_m)
         scale = factors[index, step] * ear.predictor.cables(world, index)
         length_m = far_m[0] + far_m[1]
         cells_per_m, about_m = (f_hz[1] - f_hz[0]) * _size(len(f_hz)) / SPEED_OF_LIGHT_M_PER_S, float(length_m.mean())
@@ -261,8 +276,8 @@ class _Echo:
 
     def all_told(self, weighed: np.ndarray) -> np.ndarray:
         """The same, and its imaginary part."""
-        field = self._profile(weighed)
-        return self.knots.turned(field, self.phase) + 1j * self.knots.turned(-1j * field, self.phase)
+        profile = self._profile(weighed)
+        return self.knots.turned(profile, self.phase) + 1j * self.knots.turned(-1j * profile, self.phase)
 
     def _profile(self, weighed: np.ndarray) -> np.ndarray:
         size = _size(len(weighed))
@@ -287,12 +302,11 @@ class _Rest:
     is_free: bool
 
     @classmethod
-    def of(cls, world, ear, fit, index: int, step: int, table) -> "_Rest":
+    def of(cls, world, ear, fit, index: int, step: int, table, scale: np.ndarray) -> "_Rest":
         heard = ear.heard
         points_m, instant, gain, length_m, _ = table
         own = np.flatnonzero((instant == step) & (gain != 0))
         own = own[np.argsort(-np.abs(gain[own]))[:_PATHS]]
-        scale = fit.factor[index, step] * ear.predictor.cables(world, index)
         return cls(
             y=heard.y[index, step],
             model=fit.model[index, step],
