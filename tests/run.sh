@@ -35,4 +35,5 @@ ctest --test-dir build --output-on-failure
 ctest --test-dir build-sanitize --output-on-failure
 
 say "pytest"
+export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 # two tests run at once: products in threads wait for each other
 exec /usr/bin/python3 -m pytest tests -q -n 2 --dist loadfile "$@"
