@@ -4,6 +4,7 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -224,6 +225,18 @@ def test_a_passer_whose_shadow_and_echo_are_little_without_each_other_is_found_b
     assert found.effects[-1].values[:4] == pytest.approx([*place_m, *velocity], abs=0.02)
 
 
+def test_about_a_wrong_way_beside_which_gains_and_phases_are_fitted_the_right_one_explains_most(monkeypatch):
+    monkeypatch.setitem(KNOWN, "phase", "link")
+    monkeypatch.setitem(KNOWN, "gain", "node")
+    right, area_m2 = np.array([2.94, 0.52, 0.11, -0.57]), 1.4
+    ears = heard(theirs(person=walking(right[:2], right[2:], radius_m=0.3, rcs_m2=area_m2)), 30.0)
+    aside = PASSER.moved(np.array([*right + [0.21, -0.16, -0.03, 0.05], np.log(area_m2), 1.8]))
+    model = with_effect(ears, evaluated(ears, ours(), ()), aside)
+    ways = PASSER.family.again(View(ears, model, KNOWN), model.effects[0])
+    for first in (ways[0], ways[len(ways) // 2]):  # by either fit
+        assert first.values[:4] == pytest.approx(right, abs=0.02)
+
+
 PASSER = Effect(
     family=BY_NAME["moving_scatterer"], owner="place", values=np.array([-2.2, 1.4, 0.7, -0.5, 1.0, 1.8]), choice=(0.3, True)
 )
@@ -243,6 +256,20 @@ def test_where_something_is_left_a_passer_is_known_as_well_as_a_band_tells_delay
     cell_m = 299_792_458.0 / (8e7 * 32 / 31)  # anywhere in it, alike
     assert told["position_m"]["std"][:2] == pytest.approx([cell_m / 12**0.5] * 2)
     assert told["velocity_m_per_s"]["std"][:2] == pytest.approx([2 * cell_m / 12**0.5 / 4.0] * 2)
+
+
+@pytest.mark.parametrize("is_there", [True, False])
+def test_of_someone_whose_way_the_vault_refuses_no_more_is_known_than_a_band_tells(is_there):
+    walk = walking([-2.2, 1.4], [0.7, -0.5], radius_m=0.3, rcs_m2=2.7)
+    ears, empty = heard(theirs(person=walk), 30.0), heard(theirs(), 30.0)
+    model = fitted(ears, evaluated(ears, ours(), [PASSER]))
+    found = search.Found(
+        model=model, start=evaluated(ears, ours(), ()), rivals={}, tried=1, count=ears[0].count, spent=False
+    )  # fmt: skip
+    (told,) = run._told(SimpleNamespace(unknown=KNOWN), found, ears, ears if is_there else empty, False).effects
+    cell_m = 299_792_458.0 / (8e7 * 32 / 31)
+    std_m = told["parameters"]["position_m"]["std"][0]
+    assert std_m == pytest.approx(299_792_458.0 / CARRIER_HZ / 4 if is_there else cell_m / 12**0.5, rel=0.02)
 
 
 @pytest.mark.parametrize(("aside_m", "is_open"), [(0.0, True), (2.5, False)])

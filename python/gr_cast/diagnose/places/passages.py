@@ -4,7 +4,7 @@ it hides its echo is what is left, and neither alone need explain anything."""
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,11 +17,12 @@ from ...twin.places.predict import phasors
 from ...twin.places.world import World
 from . import scan
 from .ears import thinned, undisturbed_fit
-from .likelihood import tempered
+from .likelihood import Fitted, tempered
 
-_REACH_M, _MOST = 1.4, 600  # about a coarse way; steps across at most
+_REACH_M, _MOST, _MOST_AGAIN = 1.4, 600, 400  # about a coarse way; steps across at most, and about a way that was found
 _FINE = 8  # steps of a wavelength: an echo's phase turns twice as fast as a place moves
 _SMOOTH_M = 0.05  # between places from which lengths and strengths are interpolated
+_SHADE_M = 0.01  # between places of which is asked what is hidden from there
 _FINER = 16  # of the grid of delays over the resolution of the band
 _INSTANTS, _FEWER, _MANY = 15, 10, 300  # that are looked at, at most; where there are more steps across
 _ROOTS_M = np.array([0.35, 0.6, 0.9, 1.3, 1.9, 2.8])  # of cross-sections that are tried: what lies between is a parabola's
@@ -48,12 +49,29 @@ class Way:
 def ways(view, ear, height_m: float, place_m: np.ndarray, velocity: np.ndarray, radii_m: Sequence[float]) -> list[Way]:
     """Of bodies so wide about a coarse way, the best of each first, each a cell away from the others; echoes come from
     `height_m`."""
-    axis_m = axis(view.world)
     ear = thinned(ear, _FEWER if is_wide(view.world) else _INSTANTS, len(ear.heard.frequency_hz))
+    fit = undisturbed_fit(ear, view.world)
+    return _about(view.world, ear, fit, height_m, place_m, velocity, radii_m, axis(view.world, _MOST))
+
+
+def ways_again(
+    view, ear, height_m: float, place_m: np.ndarray, velocity: np.ndarray, radii_m: Sequence[float]
+) -> list[list[Way]]:
+    """The same about the way of whom is known to pass, with what is unknown fitted beside him: to all responses, and more to
+    those that are as they should be."""
+    ear, world = thinned(ear, _INSTANTS, len(ear.heard.frequency_hz)), replace(view.world, person=None)
+    fits = ear.profiled(ear.predicted(view.world)), undisturbed_fit(ear, view.world)
+    axis_m, bare = axis(world, _MOST_AGAIN), ear.predicted(world)
+    models = [fit.factor * bare for fit in fits]
+    without = [replace(fit, model=model, residual=ear.heard.y - model) for fit, model in zip(fits, models, strict=True)]
+    return [_about(world, ear, fit, height_m, place_m, velocity, radii_m, axis_m) for fit in without]
+
+
+def _about(world, ear, fit: Fitted, height_m: float, place_m, velocity, radii_m: Sequence[float], axis_m) -> list[Way]:
     middle_s = ear.predictor.time_s.mean()
     begun_m = place_m + velocity * middle_s
     found = []
-    for radius_m, strip in zip(radii_m, _strips(view, ear, height_m, begun_m, velocity, radii_m, axis_m), strict=True):
+    for radius_m, strip in zip(radii_m, _strips(world, ear, fit, height_m, begun_m, velocity, radii_m, axis_m), strict=True):
         for at_m, turn, area_m2, nats in strip.told():
             speed = velocity + turn
             place_m = begun_m + at_m - speed * middle_s
@@ -61,10 +79,10 @@ def ways(view, ear, height_m: float, place_m: np.ndarray, velocity: np.ndarray, 
     return found
 
 
-def axis(world) -> np.ndarray:
+def axis(world, most: int = _MOST) -> np.ndarray:
     """Places across a strip, from its middle."""
     step_m = world.wavelength_m / _FINE
-    steps = round(min(_REACH_M, step_m * _MOST / 2) / step_m)
+    steps = round(min(_REACH_M, step_m * most / 2) / step_m)
     return step_m * np.arange(-steps, steps + 1)
 
 
@@ -190,21 +208,23 @@ class Knots:
 
 
 def _strips(
-    view, ear, height_m: float, begun_m, velocity: np.ndarray, radii_m: Sequence[float], axis_m: np.ndarray
+    world, ear, fit: Fitted, height_m: float, begun_m, velocity: np.ndarray, radii_m: Sequence[float], axis_m: np.ndarray
 ) -> list[Strip]:
     """Of bodies of some radii, whose echoes are the same."""
-    world, predictor, knots = view.world, ear.predictor, Knots(axis_m=axis_m)
-    after_s, fit = predictor.time_s - predictor.time_s.mean(), undisturbed_fit(ear, view.world)
+    predictor, knots = ear.predictor, Knots(axis_m=axis_m)
+    after_s = predictor.time_s - predictor.time_s.mean()
+    every = max(1, int(_SHADE_M / (axis_m[1] - axis_m[0])))
+    near = np.rint(np.arange(len(axis_m)) / every).astype(int).clip(max=(len(axis_m) - 1) // every)
     tables = [passer.at_all_instants(predictor.path_table(world, one), len(after_s)) for one in range(len(predictor.links))]
     nats = np.zeros((len(radii_m), len(_ROOTS_M), len(after_s), len(axis_m), len(axis_m)), np.float32)
     for step, t in enumerate(after_s):
         centre_m = begun_m + velocity * t
-        foot_m, bodies = _around(centre_m, axis_m), _Bodies(world=world, at_m=_around(centre_m, knots.at_m, height_m))
+        foot_m, bodies = _around(centre_m, axis_m[::every]), _Bodies(world=world, at_m=_around(centre_m, knots.at_m, height_m))
         for index, table in enumerate(tables):
             if ear.heard.weight[index, step].any():
                 echo = _Echo.of(bodies, ear, fit.factor, index, step, knots)
                 rest = _Rest.of(world, ear, fit, index, step, table, echo.scale)
-                nats[:, :, step] += rest.nats(echo, [rest.hidden(foot_m, radius_m) for radius_m in radii_m])
+                nats[:, :, step] += rest.nats(echo, [rest.hidden(foot_m, radius_m) for radius_m in radii_m], near)
     return [Strip(nats=one, axis_m=axis_m, after_s=after_s) for one in nats]
 
 
@@ -323,11 +343,12 @@ class _Rest:
         dark = passer.shaded(radius_m, passer.HEIGHT_M, foot_m.reshape(-1, 1, 3), self.points_m[None])[:, 0]
         return (dark * (1 << np.arange(len(self.paths)))).sum(axis=1).reshape(foot_m.shape[:2])
 
-    def nats(self, echo: _Echo, hidden: list[np.ndarray]) -> np.ndarray:
-        """(bodies, cross-sections, X, Y): by which the response is likelier with each body, which hides so much."""
+    def nats(self, echo: _Echo, hidden: list[np.ndarray], near: np.ndarray) -> np.ndarray:
+        """(bodies, cross-sections, X, Y): by which the response is likelier with each body, which hides so much at places, to
+        which those of an axis are `near` (X,)."""
         sets, kind = np.unique(np.array(hidden), return_inverse=True)
         models = [self.model - self.paths[(bits >> np.arange(len(self.paths))) & 1 == 1].sum(axis=0) for bits in sets]
-        shape = hidden[0].shape
+        kinds = kind.reshape(len(hidden), *hidden[0].shape)[:, near[:, None], near]
         heard = Response(
             power=float((np.abs(self.y) ** 2 * self.weight).sum()),
             count=int((self.weight > 0).sum()),
@@ -338,7 +359,7 @@ class _Rest:
         )
         common = np.array([echo.told(model * self.weight) for model in models])
         said = echo.all_told(self.y * self.weight)
-        return np.array([heard.likelier(said, common, echo.power, one) for one in kind.reshape(len(hidden), *shape)])
+        return np.array([heard.likelier(said, common, echo.power, one) for one in kinds])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -112,11 +112,12 @@ def _told(place: Place, found: search.Found, ears: tuple, vault: tuple, pathless
     field = diffuse.unevenness(ears, model.fits, model.world) < policy.UNEVEN_DEVIATIONS
     clean = found.deviations < policy.CLEAN_DEVIATIONS and not pathless and field and predicted
     there = evaluated(vault, model.base, model.effects) if vault else None
+    shown = [_shown(vault, there, [number]) for number in range(len(model.effects))]
     covariances = [
         _doubt(found, ears, clean) * own
         + _over_wells(model.effects[number], search.wells(ears, vault, model, number))
-        + (_besides(view, found, number) if not clean or search.is_one_of_many(ears, found, number) else 0.0)
-        for number, own in enumerate(deviations(ears, model))
+        + (_besides(view, found, number) if not clean or _is_refused(nats) or search.is_one_of_many(ears, found, number) else 0.0)
+        for number, (own, nats) in enumerate(zip(deviations(ears, model), shown, strict=True))
     ]
     made_of = causes(view, model.effects)
     effects = [
@@ -126,7 +127,7 @@ def _told(place: Place, found: search.Found, ears: tuple, vault: tuple, pathless
             cause,
             covariances[cause[0]],
             clean,
-            there and without_effects(vault, there, cause).energy - there.energy,
+            _shown(vault, there, cause),
             [nats for _, _, nats, _ in alike[cause[0]][1:]],
         )
         for cause in made_of
@@ -239,6 +240,16 @@ def _entry(
     }
 
 
+def _shown(vault: tuple, there: Model | None, numbers: list[int]) -> float | None:
+    """Nats by which some effects of a model predict the vault; None where there is none."""
+    return there and without_effects(vault, there, numbers).energy - there.energy
+
+
+def _is_refused(vault_nats: float | None) -> bool:
+    """Whether the vault speaks against it."""
+    return vault_nats is not None and vault_nats < -policy.RIVAL_NATS
+
+
 def _alternatives(effect, rivals) -> dict:
     names = [rival.owner for rival, nats in rivals if nats < policy.RIVAL_NATS and rival.family.name == effect.family.name]
     return {"alternatives": names} if names else {}
@@ -252,7 +263,7 @@ def _confidence(effect, gain: float, behind: list, vault_nats: float | None, cle
         margin = policy.RIVAL_NATS / 2 if found.spent else 1e3
     sure = policy.SUREST / (1 + float(np.exp(-np.clip(margin / 2, -30, 30))))
     sure *= 1 - float(np.exp(-np.clip(gain / policy.LEAST_EVIDENCE_NATS, 0, 50)))
-    if vault_nats is not None and vault_nats < -policy.RIVAL_NATS:
+    if _is_refused(vault_nats):
         sure *= policy.SURE_IF_REFUSED if effect.family.lasts else policy.SURE_IF_ELSEWHERE
     elif vault_nats is not None and effect.family.lasts and abs(vault_nats) < 1.0:
         sure *= policy.SURE_IF_UNSHOWN

@@ -224,6 +224,25 @@ def _settled(ears, model: Model, unknown: dict, budget: Budget) -> Model:
     return _trimmed(ears, model, last, unknown)
 
 
+def _seen_again(ears, model: Model, number: int, unknown: dict, budget: Budget) -> Model:
+    """One effect on the best of the ways that explain most once what is unknown is fitted beside it, and of those that do beside
+    these: it was found while gains and phases made up for some of it."""
+    count, family = sum(ear.count for ear in ears), model.effects[number].family
+    best, open_, in_vain = model, [model], 0
+    while family.has_ways and open_ and in_vain < policy.LOOKED_IN_VAIN and not budget.is_spent:
+        if best.deviations(count) < policy.STILL_DEVIATIONS:
+            break
+        here = open_.pop(0)
+        others = family.again(View(ears, here, unknown), here.effects[number])
+        near = [fitted(ears, replaced(ears, here, number, one), rounds=policy.SCREEN_ROUNDS, free=[number]) for one in others]
+        near = sorted(near, key=lambda one: one.energy)[: policy.CHOSEN_AGAIN]
+        near = sorted((_chosen(ears, one, number) for one in near), key=lambda one: one.energy)[: policy.FULL_STARTS]
+        open_ = sorted([*open_, *(_begun_anew(ears, fitted(ears, one), number) for one in near)], key=lambda one: one.energy)
+        gains = bool(open_) and best.energy - open_[0].energy > policy.SHAPE_NATS
+        best, in_vain = (open_[0], 0) if gains else (best, in_vain + 1)
+    return best
+
+
 def _trimmed(ears, model: Model, number: int, unknown: dict) -> Model:
     """No larger than the soundings need it: what they do not see is not told to be there."""
     family, view = model.effects[number].family, View(ears, model, unknown)
@@ -486,6 +505,8 @@ def _grown(
             model = _shaped(ears, model, number, unknown, budget)
             if model.deviations(count) > policy.QUIET_DEVIATIONS and not budget.is_spent:
                 model = _begun_anew(ears, model, number)
+        if model.effects:
+            model = _seen_again(ears, model, len(model.effects) - 1, unknown, budget)
         model = _as_strong(ears, model)
         if model is not before:
             model = pruned(ears, model, count, tried)
@@ -500,6 +521,8 @@ def _looked_for_anew(ears, model: Model, unknown: dict, budget: Budget, tried: f
     for number, own in enumerate(model.effects):
         if budget.is_spent or model.deviations(count) < policy.CLEAN_DEVIATIONS:
             break
+        if (seen := _seen_again(ears, model, number, unknown, budget)) is not model:
+            return pruned(ears, seen, count, tried)
         if len(model.effects) < 2 or not len(own.values):
             continue
         view = View(ears, fitted(ears, without_effects(ears, model, [number]), rounds=4), unknown)

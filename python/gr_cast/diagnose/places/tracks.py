@@ -14,6 +14,7 @@ _SPEEDS_M_PER_S, _SPEED_STEP_M_PER_S, _SPEEDS = (2.4, 30.0), 0.4, 60  # that are
 _ELSEWHERE_M = 1.5  # between coarse tracks
 _KEPT = 3  # coarse tracks that are returned
 _FOLLOWED, _KEPT_WAYS = 2, 10  # coarse tracks of echoes about which is looked finely; ways that are returned
+_KEPT_AGAIN = 10  # ways that are returned of each fit beside whom is known to pass
 _RADII_M, _WIDER = (0.2, 0.3), (1.0, 1.2)  # of bodies about tracks of echoes; times that of one which hides something
 
 
@@ -30,6 +31,15 @@ def passers(view, height_m: float, hiding: Sequence) -> tuple[list[passages.Way]
     ear, _ = max(pairs, key=lambda pair: _nats(view, *pair))
     found = [way for one in about for way in passages.ways(view, ear, height_m, *one) if way.nats > 0]
     return sorted(found, key=lambda way: -way.nats)[:_KEPT_WAYS], coarse
+
+
+def again(view, height_m: float, place_m: np.ndarray, velocity: np.ndarray, radii_m: Sequence[float]) -> list[passages.Way]:
+    """Ways near that of whom the model has passing by, where what it leaves changes."""
+    if not (pairs := _pairs(view)) or moving_nats(view) < policy.BEHIND_SHARE * view.model.left_nats(view.count):
+        return []
+    ear, _ = max(pairs, key=lambda pair: _nats(view, *pair))
+    found = passages.ways_again(view, ear, height_m, place_m, velocity, radii_m)
+    return [way for some in found for way in sorted(some, key=lambda way: -way.nats)[:_KEPT_AGAIN]]
 
 
 def moving_echoes(view) -> list[imaging.Echoes]:

@@ -566,6 +566,9 @@ class View:
     def passers(self, height_m: float, hiding):
         return tracks.passers(self, height_m, hiding)
 
+    def passers_again(self, height_m: float, place_m: np.ndarray, velocity: np.ndarray, radii_m):
+        return tracks.again(self, height_m, place_m, velocity, radii_m)
+
     def eclipses(self):
         """Lines of bodies that hide what is missing."""
         return eclipses.lines(eclipses.Hidden.of(self))

@@ -45,6 +45,7 @@ _AREAS_M2 = (1.0, 8.0)  # of one of whom is known how late echoes are and no mor
 _GOES = (2, 3)  # the places of a passer's velocity among his numbers
 _STANDS = 3  # places of his way where he may as well have stood still
 _WIDER = 1.03 ** np.concatenate([np.arange(-12, 0), np.arange(1, 13)])  # than the radius that was found
+_AGAIN = (1 / 1.25, 1.0, 1.25)  # times the radius that was found, with which a way is looked for again
 _RADII_M = (0.4, 0.2, 0.9)  # of a person or a vehicle: how wide a shadow is
 
 
@@ -343,8 +344,14 @@ class MovingScatterer(Family):
             *(self._of(owner, *one, _RADII_M[0], area_m2) for one in late for area_m2 in _AREAS_M2),
         ]
 
-    def _of(self, owner, place_m, velocity, radius_m, area_m2) -> Effect:
-        values = np.array([*place_m, *velocity, np.log(area_m2), HEIGHT_M])
+    def again(self, view, effect):
+        (place_m, velocity, (_, height_m)), (radius_m, keeps) = np.split(effect.values, [2, 4]), effect.choice
+        ways = view.passers_again(CENTRE * height_m, place_m, velocity, [radius_m * one for one in _AGAIN])
+        found = [self._of(effect.owner, way.place_m, way.velocity, way.radius_m, way.area_m2, height_m) for way in ways]
+        return [replace(one, choice=(one.choice[0], keeps)) for one in found]
+
+    def _of(self, owner, place_m, velocity, radius_m, area_m2, height_m=HEIGHT_M) -> Effect:
+        values = np.array([*place_m, *velocity, np.log(area_m2), height_m])
         return Effect(family=self, owner=owner, values=values, choice=(radius_m, False))
 
     def plainer(self, span_s, effect):

@@ -62,6 +62,10 @@ class Family:
         """Other beginnings once an effect is fitted, where one number decides which minimum another falls into."""
         return []
 
+    def again(self, view, effect: Effect) -> list[Effect]:
+        """An effect of the model as it looks with what is unknown fitted beside it: other guesses, none of them fitted."""
+        return []
+
     def wells(self, world: World, effect: Effect) -> list[Effect]:
         """Beginnings in the next wells of its phase, and in those behind them."""
         return self.restarts(world, effect)
@@ -129,7 +133,8 @@ class Family:
         return values
 
     def besides(self, view, effect: Effect) -> np.ndarray:
-        """Covariance of what more is open of its numbers where something is left that nobody named, or another way does too."""
+        """Covariance of what more is open of its numbers where something is left that nobody named, another way does too, or the
+        vault speaks against it."""
         return np.zeros((len(effect.values),) * 2)
 
     def told(self, view, effect: Effect, covariance: np.ndarray) -> dict:
