@@ -611,11 +611,11 @@ def test_what_was_found_first_is_looked_for_anew_beside_what_was_found_then():
     gain = Effect(family=BY_NAME["node_gain"], owner="n0", values=np.array([4.0]))
     model = fitted(ears, evaluated(ears, ours(), [wrong, gain]))
     assert model.left_nats(ears[0].count) > 1000
-    found = search._looked_for_anew(ears, model, KNOWN, search.Budget.of(60.0), 4)
+    found = search._looked_for_anew(ears, model, KNOWN, search.Budget.of(60.0), 4, {})
     moved = next(one for one in found.effects if one.owner == "wall")
     assert moved.values @ (np.array(moved.choice) @ normal)[None] == pytest.approx(MOVED_M, abs=2e-3)
     assert found.left_nats(ears[0].count) < 5 * np.sqrt(ears[0].count)
-    assert search._looked_for_anew(ears, found, KNOWN, search.Budget.of(60.0), 4) is found
+    assert search._looked_for_anew(ears, found, KNOWN, search.Budget.of(60.0), 4, {}) is found
 
 
 def test_what_a_few_patches_of_a_field_send_alike_accuses_nothing_beside_it(monkeypatch):

@@ -62,8 +62,7 @@ def ways_again(
     ear, world = thinned(ear, _INSTANTS, len(ear.heard.frequency_hz)), replace(view.world, person=None)
     fits = ear.profiled(ear.predicted(view.world)), undisturbed_fit(ear, view.world)
     axis_m, bare = axis(world, _MOST_AGAIN), ear.predicted(world)
-    models = [fit.factor * bare for fit in fits]
-    without = [replace(fit, model=model, residual=ear.heard.y - model) for fit, model in zip(fits, models, strict=True)]
+    without = [replace(fit, model=fit.factor * bare) for fit in fits]
     return [_about(world, ear, fit, height_m, place_m, velocity, radii_m, axis_m) for fit in without]
 
 

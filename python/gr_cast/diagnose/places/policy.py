@@ -27,8 +27,7 @@ WAY_NATS = 30.0  # by which what passes by explains more than on any other way: 
 # had 0.5 and 18, those on the right one 600 and more
 SAME_STEPS = 20  # of a numerical derivative: nearer minima are one
 FULL_STARTS = 3  # first guesses of one family and owner that are fitted
-LOOKED_IN_VAIN = 1  # looks for somebody's way beside the best so far, one after the other, that give nothing more
-CHOSEN_AGAIN = 10  # of the ways then found, those whose width is chosen
+CHOSEN_AGAIN = 6  # of somebody's ways that are found beside his own, those whose width is chosen
 STILL_DEVIATIONS = 0.5  # of the energy of noise, above which a way is looked for again: a wrong one may leave little
 DIFFUSE_SHARE, DIFFUSE_NUMBERS = 0.01, 0.02  # of the energy of scattered fields, of the numbers that they make: the less of both;
 # their law is no nearer to what patches do

@@ -116,7 +116,7 @@ def _told(place: Place, found: search.Found, ears: tuple, vault: tuple, pathless
     covariances = [
         _doubt(found, ears, clean) * own
         + _over_wells(model.effects[number], search.wells(ears, vault, model, number))
-        + (_besides(view, found, number) if not clean or _is_refused(nats) or search.is_one_of_many(ears, found, number) else 0.0)
+        + (_besides(view, found, number) if not clean or _may_go_otherwise(found, ears, number, nats) else 0.0)
         for number, (own, nats) in enumerate(zip(deviations(ears, model), shown, strict=True))
     ]
     made_of = causes(view, model.effects)
@@ -243,6 +243,12 @@ def _entry(
 def _shown(vault: tuple, there: Model | None, numbers: list[int]) -> float | None:
     """Nats by which some effects of a model predict the vault; None where there is none."""
     return there and without_effects(vault, there, numbers).energy - there.energy
+
+
+def _may_go_otherwise(found: search.Found, ears: tuple, number: int, vault_nats: float | None) -> bool:
+    """Whether another way than an effect's explains nearly as much, or the vault refuses this one."""
+    refused = found.model.effects[number].family.has_ways and _is_refused(vault_nats)
+    return refused or search.is_one_of_many(ears, found, number)
 
 
 def _is_refused(vault_nats: float | None) -> bool:

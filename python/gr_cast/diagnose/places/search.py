@@ -224,23 +224,32 @@ def _settled(ears, model: Model, unknown: dict, budget: Budget) -> Model:
     return _trimmed(ears, model, last, unknown)
 
 
-def _seen_again(ears, model: Model, number: int, unknown: dict, budget: Budget) -> Model:
-    """One effect on the best of the ways that explain most once what is unknown is fitted beside it, and of those that do beside
-    these: it was found while gains and phases made up for some of it."""
+def _seen_again(ears, model: Model, number: int, unknown: dict, budget: Budget, others: dict) -> Model:
+    """One effect that has ways on the best of those that explain most once what is unknown is fitted beside it, as long as that
+    gives more: it was found while gains and phases made up for some of it. The `others` that came close stay open."""
     count, family = sum(ear.count for ear in ears), model.effects[number].family
-    best, open_, in_vain = model, [model], 0
-    while family.has_ways and open_ and in_vain < policy.LOOKED_IN_VAIN and not budget.is_spent:
-        if best.deviations(count) < policy.STILL_DEVIATIONS:
+    while family.has_ways and not budget.is_spent and model.deviations(count) > policy.STILL_DEVIATIONS:
+        own = model.effects[number]
+        found = [replaced(ears, model, number, one) for one in family.again(View(ears, model, unknown), own)]
+        near = [fitted(ears, one, rounds=policy.SCREEN_ROUNDS, free=[number]) for one in found]
+        near = [_chosen(ears, one, number) for one in _of_each_way(ears, near, number)[: policy.CHOSEN_AGAIN]]
+        near = [fitted(ears, one) for one in _of_each_way(ears, near, number)[: policy.FULL_STARTS]]
+        best = min((_begun_anew(ears, one, number) for one in near), key=lambda one: one.energy, default=model)
+        others.setdefault(own.key, []).extend(one.effects[number] for one in (model, *near))
+        if model.energy - best.energy < policy.SHAPE_NATS:
             break
-        here = open_.pop(0)
-        others = family.again(View(ears, here, unknown), here.effects[number])
-        near = [fitted(ears, replaced(ears, here, number, one), rounds=policy.SCREEN_ROUNDS, free=[number]) for one in others]
-        near = sorted(near, key=lambda one: one.energy)[: policy.CHOSEN_AGAIN]
-        near = sorted((_chosen(ears, one, number) for one in near), key=lambda one: one.energy)[: policy.FULL_STARTS]
-        open_ = sorted([*open_, *(_begun_anew(ears, fitted(ears, one), number) for one in near)], key=lambda one: one.energy)
-        gains = bool(open_) and best.energy - open_[0].energy > policy.SHAPE_NATS
-        best, in_vain = (open_[0], 0) if gains else (best, in_vain + 1)
-    return best
+        model = best
+    return model
+
+
+def _of_each_way(ears, models: list[Model], number: int) -> list[Model]:
+    """The best of those whose effect goes one way, the best first."""
+    out: list[Model] = []
+    for one in sorted(models, key=lambda one: one.energy):
+        own = one.effects[number]
+        if not any(own.family.is_same_way(one.base, own, other.effects[number], _span_s(ears)) for other in out):
+            out.append(one)
+    return out
 
 
 def _trimmed(ears, model: Model, number: int, unknown: dict) -> Model:
@@ -461,7 +470,7 @@ def _grown(
     count, tried = sum(ear.count for ear in ears), 1
     while not budget.is_spent:
         if len(model.effects) >= policy.MOST_EFFECTS:
-            model = _looked_for_anew(ears, model, unknown, budget, tried)
+            model = _looked_for_anew(ears, model, unknown, budget, tried, others)
             if len(model.effects) >= policy.MOST_EFFECTS:
                 break
         keys = frozenset(effect.key for effect in model.effects)
@@ -475,7 +484,7 @@ def _grown(
         least = max(policy.LEAST_EVIDENCE_NATS, model.slack, unshaped, _beside_rough(model))
         paying = [one for one in found if worths[id(one)] >= max(least, _beside_edges(one)) and not _at_once(ears, one, model)]
         if not paying:
-            model, before = _looked_for_anew(ears, model, unknown, budget, tried), model
+            model, before = _looked_for_anew(ears, model, unknown, budget, tried, others), model
             if model is before:
                 break
             continue
@@ -506,7 +515,7 @@ def _grown(
             if model.deviations(count) > policy.QUIET_DEVIATIONS and not budget.is_spent:
                 model = _begun_anew(ears, model, number)
         if model.effects:
-            model = _seen_again(ears, model, len(model.effects) - 1, unknown, budget)
+            model = _seen_again(ears, model, len(model.effects) - 1, unknown, budget, others)
         model = _as_strong(ears, model)
         if model is not before:
             model = pruned(ears, model, count, tried)
@@ -514,14 +523,15 @@ def _grown(
     return model, tried
 
 
-def _looked_for_anew(ears, model: Model, unknown: dict, budget: Budget, tried: float) -> Model:
+def _looked_for_anew(ears, model: Model, unknown: dict, budget: Budget, tried: float, others: dict) -> Model:
     """The model with one of its effects looked for anew beside all others, where something is left and that explains more of it:
     what was found first was found while the others hid part of it."""
     count = sum(ear.count for ear in ears)
     for number, own in enumerate(model.effects):
         if budget.is_spent or model.deviations(count) < policy.CLEAN_DEVIATIONS:
             break
-        if (seen := _seen_again(ears, model, number, unknown, budget)) is not model:
+        seen = _seen_again(ears, model, number, unknown, budget, others) if number < len(model.effects) - 1 else model
+        if model.energy - seen.energy > policy.LEAST_EVIDENCE_NATS:  # the last one was seen again when it was found
             return pruned(ears, seen, count, tried)
         if len(model.effects) < 2 or not len(own.values):
             continue

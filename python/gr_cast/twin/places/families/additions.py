@@ -345,13 +345,13 @@ class MovingScatterer(Family):
         ]
 
     def again(self, view, effect):
-        (place_m, velocity, (_, height_m)), (radius_m, keeps) = np.split(effect.values, [2, 4]), effect.choice
-        ways = view.passers_again(CENTRE * height_m, place_m, velocity, [radius_m * one for one in _AGAIN])
-        found = [self._of(effect.owner, way.place_m, way.velocity, way.radius_m, way.area_m2, height_m) for way in ways]
+        (place_m, velocity, _), (radius_m, keeps) = np.split(effect.values, [2, 4]), effect.choice
+        ways = view.passers_again(CENTRE * HEIGHT_M, place_m, velocity, [radius_m * one for one in _AGAIN])
+        found = [self._of(effect.owner, way.place_m, way.velocity, way.radius_m, way.area_m2) for way in ways]
         return [replace(one, choice=(one.choice[0], keeps)) for one in found]
 
-    def _of(self, owner, place_m, velocity, radius_m, area_m2, height_m=HEIGHT_M) -> Effect:
-        values = np.array([*place_m, *velocity, np.log(area_m2), height_m])
+    def _of(self, owner, place_m, velocity, radius_m, area_m2) -> Effect:
+        values = np.array([*place_m, *velocity, np.log(area_m2), HEIGHT_M])
         return Effect(family=self, owner=owner, values=values, choice=(radius_m, False))
 
     def plainer(self, span_s, effect):

@@ -63,7 +63,8 @@ class Family:
         return []
 
     def again(self, view, effect: Effect) -> list[Effect]:
-        """An effect of the model as it looks with what is unknown fitted beside it: other guesses, none of them fitted."""
+        """Of a family that `has_ways`, others than an effect of the model goes, as they look with what is unknown fitted beside
+        it; none of them fitted."""
         return []
 
     def wells(self, world: World, effect: Effect) -> list[Effect]:
@@ -134,7 +135,7 @@ class Family:
 
     def besides(self, view, effect: Effect) -> np.ndarray:
         """Covariance of what more is open of its numbers where something is left that nobody named, another way does too, or the
-        vault speaks against it."""
+        vault speaks against the way it goes."""
         return np.zeros((len(effect.values),) * 2)
 
     def told(self, view, effect: Effect, covariance: np.ndarray) -> dict:
