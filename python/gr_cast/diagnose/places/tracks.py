@@ -21,25 +21,30 @@ _RADII_M, _WIDER = (0.2, 0.3), (1.0, 1.2)  # of bodies about tracks of echoes; t
 def passers(view, height_m: float, hiding: Sequence) -> tuple[list[passages.Way], list[tuple]]:
     """Ways of what passes, the best first, about those along which echoes are as late as they should be and about those (place at
     time 0, velocity, radius) that hide what is missing; and the former."""
-    if not (pairs := _pairs(view)) or moving_nats(view) < policy.BEHIND_SHARE * view.model.left_nats(view.count):
+    if (ear := _followed(view)) is None:
         return [], []
     coarse = _coarse(view, moving_echoes(view), height_m)
     about = [(*one, _RADII_M) for one in coarse[:_FOLLOWED]]
     about += [(*way, [radius_m * one for one in _WIDER]) for *way, radius_m in hiding[:1]]
     if passages.is_wide(view.world):  # in wavelengths: it takes long
         about = [(*way, [np.mean(radii_m)]) for *way, radii_m in about]
-    ear, _ = max(pairs, key=lambda pair: _nats(view, *pair))
     found = [way for one in about for way in passages.ways(view, ear, height_m, *one) if way.nats > 0]
     return sorted(found, key=lambda way: -way.nats)[:_KEPT_WAYS], coarse
 
 
 def again(view, height_m: float, place_m: np.ndarray, velocity: np.ndarray, radii_m: Sequence[float]) -> list[passages.Way]:
     """Ways near that of whom the model has passing by, where what it leaves changes."""
-    if not (pairs := _pairs(view)) or moving_nats(view) < policy.BEHIND_SHARE * view.model.left_nats(view.count):
+    if (ear := _followed(view)) is None:
         return []
-    ear, _ = max(pairs, key=lambda pair: _nats(view, *pair))
     found = passages.ways_again(view, ear, height_m, place_m, velocity, radii_m)
     return [way for some in found for way in sorted(some, key=lambda way: -way.nats)[:_KEPT_AGAIN]]
+
+
+def _followed(view):
+    """The campaign in which most changes; None where next to nothing of what is left does."""
+    if not (pairs := _pairs(view)) or moving_nats(view) < policy.BEHIND_SHARE * view.model.left_nats(view.count):
+        return None
+    return max(pairs, key=lambda pair: _nats(view, *pair))[0]
 
 
 def moving_echoes(view) -> list[imaging.Echoes]:
