@@ -2,6 +2,7 @@
 """Causes concealed in a small room by another tracer (tests/bench/places) are found, and nothing is where nothing is."""
 
 import copy
+import itertools
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -229,3 +230,39 @@ def test_what_the_vault_refuses_again_and_again_ends_the_search_without_it(monke
         monkeypatch.setattr(search, name, lambda *_, told=told: told)
     found = search.run([], None, {}, 60.0, vault=[None])
     assert found.model.effects == (kept,) and not found.spent
+
+
+def test_a_round_fits_nothing_twice_and_what_the_vault_refused_changes_no_other_guess(monkeypatch):
+    world = copy.deepcopy(theirs())
+    world["nodes"]["walker"]["time_offset_s"] = 0.05
+    ears, barred, screened = heard(world, 30.0), search.Barred(), []
+    model, original = evaluated(ears, ours(), ()), search._screened
+    monkeypatch.setattr(search, "_screened", lambda *a: screened.append(a) or original(*a))
+    first, _ = search.candidates(ears, model, UNKNOWN, search.Budget.of(200.0), barred)
+    plain = [one for one in first if not one.effects[-1].family.shape_axes]
+    alike = [(one, other) for one, other in itertools.combinations(plain, 2) if one.effects[-1].key == other.effects[-1].key]
+    assert len(plain) > 3 and all(abs(one.energy - other.energy) > 0.1 for one, other in alike)
+    count, gone = len(screened), first[0].effects[-1]
+    barred.add([gone], model)
+    second, _ = search.candidates(ears, model, UNKNOWN, search.Budget.of(200.0), barred)
+    kept = {one.effects[-1].key: one.energy for one in first if one.effects[-1].key != gone.key}
+    assert len(screened) == count and gone.key not in {one.effects[-1].key for one in second}
+    assert kept.items() <= {one.effects[-1].key: one.energy for one in second}.items()
+
+
+def test_what_comes_in_anothers_place_predicts_the_vault_as_well_as_what_is_open_of_it(monkeypatch):
+    """A rival was better by what its numbers may be, and those that were fitted are others."""
+    found, rival, open_ = (Effect(family=TrackTiming(), owner=name, values=np.zeros(1)) for name in ("walker", "a", "b"))
+
+    def of(effects):
+        return SimpleNamespace(effects=tuple(effects), base=None, energy=0.0)
+
+    monkeypatch.setattr(search, "_explored", lambda *_: (of([found]), 1))
+    monkeypatch.setattr(search.foretold, "refused", lambda vault, model: [0] if model.effects == (rival,) else [])
+    monkeypatch.setattr(search, "exchanged", lambda *_: (of([rival]), {}))
+    monkeypatch.setattr(search, "_in_its_well", lambda ears, vault, model, *_: of([open_]))
+    monkeypatch.setattr(search, "evaluated", lambda ears, base, effects: of(effects))
+    monkeypatch.setattr(search, "_with_images", lambda ears, model, others, *_: others)
+    for name, told in (("_unshown", []), ("_is_foretold", True)):
+        monkeypatch.setattr(search, name, lambda *_, told=told: told)
+    assert search.run([], None, {}, 60.0, vault=[None]).model.effects == (open_,)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...twin.places.families.base import Effect
+from ...twin.places.world import World
 from . import elsewhere, foretold, policy
 from .ears import holding, thinned_as_fitted
 from .fit import Ear, Model, evaluated, fitted, replaced, shows_in, with_effect, without_effects
@@ -33,10 +34,12 @@ class Budget:
 @dataclass(frozen=True, kw_only=True)
 class Barred:
     """What the vault refused, by what it was refused `beside`: where more is known, it may be looked for again. What is refused
-    twice beside the same is refused for good (None). And the `rounds` that were made since, which need not be made again."""
+    twice beside the same is refused for good (None). And the `rounds` that were made since, which need not be made again, and
+    what was looked at for any of them, which is the same whatever is barred."""
 
     beside: dict[tuple, list[frozenset | None]] = field(default_factory=dict)
     rounds: dict[tuple, tuple] = field(default_factory=dict)
+    looks: dict[tuple, "_Look"] = field(default_factory=dict)
 
     def add(self, gone: Sequence[Effect], model: Model) -> None:
         """Effects that were taken out, of which a model is what remains."""
@@ -79,10 +82,31 @@ def _freedom(model: Model, before: Model) -> float:
     return max(0.0, model.loose[part] - before.loose[part])
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Guess:
+    """A candidate as it was screened: its effects, the last one new; nats that all soundings promise for it."""
+
+    base: World
+    effects: tuple[Effect, ...]
+    energy: float
+    promise: float
+
+
+@dataclass(eq=False, kw_only=True)
+class _Look:
+    """What one model's round looked at: guesses, the best first, None until all were screened; wells by key; by guess, and
+    whether it had to wait, the effects that it was fitted to, None where these are nothing to speak of."""
+
+    guesses: list[_Guess] | None = None
+    is_part: bool = False
+    wells: dict[tuple, list[Model]] = field(default_factory=dict)
+    fits: dict[tuple, tuple[Effect, ...] | None] = field(default_factory=dict)
+
+
 def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, barred: Barred) -> tuple[list[Model], int]:
     """Models with one effect more, fitted, the best evidence first; and how many were tried. None where time ran out before
     all had been looked at: the best of a few is no answer."""
-    key = frozenset(effect.key for effect in model.effects), model.energy
+    key = _of_round(model)
     if key not in barred.rounds:
         made = _round(ears, model, unknown, budget, barred)
         if budget.is_spent:
@@ -91,30 +115,20 @@ def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget,
     return barred.rounds[key]
 
 
+def _of_round(model: Model) -> tuple:
+    return frozenset(effect.key for effect in model.effects), model.energy
+
+
 def _round(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, barred: Barred) -> tuple[list[Model], int]:
-    view = View(ears, model, unknown)
     have = {effect.key for effect in model.effects}
-    heard, here, more = _overheard(view)
-    screened, tried = [], 0
-    for family in view.families:
-        for owner in family.owners(view):
-            key = family.name, owner
-            if barred.bars(key, have) or key in have and not _may_recur(family):
-                continue
-            if budget.is_spent:
-                return [], tried
-            tried += 1
-            screened += _screened(view, heard, here, family, owner)
+    look = barred.looks.setdefault(_of_round(model), _Look())
+    if look.guesses is None:
+        _look(look, View(ears, model, unknown), barred, budget)
     count = sum(ear.count for ear in ears)
-
-    def promise(one: Model) -> float:
-        effect = one.effects[-1]
-        gain = here.tempered - one.tempered - _freedom(one, here)
-        return more * gain - numbers_price_nats(effect, count)
-
-    screened.sort(key=promise, reverse=True)
+    guesses = [one for one in look.guesses or () if not barred.bars(one.effects[-1].key, have)]
+    tried = len({one.effects[-1].key for one in guesses})
     chosen, crowd = [], {}
-    for one in screened:
+    for one in guesses:
         name = one.effects[-1].family.name
         is_known = any(_is_again(one, other, _span_s(ears)) for other in chosen)
         if crowd.get(name, 0) < policy.FITTED_PER_FAMILY and len(chosen) < policy.FITTED_AFTER_SCREEN and not is_known:
@@ -122,19 +136,60 @@ def _round(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, bar
             chosen.append(one)
     final: list[Model] = []
     chosen.sort(key=_has_shape)  # what has a shape takes long, and may have to wait for what has none
-    wells: dict[tuple, list[Model]] = {}
     for one in chosen:
-        promised = promise(one)
-        one = _by_all(ears, model, screened, one, wells) if more > 1 else evaluated(ears, model.base, one.effects)
-        is_far_behind = final and promised < policy.BEHIND_SHARE * max(worth(done, model, count, tried) for done in final)
+        is_far_behind = final and one.promise < policy.BEHIND_SHARE * max(worth(done, model, count, tried) for done in final)
         is_hopeless = _has_shape(one) and any(_is_plain(done) and _explains_most(done, model, count) for done in final)
-        waits = is_far_behind or is_hopeless
-        one = fitted(ears, one, rounds=policy.SCREEN_ROUNDS) if waits else _settled(ears, one, unknown, budget)
-        final += [one] if _stands_out(ears, one, count, tried) else []
+        waits = bool(is_far_behind or is_hopeless)
+        if (one, waits) in look.fits:
+            effects = look.fits[one, waits]
+            final += [evaluated(ears, model.base, effects)] if effects else []
+            continue
+        begun = _by_all(ears, model, look.guesses, one, look.wells) if look.is_part else evaluated(ears, model.base, one.effects)
+        fit = fitted(ears, begun, rounds=policy.SCREEN_ROUNDS) if waits else _settled(ears, begun, unknown, budget)
+        stands = _stands_out(ears, fit, count, tried)
+        final += [fit] if stands else []
+        if not budget.is_spent:
+            look.fits[one, waits] = fit.effects if stands else None
     return sorted(final, key=lambda one: -worth(one, model, count, tried)), tried
 
 
-def _by_all(ears, model: Model, screened: list[Model], one: Model, wells: dict) -> Model:
+def _look(look: _Look, view: View, barred: Barred, budget: Budget) -> None:
+    """All candidates, screened; nothing where time ran out before all had been."""
+    have, count = {effect.key for effect in view.model.effects}, sum(ear.count for ear in view.ears)
+    heard, here, more = _overheard(view)
+    others = _in_open_wells(heard, here, more)
+    guesses = []
+    for family in view.families:
+        for owner in family.owners(view):
+            key = family.name, owner
+            if barred.bars(key, have) or key in have and not _may_recur(family):
+                continue
+            if budget.is_spent:
+                return
+            for one in _screened(view, heard, here, family, owner, others):
+                gain = here.tempered - one.tempered - _freedom(one, here)
+                promise = more * gain - numbers_price_nats(one.effects[-1], count)
+                guesses.append(_Guess(base=one.base, effects=one.effects, energy=one.energy, promise=promise))
+    guesses.sort(key=lambda one: one.promise, reverse=True)
+    look.guesses, look.is_part = guesses, more > 1
+
+
+def _in_open_wells(heard: Sequence[Ear], here: Model, more: float) -> list[Model]:
+    """A model with one of its effects in another well of its phase, which the soundings leave open: what is looked for beside the
+    wrong one may not be found."""
+    heard, out = holding(heard, here.world), []
+    for number, own in enumerate(here.effects):
+        if own.family.shape_axes or own.family.is_flexible:
+            continue
+        begun = _restarted(heard, here, number)
+        fits = [fitted(heard, one, rounds=policy.SCREEN_ROUNDS, free=[number]) for one in begun]
+        near = [one for one in fits if more * (one.energy - here.energy) < policy.RIVAL_NATS]
+        apart = _distinct(here.base, [own, *(one.effects[number] for one in near)])[1:]
+        out += [one for one in near if one.effects[number] in apart]
+    return sorted(out, key=lambda one: one.energy)[: policy.OPEN_WELLS]
+
+
+def _by_all(ears, model: Model, screened: Sequence[Model | _Guess], one: Model | _Guess, wells: dict) -> Model:
     """What was chosen on a part of the soundings, on all of them: of a family whose wells only a fit tells apart, the best that
     is left of its key in `wells`, for a part may hold the wrong well of a phase for the deepest."""
     effect = one.effects[-1]
@@ -154,12 +209,16 @@ def _span_s(ears: Sequence[Ear]) -> tuple[float, float]:
     return float(times_s.min()), float(times_s.max())
 
 
-def _is_again(one: Model, other: Model, span_s: tuple[float, float]) -> bool:
-    """Whether the last effects are the same, or one way of the same passer."""
+def _is_again(one: _Guess, other: _Guess, span_s: tuple[float, float]) -> bool:
+    """Whether the last effects are the same, of one well, or one way of the same passer."""
     mine, its = one.effects[-1], other.effects[-1]
     if mine.key != its.key:
         return False
-    return one.energy == other.energy or mine.family.has_ways and mine.family.is_same_way(one.base, mine, its, span_s)
+    if mine.family.has_ways:
+        return one.energy == other.energy or mine.family.is_same_way(one.base, mine, its, span_s)
+    if mine.family.shape_axes:
+        return one.energy == other.energy
+    return mine.family.is_flexible or abs(one.energy - other.energy) < policy.SAME_NATS
 
 
 def _may_recur(family) -> bool:
@@ -182,9 +241,9 @@ def _is_negligible(model: Model, number: int) -> bool:
     return model.effects[number].family.is_negligible(model.effects[number])
 
 
-def _screened(view: View, heard: Sequence[Ear], here: Model, family, owner: str) -> list[Model]:
-    """Models with one effect more, from the most promising of its family's first guesses; none of them but a random field changes
-    what is scattered, yet."""
+def _screened(view: View, heard: Sequence[Ear], here: Model, family, owner: str, others: Sequence[Model] = ()) -> list[Model]:
+    """Models with one effect more, from the most promising of its family's first guesses, the best one beside the best of
+    `others`, in which something is in another well; none of them but a random field changes what is scattered, yet."""
     starts = family.starts(view, owner)
     heard = heard if family.is_flexible else holding(heard, here.world)
     if len(starts) > policy.FULL_STARTS and family.ranks_unfitted:
@@ -195,7 +254,12 @@ def _screened(view: View, heard: Sequence[Ear], here: Model, family, owner: str)
     best, rest = alone[: policy.FITTED_PER_FAMILY], alone[policy.FITTED_PER_FAMILY :]
     # What was found before has taken some of what is another's for its own.
     free = [n for n, effect in enumerate(best[0].effects) if family.is_flexible or not effect.family.is_flexible]
-    return [fitted(heard, one, rounds=policy.SCREEN_ROUNDS, free=free) for one in best] + rest
+    fits = [fitted(heard, one, rounds=policy.SCREEN_ROUNDS, free=free) for one in best]
+    if not family.shape_axes:
+        beside = (_quick(heard, with_effect(heard, other, best[0].effects[-1])) for other in others)
+        beside = [fitted(heard, one, rounds=policy.SCREEN_ROUNDS, free=free) for one in beside]
+        fits[0] = min([fits[0], *beside], key=lambda one: one.tempered)
+    return fits + rest
 
 
 def _overheard(view: View) -> tuple[Sequence[Ear], Model, float]:
@@ -390,6 +454,8 @@ def run(
     ways = {track.key: [one for one in tracks if one.key == track.key] for track in tracks}
     model, rivals = exchanged(ears, model, others, count, tried, budget, vault)
     model = pruned(ears, model, count, tried)  # what one of its kinds explains better, another need not explain any more
+    for number in foretold.refused(vault, model):  # what came in another's place, of what is open of its numbers
+        model = _in_its_well(ears, vault, model, number, unknown, others, budget)
     return Found(model=model, start=start, rivals=rivals, tried=tried, count=count, spent=spent, ways=ways)
 
 
@@ -573,7 +639,7 @@ def _stiff_first(paying: list[Model], good: Model | None, model: Model, count: f
     return best if not _explains_most(good, model, count) and best.deviations(count) < policy.CLEAN_DEVIATIONS else good
 
 
-def _has_shape(model: Model) -> bool:
+def _has_shape(model: Model | _Guess) -> bool:
     return model.effects[-1].family.shape_axes > 0
 
 
