@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.places import diffuse, search
+from gr_cast.diagnose.places import diffuse, run, search
 from gr_cast.diagnose.places.ears import ResponseEar, holding
 from gr_cast.diagnose.places.fit import evaluated
 from gr_cast.diagnose.places.likelihood import Fitted, Heard
@@ -99,11 +99,10 @@ def test_objects_that_no_path_meets_may_scatter():
     assert sorted(view.scatterers) == ["ground", "wall"]
 
 
-@pytest.mark.parametrize("share", [0.2, 0.45])
-def test_of_a_share_that_is_scattered_the_likeliest_is_chosen_whatever_it_was_taken_for_first(share):
+def scattered(share: float):
+    """The yard where everything scatters so much, and what is heard of it."""
     random, ears = np.random.default_rng(6), heard(theirs(), 30.0)
-    places = np.arange(len(ours().mesh.names))
-    rough = ours().with_surface(places, scattering=share)
+    rough = ours().with_surface(np.arange(len(ours().mesh.names)), scattering=share)
     clean = evaluated(ears, rough, ())
     y = clean.fits[0].model.copy()
     y += (random.normal(size=(*y.shape, 2)) @ [1, 1j]) / np.sqrt(2 * ears[0].heard.weight)
@@ -112,7 +111,12 @@ def test_of_a_share_that_is_scattered_the_likeliest_is_chosen_whatever_it_was_ta
             many = y.shape[1] if is_still else 1  # instants that hear the same
             drawn = random.normal(size=(1 if is_still else len(which), len(strength), 2)) @ [1, 1j]
             y[index, slice(None) if is_still else which] += (drawn * np.sqrt(strength / 2 / many)) @ modes.T
-    ears = [replace(ears[0], heard=replace(ears[0].heard, y=y))]
+    return rough, [replace(ears[0], heard=replace(ears[0].heard, y=y))]
+
+
+@pytest.mark.parametrize("share", [0.2, 0.45])
+def test_of_a_share_that_is_scattered_the_likeliest_is_chosen_whatever_it_was_taken_for_first(share):
+    rough, ears = scattered(share)
     field = Effect(family=BY_NAME["missing_scattering"], owner="place", values=np.zeros(0), choice=0.75)
     found = search._chosen(ears, evaluated(ears, ours(), [field]), 0).effects[0]
     assert found.choice == pytest.approx(share, abs=0.1)
@@ -129,3 +133,24 @@ def test_of_a_share_that_is_scattered_the_likeliest_is_chosen_whatever_it_was_ta
         as_held, as_own = (evaluated(some, ours(), one.effects).energy for some in (holding(ears, known.world), ears))
         assert one.energy == pytest.approx(as_held if is_held else as_own, rel=1e-9)
         assert is_held == (abs(as_held - as_own) > 1e-3)
+
+
+@pytest.mark.parametrize("phase", ["none", "snapshot"])
+def test_gains_that_wander_are_no_random_field(phase):
+    """As likely as Gaussian factors of their spread are, whose −ln p is known; and likelier than what anything scatters."""
+    random, (ear,) = np.random.default_rng(4), heard(theirs(), 30.0, phase=phase)
+    clean, spread = ear.predicted(ours()), 0.1
+    size = clean.shape[:2]
+    drawn = random.normal(size=size) if phase == "snapshot" else random.normal(size=(*size, 2)) @ [1, 1j] / np.sqrt(2)
+    noise = (random.normal(size=(*clean.shape, 2)) @ [1, 1j]) / np.sqrt(2 * ear.heard.weight)
+    told = replace(ear, heard=replace(ear.heard, y=clean * (1 + spread * drawn)[..., None] + noise))
+    base = evaluated([told], ours(), [])
+    loud = (np.abs(clean) ** 2 * ear.heard.weight).sum(axis=2)
+    over = spread**2 * loud * (2 if phase == "snapshot" else 1)
+    expected = (over - np.log1p(over)).sum() / (2 if phase == "snapshot" else 1)
+    assert diffuse.wander_nats(told, base.fits[0]) == pytest.approx(expected, rel=0.3)
+    field = Effect(family=BY_NAME["missing_scattering"], owner="place", values=np.zeros(0), choice=0.3)
+    for one, wanders in ((told, True), (ear, False), (scattered(0.3)[1][0], False)):
+        model = search._chosen([one], evaluated([one], ours(), [field]), 0)
+        assert run._wanders([one], model) == wanders
+    assert not run._wanders([told], base)

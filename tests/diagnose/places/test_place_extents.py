@@ -286,3 +286,18 @@ def test_energies_of_ends_that_are_remembered_are_those_of_their_responses(is_cl
             fit = ear.profiled(beside.response(low_m, high_m))
             assert beside.energy(low_m, high_m) == beside.energy(low_m, high_m) == fit.energy - ear.tempered_nats(fit)
     assert 1 < len(beside.known) < 60
+
+
+def test_what_the_vault_refuses_for_its_size_alone_is_as_small_as_the_soundings_leave_it(monkeypatch):
+    ears, base = fenced(), replace(ours(), max_depth=2)
+    model = evaluated(ears, base, [added(sheet((-20.0, -1.15), (20.0, 1.15)))])  # beyond what any path meets
+    trimmed, pared = (how(ears, model, 0, KNOWN) for how in (search._trimmed, search._pared))
+    widths_m = [one.effects[0].choice.high_m[0] - one.effects[0].choice.low_m[0] for one in (model, trimmed, pared)]
+    assert max(one.energy for one in (trimmed, pared)) < model.energy + 10 and widths_m[2] < widths_m[1] < widths_m[0]
+
+    def refused(vault, one) -> list[int]:
+        return [0] if one.effects[0].choice.high_m[0] > pared.effects[0].choice.high_m[0] + 0.1 else []
+
+    monkeypatch.setattr(search.foretold, "refused", refused)
+    other = search._otherwise(ears, ears, trimmed, 0, KNOWN, {}, search.Budget.of(60.0))
+    assert other is not None and not refused(None, other)

@@ -20,6 +20,7 @@ _FAINT = 1e-10  # of the strongest mode: less is none
 _HEARD, _FEW = 3.0, 12  # times the noise: modes that tell what fills them; fewer of these tell nothing
 _MODES_KEPT = 1024  # of 150 kB at most each
 _PHASED_NATS = 4.0  # of a snapshot's prediction: less tells no phase
+_SPREADS = np.geomspace(1e-3, 1, 25)  # of gains that wander
 _LARGEST = 2.0**15  # of a half-precision number, to its smallest: 90 dB
 
 
@@ -64,6 +65,19 @@ def unevenness(ears, fits, world) -> float:
     if len(logs) < _FEW:
         return 0.0
     return float((logs.var() / (np.pi**2 / 6) - 1) * np.sqrt(len(logs) / 4.4))
+
+
+def wander_nats(ear, fit) -> float:
+    """Nats by which gains that wander from one response to the next explain what a fit leaves, as Gaussian factors with the
+    spread that explains most: what is scattered comes by other ways, and later. Of a response whose phase is unknown only its
+    size tells."""
+    weight = ear.heard.weight
+    loud = (np.abs(fit.model) ** 2 * weight).sum(axis=2)
+    along = (fit.model.conj() * fit.residual * weight).sum(axis=2)[loud > 0]
+    loud, free = loud[loud > 0], ear.heard.phase == "snapshot"
+    heard = (along.real**2 if free else np.abs(along) ** 2) / loud
+    over = (1 + free) * loud * _SPREADS[:, None] ** 2
+    return max(0.0, float((heard * over / (1 + over) - np.log1p(over) / (1 + free)).sum(axis=1).max()))
 
 
 def whitened(ear, fit, world, rows: np.ndarray) -> np.ndarray:

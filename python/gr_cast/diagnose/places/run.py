@@ -64,7 +64,7 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
         found = replace(found, model=fitted(ears, without_effects(ears, found.model, numbers), rounds=4))
         told = _told(place, found, ears, vault, pathless)
     if not told.is_field:
-        warnings.append("What scattering was to explain is no random field: something else is there.")
+        warnings.append("What scattering was to explain is no random field, or gains that wander explain more of it.")
     if not told.is_foretold:
         warnings.append("What was found does not predict the soundings of the vault: something else is there.")
     model = found.model
@@ -109,7 +109,7 @@ def _told(place: Place, found: search.Found, ears: tuple, vault: tuple, pathless
     view = View(ears, model, place.unknown)
     alike = [_alike(found, number, ears, vault, model.base) for number in range(len(model.effects))]
     predicted = foretold.holds(view, vault, at_best=True)
-    field = diffuse.unevenness(ears, model.fits, model.world) < policy.UNEVEN_DEVIATIONS
+    field = diffuse.unevenness(ears, model.fits, model.world) < policy.UNEVEN_DEVIATIONS and not _wanders(ears, model)
     clean = found.deviations < policy.CLEAN_DEVIATIONS and not pathless and field and predicted
     there = evaluated(vault, model.base, model.effects) if vault else None
     shown = [_shown(vault, there, [number]) for number in range(len(model.effects))]
@@ -140,6 +140,14 @@ def _told(place: Place, found: search.Found, ears: tuple, vault: tuple, pathless
         is_field=field,
         is_foretold=predicted,
     )
+
+
+def _wanders(ears, model: Model) -> bool:
+    """Whether gains that wander explain more than the random fields of a model."""
+    flexible = [number for number, effect in enumerate(model.effects) if effect.family.is_flexible]
+    bare = without_effects(ears, model, flexible)
+    told = sum(diffuse.wander_nats(one, fit) for one, fit in zip(ears, bare.fits, strict=True) if one.has_responses)
+    return bool(flexible) and told > max(bare.energy - model.energy, 0.0) + policy.BESIDE_ROUGH_NATS
 
 
 def _as_taps(ears, through, base) -> search.Found | None:

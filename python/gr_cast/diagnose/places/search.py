@@ -317,10 +317,20 @@ def _of_each_way(ears, models: list[Model], number: int) -> list[Model]:
 
 
 def _trimmed(ears, model: Model, number: int, unknown: dict) -> Model:
-    """No larger than the soundings need it: what they do not see is not told to be there."""
+    """No larger than the soundings need it, and what a wall may be beyond: what they do not see is not told to be there."""
+    return _less(ears, model, number, unknown, 1)
+
+
+def _pared(ears, model: Model, number: int, unknown: dict) -> Model:
+    """As small as the soundings leave it."""
+    return _less(ears, model, number, unknown, None)
+
+
+def _less(ears, model: Model, number: int, unknown: dict, most: int | None) -> Model:
+    """With as many turns of less along each axis as the soundings do not mind, at `most`."""
     family, view = model.effects[number].family, View(ears, model, unknown)
     for axis in range(family.shape_axes):
-        for one in family.smaller(view, model.effects[number], axis):
+        for one in family.smaller(view, model.effects[number], axis)[:most]:
             less = replaced(ears, model, number, one)
             if less.energy < model.energy + policy.TRIMMED_NATS:
                 model = less
@@ -671,11 +681,13 @@ def _good_stiff(paying: list[Model], worths: dict, model: Model, count: float) -
 def _otherwise(
     ears, vault: Sequence[Ear], model: Model, number: int, unknown: dict, others: dict, budget: Budget
 ) -> Model | None:
-    """The model with another fit of a refused effect that explains the soundings as well and is not refused: the same wall, or
-    another, elsewhere, or the same in another well of its phase, next to it or wherever what else is known leaves one, or beside
-    where it is as far as they do not tell."""
+    """The model with another fit of a refused effect that explains the soundings as well and is not refused: the same wall, as
+    small as they leave it, or another, elsewhere, or the same in another well of its phase, next to it or wherever what else is
+    known leaves one, or beside where it is as far as they do not tell."""
+    own = model.effects[number]
 
     def begun():
+        yield from [_pared(ears, model, number, unknown)] if own.family.shape_axes else []
         yield from (*_kinds(ears, model, number, others), *_restarted(ears, model, number, policy.WELLS))
         if not budget.is_spent:
             yield from _lowest(_begun_beside(ears, model, number, unknown))

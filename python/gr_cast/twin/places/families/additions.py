@@ -18,7 +18,7 @@ _MADE = ((1.0, 1e7), (6.0, 0.05), _BOARD)  # permittivity and conductivity (S/m)
 _DARK = (1.0, 1e-5)  # what shades and sends nothing back
 _PERMITTIVITIES = (1.5, 2.0, 2.7, 3.4, 4.2, 5.2, 6.3, 7.5, 10.0, 15.0)  # to begin anew with, once the plane is where it is
 _BODY_M = 1.0  # between faces of one thing, or between a face and a way that it blocks
-_BEYOND_LIT_M = 4.0  # that a wall goes on beyond what was lit of it
+_BEYOND_LIT_M, _LESS_BEYOND_M = 4.0, (2.8, 2.0, 1.4, 1.0, 0.7, 0.5, 0.25, 0.05)  # that a wall goes on beyond what was lit of it
 _ADDED = "missing_"  # begins the names of objects that are added
 _FLAT_M = 1e-3  # of a box: less is no depth
 _FAR_M = 3.0  # that a plane may move from where it was imaged
@@ -245,11 +245,13 @@ class MissingObject(Family):
         sheet = effect.choice
         if axis > 3 or sheet.depth_m or (lit_m := view.lit(effect)[0]) is None:
             return []
-        wide, ends = sheet.around(lit_m, _BEYOND_LIT_M), np.array([sheet.low_m, sheet.high_m])
-        low, high = np.maximum(ends[0], wide.low_m), np.minimum(ends[1], wide.high_m)
-        ends[axis % 2, axis // 2] = (low, high)[axis % 2][axis // 2]
-        less = replace(sheet, low_m=tuple(ends[0]), high_m=tuple(ends[1]))
-        return [] if less == sheet else [replace(effect, choice=less)]
+        out = []
+        for beyond_m in (_BEYOND_LIT_M, *_LESS_BEYOND_M):
+            wide, ends = sheet.around(lit_m, beyond_m), np.array([sheet.low_m, sheet.high_m])
+            low, high = np.maximum(ends[0], wide.low_m), np.minimum(ends[1], wide.high_m)
+            ends[axis % 2, axis // 2] = (low, high)[axis % 2][axis // 2]
+            out.append(replace(effect, choice=replace(sheet, low_m=tuple(ends[0]), high_m=tuple(ends[1]))))
+        return out
 
     def sizes(self, view, effect):
         if effect.choice.depth_m or (lit_m := view.lit(effect)[0]) is None:

@@ -92,7 +92,7 @@ class Family:
         return []
 
     def smaller(self, view, effect: Effect, axis: int) -> list[Effect]:
-        """The same no larger along an axis than the soundings lit it."""
+        """The same no larger along an axis than the soundings lit it and what such a thing may be beyond; then less and less."""
         return []
 
     def sizes(self, view, effect: Effect) -> tuple[Effect, Effect]:
