@@ -235,9 +235,10 @@ def test_what_the_vault_refuses_again_and_again_ends_the_search_without_it(monke
 def test_a_round_fits_nothing_twice_and_what_the_vault_refused_changes_no_other_guess(monkeypatch):
     world = copy.deepcopy(theirs())
     world["nodes"]["walker"]["time_offset_s"] = 0.05
-    ears, barred, screened = heard(world, 30.0), search.Barred(), []
-    model, original = evaluated(ears, ours(), ()), search._screened
-    monkeypatch.setattr(search, "_screened", lambda *a: screened.append(a) or original(*a))
+    ears, barred, screened, settled = heard(world, 30.0), search.Barred(), [], []
+    model, look_at, settle = evaluated(ears, ours(), ()), search._screened, search._settled
+    monkeypatch.setattr(search, "_screened", lambda *a: screened.append(a) or look_at(*a))
+    monkeypatch.setattr(search, "_settled", lambda ears, one, *a: settled.append(one.effects[-1]) or settle(ears, one, *a))
     first, _ = search.candidates(ears, model, UNKNOWN, search.Budget.of(200.0), barred)
     plain = [one for one in first if not one.effects[-1].family.shape_axes]
     alike = [(one, other) for one, other in itertools.combinations(plain, 2) if one.effects[-1].key == other.effects[-1].key]
@@ -246,6 +247,7 @@ def test_a_round_fits_nothing_twice_and_what_the_vault_refused_changes_no_other_
     barred.add([gone], model)
     second, _ = search.candidates(ears, model, UNKNOWN, search.Budget.of(200.0), barred)
     kept = {one.effects[-1].key: one.energy for one in first if one.effects[-1].key != gone.key}
+    assert len({id(one) for one in settled}) == len(settled)  # what was fitted is not fitted again
     assert len(screened) == count and gone.key not in {one.effects[-1].key for one in second}
     assert kept.items() <= {one.effects[-1].key: one.energy for one in second}.items()
 

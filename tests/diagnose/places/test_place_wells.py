@@ -224,10 +224,11 @@ def test_a_well_that_a_part_of_the_soundings_holds_for_the_deepest_is_not_taken_
     assert is_right(found[0]) and [one.energy for one in found] == pytest.approx([right.energy, wrong.energy], rel=1e-3)
 
 
-def test_what_is_looked_for_beside_a_wrong_well_is_looked_for_beside_the_open_one_too():
+def test_what_is_looked_for_beside_a_wrong_well_is_looked_for_beside_the_open_one_too(monkeypatch):
     world, shift_m = twin(), 0.1234
     normal = world.axes(world.mesh.index("board"))[0]
     ears, family = sounded("board", shift_m * normal, 2e8), BY_NAME["object_moved"]
+    ears = [replace(ears[0], heard=replace(ears[0].heard, weight=ears[0].heard.weight * 1e-2))]  # both wells are open
     away = Effect(family=family, owner="board", values=np.array([shift_m + world.wavelength_m / 2]), choice=tuple(normal))
     wrong = fitted(ears, evaluated(ears, world, (away,)))
 
@@ -236,7 +237,11 @@ def test_what_is_looked_for_beside_a_wrong_well_is_looked_for_beside_the_open_on
 
     others = search._in_open_wells(ears, wrong, 1.0)
     assert not is_right(wrong) and is_right(others[0])
-    assert all(one.energy < wrong.energy + policy.RIVAL_NATS for one in others)
+    assert all(abs(one.energy - wrong.energy) < policy.RIVAL_NATS for one in others)
     view, more = View(ears, wrong, UNKNOWN), BY_NAME["missing_reflections"]
     alone, beside = (search._screened(view, ears, wrong, more, "place", some) for some in ((), others))
     assert not any(is_right(one) for one in alone) and is_right(min(beside, key=lambda one: one.energy))
+    look = search._Look()
+    monkeypatch.setattr(View, "families", [more])
+    search._look(look, view, search.Barred(), search.Budget.of(60.0))
+    assert abs(look.guesses[0].effects[0].values[0] - shift_m) < 1e-3 and look.tried == {(more.name, "place")}

@@ -69,15 +69,15 @@ def unevenness(ears, fits, world) -> float:
 
 def wander_nats(ear, fit) -> float:
     """Nats by which gains that wander from one response to the next explain what a fit leaves, as Gaussian factors with the
-    spread that explains most: what is scattered comes by other ways, and later. Of a response whose phase is unknown only its
-    size tells."""
+    spread that explains most: what is scattered comes by other ways, and later. Each costs what a mode of a field does, though of
+    a response whose phase is unknown only its size tells: where a band resolves no delays both are the same."""
     weight = ear.heard.weight
     loud = (np.abs(fit.model) ** 2 * weight).sum(axis=2)
     along = (fit.model.conj() * fit.residual * weight).sum(axis=2)[loud > 0]
-    loud, free = loud[loud > 0], ear.heard.phase == "snapshot"
-    heard = (along.real**2 if free else np.abs(along) ** 2) / loud
-    over = (1 + free) * loud * _SPREADS[:, None] ** 2
-    return max(0.0, float((heard * over / (1 + over) - np.log1p(over) / (1 + free)).sum(axis=1).max()))
+    loud = loud[loud > 0]
+    heard = (along.real**2 if ear.heard.phase == "snapshot" else np.abs(along) ** 2) / loud
+    over = loud * _SPREADS[:, None] ** 2
+    return max(0.0, float((heard * over / (1 + over) - np.log1p(over)).sum(axis=1).max()))
 
 
 def whitened(ear, fit, world, rows: np.ndarray) -> np.ndarray:

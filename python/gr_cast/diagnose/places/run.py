@@ -58,12 +58,13 @@ def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[st
     else:
         found = search.run(ears, base, place.unknown, _SEARCH_SHARE * budget_s, progress, vault)
     told = _told(place, found, ears, vault, pathless)
+    is_field = told.is_field  # of what was found: none is left once it is not claimed
     if unsure := _unsure(told):
         warnings += [f"Not claimed, for it is likelier wrong than right: {entry['sentence']}" for entry in unsure]
         numbers = [number for cause, entry in zip(told.causes, told.effects, strict=True) if entry in unsure for number in cause]
         found = replace(found, model=fitted(ears, without_effects(ears, found.model, numbers), rounds=4))
         told = _told(place, found, ears, vault, pathless)
-    if not told.is_field:
+    if not is_field:
         warnings.append("What scattering was to explain is no random field, or gains that wander explain more of it.")
     if not told.is_foretold:
         warnings.append("What was found does not predict the soundings of the vault: something else is there.")
@@ -144,10 +145,11 @@ def _told(place: Place, found: search.Found, ears: tuple, vault: tuple, pathless
 
 def _wanders(ears, model: Model) -> bool:
     """Whether gains that wander explain more than the random fields of a model."""
-    flexible = [number for number, effect in enumerate(model.effects) if effect.family.is_flexible]
+    if not (flexible := [number for number, effect in enumerate(model.effects) if effect.family.is_flexible]):
+        return False
     bare = without_effects(ears, model, flexible)
     told = sum(diffuse.wander_nats(one, fit) for one, fit in zip(ears, bare.fits, strict=True) if one.has_responses)
-    return bool(flexible) and told > max(bare.energy - model.energy, 0.0) + policy.BESIDE_ROUGH_NATS
+    return told > max(bare.energy - model.energy, 0.0) + policy.BESIDE_ROUGH_NATS
 
 
 def _as_taps(ears, through, base) -> search.Found | None:

@@ -35,7 +35,7 @@ class Budget:
 class Barred:
     """What the vault refused, by what it was refused `beside`: where more is known, it may be looked for again. What is refused
     twice beside the same is refused for good (None). And the `rounds` that were made since, which need not be made again, and
-    what was looked at for any of them, which is the same whatever is barred."""
+    what was looked at for any of them, which holds on: what is barred then stays so."""
 
     beside: dict[tuple, list[frozenset | None]] = field(default_factory=dict)
     rounds: dict[tuple, tuple] = field(default_factory=dict)
@@ -86,7 +86,6 @@ def _freedom(model: Model, before: Model) -> float:
 class _Guess:
     """A candidate as it was screened: its effects, the last one new; nats that all soundings promise for it."""
 
-    base: World
     effects: tuple[Effect, ...]
     energy: float
     promise: float
@@ -94,13 +93,16 @@ class _Guess:
 
 @dataclass(eq=False, kw_only=True)
 class _Look:
-    """What one model's round looked at: guesses, the best first, None until all were screened; wells by key; by guess, and
-    whether it had to wait, the effects that it was fitted to, None where these are nothing to speak of."""
+    """What one model's round looked at: the keys that were tried; guesses, the best first, None until all were screened; wells
+    by key; by guess, the effects from which it is fitted; by guess, and whether it had to wait, those to which it was, None
+    where these are nothing to speak of."""
 
+    tried: set[tuple] = field(default_factory=set)
     guesses: list[_Guess] | None = None
     is_part: bool = False
-    wells: dict[tuple, list[Model]] = field(default_factory=dict)
-    fits: dict[tuple, tuple[Effect, ...] | None] = field(default_factory=dict)
+    wells: dict[tuple, list[tuple[Effect, ...]]] = field(default_factory=dict)
+    begun: dict[_Guess, tuple[Effect, ...]] = field(default_factory=dict)
+    fits: dict[tuple[_Guess, bool], tuple[Effect, ...] | None] = field(default_factory=dict)
 
 
 def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, barred: Barred) -> tuple[list[Model], int]:
@@ -124,13 +126,13 @@ def _round(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, bar
     look = barred.looks.setdefault(_of_round(model), _Look())
     if look.guesses is None:
         _look(look, View(ears, model, unknown), barred, budget)
-    count = sum(ear.count for ear in ears)
+    count, span_s = sum(ear.count for ear in ears), _span_s(ears)
     guesses = [one for one in look.guesses or () if not barred.bars(one.effects[-1].key, have)]
-    tried = len({one.effects[-1].key for one in guesses})
+    tried = sum(not barred.bars(key, have) for key in look.tried)
     chosen, crowd = [], {}
     for one in guesses:
         name = one.effects[-1].family.name
-        is_known = any(_is_again(one, other, _span_s(ears)) for other in chosen)
+        is_known = any(_is_again(model.base, one, other, span_s) for other in chosen)
         if crowd.get(name, 0) < policy.FITTED_PER_FAMILY and len(chosen) < policy.FITTED_AFTER_SCREEN and not is_known:
             crowd[name] = crowd.get(name, 0) + 1
             chosen.append(one)
@@ -144,7 +146,9 @@ def _round(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, bar
             effects = look.fits[one, waits]
             final += [evaluated(ears, model.base, effects)] if effects else []
             continue
-        begun = _by_all(ears, model, look.guesses, one, look.wells) if look.is_part else evaluated(ears, model.base, one.effects)
+        if one not in look.begun:
+            look.begun[one] = _by_all(ears, model, look.guesses, one, look.wells).effects if look.is_part else one.effects
+        begun = evaluated(ears, model.base, look.begun[one])
         fit = fitted(ears, begun, rounds=policy.SCREEN_ROUNDS) if waits else _settled(ears, begun, unknown, budget)
         stands = _stands_out(ears, fit, count, tried)
         final += [fit] if stands else []
@@ -157,7 +161,7 @@ def _look(look: _Look, view: View, barred: Barred, budget: Budget) -> None:
     """All candidates, screened; nothing where time ran out before all had been."""
     have, count = {effect.key for effect in view.model.effects}, sum(ear.count for ear in view.ears)
     heard, here, more = _overheard(view)
-    others = _in_open_wells(heard, here, more)
+    others = [] if budget.is_spent else _in_open_wells(heard, here, more)
     guesses = []
     for family in view.families:
         for owner in family.owners(view):
@@ -166,10 +170,11 @@ def _look(look: _Look, view: View, barred: Barred, budget: Budget) -> None:
                 continue
             if budget.is_spent:
                 return
+            look.tried.add(key)
             for one in _screened(view, heard, here, family, owner, others):
                 gain = here.tempered - one.tempered - _freedom(one, here)
                 promise = more * gain - numbers_price_nats(one.effects[-1], count)
-                guesses.append(_Guess(base=one.base, effects=one.effects, energy=one.energy, promise=promise))
+                guesses.append(_Guess(effects=one.effects, energy=one.energy, promise=promise))
     guesses.sort(key=lambda one: one.promise, reverse=True)
     look.guesses, look.is_part = guesses, more > 1
 
@@ -183,7 +188,8 @@ def _in_open_wells(heard: Sequence[Ear], here: Model, more: float) -> list[Model
             continue
         begun = _restarted(heard, here, number)
         fits = [fitted(heard, one, rounds=policy.SCREEN_ROUNDS, free=[number]) for one in begun]
-        near = [one for one in fits if more * (one.energy - here.energy) < policy.RIVAL_NATS]
+        near = [one for one in fits if more * abs(one.energy - here.energy) < policy.RIVAL_NATS]  # no part's own deepest
+        near.sort(key=lambda one: one.energy)
         apart = _distinct(here.base, [own, *(one.effects[number] for one in near)])[1:]
         out += [one for one in near if one.effects[number] in apart]
     return sorted(out, key=lambda one: one.energy)[: policy.OPEN_WELLS]
@@ -199,8 +205,8 @@ def _by_all(ears, model: Model, screened: Sequence[Model | _Guess], one: Model |
         begun = [other.effects for other in screened if other.effects[-1].key == effect.key][: policy.WELLS]
         fits = sorted((_quick(ears, evaluated(ears, model.base, effects)) for effects in begun), key=lambda fit: fit.tempered)
         apart = {id(own) for own in _distinct(model.base, [fit.effects[-1] for fit in fits])}
-        wells[effect.key] = [fit for fit in fits if id(fit.effects[-1]) in apart]
-    return wells[effect.key].pop(0) if wells[effect.key] else evaluated(ears, model.base, one.effects)
+        wells[effect.key] = [fit.effects for fit in fits if id(fit.effects[-1]) in apart]
+    return evaluated(ears, model.base, wells[effect.key].pop(0) if wells[effect.key] else one.effects)
 
 
 def _span_s(ears: Sequence[Ear]) -> tuple[float, float]:
@@ -209,16 +215,17 @@ def _span_s(ears: Sequence[Ear]) -> tuple[float, float]:
     return float(times_s.min()), float(times_s.max())
 
 
-def _is_again(one: _Guess, other: _Guess, span_s: tuple[float, float]) -> bool:
-    """Whether the last effects are the same, of one well, or one way of the same passer."""
+def _is_again(base: World, one: _Guess, other: _Guess, span_s: tuple[float, float]) -> bool:
+    """Whether the last effects are the same, for all that soundings tell, or one way of the same passer."""
     mine, its = one.effects[-1], other.effects[-1]
     if mine.key != its.key:
         return False
+    if mine.family.is_flexible or one.energy == other.energy:
+        return True
     if mine.family.has_ways:
-        return one.energy == other.energy or mine.family.is_same_way(one.base, mine, its, span_s)
-    if mine.family.shape_axes:
-        return one.energy == other.energy
-    return mine.family.is_flexible or abs(one.energy - other.energy) < policy.SAME_NATS
+        return mine.family.is_same_way(base, mine, its, span_s)
+    is_chosen_alike = not mine.family.shape_axes and mine.choice == its.choice
+    return is_chosen_alike and abs(one.energy - other.energy) < policy.SAME_NATS
 
 
 def _may_recur(family) -> bool:
@@ -330,10 +337,14 @@ def _less(ears, model: Model, number: int, unknown: dict, most: int | None) -> M
     """With as many turns of less along each axis as the soundings do not mind, at `most`."""
     family, view = model.effects[number].family, View(ears, model, unknown)
     for axis in range(family.shape_axes):
+        least = model.energy + policy.TRIMMED_NATS
         for one in family.smaller(view, model.effects[number], axis)[:most]:
+            if one is model.effects[number]:  # no smaller
+                continue
             less = replaced(ears, model, number, one)
-            if less.energy < model.energy + policy.TRIMMED_NATS:
-                model = less
+            if less.energy > least:
+                break
+            model = less
     return model
 
 
@@ -462,10 +473,14 @@ def run(
     others = _open(_with_images(ears, model, _with_kin(model, others), unknown, budget), barred, model)
     tracks = [one for one in (*itertools.chain(*others.values()), *model.effects) if one.family.has_ways]
     ways = {track.key: [one for one in tracks if one.key == track.key] for track in tracks}
+    known = {effect.key for effect in model.effects}
     model, rivals = exchanged(ears, model, others, count, tried, budget, vault)
     model = pruned(ears, model, count, tried)  # what one of its kinds explains better, another need not explain any more
-    for number in foretold.refused(vault, model):  # what came in another's place, of what is open of its numbers
-        model = _in_its_well(ears, vault, model, number, unknown, others, budget)
+    for number in foretold.refused(vault, model):  # what came in another's place for what is open of its numbers
+        key, before = model.effects[number].key, model.energy
+        if key not in known and not budget.is_spent:
+            model = _in_its_well(ears, vault, model, number, unknown, others, budget)
+            rivals[key] = [(one, nats + before - model.energy) for one, nats in rivals.get(key, ())]
     return Found(model=model, start=start, rivals=rivals, tried=tried, count=count, spent=spent, ways=ways)
 
 
@@ -684,10 +699,9 @@ def _otherwise(
     """The model with another fit of a refused effect that explains the soundings as well and is not refused: the same wall, as
     small as they leave it, or another, elsewhere, or the same in another well of its phase, next to it or wherever what else is
     known leaves one, or beside where it is as far as they do not tell."""
-    own = model.effects[number]
 
     def begun():
-        yield from [_pared(ears, model, number, unknown)] if own.family.shape_axes else []
+        yield from [one] if (one := _pared(ears, model, number, unknown)) is not model else []
         yield from (*_kinds(ears, model, number, others), *_restarted(ears, model, number, policy.WELLS))
         if not budget.is_spent:
             yield from _lowest(_begun_beside(ears, model, number, unknown))

@@ -250,7 +250,8 @@ class MissingObject(Family):
             wide, ends = sheet.around(lit_m, beyond_m), np.array([sheet.low_m, sheet.high_m])
             low, high = np.maximum(ends[0], wide.low_m), np.minimum(ends[1], wide.high_m)
             ends[axis % 2, axis // 2] = (low, high)[axis % 2][axis // 2]
-            out.append(replace(effect, choice=replace(sheet, low_m=tuple(ends[0]), high_m=tuple(ends[1]))))
+            less = replace(sheet, low_m=tuple(ends[0]), high_m=tuple(ends[1]))
+            out.append(effect if less == sheet else replace(effect, choice=less))
         return out
 
     def sizes(self, view, effect):
