@@ -20,7 +20,7 @@ def view_of(fit, but=None) -> NoiseView:
     """The residual where it is the noise's, off the rails, evened by every law of the noise that is a cause `but` one. A loud
     band, which knows nothing of time, has next to no say."""
     shape, spread, inside = shape_of_receiver(fit, fit.model), fit.data.scene.spread, off_the_rails(fit)
-    residual, variance, told = fit.residual, 1.0 if shape is None else shape, _by_others(fit, but)
+    residual, variance, told = circular(fit.residual, inside), 1.0 if shape is None else shape, _by_others(fit, but)
     if told is not None:
         variance = variance * (1.0 if told.variance is None else told.variance)
     if told is not None and told.spectrum is not None:
@@ -31,6 +31,19 @@ def view_of(fit, but=None) -> NoiseView:
         wanted_power=spread(np.abs(fit.chain.wanted) ** 2),
         weighted=spread(residual * fit.data.root**2 * inside),
     )
+
+
+def circular(residual: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """A residual (n,) with as much of its mirror image taken off as makes it circular over the samples `inside` (n,) bool, as
+    loud as it was: noise that passes a receiver's unequal gains has energies that are spread more, told or not. A few loud
+    samples have little say."""
+    power = np.abs(residual) ** 2
+    if not inside.any():
+        return residual
+    weight = inside / np.maximum(power, 4 * np.median(power[inside]) + 1e-300)
+    lean = (residual**2 * weight).sum() / max((power * weight).sum(), 1e-300)
+    out = residual - lean / (1 + np.sqrt(max(1 - abs(lean) ** 2, 0.0))) * np.conj(residual)
+    return out * np.sqrt(power[inside].sum() / max((np.abs(out[inside]) ** 2).sum(), 1e-300))
 
 
 def found_again(fit, effect):
