@@ -144,10 +144,11 @@ def _told(place: Place, found: search.Found, ears: tuple, vault: tuple, pathless
 
 
 def _wanders(ears, model: Model) -> bool:
-    """Whether gains that wander explain more than the random fields of a model."""
-    if not (flexible := [number for number, effect in enumerate(model.effects) if effect.family.is_flexible]):
+    """Whether gains that wander explain more than the random fields of a model and whom it has passing by."""
+    families = [effect.family for effect in model.effects]
+    if not any(family.is_flexible for family in families):
         return False
-    bare = without_effects(ears, model, flexible)
+    bare = without_effects(ears, model, [number for number, one in enumerate(families) if one.is_flexible or one.has_ways])
     told = sum(diffuse.wander_nats(one, fit) for one, fit in zip(ears, bare.fits, strict=True) if one.has_responses)
     return told > max(bare.energy - model.energy, 0.0) + policy.BESIDE_ROUGH_NATS
 
