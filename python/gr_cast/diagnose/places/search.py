@@ -186,8 +186,7 @@ def _in_open_wells(heard: Sequence[Ear], here: Model, more: float) -> list[Model
     for number, own in enumerate(here.effects):
         if own.family.shape_axes or own.family.is_flexible:
             continue
-        begun = _restarted(heard, here, number)
-        fits = [fitted(heard, one, rounds=policy.SCREEN_ROUNDS, free=[number]) for one in begun]
+        fits = _refitted(heard, here, number, policy.FULL_STARTS)
         near = [one for one in fits if more * abs(one.energy - here.energy) < policy.RIVAL_NATS]  # no part's own deepest
         near.sort(key=lambda one: one.energy)
         apart = _distinct(here.base, [own, *(one.effects[number] for one in near)])[1:]
@@ -323,18 +322,14 @@ def _of_each_way(ears, models: list[Model], number: int) -> list[Model]:
     return out
 
 
-def _trimmed(ears, model: Model, number: int, unknown: dict) -> Model:
-    """No larger than the soundings need it, and what a wall may be beyond: what they do not see is not told to be there."""
-    return _less(ears, model, number, unknown, 1)
-
-
 def _pared(ears, model: Model, number: int, unknown: dict) -> Model:
     """As small as the soundings leave it."""
-    return _less(ears, model, number, unknown, None)
+    return _trimmed(ears, model, number, unknown, None)
 
 
-def _less(ears, model: Model, number: int, unknown: dict, most: int | None) -> Model:
-    """With as many turns of less along each axis as the soundings do not mind, at `most`."""
+def _trimmed(ears, model: Model, number: int, unknown: dict, most: int | None = 1) -> Model:
+    """No larger than the soundings need it, and what a wall may be beyond: what they do not see is not told to be there. With at
+    `most` so many turns of less along each axis, as long as the soundings do not mind."""
     family, view = model.effects[number].family, View(ears, model, unknown)
     for axis in range(family.shape_axes):
         least = model.energy + policy.TRIMMED_NATS
@@ -385,6 +380,12 @@ def _restarted(ears, model: Model, number: int, most: int = policy.FULL_STARTS) 
     near.sort(key=lambda one: one.energy)
     best = _distinct(model.base, [one.effects[number] for one in near])[:most]
     return [replaced(ears, model, number, one) for one in best]
+
+
+def _refitted(ears, model: Model, number: int, most: int) -> list[Model]:
+    """From each of these beginnings, one effect fitted beside all others as they are."""
+    begun = _restarted(ears, model, number, most)
+    return [fitted(ears, one, rounds=policy.SCREEN_ROUNDS, free=[number]) for one in begun]
 
 
 def _distinct(base, effects: list[Effect]) -> list[Effect]:
@@ -767,9 +768,7 @@ def wells(ears, vault: Sequence[Ear], model: Model, number: int) -> list[tuple[f
     """(nats behind, numbers) of an effect in the other wells of its phase that the soundings leave open and the vault does not
     refuse."""
     own = model.effects[number]
-    tried = [
-        fitted(ears, one, rounds=policy.SCREEN_ROUNDS, free=[number]) for one in _restarted(ears, model, number, policy.WELLS)
-    ]
+    tried = _refitted(ears, model, number, policy.WELLS)
     open_ = [
         one
         for one in tried
