@@ -18,16 +18,16 @@ LAWS = {FAMILIES[name].told for name in TESTED}
 
 def view_of(fit, but=None) -> NoiseView:
     """The residual where it is the noise's, off the rails, evened by every law of the noise that is a cause `but` one. A loud
-    band, which knows nothing of time, has next to no say."""
+    band, which knows nothing of time, has next to no say. Energies are as of circular noise, the spectrum is as it is."""
     shape, spread, inside = shape_of_receiver(fit, fit.model), fit.data.scene.spread, off_the_rails(fit)
-    residual, variance, told = circular(fit.residual, inside), 1.0 if shape is None else shape, _by_others(fit, but)
+    residual, variance, told = fit.residual, 1.0 if shape is None else shape, _by_others(fit, but)
     if told is not None:
         variance = variance * (1.0 if told.variance is None else told.variance)
     if told is not None and told.spectrum is not None:
         residual = told.even(told.even(residual, inside), inside) / np.sqrt(np.mean(1 / told.spectrum))
     return NoiseView(
         use=spread(inside),
-        energy=spread(np.abs(residual) ** 2 / variance),
+        energy=spread(np.abs(circular(residual, inside)) ** 2 / variance),
         wanted_power=spread(np.abs(fit.chain.wanted) ** 2),
         weighted=spread(residual * fit.data.root**2 * inside),
     )
