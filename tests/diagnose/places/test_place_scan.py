@@ -12,8 +12,10 @@ def drawn(random, *shape) -> np.ndarray:
     return random.normal(size=shape) + 1j * random.normal(size=shape)
 
 
+@pytest.mark.parametrize("at_once", [1, 150, 4000])
 @pytest.mark.parametrize("is_free", [False, True])
-def test_a_grid_in_space_is_its_levels(is_free):
+def test_a_grid_in_space_is_its_levels_however_many_tones_are_looked_at_together(is_free, at_once, monkeypatch):
+    monkeypatch.setattr(scan, "_AT_ONCE", at_once)
     random = np.random.default_rng(1)
     rows = [
         scan.Row(

@@ -12,11 +12,13 @@ from gr_cast.diagnose.places.likelihood import Heard
 from gr_cast.diagnose.places.view import View
 from gr_cast.scenario.create.fields import surface_of
 from gr_cast.scenario.create.geometry import Solid
+from gr_cast.scenario.create.media import Medium
+from gr_cast.scenario.create.nodes import Node
 from gr_cast.twin.places.families import FAMILIES
 from gr_cast.twin.places.families.base import Effect
 from gr_cast.twin.places.families.nodes import _holds_most
 from gr_cast.twin.places.predict import Predictor
-from gr_cast.twin.places.world import Mesh
+from gr_cast.twin.places.world import Mesh, Radio
 
 from tests.diagnose.places.test_place_edges import SIDES, box
 from tests.diagnose.places.test_place_search import LINKS, TIME_S, UNKNOWN, ours, response, theirs
@@ -245,3 +247,72 @@ def test_what_is_looked_for_beside_a_wrong_well_is_looked_for_beside_the_open_on
     monkeypatch.setattr(View, "families", [more])
     search._look(look, view, search.Barred(), search.Budget.of(60.0))
     assert abs(look.guesses[0].effects[0].values[0] - shift_m) < 1e-3 and look.tried == {(more.name, "place")}
+
+
+def _over_ground(height_m: float, permittivity: float, band_hz: float, seed: int):
+    """(soundings, twin without the ground): ten still links by the two-ray law with Fresnel's coefficient of a half-space, under
+    grazing angles of 9 to 32°, to 40 dB over the noise. Isotropic, vertical: both fields along theta, transverse magnetic."""
+    random, frequency_hz = np.random.default_rng(seed), np.linspace(-band_hz / 2, band_hz / 2, 24)
+    x_m, angle = np.linspace(9, 40, 10), np.deg2rad(np.linspace(9, 32, 10)[random.permutation(10)])
+    far_m = x_m / np.cos(angle)
+    z_m = far_m * np.sin(angle) - 1.0 + height_m
+    nodes = {"a": (0.0, 0.0, 1.0 + height_m)} | {
+        f"b{number}": (x, 0.0, z) for number, (x, z) in enumerate(zip(x_m, z_m, strict=True))
+    }
+    solid = Solid(name="far", vertices_m=np.array([[0, 0, 900.0], [1, 0, 900], [1, 1, 900]]), faces=[[0, 1, 2]])
+    world = replace(
+        ours(), mesh=Mesh.of((solid,), np.array(list(nodes.values()))), media={"far": Medium(material="concrete")}, max_depth=1,
+        surface=surface_of([Medium(material="concrete")], CARRIER_HZ), carrier_hz=CARRIER_HZ,
+        radios={name: Radio(node=Node(name=name, waypoints_m=np.array([at]))) for name, at in nodes.items()},
+    )  # fmt: skip
+    hz = CARRIER_HZ + frequency_hz
+    eta, sine = permittivity - 1j * 0.01 * 17.975 / (CARRIER_HZ / 1e9), np.sin(angle)
+    root = np.sqrt(eta - np.cos(angle) ** 2)
+    straight_m, reflection = np.hypot(x_m, z_m - 1.0 - height_m), (eta * sine - root) / (eta * sine + root)
+    echoes = (straight_m, np.ones(10)), (far_m, reflection)
+    clean = sum((gain / far)[:, None] * np.exp(-2j * np.pi * hz * far[:, None] / 299792458.0) for far, gain in echoes)
+    clean = (clean * 299792458.0 / CARRIER_HZ / (4 * np.pi))[:, None].repeat(4, axis=1)
+    clean *= np.exp(2j * np.pi * random.random((10, 4, 1)) - 2j * np.pi * frequency_hz * random.normal(0, 5e-9, (10, 1, 1)))
+    noise = (np.abs(clean) ** 2).mean() / 1e4
+    y = clean + np.sqrt(noise / 2) * (random.normal(size=clean.shape) + 1j * random.normal(size=clean.shape))
+    unknown, links = {"phase": "snapshot", "delay": "link", "gain": "common"}, [("a", f"b{number}") for number in range(10)]
+    told = Heard(links=tuple(links), y=y, weight=np.full(y.shape, 1 / noise), frequency_hz=frequency_hz, **unknown)
+    ear = ResponseEar(Predictor(*zip(*links, strict=True), np.arange(4.0), frequency_hz), told)
+    return ear, world, unknown
+
+
+@pytest.mark.parametrize("height_m, permittivity", [(-0.325, 12.9), (0.21, 9.2), (-0.73, 17.0)])
+def test_a_ground_is_begun_at_its_height_where_echoes_of_another_permittivity_would_be_turned_round(height_m, permittivity):
+    ear, world, unknown = _over_ground(height_m, permittivity, 8e7, seed=2)
+    view = View([ear], evaluated([ear], world, ()), unknown)
+    one = BY_NAME["ground"].starts(view, "place")[0]
+    found = fitted([ear], with_effect([ear], view.model, one))
+    assert found.effects[0].values == pytest.approx([height_m, np.log(permittivity)], abs=1e-2)
+    assert found.deviations(ear.count) < 4 < view.model.deviations(ear.count)
+
+
+@pytest.mark.parametrize("ratio, missing", [(1.02, ()), (1.11, ()), (1.11, ("floor", "board"))])
+def test_a_carrier_is_begun_in_its_own_well_though_nothing_moves_and_much_else_is_missing(ratio, missing):
+    still_s, unknown = TIME_S[:1], {"phase": "link", "delay": "none", "gain": "common"}
+    world, frequency_hz = theirs() | {"carrier_hz": ratio * CARRIER_HZ, "bandwidth_hz": 1e8}, np.linspace(-5e7, 5e7, 24)
+    clean, random = response(world, LINKS, still_s, frequency_hz), np.random.default_rng(3)
+    noise = (np.abs(clean) ** 2).mean() / 1e3
+    y = clean + np.sqrt(noise / 2) * (random.normal(size=clean.shape) + 1j * random.normal(size=clean.shape))
+    told = Heard(links=tuple(LINKS), y=y, weight=np.full(y.shape, 1 / noise), frequency_hz=frequency_hz, **unknown)
+    ears = [ResponseEar(Predictor(*zip(*LINKS, strict=True), still_s, frequency_hz), told)]
+    view = View(ears, evaluated(ears, twin(*missing), ()), unknown)
+    fits = [fitted(ears, with_effect(ears, view.model, one)) for one in BY_NAME["carrier"].starts(view, "place")]
+    best = min(fits, key=lambda one: one.energy)
+    assert np.exp(best.effects[-1].values[0]) == pytest.approx(ratio * CARRIER_HZ, rel=2e-4)
+
+
+@pytest.mark.parametrize("name", ["a", "c", "walker"])
+@pytest.mark.parametrize("offset_m", [(0.02, -0.01, 0.07), (-0.03, 0.02, -0.1), (0.01, 0.05, 0.13)])
+def test_a_node_that_is_higher_by_many_waves_is_begun_there(name, offset_m):
+    world = theirs()
+    own = world["nodes"][name]
+    moved = own | {"waypoints_m": [list(np.add(at_m, offset_m)) for at_m in own["waypoints_m"]]}
+    ears = of_world(world | {"nodes": world["nodes"] | {name: moved}}, 2e8)
+    view = View(ears, evaluated(ears, twin(), ()), UNKNOWN)
+    fits = [fitted(ears, with_effect(ears, view.model, one)) for one in BY_NAME["node_position"].starts(view, name)]
+    assert min(fits, key=lambda one: one.energy).effects[-1].values == pytest.approx(offset_m, abs=2e-3)

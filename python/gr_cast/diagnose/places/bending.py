@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...twin.places.predict import phasors
+from ...twin.places.predict import summed
 from . import policy
 
 _UNSPOILT = 0.5  # of a response's say: where all have more, nothing is to be weighed anew
@@ -31,11 +31,11 @@ def _loosened(ear, fit, links: list[np.ndarray], weight: np.ndarray):
     for index, columns in enumerate(links):
         if not len(columns):
             continue
-        inner = np.einsum("etk,ftk->ef", columns.conj(), columns * weight[index]) * policy.EDGE_SHARE**2
-        side = (columns.conj() * (residual[index] * weight[index])).sum(axis=(1, 2)) * policy.EDGE_SHARE
+        flat, own = policy.EDGE_SHARE * columns.reshape(len(columns), -1), weight[index].ravel()
+        inner = flat.conj() @ (flat * own).T
         inner[np.diag_indices(len(inner))] += 1
-        change = np.linalg.solve(inner, side)
-        more = policy.EDGE_SHARE * np.einsum("e,etk->tk", change, columns)
+        change = np.linalg.solve(inner, flat.conj() @ (residual[index].ravel() * own))
+        more = (change @ flat).reshape(residual[index].shape)
         model[index] += more
         residual[index] -= np.where(weight[index] > 0, more, 0)
         price += float((np.abs(change) ** 2).sum() + np.linalg.slogdet(inner)[1])
@@ -92,6 +92,6 @@ def _columns(ear, fit, world, index: int) -> np.ndarray:
     strength = np.bincount(bent.edge, np.abs(bent.gain) ** 2) / bent.many * (np.abs(scale) ** 2 * weight).sum()
     use = strength[bent.edge] * policy.EDGE_SHARE**2 > policy.EDGE_NATS if len(bent.edge) else np.zeros(0, bool)
     edges, place = np.unique(bent.edge[use], return_inverse=True)
-    columns = np.zeros((len(edges), bent.many, weight.shape[1]), complex)
-    columns[place, bent.instant[use]] = phasors(bent.gain[use], bent.length_m[use], world.carrier_hz, predictor.frequency_hz).T
-    return columns * scale
+    rows, many = place * bent.many + bent.instant[use], len(edges) * bent.many
+    columns = summed(rows, bent.gain[use], bent.length_m[use], many, world.carrier_hz, predictor.frequency_hz)
+    return columns.reshape(len(edges), bent.many, weight.shape[1]) * scale

@@ -48,15 +48,17 @@ def _tried_m(ears, world: World, lowest_m: float) -> np.ndarray:
     """As densely as the steepest paths need, below the lowest node and where meshes have their ground."""
     top_m = lowest_m - _LEAST_M
     deep = lowest_m - np.geomspace(_NEAR_M, _FAR_M, _DEEP)
-    fine = [*_down(ears, world, top_m, lowest_m - _NEAR_M), *_down(ears, world, min(top_m, _AROUND_ZERO_M), -_AROUND_ZERO_M)]
+    ranges_m = (top_m, lowest_m - _NEAR_M), (min(top_m, _AROUND_ZERO_M), -_AROUND_ZERO_M)
+    fine = [height_m for range_m in ranges_m for height_m in down(ears, world, *range_m, _MOST)]
     return np.unique(np.concatenate([fine, deep]))
 
 
-def _down(ears, world: World, height_m: float, end_m: float) -> Iterator[float]:
+def down(ears, world: World, height_m: float, end_m: float, most: int) -> Iterator[float]:
+    """At most so many heights from one down to another, as densely as the steepest paths' phases need."""
     ends = [ear.predictor.ends_m(world, index) for ear in ears for index in range(len(ear.predictor.links))]
     tx_m, rx_m = (np.concatenate(side) for side in zip(*ends, strict=True))
     level_m = np.linalg.norm((tx_m - rx_m)[:, :2], axis=1)
-    for _ in range(_MOST):
+    for _ in range(most):
         if height_m <= end_m:
             return
         yield height_m
@@ -79,7 +81,7 @@ def _energies(ears, world: World, tried_m: np.ndarray, permittivity: float) -> n
         here, expected = ear.predictor.response(world), ear.predicted(world)
         power = np.maximum((np.abs(here) ** 2).mean(axis=2), _FAINT)
         for begin in range(0, len(tried_m), _AT_ONCE):
-            more = _reflected(ear.predictor, world, tried_m[begin : begin + _AT_ONCE], permittivity)
+            more = reflected(ear.predictor, world, tried_m[begin : begin + _AT_ONCE], permittivity)
             for number in range(more.shape[1]):
                 change = (np.abs(here + more[:, number]) ** 2).mean(axis=2) / power
                 mean_db = expected.mean_db + db_from_power(np.maximum(change, _FAINT))
@@ -87,7 +89,7 @@ def _energies(ears, world: World, tried_m: np.ndarray, permittivity: float) -> n
     return total
 
 
-def _reflected(own: Predictor, world: World, heights_m: np.ndarray, permittivity: float) -> np.ndarray:
+def reflected(own: Predictor, world: World, heights_m: np.ndarray, permittivity: float) -> np.ndarray:
     """(L, heights, T, K) over a ground at each height and nothing else: the nodes are lifted instead, one after another."""
     medium = Medium(own_permittivity=permittivity, own_conductivity_s_per_m=0.01, thickness_m=_DEEP_M)
     corners_m = _WIDE_M * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])

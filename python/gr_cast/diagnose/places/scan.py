@@ -13,6 +13,7 @@ from .ears import ResponseEar, evenly
 from .likelihood import Fitted, tempered
 
 _ROWS, _TONES = 40, 12  # of a sounding that a scan looks at: a guess needs no more
+_AT_ONCE = 4_000  # numbers that are looked at together: more leave a core's memory
 _SOUNDED, _FINER = 4, 8  # wells whose bottoms are looked for, for each that is wanted; how much finer
 
 
@@ -26,15 +27,16 @@ class Row:
     y: np.ndarray
     weight: np.ndarray
     is_free: bool  # its phase is unknown
+    most: float = np.inf  # energy that it may do with where what turns is not there
 
     def turned(self, axis: int, by: float) -> "Row":
         """The same where one of the numbers is `by` more."""
         return replace(self, base=self.base * np.exp(-1j * by * self.rates[axis]))
 
 
-def rows(ear: ResponseEar, fit: Fitted, world, rates_of) -> list[Row]:
+def rows(ear: ResponseEar, fit: Fitted, world, rates_of, without=None) -> list[Row]:
     """Rows of a sounding whose paths are turned by `rates_of(link)` → (axes, n, 2): metres of length and of its part that shows
-    in the band, per unit; None where a link is not touched."""
+    in the band, per unit; None where a link is not touched. Each may be as in the world `without` what turns, if one is given."""
     heard, predictor = ear.heard, ear.predictor
     touched = {index: rates for index in range(len(heard.links)) if (rates := rates_of(index)) is not None}
     out = []
@@ -59,6 +61,7 @@ def rows(ear: ResponseEar, fit: Fitted, world, rates_of) -> list[Row]:
             rate = (2 * np.pi / SPEED_OF_LIGHT_M_PER_S) * (
                 world.carrier_hz * rates[:, here, :1] + f_hz[None, None] * rates[:, here, 1:]
             )
+            less = None if without is None else predictor.link_response(without, index)[step, columns] * factor
             out.append(
                 Row(
                     base=base * factor,
@@ -67,9 +70,17 @@ def rows(ear: ResponseEar, fit: Fitted, world, rates_of) -> list[Row]:
                     y=y,
                     weight=weight,
                     is_free=heard.phase != "none",
+                    most=np.inf if less is None else _left_by(less, y, weight, heard.phase != "none"),
                 )  # fmt: skip
             )
     return out
+
+
+def _left_by(model: np.ndarray, y: np.ndarray, weight: np.ndarray, is_free: bool) -> float:
+    """Energy of one response (K,)."""
+    cross = (y.conj() * model * weight).sum()
+    along = np.abs(cross) if is_free else cross.real
+    return float(((np.abs(y) ** 2 + np.abs(model) ** 2) * weight).sum() - 2 * along)
 
 
 def _at(heard, fit: Fitted, index: int, step: int, columns):
@@ -112,19 +123,25 @@ def _turns(row: Row, first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray,
 
 def _energy(row: Row, left: np.ndarray, right: np.ndarray, scale: np.ndarray | float | None) -> tuple[np.ndarray, np.ndarray]:
     cross, power = np.complex64(0), np.float32(0)
-    for k in range(len(row.y)):
-        root = np.sqrt(row.weight[k])  # first: powers of amplitudes alone are less than single precision holds
-        model = (root * row.base[:, k] * left[k]).astype(np.complex64) @ right[k]
-        model += np.complex64(root * row.rest[k])
-        power = power + (model.real**2 + model.imag**2)
-        model *= np.complex64(root * row.y[k].conj())
-        cross = cross + model
+    root = np.sqrt(row.weight)  # first: powers of amplitudes alone are less than single precision holds
+    paths, rest, heard = (
+        one[:, None] for one in ((root * row.base).T, (root * row.rest)[:, None], (root * row.y.conj())[:, None])
+    )
+    at_once = max(1, _AT_ONCE // (left.shape[1] * right.shape[2]))
+    for begin in range(0, len(root), at_once):
+        part = slice(begin, begin + at_once)
+        model = (paths[part] * left[part]).astype(np.complex64) @ right[part]
+        model += rest[part].astype(np.complex64)
+        power = power + (model.real**2 + model.imag**2).sum(axis=0)
+        model *= heard[part].astype(np.complex64)
+        cross = cross + model.sum(axis=0)
     along = np.abs(cross) if row.is_free else cross.real
-    heard = np.float32((np.abs(row.y) ** 2 * row.weight).sum())
+    total = np.float32((np.abs(row.y) ** 2 * row.weight).sum())
     if scale is None:
-        over = heard - np.maximum(along, 0) ** 2 / np.maximum(power, np.float32(1e-30))
+        over = total - np.maximum(along, 0) ** 2 / np.maximum(power, np.float32(1e-30))
     else:
-        over = heard + scale**2 * power - 2 * scale * along
+        over = total + scale**2 * power - 2 * scale * along
+    over = np.minimum(over, np.float32(row.most))
     return tempered(over, np.float32((row.weight > 0).sum())), over
 
 

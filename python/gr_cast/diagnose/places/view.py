@@ -11,7 +11,7 @@ from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
 from ...scenario.create import fields
 from ...twin.places.carrying import headings
 from ...twin.places.families import FAMILIES
-from . import diffuse, eclipses, extents, fringes, imaging, planes, policy, scan, shades, sides, tracks
+from . import diffuse, eclipses, extents, fringes, grounds, imaging, planes, policy, scan, shades, sides, tracks
 from .coherent import Phased
 from .ears import alone, holding, of_link, thinned_as_fitted, without_phase
 from .fit import Model, applied, evaluated, fitted, heard_in, with_effect
@@ -299,11 +299,11 @@ class View:
             fits.append(fit)
         return fits
 
-    def _scanned(self, rates_of, fits=None) -> list:
+    def _scanned(self, rates_of, fits=None, without=None) -> list:
         out = []
         for ear, fit in zip(self.ears, fits or self.model.fits, strict=True):
             if ear.has_responses:
-                out += scan.rows(ear, fit, self.world, lambda index, ear=ear: rates_of(ear, index))
+                out += scan.rows(ear, fit, self.world, lambda index, ear=ear: rates_of(ear, index), without)
         return out
 
     def _in_band(self, lengths: np.ndarray, gain: np.ndarray) -> np.ndarray:
@@ -361,7 +361,18 @@ class View:
 
     def scan_object(self, name: str, normal: np.ndarray, grid_m: np.ndarray, best: int) -> list[float]:
         """Shifts of an object along a normal that would explain best."""
-        number = self.world.mesh.index(name)
+        rows = self._scanned(self._moved_with(self.world.mesh.index(name), normal))
+        return scan.wells(rows, grid_m, best) if rows else []
+
+    def shift_in_phase_m(self, effect, normal: np.ndarray, grid_m: np.ndarray) -> float:
+        """Shift along a normal at which an object that an effect adds would explain best; each response may do without it."""
+        there = self.beside(effect)
+        rates = there._moved_with(len(there.world.mesh.names) - 1, normal)
+        rows = there._scanned(rates, self._thin_model.fits, self.world)
+        return float(grid_m[np.argmin(scan.energy_along(rows, grid_m)[1])]) if rows else 0.0
+
+    def _moved_with(self, number: int, normal: np.ndarray):
+        """Change of paths' lengths with an object's place along a normal, of links."""
         faces = self.world.faces
 
         def rates(ear, index):
@@ -378,8 +389,7 @@ class View:
                 change += np.where(own, turn * (plane @ normal), 0.0)
             return self._in_band(change[None], gain) if np.any(change[gain != 0]) else None
 
-        rows = self._scanned(rates)
-        return scan.wells(rows, grid_m, best) if rows else []
+        return rates
 
     def moves_m(self, most_m: float) -> np.ndarray:
         """Either way, in steps that turn the phase of an echo by half a turn at most."""
@@ -443,7 +453,10 @@ class View:
         return View(self.ears, with_effect(self.ears, self.model, effect), self.unknown)
 
     def scan_ground(self) -> list[tuple[float, float]]:
-        """Heights under all nodes, and permittivities, of level planes that would explain powers."""
+        """Heights under all nodes, and permittivities, of level planes that would explain responses, or powers where these are
+        all there is."""
+        if self.has_responses:
+            return grounds.by_echoes(self.ears, self.model.fits, self.world, self.lowest_m)
         return fringes.grounds(self.ears, self.world, self.lowest_m)
 
     @property
@@ -451,14 +464,6 @@ class View:
         """Length by which paths differ that the band tells apart."""
         heard = [ear.heard for ear, _ in self.wideband]
         return max((SPEED_OF_LIGHT_M_PER_S / (len(one.frequency_hz) * one.spacing_hz) for one in heard), default=0.0)
-
-    def heights_m(self) -> list[float]:
-        """Under all nodes, where level planes would send what is left."""
-        lowest = self.lowest_m
-        resolution_m = max((SPEED_OF_LIGHT_M_PER_S / one.bins_per_s for one in self.echoes), default=1.0)
-        coarse = np.arange(lowest - 6.0, lowest - 0.05, min(resolution_m, 0.25))
-        normal = np.broadcast_to([0.0, 0.0, 1.0], (len(coarse), 3))
-        return scan.minima(coarse, -imaging.plane_scores(self.echoes, normal, coarse), 3)
 
     def delay_of_node(self, name: str) -> float:
         """Common delay of what is heard over a node's links against the model, from the phase slopes."""

@@ -115,22 +115,17 @@ def transition(x: np.ndarray) -> np.ndarray:
 
 
 def coefficient(n, k, distance, sin_beta, phi_in, phi_out, r0, rn) -> np.ndarray:
-    """D of one polarisation; `r0`, `rn`: reflection of both faces; `distance`: s·s'/(s + s')·sin²β."""
-    out = np.zeros(np.shape(phi_in), complex)
-    for sign, beta, weight in (
-        (1, phi_out - phi_in, 1.0),
-        (-1, phi_out - phi_in, 1.0),
-        (-1, phi_out + phi_in, r0),
-        (1, phi_out + phi_in, rn),
-    ):
-        turns = np.round((beta + sign * np.pi) / (2 * np.pi * n))
-        a = 2 * np.cos((2 * np.pi * n * turns - beta) / 2) ** 2
-        angle = (np.pi + sign * beta) / (2 * n)
-        near = np.abs(np.sin(angle)) < 1e-7
-        cot = np.cos(angle) / np.where(near, 1.0, np.sin(angle))
-        term = cot * transition(k * distance * a)
-        limit = n * np.exp(1j * np.pi / 4) * np.sqrt(2 * np.pi * k * distance)  # on a shadow boundary
-        out = out + weight * np.where(near, limit, term)
+    """D (…, n) of polarisations; `r0`, `rn` (…, n): reflection of both faces; `distance` (n,): s·s'/(s + s')·sin²β."""
+    sign, apart, both = np.array([1, -1, -1, 1])[:, None], phi_out - phi_in, phi_out + phi_in
+    beta = np.stack([apart, apart, both, both])
+    turns = np.round((beta + sign * np.pi) / (2 * np.pi * n))
+    a = 2 * np.cos((2 * np.pi * n * turns - beta) / 2) ** 2
+    angle = (np.pi + sign * beta) / (2 * n)
+    sine = np.sin(angle)
+    near = np.abs(sine) < 1e-7
+    limit = n * np.exp(1j * np.pi / 4) * np.sqrt(2 * np.pi * k * distance)  # on a shadow boundary
+    term = np.where(near, limit, np.cos(angle) / np.where(near, 1.0, sine) * transition(k * distance * a))
+    out = term[0] + term[1] + r0 * term[2] + rn * term[3]
     return -np.exp(-1j * np.pi / 4) / (2 * n * np.sqrt(2 * np.pi * k) * sin_beta) * out
 
 
@@ -141,14 +136,14 @@ def paths(edges: Edges, faces, surface, carrier_hz: float, tx_m: np.ndarray, rx_
     """
     wavelength_m = fields.SPEED_OF_LIGHT_M_PER_S / carrier_hz
     keep = np.flatnonzero(surface.present[edges.owner])
-    row, edge = (grid.ravel() for grid in np.meshgrid(np.arange(len(tx_m)), keep, indexing="ij"))
-    a, b = tx_m[row] - edges.begin_m[edge], rx_m[row] - edges.begin_m[edge]
-    along = edges.along[edge]
-    za, zb = (np.einsum("ij,ij->i", v, along) for v in (a, b))
-    ra, rb = (np.linalg.norm(v - z[:, None] * along, axis=1) for v, z in ((a, za), (b, zb)))
+    a, b = (ends_m[:, None] - edges.begin_m[keep] for ends_m in (tx_m, rx_m))
+    unit = edges.along[keep]
+    za, zb = (np.einsum("pej,ej->pe", v, unit) for v in (a, b))
+    ra, rb = (np.sqrt(np.einsum("pej,pej->pe", away, away)) for away in (v - z[:, :, None] * unit for v, z in ((a, za), (b, zb))))
     z = za + (zb - za) * ra / np.maximum(ra + rb, _TINY)  # Fermat: both angles with the edge are the same
-    on = (z > 0) & (z < edges.length_m[edge]) & (ra > 1e-4) & (rb > 1e-4)
-    row, edge, z, along = row[on], edge[on], z[on], along[on]
+    row, edge = np.nonzero((z > 0) & (z < edges.length_m[keep]) & (ra > 1e-4) & (rb > 1e-4))
+    z, edge = z[row, edge], keep[edge]
+    along = edges.along[edge]
     point_m = edges.begin_m[edge] + z[:, None] * along
     first, second = point_m - tx_m[row], rx_m[row] - point_m
     s_in, s_out = np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1)
@@ -174,9 +169,9 @@ def paths(edges: Edges, faces, surface, carrier_hz: float, tx_m: np.ndarray, rx_
     coefficients = []
     for graze in (graze0, grazen):
         cos_in = np.clip(np.abs(np.sin(graze)) * sin_beta, 1e-9, 1)
-        coefficients.append(fields.slab(eta[owner], surface.thickness_m[owner], cos_in, wavelength_m)[:2])
+        coefficients.append(np.stack(fields.slab(eta[owner], surface.thickness_m[owner], cos_in, wavelength_m)[:2]))
     distance = s_in * s_out / (s_in + s_out) * sin_beta**2
-    soft, hard = (coefficient(n, k, distance, sin_beta, phi_in, phi_out, coefficients[0][p], coefficients[1][p]) for p in (0, 1))
+    soft, hard = coefficient(n, k, distance, sin_beta, phi_in, phi_out, *coefficients)
     # Edge-fixed axes: φ across edge and ray, β completes them; soft: the field along β.
     phi_a = -fields.cross(along, first) / sin_beta[:, None]
     phi_b = fields.cross(along, second) / sin_beta[:, None]

@@ -206,8 +206,8 @@ class MissingObject(Family):
         """A plane where its echoes come in phase: the twin, fitted without, hides part of them. Rows where it ends otherwise than
         it was told to have no say."""
         coarse_m, fine_m = _fine_m(view.world, _COARSE), view.world.wavelength_m / _COARSE * np.linspace(-1, 1, _BETWEEN)
-        best = view.row_by_row([begun(sheet, _BOARD, m) for m in coarse_m])[0]
-        return view.row_by_row([begun(sheet, one, best.values[0] + m) for m in fine_m for one in _MADE])[0]
+        shift_m = view.shift_in_phase_m(begun(sheet, _BOARD), np.array(sheet.normal), coarse_m)
+        return view.row_by_row([begun(sheet, one, shift_m + m) for m in fine_m for one in _MADE])[0]
 
     def restarts(self, world, effect):
         made = [(1.0, 1e7), _DARK, *((permittivity, 0.03) for permittivity in _PERMITTIVITIES)]

@@ -13,12 +13,10 @@ from .base import Effect, Family, OfThings, std_of, value
 
 _WIDE_M = 3000.0  # of a ground
 _GROUND_CONDUCTIVITY = 0.01  # S/m, where it cannot be told
-_USUAL_GROUND, _UP = 8.0, np.array([0.0, 0.0, 1.0])  # permittivity with which heights are looked for
-_GROUNDS, _SHARPENED = (3.0, 7.0, 18.0), 40  # permittivities that are tried there; wells whose bottoms are compared
+_SHARPENED = 40  # wells whose bottoms are compared
 _HEIGHTS = 14  # other heights about one that was found, either way
-_ABOUT_M, _STRIP_M, _PER_STRIP = (1.0, 6.0), 0.1, 2  # of an echo's height by its delay, as the band is; looked at at a time
 _ASKED = 12  # objects that are asked whether they scatter
-_OCTAVES = 1.3  # that a carrier may be off, up or down
+_OCTAVES, _CARRIERS = 1.3, 200  # that a carrier may be off, up or down; wells that are tried within
 _BEST = 3
 _BEAT_M, _WELLS = 40.0, 30  # between paths: whose beats are tried about a carrier that was found, so many either way
 _SCATTERED = [step / 20 for step in range(2, 16)]  # that surfaces may: walls were measured at 0.2 to 0.6 (Degli-Esposti et al.
@@ -125,8 +123,12 @@ class Carrier(Family):
         return ["place"] if view.has_responses else []
 
     def starts(self, view, owner):
-        found = view.scan_carrier(_OCTAVES, best=_BEST)
-        return [Effect(family=self, owner=owner, values=np.array([np.log(hz)])) for hz in (view.world.carrier_hz, *found)]
+        def sounded(hz):
+            return Effect(family=self, owner=owner, values=np.array([np.log(hz)]))
+
+        # What else is missing spoils the wells: the deepest is seldom the scan's first. The best by either measure is begun from.
+        near = view.ranked([sounded(hz) for hz in view.scan_carrier(_OCTAVES, best=_CARRIERS)])[:_SHARPENED]
+        return [sounded(view.world.carrier_hz), *view.sharpened(near)[:2]]
 
     def restarts(self, world, effect):
         # Paths beat against each other every few megahertz: the next wells.
@@ -169,15 +171,10 @@ class Ground(Family):
         def ground(height_m, permittivity):
             return Effect(family=self, owner=owner, values=np.array([height_m, np.log(permittivity)]))
 
+        guesses = [ground(*guess) for guess in view.scan_ground()]
         if not view.has_responses:
-            return self._one_of_each_well(view, [ground(*guess) for guess in view.scan_ground()])
-        wide_m = max(_STRIP_M, 2 * view.world.wavelength_m)  # within it a change of height turns phases alone
-        near_m, about_m = np.array(view.heights_m()), np.clip(view.resolution_m / 2, *_ABOUT_M) + wide_m
-        middles_m = np.arange(view.lowest_m - wide_m / 2, near_m.min() - about_m, -wide_m)
-        middles_m = middles_m[(np.abs(middles_m[:, None] - near_m) < about_m).any(axis=1)]
-        found_m = view.scan_strips(lambda m: ground(m, _USUAL_GROUND), middles_m, wide_m, "ground", _UP, best=_PER_STRIP)
-        tried = [ground(height_m, e) for height_m in found_m if height_m < view.lowest_m - 0.02 for e in _GROUNDS]
-        return view.sharpened(self._one_of_each_well(view, view.ranked(tried)))[:_BEST]
+            return self._one_of_each_well(view, guesses)
+        return view.sharpened(self._one_of_each_well(view, view.ranked(guesses)))[:_BEST]
 
     def _one_of_each_well(self, view, begun: list[Effect]) -> list[Effect]:
         out: list[Effect] = []

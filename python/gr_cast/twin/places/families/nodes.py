@@ -19,7 +19,7 @@ _STAGES, _ELSEWHERE = 3, 2  # of looking about the best, so many of them
 _SHARPENED = 8  # of what is found there, whose bottoms are looked for
 _ONE_WELL = 0.05  # wavelengths between places of one well
 _BEST = 4  # maxima of a grid that are fitted
-_UP = np.arange(-4, 5) / 3  # wavelengths up that are looked at: floors and ceilings show them
+_FAR_UP_M, _LEVELS = 0.4, 25  # farthest up that is looked at, in levels a third of a wavelength apart, so many either way at most
 _WELLS = 10  # minima of a grid of places that are fitted: a deep well is narrow, and lies between two points of the grid
 _YAWS_RAD = np.linspace(-np.pi, np.pi, 24, endpoint=False)
 _PITCHES_RAD = (-0.6, -0.25, 0.0, 0.25, 0.6)
@@ -70,7 +70,9 @@ class NodePosition(_OfNode):
         """Places about one that would explain best, by phases that turn evenly from there on."""
         step_m = view.world.wavelength_m / 5
         reach = min(_GRID // 2, int(np.ceil(_FAR_M / step_m)))
-        grid_m, up_m = step_m * np.arange(-reach, reach + 1), view.world.wavelength_m * _UP
+        level_m = view.world.wavelength_m / 3  # floors and ceilings show them
+        levels = min(_LEVELS, int(np.ceil(_FAR_UP_M / level_m)))
+        grid_m, up_m = step_m * np.arange(-reach, reach + 1), level_m * np.arange(-levels, levels + 1)
         found = (view.beside(begun) if begun.values.any() else view).scan_node(begun.owner, grid_m, up_m, best=_WELLS)
         return [begun.moved(begun.values + np.array(offset_m)) for offset_m in found]
 
