@@ -35,6 +35,20 @@ def test_a_grid_in_space_is_its_levels_however_many_tones_are_looked_at_together
         assert space[1, 2, 3, 0] == pytest.approx(told, rel=1e-4)
 
 
+@pytest.mark.parametrize("is_free", [False, True])
+def test_a_row_whose_delay_is_unknown_leaves_what_it_leaves_at_the_delay_and_the_phase_that_suit_it(is_free):
+    random, late = np.random.default_rng(6), np.linspace(-1, 0.7, 12)
+    base, rates, rest = drawn(random, 3, 12), 20 * random.normal(size=(2, 3, 12)), drawn(random, 12)
+    model = (base * np.exp(-1j * (0.3 * rates[0] - 0.1 * rates[1]))).sum(axis=0) + rest
+    y = model * np.exp(0.25j * late + 0.6j * is_free) + 0.05 * drawn(random, 12)
+    row = scan.Row(base=base, rates=rates, rest=rest, y=y, weight=np.full(12, 400.0), is_free=is_free, late=late)
+    turns = np.exp(1j * np.linspace(0.0, 0.5, 501)[:, None] * late)
+    common = (y.conj() * model * turns * 400).sum(axis=1)
+    left = ((np.abs(y) ** 2 + np.abs(model) ** 2) * 400).sum() - 2 * (np.abs(common) if is_free else common.real)
+    told = scan.energy([row], np.array([0.3]), np.array([-0.1]))[1, 0, 0]
+    assert abs(told - left.min()) < 0.03 * left[0] and left.min() < 0.1 * left[0]
+
+
 @pytest.mark.parametrize("phase", ["none", "link", "snapshot"])
 @pytest.mark.parametrize("gain", ["none", "common", "node"])
 @pytest.mark.parametrize("delay", ["none", "node", "link"])

@@ -82,6 +82,10 @@ class View:
         return sorted(starts, key=energy)
 
     @cached_property
+    def _thinned(self) -> "View":
+        return View(self.thin, self._thin_model, self.unknown)
+
+    @cached_property
     def _held(self):
         return holding(self.thin, self.world)
 
@@ -301,7 +305,7 @@ class View:
 
     def _scanned(self, rates_of, fits=None, without=None) -> list:
         out = []
-        for ear, fit in zip(self.ears, fits or self.model.fits, strict=True):
+        for ear, fit in zip(self.ears, fits or self._unturned, strict=True):
             if ear.has_responses:
                 out += scan.rows(ear, fit, self.world, lambda index, ear=ear: rates_of(ear, index), without)
         return out
@@ -368,7 +372,7 @@ class View:
         """Shift along a normal at which an object that an effect adds would explain best; each response may do without it."""
         there = self.beside(effect)
         rates = there._moved_with(len(there.world.mesh.names) - 1, normal)
-        rows = there._scanned(rates, self._thin_model.fits, self.world)
+        rows = there._scanned(rates, self._thinned._unturned, self.world)
         return float(grid_m[np.argmin(scan.energy_along(rows, grid_m)[1])]) if rows else 0.0
 
     def _moved_with(self, number: int, normal: np.ndarray):
@@ -419,7 +423,7 @@ class View:
             turned = table.way.length_m[None] / here_hz
             return np.stack([turned, np.zeros_like(turned)], axis=2)
 
-        rows = self._scanned(rates, self._unturned)
+        rows = self._scanned(rates)
         if not rows:
             return []
         scale = here_hz / (here_hz + grid_hz) if self.gain == "none" else None
@@ -456,7 +460,7 @@ class View:
         """Heights under all nodes, and permittivities, of level planes that would explain responses, or powers where these are
         all there is."""
         if self.has_responses:
-            return grounds.by_echoes(self.ears, self.model.fits, self.world, self.lowest_m)
+            return grounds.by_echoes(self.ears, self._unturned, self.world, self.lowest_m)
         return fringes.grounds(self.ears, self.world, self.lowest_m)
 
     @property
