@@ -667,18 +667,27 @@ def test_two_laws_of_one_name_and_number_are_two_worlds():
     assert [world.loss_db_per_m for world in worlds] == [0.0, 2.5, 0.0]
 
 
-@pytest.mark.parametrize("part", ["one frequency", "one instant", "instants without data", "one link"])
-def test_every_family_begins_in_poor_campaigns(part):
+@pytest.mark.parametrize(
+    ("part", "delay"),
+    [
+        ("one frequency", "none"),
+        ("one frequency", "link"),
+        ("one instant", "none"),
+        ("instants without data", "none"),
+        ("one link", "none"),
+    ],
+)
+def test_every_family_begins_in_poor_campaigns(part, delay):
     whole = heard(theirs(carrier_hz=0.9 * CARRIER_HZ), 30.0)[0]
     links, instants, tones = (slice(1 if part == f"one {name}" else None) for name in ("link", "instant", "frequency"))
-    told = whole.heard
+    told, unknown = whole.heard, KNOWN | {"delay": delay}
     weight = told.weight[links, instants, tones].copy()
     if part == "instants without data":
         weight[:, :5] = 0
     y = np.where(weight > 0, told.y[links, instants, tones], 0)
-    told = Heard(links=told.links[links], y=y, weight=weight, frequency_hz=told.frequency_hz[tones], **KNOWN)
+    told = Heard(links=told.links[links], y=y, weight=weight, frequency_hz=told.frequency_hz[tones], **unknown)
     ears = [ResponseEar(Predictor(*zip(*told.links, strict=True), TIME_S[instants], told.frequency_hz), told)]
-    view = View(ears, evaluated(ears, ours(), ()), KNOWN)
+    view = View(ears, evaluated(ears, ours(), ()), unknown)
     begun = [start for family in view.families for owner in family.owners(view) for start in family.starts(view, owner)]
     assert begun and all(np.isfinite(one.values).all() for one in begun)
 

@@ -107,17 +107,16 @@ def test_the_deepest_well_is_told_by_its_bottom():
     assert scan.minima(grid, scan.energy_along([row], grid), 1) != pytest.approx([at], abs=1 / 8)
 
 
-@pytest.mark.parametrize("late", [None, np.linspace(-1, 0.8, 5)])
 @pytest.mark.parametrize("is_free", [False, True])
-def test_bottoms_of_wells_are_where_every_step_aside_leaves_more(is_free, late):
+def test_bottoms_of_wells_are_where_every_step_aside_leaves_more(is_free):
     random = np.random.default_rng(4)
     rows, at = [], np.array([0.4, -0.7, 0.2])
     for _ in range(9):
         rates = 2 * np.pi * random.uniform(-1, 1, (3, 4, 1)).repeat(5, axis=2) * np.linspace(0.95, 1.05, 5)
         base, rest = (random.normal(size=(n, 5)) + 1j * random.normal(size=(n, 5)) for n in (4, 1))
         y = (base * np.exp(-1j * np.einsum("a,apk->pk", at, rates))).sum(axis=0) + rest[0]
-        y = y * np.exp(0.7j * is_free) * (1 if late is None else np.exp(0.1j * late)) + 0.01 * random.normal(size=5)
-        rows.append(scan.Row(base=base, rates=rates, rest=rest[0], y=y, weight=np.full(5, 1e4), is_free=is_free, late=late))
+        y = y * np.exp(0.7j * is_free) + 0.01 * random.normal(size=5)
+        rows.append(scan.Row(base=base, rates=rates, rest=rest[0], y=y, weight=np.full(5, 1e4), is_free=is_free))
     places, nats = scan.bottoms(rows, at + 0.04 * random.normal(size=(5, 3)), 0.1, rounds=8)
     assert places == pytest.approx(np.tile(places[0], (5, 1)), abs=1e-5) and places[0] == pytest.approx(at, abs=0.01)
 
@@ -125,9 +124,8 @@ def test_bottoms_of_wells_are_where_every_step_aside_leaves_more(is_free, late):
         turned = [row.turned(2, place[2]) for row in rows]
         return scan.energy(turned, place[:1], place[1:2]).ravel()
 
-    if late is None:  # which is in single precision, and follows a delay to its second power
-        assert nats[:, 0] == pytest.approx(energy(places[0]), rel=1e-2)
-    assert all(energy(places[0] + step)[1] > energy(places[0])[1] + 0.1 for step in 0.01 * np.vstack([np.eye(3), -np.eye(3)]))
+    assert nats[:, 0] == pytest.approx(energy(places[0]), rel=1e-2)  # which is in single precision
+    assert all(energy(places[0] + step)[1] > nats[1, 0] + 0.1 for step in 0.01 * np.vstack([np.eye(3), -np.eye(3)]))
 
 
 @pytest.mark.parametrize("offset_m", [(0.21, -0.17, 0.05), (0.02, 0.03, -0.01)])
@@ -251,10 +249,11 @@ def test_what_is_looked_for_beside_a_wrong_well_is_looked_for_beside_the_open_on
     assert abs(look.guesses[0].effects[0].values[0] - shift_m) < 1e-3 and look.tried == {(more.name, "place")}
 
 
-def _over_ground(height_m: float, permittivity: float, band_hz: float, seed: int):
+def _over_ground(height_m: float, permittivity: float, unknown: dict):
     """(soundings, twin without the ground): ten still links by the two-ray law with Fresnel's coefficient of a half-space, under
-    grazing angles of 9 to 32°, to 40 dB over the noise. Isotropic, vertical: both fields along theta, transverse magnetic."""
-    random, frequency_hz = np.random.default_rng(seed), np.linspace(-band_hz / 2, band_hz / 2, 24)
+    grazing angles of 9 to 32°, to 40 dB over the noise. Isotropic, vertical: both fields along theta, transverse magnetic. Of one
+    link, and of the first and the last instant, there is nothing."""
+    random, frequency_hz = np.random.default_rng(2), np.linspace(-4e7, 4e7, 24)
     x_m, angle = np.linspace(9, 40, 10), np.deg2rad(np.linspace(9, 32, 10)[random.permutation(10)])
     far_m = x_m / np.cos(angle)
     z_m = far_m * np.sin(angle) - 1.0 + height_m
@@ -274,18 +273,30 @@ def _over_ground(height_m: float, permittivity: float, band_hz: float, seed: int
     echoes = (straight_m, np.ones(10)), (far_m, reflection)
     clean = sum((gain / far)[:, None] * np.exp(-2j * np.pi * hz * far[:, None] / 299792458.0) for far, gain in echoes)
     clean = (clean * 299792458.0 / CARRIER_HZ / (4 * np.pi))[:, None].repeat(4, axis=1)
-    clean *= np.exp(2j * np.pi * random.random((10, 4, 1)) - 2j * np.pi * frequency_hz * random.normal(0, 5e-9, (10, 1, 1)))
+    turns, late_s = random.random((10, 4, 1)), random.normal(0, 5e-9, (10, 1, 1)) * (unknown["delay"] == "link")
+    turns = {"none": 0.0, "link": turns[:, :1], "snapshot": turns}[unknown["phase"]]
+    clean *= np.exp(2j * np.pi * (turns - frequency_hz * late_s))
     noise = (np.abs(clean) ** 2).mean() / 1e4
     y = clean + np.sqrt(noise / 2) * (random.normal(size=clean.shape) + 1j * random.normal(size=clean.shape))
-    unknown, links = {"phase": "snapshot", "delay": "link", "gain": "common"}, [("a", f"b{number}") for number in range(10)]
-    told = Heard(links=tuple(links), y=y, weight=np.full(y.shape, 1 / noise), frequency_hz=frequency_hz, **unknown)
+    weight, links = np.full(y.shape, 1 / noise), [("a", f"b{number}") for number in range(10)]
+    weight[4] = weight[:, [0, -1]] = 0.0
+    told = Heard(links=tuple(links), y=y * (weight > 0), weight=weight, frequency_hz=frequency_hz, **unknown)
     ear = ResponseEar(Predictor(*zip(*links, strict=True), np.arange(4.0), frequency_hz), told)
-    return ear, world, unknown
+    return ear, world
 
 
-@pytest.mark.parametrize("height_m, permittivity", [(-0.325, 12.9), (0.21, 9.2), (-0.73, 17.0)])
-def test_a_ground_is_begun_at_its_height_where_echoes_of_another_permittivity_would_be_turned_round(height_m, permittivity):
-    ear, world, unknown = _over_ground(height_m, permittivity, 8e7, seed=2)
+@pytest.mark.parametrize(
+    ("height_m", "permittivity", "phase", "delay", "gain"),
+    [
+        (-0.325, 12.9, "snapshot", "link", "common"), (0.21, 9.2, "snapshot", "none", "node"),
+        (-0.73, 17.0, "link", "link", "none"), (0.15, 5.0, "none", "link", "common"), (-0.6, 21.0, "none", "none", "none"),
+    ],
+)  # fmt: skip
+def test_a_ground_is_begun_at_its_height_where_echoes_of_another_permittivity_would_be_turned_round(
+    height_m, permittivity, phase, delay, gain
+):
+    unknown = {"phase": phase, "delay": delay, "gain": gain}
+    ear, world = _over_ground(height_m, permittivity, unknown)
     view = View([ear], evaluated([ear], world, ()), unknown)
     one = BY_NAME["ground"].starts(view, "place")[0]
     found = fitted([ear], with_effect([ear], view.model, one))
@@ -321,7 +332,7 @@ def test_a_node_that_is_higher_by_many_waves_is_begun_there(name, offset_m):
     assert min(fits, key=lambda one: one.energy).effects[-1].values == pytest.approx(offset_m, abs=2e-3)
 
 
-@pytest.mark.parametrize("name, offset_m", [("a", (0.04, -0.02, 0.05)), ("b", (-0.09, 0.03, -0.06)), ("c", (0.04, -0.02, 0.05))])
+@pytest.mark.parametrize("name, offset_m", [("a", (0.04, -0.02, 0.05)), ("b", (-0.09, 0.03, -0.06))])
 def test_a_node_is_begun_at_its_place_where_phases_are_known_and_delays_are_not(name, offset_m):
     """Delays that nobody knows would make up for phases that are wrong, and hide where these are right."""
     world, random, unknown = theirs(), np.random.default_rng(1), {"phase": "none", "delay": "link", "gain": "common"}

@@ -14,7 +14,6 @@ from .likelihood import Fitted, tempered
 
 _ROWS, _TONES = 40, 12  # of a sounding that a scan looks at: a guess needs no more
 _AT_ONCE = 4_000  # numbers that are looked at together: more leave a core's memory
-_STRIDE = 1.2  # rad at the band's end, that one step towards an unknown delay may turn
 _SOUNDED, _FINER = 4, 8  # wells whose bottoms are looked for, for each that is wanted; how much finer
 
 
@@ -28,7 +27,6 @@ class Row:
     y: np.ndarray
     weight: np.ndarray
     is_free: bool  # its phase is unknown
-    late: np.ndarray | None = None  # (K,) what an unknown delay turns, of which the widest is 1; None where it is known
     most: float = np.inf  # energy that it may do with where what turns is not there
 
     def turned(self, axis: int, by: float) -> "Row":
@@ -72,7 +70,6 @@ def rows(ear: ResponseEar, fit: Fitted, world, rates_of, without=None) -> list[R
                     y=y,
                     weight=weight,
                     is_free=heard.phase != "none",
-                    late=f_hz / np.abs(f_hz).max() if heard.delay != "none" and np.ptp(f_hz) > 0 else None,
                     most=np.inf if less is None else _left_by(less, y, weight, heard.phase != "none"),
                 )  # fmt: skip
             )
@@ -125,19 +122,19 @@ def _turns(row: Row, first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray,
 
 
 def _energy(row: Row, left: np.ndarray, right: np.ndarray, scale: np.ndarray | float | None) -> tuple[np.ndarray, np.ndarray]:
-    power = np.float32(0)
+    cross, power = np.complex64(0), np.float32(0)
     root = np.sqrt(row.weight)  # first: powers of amplitudes alone are less than single precision holds
-    paths, rest = (root * row.base).T[:, None], (root * row.rest)[:, None, None]
-    heard = ((root * row.y.conj()) * _powers(row.late)).astype(np.complex64)
-    moments = np.zeros((len(heard), left.shape[1], right.shape[2]), np.complex64)
+    paths = (root * row.base).T[:, None]
+    rest, heard = ((root * one)[:, None, None] for one in (row.rest, row.y.conj()))
     at_once = max(1, _AT_ONCE // (left.shape[1] * right.shape[2]))
     for begin in range(0, len(root), at_once):
         part = slice(begin, begin + at_once)
         model = (paths[part] * left[part]).astype(np.complex64) @ right[part]
         model += rest[part].astype(np.complex64)
         power = power + (model.real**2 + model.imag**2).sum(axis=0)
-        moments += (heard[:, part] @ model.reshape(len(model), -1)).reshape(moments.shape)
-    along = _along(moments, row.is_free)
+        model *= heard[part].astype(np.complex64)
+        cross = cross + model.sum(axis=0)
+    along = np.abs(cross) if row.is_free else cross.real
     total = np.float32((np.abs(row.y) ** 2 * row.weight).sum())
     if scale is None:
         over = total - np.maximum(along, 0) ** 2 / np.maximum(power, np.float32(1e-30))
@@ -145,31 +142,6 @@ def _energy(row: Row, left: np.ndarray, right: np.ndarray, scale: np.ndarray | f
         over = total + scale**2 * power - 2 * scale * along
     over = np.minimum(over, np.float32(row.most))
     return tempered(over, np.float32((row.weight > 0).sum())), over
-
-
-def _powers(late: np.ndarray | None) -> np.ndarray:
-    """(1, 1), or (3, K) of the frequencies that an unknown delay turns."""
-    return np.ones((1, 1)) if late is None else np.stack([np.ones_like(late), late, late**2])
-
-
-def _along(moments: np.ndarray, is_free: bool) -> np.ndarray:
-    """What a model has in common with what was heard, from their product, or its moments over frequency where the delay is
-    unknown: turned by the delay that suits both, one Newton step from none."""
-    along = np.abs(moments[0]) if is_free else moments[0].real
-    if len(moments) == 1:
-        return along
-    step, slope, bend = _late(moments, is_free)
-    return along + slope * step - bend * step**2 / 2
-
-
-def _late(moments: np.ndarray, is_free: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The Newton step of a delay, no farther than it leads, and slope and bend of what a model and a sounding have in common."""
-    turn = moments[0].conj() / np.maximum(np.abs(moments[0]), 1e-30) if is_free else 1.0
-    slope, bend = (turn * moments[1]).imag, (turn * moments[2]).real
-    if is_free:
-        bend = bend - (turn * moments[1]).real ** 2 / np.maximum(np.abs(moments[0]), 1e-30)
-    step = np.where(bend > 0, slope / np.where(bend > 0, bend, 1), 0)
-    return np.clip(step, -_STRIDE, _STRIDE), slope, bend
 
 
 def energy_along(rows_: Sequence[Row], grid: np.ndarray, scale: np.ndarray | float | None = 1.0) -> np.ndarray:
@@ -219,10 +191,10 @@ def bottoms(rows_: Sequence[Row], places: np.ndarray, most: float, rounds: int =
             slopes = np.einsum("wpk,apk->wak", -1j * paths, row.rates)
             count = (row.weight > 0).sum()
             share = np.minimum(1.0, count / np.maximum((np.abs(left) ** 2 * row.weight).sum(axis=1), 1e-300))
-            for turned in _turns_of(row, model):
-                along = ((slopes * turned.conj()[:, None]).imag * row.weight).sum(axis=2, keepdims=True)
-                power = (np.abs(turned) ** 2 * row.weight).sum(axis=1)[:, None, None]
-                slopes = slopes - 1j * turned[:, None] * along / np.maximum(power, 1e-300)
+            if row.is_free:
+                along = ((slopes * model.conj()[:, None]).imag * row.weight).sum(axis=2, keepdims=True)
+                power = (np.abs(model) ** 2 * row.weight).sum(axis=1)[:, None, None]
+                slopes = slopes - 1j * model[:, None] * along / np.maximum(power, 1e-300)
             told = slopes.conj() * (row.weight * share[:, None])[:, None]
             top += np.einsum("wak,wbk->wab", told, slopes).real
             side += np.einsum("wak,wk->wa", told, left).real
@@ -237,27 +209,14 @@ def bottoms(rows_: Sequence[Row], places: np.ndarray, most: float, rounds: int =
     return places, total
 
 
-def _turns_of(row: Row, model: np.ndarray) -> list[np.ndarray]:
-    """What an unknown phase and an unknown delay turn of models (n, K), square to each other."""
-    out = [model] if row.is_free else []
-    if row.late is not None:
-        power = np.abs(model) ** 2 * row.weight
-        middle = (power @ row.late / np.maximum(power.sum(axis=1), 1e-300))[:, None] if row.is_free else 0.0
-        out.append((row.late - middle) * model)
-    return out
-
-
 def _left(row: Row, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Paths (n, P, K) of a row at places (n, axes), what it would be there (n, K), and what it leaves, turned as suits it."""
     paths = row.base * np.exp(-1j * np.einsum("wa,apk->wpk", places, row.rates))
     model = paths.sum(axis=1) + row.rest
-    left, common = row.y, row.y.conj() * row.weight * model
-    if row.late is not None:
-        step, *_ = _late((common[:, None] * _powers(row.late)).sum(axis=2).T, row.is_free)
-        turn = np.exp(1j * step[:, None] * row.late)
-        left, common = left * turn, common * turn.conj()
+    left = row.y
     if row.is_free:
-        left = left * np.exp(1j * np.angle(common.sum(axis=1)))[:, None]
+        cross = (row.y * row.weight * model.conj()).sum(axis=1)
+        left = row.y * np.exp(-1j * np.angle(cross))[:, None]
     return paths, model, left - model
 
 

@@ -292,9 +292,9 @@ class View:
         """Fits whose unknown delays are those of the strengths alone: delays would make up for phases that are wrong."""
         fits = []
         for ear, fit in zip(self.ears, self.model.fits, strict=True):
-            if ear.has_responses and self.delay != "none" and self.phase == "none":
+            if ear.has_responses and self.delay != "none" and self.phase == "none" and len(ear.heard.frequency_hz) > 1:
                 free = without_phase(ear).profiled(ear.predicted(self.world)).factor
-                step = free[..., 1:2] / free[..., :1] if free.shape[-1] > 1 else np.ones_like(free)
+                step = free[..., 1:2] / free[..., :1]
                 steps = (
                     ear.heard.frequency_hz[0] / (ear.heard.frequency_hz[-1] - ear.heard.frequency_hz[0]) * (free.shape[-1] - 1)
                 )
