@@ -23,8 +23,8 @@ _MOVES_M = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class _Told:
-    """Responses of few instants and tones, all (L, T, K): what was `heard` as a fit turns it, times its `weight`, 1
-    over noise; what paths give that are `here`; by how much the fit weakens these (`size`)."""
+    """Responses of few instants and tones, all (L, T, K): what was `heard` as a fit turns it, times `weight`, 1 over noise; what
+    paths give that are `here`; by how much the fit weakens these (`size`)."""
 
     predictor: Predictor
     here: np.ndarray
@@ -63,10 +63,8 @@ class _Told:
         power = ((model.real**2 + model.imag**2) * self.weight[:, None]).sum(axis=3)
         cross = model.conj() * self.heard[:, None]
         known = self.weight > 0
-        total, count = (
-            np.where(known, np.abs(self.heard) ** 2 / np.where(known, self.weight, 1), 0).sum(axis=2),
-            known.sum(axis=2),
-        )
+        whole = np.abs(self.heard) ** 2 / np.where(known, self.weight, 1)
+        total, count = whole.sum(axis=2), known.sum(axis=2)
         if phase == "link":  # instants are as one
             power, cross = power.sum(axis=2, keepdims=True), cross.sum(axis=2, keepdims=True)
             total, count = total.sum(axis=1, keepdims=True), count.sum(axis=1, keepdims=True)
