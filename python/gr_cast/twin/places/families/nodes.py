@@ -19,7 +19,8 @@ _STAGES, _ELSEWHERE = 3, 2  # of looking about the best, so many of them
 _SHARPENED = 8  # of what is found there, whose bottoms are looked for
 _ONE_WELL = 0.05  # wavelengths between places of one well
 _BEST = 4  # maxima of a grid that are fitted
-_FAR_UP_M, _LEVELS = 0.4, (4, 25)  # farthest up that is looked at, in so many levels either way, a third of a wavelength apart
+_FAR_UP_M = 0.4  # farthest up that is looked at: floors and ceilings show it,
+_LEVEL, _LEVELS = 1 / 3, (4, 25)  # in levels so many wavelengths apart, so many either way
 _WELLS = 10  # minima of a grid of places that are fitted: a deep well is narrow, and lies between two points of the grid
 _YAWS_RAD = np.linspace(-np.pi, np.pi, 24, endpoint=False)
 _PITCHES_RAD = (-0.6, -0.25, 0.0, 0.25, 0.6)
@@ -57,22 +58,22 @@ class NodePosition(_OfNode):
         if view.is_quiet:
             return [zero]
         if not _holds_most(view, owner):
-            return [zero, *self._about(view, zero)]
+            return [zero, *self._about(view, zero, _LEVELS[0])]
         coarse = [zero.moved(np.array(at_m)) for at_m in itertools.product(_COARSE_M, _COARSE_M, _COARSE_UP_M)]
+        levels = int(np.clip(np.ceil(_FAR_UP_M / (view.world.wavelength_m * _LEVEL)), *_LEVELS))
         found, middles = [], [zero, *view.promising(coarse)[:_ELSEWHERE]]
         for _ in range(_STAGES):  # paths have other directions there
-            found = view.ranked(found + [one for begun in middles for one in self._about(view, begun)])[:_SHARPENED]
+            found = view.ranked(found + [one for begun in middles for one in self._about(view, begun, levels)])[:_SHARPENED]
             found = _apart(view.sharpened(found), _ONE_WELL * view.world.wavelength_m)
             middles = found[:_ELSEWHERE]
         return [zero, *found]
 
-    def _about(self, view, begun: Effect) -> list[Effect]:
-        """Places about one that would explain best, by phases that turn evenly from there on."""
+    def _about(self, view, begun: Effect, levels: int) -> list[Effect]:
+        """Places about one that would explain best, by phases that turn evenly from there on; so many levels up and down."""
         step_m = view.world.wavelength_m / 5
         reach = min(_GRID // 2, int(np.ceil(_FAR_M / step_m)))
-        level_m = view.world.wavelength_m / 3  # floors and ceilings show them
-        levels = int(np.clip(np.ceil(_FAR_UP_M / level_m), *_LEVELS))
-        grid_m, up_m = step_m * np.arange(-reach, reach + 1), level_m * np.arange(-levels, levels + 1)
+        up_m = view.world.wavelength_m * _LEVEL * np.arange(-levels, levels + 1)
+        grid_m = step_m * np.arange(-reach, reach + 1)
         found = (view.beside(begun) if begun.values.any() else view).scan_node(begun.owner, grid_m, up_m, best=_WELLS)
         return [begun.moved(begun.values + np.array(offset_m)) for offset_m in found]
 
