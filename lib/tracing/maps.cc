@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "maps.h"
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <vector>
+#include <volk/volk.h>
 
 namespace gr
 {
@@ -26,6 +28,42 @@ struct span {
 
 // Number of the knot before a place, of which there is one behind it.
 size_t knot_before(double at, size_t knots) { return std::min(size_t(at), knots - 2); }
+
+// What is heard where somebody in each of some cells hides what he does: gathered first, for then
+// what follows is the same for all of them, many at once.
+constexpr size_t AT_ONCE = 1024;
+
+struct hidden_cells {
+    std::array<double, AT_ONCE> energy, real, imag;
+    std::array<float, AT_ONCE> common;
+
+    void gather(const response& heard, const echo& from, const uint8_t* kind, size_t cells,
+                size_t begin, size_t number)
+    {
+        for (size_t i = 0; i < number; i++) {
+            const size_t own = kind[begin + i];
+            energy[i] = heard.power + heard.own[own];
+            real[i] = heard.shared[own].real();
+            imag[i] = heard.shared[own].imag();
+            common[i] = from.common[own * cells + begin + i];
+        }
+    }
+};
+
+// Energy of the response over that of noise, or 1 where that is more.
+template <bool is_free>
+void above_noise(const response& heard, const echo& from, const hidden_cells& some, size_t begin,
+                 size_t number, double root, float* out)
+{
+    for (size_t i = 0; i < number; i++) {
+        const double x = some.real[i] + root * double(from.real[begin + i]),
+                     y = some.imag[i] + root * double(from.imag[begin + i]);
+        const double said = is_free ? std::sqrt(x * x + y * y) : x,
+                     more = root * double(from.loud[begin + i]) + 2.0 * double(some.common[i]);
+        const double energy = some.energy[i] + root * more - 2 * said;
+        out[i] = float(std::max(heard.count, energy) / heard.count);
+    }
+}
 
 } // namespace
 
@@ -103,21 +141,18 @@ void turned_between(const std::complex<double>* field, const double* turned, siz
 void likelier(const response& heard, const echo& from, const uint8_t* kind, size_t cells,
               const double* roots, size_t count, float* out)
 {
-    for (size_t cell = 0; cell < cells; cell++) {
-        const double real = from.real[cell], imag = from.imag[cell], loud = from.loud[cell];
-        const double common = from.common[kind[cell] * cells + cell];
-        const double own = heard.own[kind[cell]];
-        const std::complex<double> shared = heard.shared[kind[cell]];
+    const auto most = float(heard.before - heard.count), each = float(-heard.count * std::log(2.0));
+    hidden_cells some;
+    for (size_t begin = 0; begin < cells; begin += AT_ONCE) {
+        const size_t number = std::min(AT_ONCE, cells - begin);
+        some.gather(heard, from, kind, cells, begin, number);
         for (size_t one = 0; one < count; one++) {
-            const double root = roots[one], x = shared.real() + root * real,
-                         y = shared.imag() + root * imag;
-            const double said = heard.is_free ? std::sqrt(x * x + y * y) : x;
-            double energy = heard.power + own + root * (root * loud + 2 * common) - 2 * said;
-            if (energy > heard.count) // as much noise as suits it
-                energy = heard.count * (1 + std::log(energy / heard.count));
-            else
-                energy = heard.count;
-            out[one * cells + cell] = float(heard.before - energy);
+            float* own = out + one * cells + begin;
+            (heard.is_free ? above_noise<true> : above_noise<false>)(heard, from, some, begin,
+                                                                     number, roots[one], own);
+            volk_32f_log2_32f(own, own, unsigned(number)); // as much noise as suits it
+            for (size_t i = 0; i < number; i++)
+                own[i] = most + each * own[i];
         }
     }
 }

@@ -130,3 +130,12 @@ def test_a_small_effect_beside_edges_wants_more_than_the_noise_would_have_it(dif
     world = replace(ours(), diffraction=diffraction)
     found = search.run([ear], world, {"phase": "none", "delay": "none", "gain": "none"}, 60.0).model
     assert bool(found.effects) == (not diffraction)
+
+
+def test_what_makes_edges_bend_as_the_theory_has_it_need_not_outdo_how_else_they_might(monkeypatch):
+    monkeypatch.setitem(NODES, "b", [5.3, -5.6, 1.6])
+    still, clean = (response(theirs(True) | {"refraction": on}, LINKS, TIME_S, FREQUENCY_HZ) for on in (False, True))
+    ear = heard(clean, (np.abs(clean - still) ** 2).sum() / 100.0)  # nats
+    assert evaluated([ear], ours(), ()).loose[1] > 8
+    found = search.run([ear], ours(), {"phase": "none", "delay": "none", "gain": "none"}, 60.0).model
+    assert [effect.key for effect in found.effects] == [("missing_transmission", "place")]

@@ -573,8 +573,9 @@ def _grown(
         found, tried = candidates(ears, model, unknown, budget, barred)
         unshaped = policy.SHAPE_SHARE * _by_shape(ears, model)
         worths = {id(one): worth(one, model, count, tried) for one in found}
-        least = max(policy.LEAST_EVIDENCE_NATS, model.slack, unshaped, _beside_rough(model))
-        paying = [one for one in found if worths[id(one)] >= max(least, _beside_edges(one)) and not _at_once(ears, one, model)]
+        least = max(policy.LEAST_EVIDENCE_NATS, model.slack, unshaped)
+        beside = {id(one): max(least, _beside_rough(model, one), _beside_edges(one)) for one in found}
+        paying = [one for one in found if worths[id(one)] >= beside[id(one)] and not _at_once(ears, one, model)]
         if not paying:
             model, before = _looked_for_anew(ears, model, unknown, budget, tried, others), model
             if model is before:
@@ -881,9 +882,11 @@ def _beside_fields(model: Model) -> float:
     return policy.BESIDE_ROUGH_NATS if any(effect.family.is_flexible for effect in model.effects) else 0.0
 
 
-def _beside_rough(model: Model) -> float:
-    """Nats that any effect may gain so, or, where edges are heard, from edges that bend in no phase of the theory's."""
-    return policy.BESIDE_ROUGH_NATS if any(model.loose) else _beside_fields(model)
+def _beside_rough(before: Model, one: Model) -> float:
+    """Nats that any effect may gain so, or, where edges are heard, from edges that bend in no phase of the theory's: unless all
+    bend as the theory has it with this effect, and did not without."""
+    is_mended = before.loose[1] > 0 >= one.loose[1]
+    return policy.BESIDE_ROUGH_NATS if any(before.loose) and not is_mended else _beside_fields(before)
 
 
 def _at_once(ears, one: Model, before: Model) -> bool:
@@ -926,7 +929,7 @@ def pruned(ears, model: Model, count: float, tried: float) -> Model:
     number = 0
     while number < len(model.effects) > 1:
         less = fitted(ears, without_effects(ears, model, [number]), rounds=4)
-        least = max(policy.LEAST_EVIDENCE_NATS / 2, model.slack, _beside_rough(less), _beside_edges(model))
+        least = max(policy.LEAST_EVIDENCE_NATS / 2, model.slack, _beside_rough(less, model), _beside_edges(model))
         if _is_negligible(model, number) or evidence(less, count, tried) > evidence(model, count, tried) - least:
             model = less
         else:
