@@ -8,7 +8,20 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.places import foretold, passages, policy, run, search, tracks
+from gr_cast.diagnose.places import (
+    exchange,
+    foretold,
+    open_wells,
+    passages,
+    policy,
+    rounds,
+    run,
+    search,
+    settling,
+    tracks,
+    weighing,
+)
+from gr_cast.diagnose.places.budget import Budget
 from gr_cast.diagnose.places.ears import ResponseEar, thinned
 from gr_cast.diagnose.places.fit import Model, applied, evaluated, fitted, with_effect
 from gr_cast.diagnose.places.likelihood import Heard
@@ -102,7 +115,7 @@ def best_of(name: str, ears):
     view, family = View(ears, model, KNOWN), BY_NAME[name]
     fits = [fitted(ears, with_effect(ears, model, one), rounds=2) for one in family.starts(view, "place")]
     best = sorted(fits, key=lambda one: one.energy)[:3]
-    return min((search._settled(ears, one, KNOWN, search.Budget.of(60.0)) for one in best), key=lambda one: one.energy)
+    return min((settling.settled(ears, one, KNOWN, Budget.of(60.0)) for one in best), key=lambda one: one.energy)
 
 
 def test_a_shed_that_nobody_drew_stands_where_it_blocks_and_reflects():
@@ -292,7 +305,7 @@ def test_who_passes_may_as_well_pass_on_the_other_side_of_nodes_in_a_row(aside_m
             model=evaluated(ears, world, [told]), start=model, rivals={}, tried=1, count=ears[0].count, spent=False,
             ways={PASSER.key: [beyond, PASSER]},
         )  # fmt: skip
-        assert told is beyond and not is_open or search.is_one_of_many(ears, found, 0) is is_open
+        assert told is beyond and not is_open or exchange.is_one_of_many(ears, found.model, found.ways, 0) is is_open
 
 
 @pytest.mark.parametrize(("lasts_s", "same"), [(0.0, True), (0.1, True), (30.0, False)])
@@ -408,7 +421,7 @@ def test_links_that_lose_alike_are_their_nodes_gain():
     ears = louder(heard(theirs(), 30.0), "n4", 3.0)
     losses = fitted(ears, evaluated(ears, ours(), [loss(f"n4>{end}") for end in ("n2", "n3", "n5")]))
     others = {losses.effects[0].key: [of("node_gain", "n4", 2.5)]}
-    model = search._asked_again(ears, losses, ears[0].count, 10, others, search.Budget.of(60.0), search.Barred())
+    model = search._asked_again(ears, losses, ears[0].count, 10, others, Budget.of(60.0), rounds.Barred())
     assert [effect.key for effect in model.effects] == [("node_gain", "n4")]
     assert model.effects[0].values == pytest.approx([3.0], abs=0.05)
 
@@ -421,7 +434,7 @@ def test_what_was_found_before_gives_way_to_what_is_tried_beside_it():
     law = Effect(family=DistanceLaw(), owner="place", values=np.array([2.4]), choice="link")
     model = fitted(ears, evaluated(ears, ours(), [law]))
     gone = of("extra_object", "wall")
-    tried = search._screened(View(ears, model, KNOWN), ears, model, gone.family, "wall")
+    tried = rounds.screened(View(ears, model, KNOWN), ears, model, gone.family, "wall")
     assert min(one.left_nats(ears[0].count) for one in tried) < 4 * ears[0].count ** 0.5
     assert with_effect(ears, model, gone).left_nats(ears[0].count) > 40 * ears[0].count ** 0.5
 
@@ -433,7 +446,7 @@ def test_what_was_found_before_gives_way_to_what_is_tried_beside_it():
 def test_what_no_survey_knows_is_nothing_to_speak_of(far_m, is_told, family, owner, way):
     ears = heard(theirs(), 30.0)
     effect = replace(of(family, owner, *(far_m * way)), choice=(0.0, 1.0, 0.0) if family == "object_moved" else None)
-    assert search._stands_out(ears, evaluated(ears, ours(), [effect]), ears[0].count, 10) == is_told
+    assert rounds._stands_out(ears, evaluated(ears, ours(), [effect]), ears[0].count, 10) == is_told
 
 
 def test_a_hundredth_of_what_the_vault_shows_is_too_much_to_leave_but_for_fields():
@@ -474,7 +487,7 @@ def test_of_two_that_explain_alike_the_one_that_foretells_the_vault_is_told(is_n
     vault = louder(whole, "n4", 3.0 if is_node else 0.0, slice(LINKS.index(("n4", "n3")), None))
     first, second = (loss("n4>n2"), of("node_gain", "n4", 0.0)) if is_node else (of("node_gain", "n4", 0.0), loss("n4>n2"))
     model, others = fitted(ears, evaluated(ears, ours(), [first])), {first.key: [second]}
-    best, rivals = search.exchanged(ears, model, others, ears[0].count, 10, search.Budget.of(60.0), vault)
+    best, rivals = exchange.exchanged(ears, model, others, ears[0].count, 10, Budget.of(60.0), vault)
     assert best.effects[0].key == told
     assert rivals[told][0][1] > 10
 
@@ -494,7 +507,7 @@ def test_of_two_patterns_that_one_link_leaves_open_the_one_that_foretells_the_va
     wrong = next(one for one in kinds if one != pattern)
     model = evaluated(ears, ours(), [kinds[wrong]])
     model = replace(model, energy=evaluated(ears, ours(), [kinds[pattern]]).energy - 0.5)  # which the soundings leave open
-    best, _ = search.exchanged(ears, model, {model.effects[0].key: [kinds[pattern]]}, 100, 10, search.Budget.of(60.0), vault)
+    best, _ = exchange.exchanged(ears, model, {model.effects[0].key: [kinds[pattern]]}, 100, 10, Budget.of(60.0), vault)
     assert best.effects[0].choice == pattern
 
 
@@ -567,17 +580,17 @@ def begun(
         found = [model(owners) for owners in left if owners[:-1] == have and len(owners) == len(have) + 1]
         return sorted(found, key=lambda one: one.energy), 4
 
-    monkeypatch.setattr(search, "candidates", candidates)
-    monkeypatch.setattr(search, "_settled", lambda ears, one, *rest: settled(one))
-    monkeypatch.setattr(search, "pruned", lambda ears, one, count, tried: one)
-    monkeypatch.setattr(search, "_shaped", lambda ears, one, *rest: one)
+    monkeypatch.setattr(rounds, "candidates", candidates)
+    monkeypatch.setattr(settling, "settled", lambda ears, one, *rest: settled(one))
+    monkeypatch.setattr(weighing, "pruned", lambda ears, one, count, tried: one)
+    monkeypatch.setattr(settling, "in_best_shape", lambda ears, one, *rest: one)
     monkeypatch.setattr(search, "_asked_again", lambda ears, one, *rest: one)
     monkeypatch.setattr(search, "_by_shape", lambda ears, one: 0.0)
-    monkeypatch.setattr(search, "_chosen", lambda ears, one, number: chosen(one.effects[number]) or one)
+    monkeypatch.setattr(settling, "with_best_choice", lambda ears, one, number: chosen(one.effects[number]) or one)
     if anew:
         monkeypatch.setattr(search, "_looked_for_anew", lambda ears, one, *rest: model(anew) if len(one.effects) > 3 else one)
     monkeypatch.setattr(search.elsewhere, "instead", lambda ears, one, budget: [])
-    best, _ = search._explored(ears, model(()), KNOWN, search.Budget.of(60.0), {}, search.Barred(), lambda text: None)
+    best, _ = search._explored(ears, model(()), KNOWN, Budget.of(60.0), {}, rounds.Barred(), lambda text: None)
     return [effect.owner for effect in best.effects]
 
 
@@ -611,11 +624,11 @@ def test_what_was_found_first_is_looked_for_anew_beside_what_was_found_then():
     gain = Effect(family=BY_NAME["node_gain"], owner="n0", values=np.array([4.0]))
     model = fitted(ears, evaluated(ears, ours(), [wrong, gain]))
     assert model.left_nats(ears[0].count) > 1000
-    found = search._looked_for_anew(ears, model, KNOWN, search.Budget.of(60.0), 4, {})
+    found = search._looked_for_anew(ears, model, KNOWN, Budget.of(60.0), 4, {})
     moved = next(one for one in found.effects if one.owner == "wall")
     assert moved.values @ (np.array(moved.choice) @ normal)[None] == pytest.approx(MOVED_M, abs=2e-3)
     assert found.left_nats(ears[0].count) < 5 * np.sqrt(ears[0].count)
-    assert search._looked_for_anew(ears, found, KNOWN, search.Budget.of(60.0), 4, {}) is found
+    assert search._looked_for_anew(ears, found, KNOWN, Budget.of(60.0), 4, {}) is found
 
 
 def test_what_a_few_patches_of_a_field_send_alike_accuses_nothing_beside_it(monkeypatch):
@@ -637,7 +650,7 @@ def test_what_explains_nothing_once_another_is_exchanged_is_not_told(monkeypatch
     late = Effect(family=BY_NAME["node_delay"], owner="n2", values=np.array([1e-13]))
     found, both = (fitted(ears, evaluated(ears, ours(), effects)) for effects in ([gain], [gain, late]))
     monkeypatch.setattr(search, "_explored", lambda *_: (found, 10))
-    monkeypatch.setattr(search, "exchanged", lambda *_: (both, {}))
+    monkeypatch.setattr(exchange, "exchanged", lambda *_: (both, {}))
     assert [one.owner for one in search.run(ears, ours(), KNOWN, 60.0).model.effects] == ["n0"]
 
 
@@ -714,21 +727,21 @@ def half_a_wave_off() -> tuple[list, Model]:
 
 def test_an_interval_reaches_the_wells_that_are_open():
     ears, model = half_a_wave_off()
-    std_m = np.sqrt(run._over_wells(model.effects[0], search.wells(ears, (), model, 0))[0, 0])
+    std_m = np.sqrt(run._over_wells(model.effects[0], open_wells.wells(ears, (), model, 0))[0, 0])
     assert 1.96 * std_m > 0.99 * (model.effects[0].values[0] - MOVED_M)
 
 
 def test_what_the_vault_refuses_is_looked_for_in_the_next_wells(monkeypatch):
     ears, model = half_a_wave_off()
     monkeypatch.setattr(foretold, "refused", lambda vault, one: [0] if abs(one.effects[0].values[0] - MOVED_M) > 0.05 else [])
-    other = search._otherwise(ears, ears, model, 0, KNOWN, {}, search.Budget.of(60.0))
+    other = open_wells.otherwise(ears, ears, model, 0, KNOWN, {}, Budget.of(60.0))
     assert other.effects[0].values == pytest.approx([MOVED_M], abs=2e-3)
 
 
 def test_of_the_wells_that_the_soundings_leave_open_the_vault_chooses():
     ears, model = half_a_wave_off()
     world, normal = with_a_moved_wall()
-    found = search._in_its_well(ears, heard(world, 30.0), model, 0, KNOWN, {}, search.Budget.of(60.0)).effects[0]
+    found = open_wells.in_its_well(ears, heard(world, 30.0), model, 0, KNOWN, {}, Budget.of(60.0)).effects[0]
     assert found.values[0] * np.array(found.choice) == pytest.approx(MOVED_M * normal, abs=2e-3)
 
 
@@ -745,7 +758,7 @@ def test_what_is_wrong_with_one_thing_alone_is_not_told_of_its_material(owner):
     ears = [ResponseEar(clean.predictor, replace(clean.heard, y=y))]
     for begun in ("brick", "wall"):
         model = fitted(ears, evaluated(ears, base, [rough[begun]]))
-        found, _ = search.exchanged(ears, model, search._with_kin(model, {}), ears[0].count, 10, search.Budget.of(60.0))
+        found, _ = exchange.exchanged(ears, model, exchange.with_kin(model, {}), ears[0].count, 10, Budget.of(60.0))
         assert found.effects[0].owner == owner
     moved = Effect(family=BY_NAME["object_moved"], owner="wall", values=np.zeros(1), choice=(1.0, 0.0, 0.0))
     assert moved.family.kin(base, moved) == []  # it moves alone
@@ -815,14 +828,14 @@ def test_shapes_wait_unsettled_where_something_plain_explains_most(monkeypatch, 
     class Families(View):
         families = [alone(effects[name]) for name in ("missing_object", "node_gain")]
 
-    monkeypatch.setattr(search, "View", Families)
-    monkeypatch.setattr(search, "_overheard", lambda view: (view.ears, model, 1.0))
-    monkeypatch.setattr(search, "with_effect", with_one)
-    monkeypatch.setattr(search, "evaluated", lambda ears, base, effects: with_one(ears, model, effects[-1]))
-    monkeypatch.setattr(search, "_quick", lambda ears, one: one)
-    monkeypatch.setattr(search, "fitted", lambda ears, one, **_: one)
-    monkeypatch.setattr(search, "_settled", lambda ears, one, *_: settled.append(one.effects[-1].family.name) or one)
-    found, _ = search.candidates(ears, model, KNOWN, search.Budget.of(60.0), search.Barred())
+    monkeypatch.setattr(rounds, "View", Families)
+    monkeypatch.setattr(rounds, "overheard", lambda view: (view.ears, model, 1.0))
+    monkeypatch.setattr(rounds, "with_effect", with_one)
+    monkeypatch.setattr(rounds, "evaluated", lambda ears, base, effects: with_one(ears, model, effects[-1]))
+    monkeypatch.setattr(settling, "quick", lambda ears, one: one)
+    monkeypatch.setattr(rounds, "fitted", lambda ears, one, **_: one)
+    monkeypatch.setattr(settling, "settled", lambda ears, one, *_: settled.append(one.effects[-1].family.name) or one)
+    found, _ = rounds.candidates(ears, model, KNOWN, Budget.of(60.0), rounds.Barred())
     assert {one.effects[-1].family.name for one in found} == {"missing_object", "node_gain"}
     assert settled == (["node_gain"] if left_by_node == 100.0 else ["node_gain", "missing_object"])
 
@@ -840,7 +853,7 @@ def test_a_body_whose_echo_is_lost_in_noise_goes_where_it_hides_what_is_missing(
     ears = heard(theirs(person=walk), 30.0)
     before, count = evaluated(ears, ours(), ()).energy, ears[0].count
     assert before > 2 * count
-    found = search._begun_anew(ears, best_of("moving_scatterer", ears), 0)
+    found = settling.begun_anew(ears, best_of("moving_scatterer", ears), 0)
     assert found.energy - count < 0.05 * (before - count)
 
 
@@ -861,7 +874,7 @@ def test_beside_a_passer_what_shows_in_one_response_alone_is_no_cause_that_lasts
         there = [replace(ears[0], heard=replace(ears[0].heard, y=y))]
         known = evaluated(there, ours(), effects)
         alone = replace(known, effects=(*effects, gain), fits=(replace(known.fits[0], residual=0 * known.fits[0].residual),))
-        assert search._at_once(there, alone, known) == (not is_told)
+        assert weighing.at_once(there, alone, known) == (not is_told)
 
 
 def test_candidates_are_looked_at_on_as_few_soundings_as_show_what_is_left(monkeypatch):
@@ -871,7 +884,7 @@ def test_candidates_are_looked_at_on_as_few_soundings_as_show_what_is_left(monke
     for gain_db in (0.3, 1.0, 4.0):
         ears = heard(theirs(node_gain_db={"n0": gain_db}), 30.0)
         view = View(ears, evaluated(ears, ours(), ()), KNOWN)
-        found, here, more = search._overheard(view)
+        found, here, more = rounds.overheard(view)
         asked.append(found[0].heard.y.shape[1:])
         part = found[0].count / ears[0].count
         assert more == pytest.approx(1 / part) and (part == 1 or here.left_nats(found[0].count) > 500)
@@ -883,7 +896,7 @@ def test_beside_a_passer_scattering_and_what_powers_tell_need_not_show_in_respon
     known = evaluated(ears, ours(), (PASSER,))
     for family, is_told in (("missing_scattering", True), ("node_gain", False)):
         effect = Effect(family=BY_NAME[family], owner="place", values=np.zeros(0))
-        assert search._at_once(ears, replace(known, effects=(PASSER, effect)), known) == (not is_told)
+        assert weighing.at_once(ears, replace(known, effects=(PASSER, effect)), known) == (not is_told)
 
 
 def test_a_cross_section_beyond_those_that_are_tried_is_the_last_of_them():

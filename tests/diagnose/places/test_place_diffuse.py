@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.places import diffuse, run, search
+from gr_cast.diagnose.places import diffuse, rounds, run, settling
 from gr_cast.diagnose.places.ears import ResponseEar, holding
 from gr_cast.diagnose.places.fit import evaluated
 from gr_cast.diagnose.places.likelihood import Fitted, Heard
@@ -118,7 +118,7 @@ def scattered(share: float, **how):
 def test_of_a_share_that_is_scattered_the_likeliest_is_chosen_whatever_it_was_taken_for_first(share):
     rough, ears = scattered(share)
     field = Effect(family=BY_NAME["missing_scattering"], owner="place", values=np.zeros(0), choice=0.75)
-    found = search._chosen(ears, evaluated(ears, ours(), [field]), 0).effects[0]
+    found = settling.with_best_choice(ears, evaluated(ears, ours(), [field]), 0).effects[0]
     assert found.choice == pytest.approx(share, abs=0.1)
     candidate = Effect(family=BY_NAME["material"], owner="wall", values=np.array([1.0, -3.0]))
     held = holding(ears, rough)
@@ -129,7 +129,7 @@ def test_of_a_share_that_is_scattered_the_likeliest_is_chosen_whatever_it_was_ta
     for name, is_held in (("material", True), ("missing_scattering", False)):
         known = here if is_held else evaluated(ears, ours(), [])
         view = View(ears, known, KNOWN)
-        (one, *_) = search._screened(view, ears, known, BY_NAME[name], "wall")
+        (one, *_) = rounds.screened(view, ears, known, BY_NAME[name], "wall")
         as_held, as_own = (evaluated(some, ours(), one.effects).energy for some in (holding(ears, known.world), ears))
         assert one.energy == pytest.approx(as_held if is_held else as_own, rel=1e-9)
         assert is_held == (abs(as_held - as_own) > 1e-3)
@@ -151,6 +151,6 @@ def test_gains_that_wander_are_no_random_field(phase):
     field = Effect(family=BY_NAME["missing_scattering"], owner="place", values=np.zeros(0), choice=0.3)
     wide, narrow = (scattered(0.3, phase=phase, band_hz=band_hz)[1][0] for band_hz in (8e7, 4e6))
     for one, wanders in ((told, True), (ear, False), (wide, False), (narrow, False)):
-        model = search._chosen([one], evaluated([one], ours(), [field]), 0)
+        model = settling.with_best_choice([one], evaluated([one], ours(), [field]), 0)
         assert run._wanders([one], model) == wanders
     assert not run._wanders([told], base)

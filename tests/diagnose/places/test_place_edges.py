@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.places import search
+from gr_cast.diagnose.places import search, weighing
 from gr_cast.diagnose.places.ears import ResponseEar
 from gr_cast.diagnose.places.fit import evaluated
 from gr_cast.diagnose.places.likelihood import Heard
@@ -106,7 +106,7 @@ def test_that_edges_could_explain_a_node_elsewhere_is_no_reason_to_let_them_bend
     field = Effect(family=MissingScattering(), owner="fence", values=np.zeros(0), choice=scattering)
     effects = [field] if scattering else []
     before, bent = (evaluated(ears, replace(ours(), diffraction=on), effects) for on in (False, True))
-    assert before.energy - bent.energy > 1e4 and search.worth(bent, before, ears[0].count, 1) < 0
+    assert before.energy - bent.energy > 1e4 and weighing.worth(bent, before, ears[0].count, 1) < 0
 
 
 def test_what_edges_gain_of_what_another_cause_spoils_speaks_no_louder_against_them_than_for_them():
@@ -118,7 +118,7 @@ def test_what_edges_gain_of_what_another_cause_spoils_speaks_no_louder_against_t
     for clean in (whole, spoilt):
         ears = [heard(clean, noise)]
         before, bent = (evaluated(ears, replace(ours(), diffraction=on), ()) for on in (False, True))
-        assert search.worth(bent, before, ears[0].count, 1) > 100
+        assert weighing.worth(bent, before, ears[0].count, 1) > 100
 
 
 @pytest.mark.parametrize("diffraction", [False, True])

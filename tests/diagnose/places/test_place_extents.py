@@ -6,7 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.places import elsewhere, extents, foretold, search
+from gr_cast.diagnose.places import elsewhere, extents, foretold, open_wells, rounds, search, settling
+from gr_cast.diagnose.places.budget import Budget
 from gr_cast.diagnose.places.fit import applied, evaluated, fitted
 from gr_cast.diagnose.places.view import View
 from gr_cast.scenario.create.fields import surface_of
@@ -150,7 +151,7 @@ def test_one_more_like_what_stands_there_is_found_in_its_row():
         world["objects"][name], world["materials"][name] = {"tris": corners[SIDES], "surface": None}, "metal"
     ears, base = heard(world, 30.0), with_shed(ours())
     rest = evaluated(ears, base, ())
-    best, *_ = elsewhere.copies(ears, rest, search.Budget.of(60.0))
+    best, *_ = elsewhere.copies(ears, rest, Budget.of(60.0))
     model = fitted(ears, evaluated(ears, base, [best]))
     corners_m = model.world.mesh.solids[-1].vertices_m
     assert np.abs(corners_m.mean(axis=0) - (shed() + 3.75 * turn).mean(axis=0)).max() < 0.03
@@ -164,7 +165,7 @@ def test_what_stands_still_all_the_time_does_not_pass_by():
         begun = np.array([*person["position_m"][:2], *person["velocity_m_per_s"][:2], np.log(0.5), 1.8])
         effect = Effect(family=BY_NAME["moving_scatterer"], owner="place", values=begun, choice=(0.4, False))
         model = fitted(ears, evaluated(ears, ours(), [effect]))
-        assert search._stands_out(ears, model, ears[0].count, 50) == goes
+        assert rounds._stands_out(ears, model, ears[0].count, 50) == goes
 
 
 def test_what_a_field_takes_for_its_own_is_refused_by_the_vault():
@@ -255,7 +256,7 @@ def test_a_moved_thing_and_a_new_one_at_its_place_are_one_more_like_it(monkeypat
     moved = Effect(family=ObjectMoved(), owner="shed", values=np.array([3.75]), choice=tuple(turn))
     both = evaluated(ears, base, [moved, added(shape, (1.0, 1e7))])
     assert both.left_nats(ears[0].count) < 0
-    model = search._asked_again(ears, both, ears[0].count, 50, {moved.key: [copy]}, search.Budget.of(60.0), search.Barred())
+    model = search._asked_again(ears, both, ears[0].count, 50, {moved.key: [copy]}, Budget.of(60.0), rounds.Barred())
     assert [one.family.name for one in model.effects] == ["missing_object"]
     assert np.abs(np.array(model.effects[0].choice.origin_m) - copy.choice.origin_m).max() < 1e-9
 
@@ -269,7 +270,7 @@ def test_a_box_stands_where_the_vault_has_it_as_far_as_the_soundings_leave_it_op
     shape = Sheet.about(shed(), turn, 0.02)
     aside_m = ours().wavelength_m * 5 / 32
     box = added(replace(shape, origin_m=tuple(shape.origin_m + aside_m * turn)), (1.0, 1e7))
-    model = search._confirmed(deaf, vault, evaluated(deaf, ours(), [box]), KNOWN, search.Budget.of(60.0), {}, search.Barred())
+    model = search._confirmed(deaf, vault, evaluated(deaf, ours(), [box]), KNOWN, Budget.of(60.0), {}, rounds.Barred())
     assert np.array(model.effects[0].choice.origin_m) == pytest.approx(shape.origin_m, abs=1e-9)
 
 
@@ -291,7 +292,7 @@ def test_energies_of_ends_that_are_remembered_are_those_of_their_responses(is_cl
 def test_what_the_vault_refuses_for_its_size_alone_is_as_small_as_the_soundings_leave_it(monkeypatch):
     ears, base = fenced(), replace(ours(), max_depth=2)
     model = evaluated(ears, base, [added(sheet((-20.0, -1.15), (20.0, 1.15)))])  # beyond what any path meets
-    trimmed, pared = (how(ears, model, 0, KNOWN) for how in (search._trimmed, search._pared))
+    trimmed, pared = (how(ears, model, 0, KNOWN) for how in (settling.trimmed, settling.pared))
     widths_m = [one.effects[0].choice.high_m[0] - one.effects[0].choice.low_m[0] for one in (model, trimmed, pared)]
     assert max(one.energy for one in (trimmed, pared)) < model.energy + 10 and widths_m[2] < widths_m[1] < widths_m[0]
 
@@ -299,5 +300,5 @@ def test_what_the_vault_refuses_for_its_size_alone_is_as_small_as_the_soundings_
         return [0] if one.effects[0].choice.high_m[0] > pared.effects[0].choice.high_m[0] + 0.1 else []
 
     monkeypatch.setattr(search.foretold, "refused", refused)
-    other = search._otherwise(ears, ears, trimmed, 0, KNOWN, {}, search.Budget.of(60.0))
+    other = open_wells.otherwise(ears, ears, trimmed, 0, KNOWN, {}, Budget.of(60.0))
     assert other is not None and not refused(None, other)

@@ -9,7 +9,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.places import search
+from gr_cast.diagnose.places import exchange, open_wells, rounds, search, settling
+from gr_cast.diagnose.places.budget import Budget
 from gr_cast.diagnose.places.ears import ResponseEar
 from gr_cast.diagnose.places.fit import evaluated
 from gr_cast.diagnose.places.likelihood import Heard, profiled
@@ -173,7 +174,7 @@ def test_a_track_is_looked_for_far_and_wide_only_where_its_own_links_are_at_odds
 
 def test_what_the_vault_refused_is_looked_for_again_where_more_is_known_alone():
     gone, known, more = (Effect(family=TrackTiming(), owner=name, values=np.zeros(1)) for name in ("walker", "a", "b"))
-    barred = search.Barred()
+    barred = rounds.Barred()
     assert not barred.bars(gone.key, set())
     for have in ((), (known,)):
         barred.add([gone], SimpleNamespace(effects=have))
@@ -184,17 +185,17 @@ def test_what_the_vault_refused_is_looked_for_again_where_more_is_known_alone():
 
 def test_a_round_is_made_once_unless_the_vault_refused_something_since(monkeypatch):
     made = []
-    monkeypatch.setattr(search, "_round", lambda ears, model, *_: made.append(model) or ([], 1))
-    ears, barred, gone = heard(theirs(), 30.0), search.Barred(), Effect(family=TrackTiming(), owner="walker", values=np.zeros(1))
-    model, budget = evaluated(ears, ours(), ()), search.Budget.of(60.0)
+    monkeypatch.setattr(rounds, "_round", lambda ears, model, *_: made.append(model) or ([], 1))
+    ears, barred, gone = heard(theirs(), 30.0), rounds.Barred(), Effect(family=TrackTiming(), owner="walker", values=np.zeros(1))
+    model, budget = evaluated(ears, ours(), ()), Budget.of(60.0)
     for _ in range(2):
-        search.candidates(ears, model, UNKNOWN, budget, barred)
+        rounds.candidates(ears, model, UNKNOWN, budget, barred)
     assert len(made) == 1
     barred.add([gone], model)
-    search.candidates(ears, model, UNKNOWN, budget, barred)
+    rounds.candidates(ears, model, UNKNOWN, budget, barred)
     assert len(made) == 2
     for _ in range(2):  # what had no time to end is made again
-        search.candidates(ears, evaluated(ears, ours(), ()), UNKNOWN, search.Budget.of(0.0), search.Barred())
+        rounds.candidates(ears, evaluated(ears, ours(), ()), UNKNOWN, Budget.of(0.0), rounds.Barred())
     assert len(made) == 4
 
 
@@ -224,9 +225,10 @@ def test_what_the_vault_refuses_again_and_again_ends_the_search_without_it(monke
     monkeypatch.setattr(search, "fitted", lambda ears, one, **_: one)
     monkeypatch.setattr(search, "evaluated", lambda ears, base, effects: of(effects))
     monkeypatch.setattr(search, "without_effects", lambda _, m, gone: of([e for k, e in enumerate(m.effects) if k not in gone]))
-    monkeypatch.setattr(search, "exchanged", lambda ears, model, *_: (model, {}))
-    monkeypatch.setattr(search, "_with_images", lambda ears, model, others, *_: others)
-    for name, told in (("_otherwise", None), ("_unshown", []), ("_is_foretold", True)):
+    monkeypatch.setattr(exchange, "exchanged", lambda ears, model, *_: (model, {}))
+    monkeypatch.setattr(exchange, "with_images", lambda ears, model, others, *_: others)
+    monkeypatch.setattr(open_wells, "otherwise", lambda *_: None)
+    for name, told in (("_unshown", []), ("_is_foretold", True)):
         monkeypatch.setattr(search, name, lambda *_, told=told: told)
     found = search.run([], None, {}, 60.0, vault=[None])
     assert found.model.effects == (kept,) and not found.spent
@@ -235,17 +237,17 @@ def test_what_the_vault_refuses_again_and_again_ends_the_search_without_it(monke
 def test_a_round_fits_nothing_twice_and_what_the_vault_refused_changes_no_other_guess(monkeypatch):
     world = copy.deepcopy(theirs())
     world["nodes"]["walker"]["time_offset_s"] = 0.05
-    ears, barred, screened, settled = heard(world, 30.0), search.Barred(), [], []
-    model, look_at, settle = evaluated(ears, ours(), ()), search._screened, search._settled
-    monkeypatch.setattr(search, "_screened", lambda *a: screened.append(a) or look_at(*a))
-    monkeypatch.setattr(search, "_settled", lambda ears, one, *a: settled.append(one.effects[-1]) or settle(ears, one, *a))
-    first, _ = search.candidates(ears, model, UNKNOWN, search.Budget.of(200.0), barred)
+    ears, barred, screened, settled = heard(world, 30.0), rounds.Barred(), [], []
+    model, look_at, settle = evaluated(ears, ours(), ()), rounds.screened, settling.settled
+    monkeypatch.setattr(rounds, "screened", lambda *a: screened.append(a) or look_at(*a))
+    monkeypatch.setattr(settling, "settled", lambda ears, one, *a: settled.append(one.effects[-1]) or settle(ears, one, *a))
+    first, _ = rounds.candidates(ears, model, UNKNOWN, Budget.of(200.0), barred)
     plain = [one for one in first if not one.effects[-1].family.shape_axes]
     alike = [(one, other) for one, other in itertools.combinations(plain, 2) if one.effects[-1].key == other.effects[-1].key]
     assert len(plain) > 3 and all(abs(one.energy - other.energy) > 0.1 for one, other in alike)
     count, gone = len(screened), first[0].effects[-1]
     barred.add([gone], model)
-    second, _ = search.candidates(ears, model, UNKNOWN, search.Budget.of(200.0), barred)
+    second, _ = rounds.candidates(ears, model, UNKNOWN, Budget.of(200.0), barred)
     kept = {one.effects[-1].key: one.energy for one in first if one.effects[-1].key != gone.key}
     assert len({id(one) for one in settled}) == len(settled)  # what was fitted is not fitted again
     assert len(screened) == count and gone.key not in {one.effects[-1].key for one in second}
@@ -261,10 +263,10 @@ def test_what_comes_in_anothers_place_predicts_the_vault_as_well_as_what_is_open
 
     monkeypatch.setattr(search, "_explored", lambda *_: (of([found]), 1))
     monkeypatch.setattr(search.foretold, "refused", lambda vault, model: [0] if model.effects == (rival,) else [])
-    monkeypatch.setattr(search, "exchanged", lambda *_: (of([rival]), {}))
-    monkeypatch.setattr(search, "_in_its_well", lambda ears, vault, model, *_: of([open_]))
+    monkeypatch.setattr(exchange, "exchanged", lambda *_: (of([rival]), {}))
+    monkeypatch.setattr(open_wells, "in_its_well", lambda ears, vault, model, *_: of([open_]))
     monkeypatch.setattr(search, "evaluated", lambda ears, base, effects: of(effects))
-    monkeypatch.setattr(search, "_with_images", lambda ears, model, others, *_: others)
+    monkeypatch.setattr(exchange, "with_images", lambda ears, model, others, *_: others)
     for name, told in (("_unshown", []), ("_is_foretold", True)):
         monkeypatch.setattr(search, name, lambda *_, told=told: told)
     assert search.run([], None, {}, 60.0, vault=[None]).model.effects == (open_,)

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.places import policy, scan, search
+from gr_cast.diagnose.places import exchange, open_wells, policy, rounds, scan, search
+from gr_cast.diagnose.places.budget import Budget
 from gr_cast.diagnose.places.ears import ResponseEar
 from gr_cast.diagnose.places.fit import applied, evaluated, fitted, with_effect
 from gr_cast.diagnose.places.likelihood import Heard
@@ -65,7 +66,7 @@ def first(ears, world, family: str, owner: str):
 def best(ears, world, family: str, owner: str):
     """The best of what a search screens of a family."""
     view = View(ears, evaluated(ears, world, ()), UNKNOWN)
-    return min(search._screened(view, ears, view.model, BY_NAME[family], owner), key=lambda one: one.energy)
+    return min(rounds.screened(view, ears, view.model, BY_NAME[family], owner), key=lambda one: one.energy)
 
 
 @pytest.mark.parametrize("band_hz", [2e8, 2e7])
@@ -162,12 +163,12 @@ def test_a_wall_and_a_node_that_move_images_alike_are_heard_alike_over_that_wall
 def test_what_moves_images_alike_is_a_rival():
     ears, world = of_world(theirs(), 2e8), twin()
     moved = Effect(family=BY_NAME["object_moved"], owner="west", values=np.array([0.083]), choice=(1.0, 0.0, 0.0))
-    others = search._with_images(ears, evaluated(ears, world, [moved]), {moved.key: [moved]}, UNKNOWN, search.Budget.of(60.0))[
+    others = exchange.with_images(ears, evaluated(ears, world, [moved]), {moved.key: [moved]}, UNKNOWN, Budget.of(60.0))[
         moved.key
     ]
     assert others[0] is moved and any(one.family.name == "node_position" for one in others[1:])
     gain = Effect(family=BY_NAME["node_gain"], owner="a", values=np.array([1.0]))
-    assert search._with_images(ears, evaluated(ears, world, [gain]), {}, UNKNOWN, search.Budget.of(60.0)) == {}
+    assert exchange.with_images(ears, evaluated(ears, world, [gain]), {}, UNKNOWN, Budget.of(60.0)) == {}
 
 
 def test_what_a_node_spoils_on_links_that_share_delays_and_gains_with_its_own_is_not_theirs():
@@ -214,7 +215,7 @@ def test_what_the_vault_refuses_is_looked_for_in_wells_that_are_far_off_too(monk
     model = b_at(ears, [0.15, 0.15, 0.0])
     assert np.linalg.norm(model.effects[0].values - OFFSET_M) > 0.1  # 6 wavelengths
     monkeypatch.setattr(search.foretold, "refused", lambda vault, one: [] if is_right(one) else [0])
-    assert is_right(search._otherwise(ears, ears, model, 0, UNKNOWN, {}, search.Budget.of(60.0)))
+    assert is_right(open_wells.otherwise(ears, ears, model, 0, UNKNOWN, {}, Budget.of(60.0)))
 
 
 def test_a_well_that_a_part_of_the_soundings_holds_for_the_deepest_is_not_taken_for_it():
@@ -222,7 +223,7 @@ def test_a_well_that_a_part_of_the_soundings_holds_for_the_deepest_is_not_taken_
     right, wrong, far = (b_at(ears, offset_m) for offset_m in (OFFSET_M, [0.13, -0.01, -0.02], [0.15, 0.15, 0.0]))
     assert is_right(right) and not is_right(wrong)
     base, wells = evaluated(ears, twin(), ()), {}
-    found = [search._by_all(ears, base, [wrong, far, right], one, wells) for one in (wrong, far)]
+    found = [rounds.by_all(ears, base, [wrong, far, right], one, wells) for one in (wrong, far)]
     assert is_right(found[0]) and [one.energy for one in found] == pytest.approx([right.energy, wrong.energy], rel=1e-3)
 
 
@@ -237,15 +238,15 @@ def test_what_is_looked_for_beside_a_wrong_well_is_looked_for_beside_the_open_on
     def is_right(model) -> bool:
         return abs(model.effects[0].values[0] - shift_m) < 1e-3
 
-    others = search._in_open_wells(ears, wrong, 1.0)
+    others = rounds._in_open_wells(ears, wrong, 1.0)
     assert not is_right(wrong) and is_right(others[0])
     assert all(abs(one.energy - wrong.energy) < policy.RIVAL_NATS for one in others)
     view, more = View(ears, wrong, UNKNOWN), BY_NAME["missing_reflections"]
-    alone, beside = (search._screened(view, ears, wrong, more, "place", some) for some in ((), others))
+    alone, beside = (rounds.screened(view, ears, wrong, more, "place", some) for some in ((), others))
     assert not any(is_right(one) for one in alone) and is_right(min(beside, key=lambda one: one.energy))
-    look = search._Look()
+    look = rounds.Look()
     monkeypatch.setattr(View, "families", [more])
-    search._look(look, view, search.Barred(), search.Budget.of(60.0))
+    rounds._look(look, view, rounds.Barred(), Budget.of(60.0))
     assert abs(look.guesses[0].effects[0].values[0] - shift_m) < 1e-3 and look.tried == {(more.name, "place")}
 
 

@@ -13,7 +13,7 @@ from ...core.units import db_from_power
 from ...twin.places.believed import believed
 from ...twin.places.document import Place
 from ...twin.places.families.objects import ObjectMoved
-from . import diffuse, elsewhere, foretold, mistakes, policy, search, taps
+from . import diffuse, elsewhere, exchange, foretold, mistakes, open_wells, policy, search, taps
 from .ears import ear, told_of
 from .fit import Model, applied, deviations, evaluated, fitted, without_effects
 from .next_position import where_to_sound
@@ -116,7 +116,7 @@ def _told(place: Place, found: search.Found, ears: tuple, vault: tuple, pathless
     shown = [_shown(vault, there, [number]) for number in range(len(model.effects))]
     covariances = [
         _doubt(found, ears, clean) * own
-        + _over_wells(model.effects[number], search.wells(ears, vault, model, number))
+        + _over_wells(model.effects[number], open_wells.wells(ears, vault, model, number))
         + (_besides(view, found, number) if not clean or _may_go_otherwise(found, ears, number, nats) else 0.0)
         for number, (own, nats) in enumerate(zip(deviations(ears, model), shown, strict=True))
     ]
@@ -259,7 +259,7 @@ def _shown(vault: tuple, there: Model | None, numbers: list[int]) -> float | Non
 def _may_go_otherwise(found: search.Found, ears: tuple, number: int, vault_nats: float | None) -> bool:
     """Whether another way than an effect's explains nearly as much, or the vault refuses this one."""
     refused = found.model.effects[number].family.has_ways and _is_refused(vault_nats)
-    return refused or search.is_one_of_many(ears, found, number)
+    return refused or exchange.is_one_of_many(ears, found.model, found.ways, number)
 
 
 def _is_refused(vault_nats: float | None) -> bool:

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What came close to an effect, in its place among all others."""
+
+from collections.abc import Sequence
+
+from . import foretold, open_wells, policy, settling, weighing
+from .budget import Budget
+from .fit import Ear, Model, fitted, replaced, without_effects
+from .view import View
+
+
+def is_one_of_many(ears, model: Model, ways: dict, number: int) -> bool:
+    """Whether another way than an effect's explains nearly as much: then a third, which nobody found, may be the one."""
+    own, span_s = model.effects[number], settling.span_s(ears)
+    others = [fitted(ears, replaced(ears, model, number, one), rounds=4) for one in ways.get(own.key, ())]
+    return any(
+        one.energy < model.energy + policy.WAY_NATS and not own.family.is_same_way(model.base, own, one.effects[number], span_s)
+        for one in others
+    )
+
+
+def with_kin(model: Model, others: dict) -> dict:
+    """What came close to each effect, and the same of all of its owner's material, or of one of these things alone."""
+    out = dict(others)
+    for effect in model.effects:
+        out[effect.key] = [*out.get(effect.key, ()), *effect.family.kin(model.base, effect)]
+    return out
+
+
+def with_images(ears, model: Model, others: dict, unknown: dict, budget: Budget) -> dict:
+    """What came close to each effect, and what moves mirror images as it does: another mirror, or a node."""
+    out, have = dict(others), {effect.key for effect in model.effects}
+    for number, effect in enumerate(model.effects):
+        shift_m = effect.family.images_moved_m(effect)
+        if shift_m is None or budget.is_spent:
+            continue
+        view = View(ears, without_effects(ears, model, [number]), unknown)
+        same = [one for family in view.families for one in family.moving_images(view, shift_m) if one.key not in have]
+        begun = sorted((replaced(ears, model, number, one) for one in same), key=lambda one: one.energy)[: 2 * policy.ASKED_AGAIN]
+        fits = [fitted(ears, one, rounds=policy.SCREEN_ROUNDS, free=[number]) for one in begun]
+        fits.sort(key=lambda one: one.energy)
+        out[effect.key] = [*out.get(effect.key, ()), *(one.effects[number] for one in fits[: policy.ASKED_AGAIN])]
+    return out
+
+
+def exchanged(ears, model: Model, others: dict, count: float, tried: float, budget: Budget, vault: Sequence[Ear] = ()):
+    """What came close when an effect was found, in its place now: the better one stays, the other is a rival; of two that explain
+    alike, it is the one that predicts the vault. What tells of the vault is nothing that was there for once."""
+    rivals: dict = {}
+    for number in range(len(model.effects)):
+        model = _of_its_kinds(ears, vault, model, number, others, count)
+        effect = model.effects[number]
+        trials, stays = [], foretold.told_nats(vault, model)[number] > policy.REFUSED_NATS
+        for other in others.get(effect.key, ()):
+            if other.key in {e.key for e in model.effects} or budget.is_spent or stays and not other.family.lasts:
+                continue
+            trial = fitted(ears, replaced(ears, model, number, other), rounds=4)
+            trials += [] if weighing.is_negligible(trial, number) else [trial]
+        apart = {id(one): _foreseen_nats(ears, vault, one, model, number, count) for one in trials}
+        trials.sort(key=lambda one: apart[id(one)] - weighing.worth(one, model, count, tried))
+        if trials and weighing.worth(trials[0], model, count, tried) - apart[id(trials[0])] > 1.0:
+            trials[0], model = model, trials[0]
+            apart = {id(one): _foreseen_nats(ears, vault, one, model, number, count) for one in trials}
+        own = model.effects[number]
+        behind = [(one.effects[number], weighing.behind_nats(one, model, number, count) + apart[id(one)]) for one in trials]
+        rivals[own.key] = sorted(behind, key=lambda pair: pair[1])
+    return model, rivals
+
+
+def _of_its_kinds(ears, vault: Sequence[Ear], model: Model, number: int, others: dict, count: float) -> Model:
+    """The model with that fit of an effect which, of those that explain the soundings alike, predicts the vault best: a pattern
+    of a node, or a wall, that the fitted soundings leave open."""
+    for one in open_wells.kinds(ears, model, number, others):
+        other = fitted(ears, one, rounds=4)
+        if weighing.behind_nats(other, model, number, count) + _foreseen_nats(ears, vault, other, model, number, count) < -1.0:
+            model = other
+    return model
+
+
+def _foreseen_nats(ears, vault: Sequence[Ear], rival: Model, model: Model, number: int, count: float) -> float:
+    """By how much a rival that the fitted soundings leave open predicts the vault worse than the model; 0 of all others. Where
+    one of both may have been there for once, the other one is likelier for what it explains of the vault, and not less for what
+    it does not."""
+    lasts, stays = rival.effects[number].family.lasts, model.effects[number].family.lasts
+    most = 2 * policy.RIVAL_NATS + weighing.beside_fields(model)
+    if not vault or not (lasts or stays) or weighing.behind_nats(rival, model, number, count) > most:
+        return 0.0
+    nats = foretold.foreseen(ears, vault, rival) - foretold.foreseen(ears, vault, model)
+    return nats if lasts and stays else min(nats, 0.0) if lasts else max(nats, 0.0)
