@@ -16,6 +16,8 @@ from gr_cast.core.errors import CastError
 from gr_cast.diagnose.write import check_replaceable
 from gr_cast.signals import recording
 
+from tests.diagnose.places.test_place_again import yard
+
 sys.path.append(str(Path(__file__).resolve().parents[2] / "docs"))
 import effect_schemas
 
@@ -128,17 +130,15 @@ def test_ctrl_c_leaves_finished_cases_whole_and_of_the_others_nothing(case, worl
     assert all(sorted(p.name for p in (out / name).iterdir()) == FILES for name in left)
 
 
-def test_jobs_change_nothing_but_the_time(case, world, tmp_path):
-    other = world.write(tmp_path / "cases" / "null", world.noisy(world.clean()))
-    texts = []
+def test_jobs_change_nothing_but_the_time(case, tmp_path):
+    place, texts = yard(tmp_path / "cases" / "yard", lossy_db=0.0), []
     for jobs in (1, 2):
         out = tmp_path / f"out{jobs}"
-        assert call(case, other, "--output", out, "--jobs", jobs).returncode == 0
-        documents = [json.loads((out / name / "diagnosis.json").read_text()) for name in ("echo", "null")]
-        for document in documents:
-            document.pop("seconds")
-        texts.append(documents)
+        assert call(case, place, "--output", out, "--jobs", jobs).returncode == 0
+        documents = [json.loads((out / name / "diagnosis.json").read_text()) for name in ("echo", "yard")]
+        texts.append([{key: value for key, value in one.items() if key != "seconds"} for one in documents])
     assert texts[0] == texts[1]
+    assert [len(one["effects"]) for one in texts[0]] == [1, 0]
 
 
 def test_the_corrected_twin_leaves_nothing_to_find_in_a_second_recording(case, world, tmp_path):

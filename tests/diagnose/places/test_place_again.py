@@ -1,18 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From a case on disk to its diagnosis, and from the corrected twin to nothing left: received power alone."""
 
-import json
 import shutil
-import subprocess
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from gr_cast.diagnose import places
 from gr_cast.diagnose.places import policy
 from gr_cast.twin.places import document
 
-PROGRAM = Path(__file__).parents[3] / "apps" / "cast_diagnose.py"
 SPEC = """cast_create: 1
 id: place
 environment: {place: a yard, carrier_hz: 2.0e9, bandwidth_hz: 2.0e7}
@@ -50,7 +46,7 @@ def _powers(path, seed, lossy_db, silent):
     np.savez(path, tx=tx, rx=rx, position_b=way_m["b"], **told)
 
 
-def _case(folder, lossy_db=4.0, silent=()):
+def yard(folder, lossy_db=4.0, silent=()):
     folder.mkdir()
     (folder / "spec.yaml").write_text(SPEC)
     (folder / "place.yaml").write_text(PLACE.format(twin="spec.yaml"))
@@ -62,7 +58,7 @@ def _case(folder, lossy_db=4.0, silent=()):
 
 
 def test_a_lossy_link_is_named_and_the_corrected_twin_misses_nothing(tmp_path):
-    case = _case(tmp_path / "yard")
+    case = yard(tmp_path / "yard")
     found = places.diagnose(document.read(case))
     effect = found.document["effects"][0]
     assert found.document["verdict"] == "identified" and len(found.document["effects"]) == 1
@@ -86,7 +82,7 @@ def test_a_lossy_link_is_named_and_the_corrected_twin_misses_nothing(tmp_path):
 
 def test_what_is_likelier_wrong_than_right_is_neither_claimed_nor_corrected_but_told(tmp_path, monkeypatch):
     monkeypatch.setattr(policy, "LEAST_SURE", 1.0)  # nothing is so sure
-    found = places.diagnose(document.read(_case(tmp_path / "yard")))
+    found = places.diagnose(document.read(yard(tmp_path / "yard")))
     told, fit = found.document, found.document["fit"]
     assert told["effects"] == [] and told["verdict"] == "unexplained" and not found.model.effects
     assert any("c>b" in one and one.startswith("Not claimed") for one in told["warnings"])
@@ -95,26 +91,15 @@ def test_what_is_likelier_wrong_than_right_is_neither_claimed_nor_corrected_but_
 
 def test_two_that_explain_alike_are_told_however_little_each_is_sure(tmp_path, monkeypatch):
     monkeypatch.setattr(policy, "LEAST_SURE", 1.0)
-    told = places.diagnose(document.read(_case(tmp_path / "yard", silent=[("c", "e")]))).document  # c has one link
+    told = places.diagnose(document.read(yard(tmp_path / "yard", silent=[("c", "e")]))).document  # c has one link
     assert told["verdict"] == "ambiguous" and len(told["effects"]) == 1
     assert {"excess_loss", "node_gain"} in [set(one["families"]) for one in told["ambiguous"]]
 
 
 def test_powers_where_the_twin_has_no_path_accuse_nobody_and_are_told(tmp_path):
-    case = _case(tmp_path / "yard", lossy_db=0.0)
+    case = yard(tmp_path / "yard", lossy_db=0.0)
     corners = "v 20 -90 -90\nv 20 90 -90\nv 20 90 90\nv 20 -90 90\n"  # between c and all others
     (case / "mesh.obj").write_text(f"o wall\n{corners}f 1 2 3\nf 1 3 4\n")
     found = places.diagnose(document.read(case)).document
     assert found["verdict"] == "unexplained" and found["effects"] == []
     assert found["warnings"] == ["48 of 144 powers were read where the twin has no path: they are not explained, and left out."]
-
-
-def test_jobs_change_nothing_but_the_time(tmp_path):
-    cases, texts = [_case(tmp_path / name, lossy_db) for name, lossy_db in (("lossy", 4.0), ("plain", 0.0))], []
-    for jobs in ("1", "2"):
-        out = tmp_path / f"out{jobs}"
-        subprocess.run(["/usr/bin/python3", PROGRAM, *cases, "--output", out, "--jobs", jobs], check=True, capture_output=True)
-        documents = [json.loads((out / case.name / "diagnosis.json").read_text()) for case in cases]
-        texts.append([{key: value for key, value in one.items() if key != "seconds"} for one in documents])
-    assert texts[0] == texts[1]
-    assert [len(one["effects"]) for one in texts[0]] == [1, 0]
