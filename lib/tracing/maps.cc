@@ -32,6 +32,7 @@ size_t knot_before(double at, size_t knots) { return std::min(size_t(at), knots 
 // What is heard where somebody in each of some cells hides what he does: gathered first, for then
 // what follows is the same for all of them, many at once.
 constexpr size_t AT_ONCE = 1024;
+constexpr double MOST = 1e38; // of a float
 
 struct hidden_cells {
     std::array<double, AT_ONCE> energy, real, imag;
@@ -50,7 +51,8 @@ struct hidden_cells {
     }
 };
 
-// Energy of the response over that of noise, or 1 where that is more.
+// Energy of the response over that of noise, or 1 where that is more. Its logarithm is right to
+// 1e-5, a little otherwise on other processors.
 template <bool is_free>
 void above_noise(const response& heard, const echo& from, const hidden_cells& some, size_t begin,
                  size_t number, double root, float* out)
@@ -61,7 +63,7 @@ void above_noise(const response& heard, const echo& from, const hidden_cells& so
         const double said = is_free ? std::sqrt(x * x + y * y) : x,
                      more = root * double(from.loud[begin + i]) + 2.0 * double(some.common[i]);
         const double energy = some.energy[i] + root * more - 2 * said;
-        out[i] = float(std::max(heard.count, energy) / heard.count);
+        out[i] = float(std::min(std::max(heard.count, energy) / heard.count, MOST));
     }
 }
 

@@ -92,8 +92,36 @@ static void somebody_makes_a_response_likelier()
     }
 }
 
+// However many cells there are, each is told for itself.
+static void many_cells_are_each_told()
+{
+    constexpr size_t cells = 2 * 1024 + 13;
+    const std::array<double, 3> own{4, 1, 9}, roots{0.5, 2, 3};
+    const std::array<std::complex<double>, 3> shared{{{2, 0}, {0.5, 0.5}, {-1, 3}}};
+    std::vector<float> real(cells), imag(cells), loud(cells), common(3 * cells), all(3 * cells);
+    std::vector<uint8_t> kind(cells);
+    for (size_t i = 0; i < cells; i++) {
+        real[i] = float(i % 17) - 8, imag[i] = float(i % 5), loud[i] = float(i % 7);
+        kind[i] = uint8_t(i % 3);
+        for (size_t k = 0; k < 3; k++)
+            common[k * cells + i] = float(i % 11) - float(k);
+    }
+    const response heard{20, 6, 3, true, own.data(), shared.data()};
+    likelier(heard, {real.data(), imag.data(), common.data(), loud.data()}, kind.data(), cells,
+             roots.data(), 3, all.data());
+    for (size_t i = 0; i < cells; i++) {
+        const std::array<float, 3> its{common[i], common[cells + i], common[2 * cells + i]};
+        std::array<float, 3> alone{};
+        likelier(heard, {&real[i], &imag[i], its.data(), &loud[i]}, &kind[i], 1, roots.data(), 3,
+                 alone.data());
+        for (size_t one = 0; one < 3; one++)
+            CHECK(std::abs(all[one * cells + i] - alone[one]) < 1e-3);
+    }
+}
+
 int main()
 {
+    many_cells_are_each_told();
     somebody_makes_a_response_likelier();
     maps_are_summed_where_ways_are_on_them();
     lines_are_heard_in_their_cells();

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gr_cast.diagnose.places import elsewhere, run
+from gr_cast.diagnose.places.budget import Budget
 from gr_cast.diagnose.places.ears import ResponseEar
 from gr_cast.diagnose.places.fit import evaluated, fitted
-from gr_cast.diagnose.places.search import Budget, Found
+from gr_cast.diagnose.places.search import Found
 from gr_cast.scenario.create.fields import surface_of
 from gr_cast.scenario.create.geometry import Solid
 from gr_cast.scenario.create.media import Medium

@@ -203,11 +203,11 @@ def test_a_round_is_made_once_unless_the_vault_refused_something_since(monkeypat
 def test_what_the_vault_refuses_again_and_again_ends_the_search_without_it(monkeypatch, wrong, right, swallows):
     """Two of one kind and owner, one of which is refused; one that explains what another does, which goes, and is refused."""
     refused, kept = (Effect(family=TrackTiming(), owner=name, values=np.zeros(1)) for name in (wrong, right))
-    rounds = []
+    made = []
 
     def explored(ears, model, unknown, budget, others, barred, progress):
         effects = [*model.effects]
-        rounds.append(effects)
+        made.append(effects)
         for one in (refused, kept):
             if one not in effects and not barred.bars(one.key, {e.key for e in effects}):
                 effects = [*(e for e in effects if not (swallows and one is refused)), one]
@@ -220,7 +220,7 @@ def test_what_the_vault_refuses_again_and_again_ends_the_search_without_it(monke
     def of(effects):
         return SimpleNamespace(effects=tuple(effects), base=None, energy=0.0)
 
-    monkeypatch.setattr(search, "_explored", lambda *a: explored(*a) if len(rounds) < 9 else pytest.fail("no end"))
+    monkeypatch.setattr(search, "_explored", lambda *a: explored(*a) if len(made) < 9 else pytest.fail("no end"))
     monkeypatch.setattr(search.foretold, "refused", lambda vault, m: [k for k, e in enumerate(m.effects) if e is refused])
     monkeypatch.setattr(search, "fitted", lambda ears, one, **_: one)
     monkeypatch.setattr(search, "evaluated", lambda ears, base, effects: of(effects))

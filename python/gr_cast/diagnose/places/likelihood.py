@@ -222,8 +222,10 @@ def _delays(heard: Heard, cross: np.ndarray) -> np.ndarray:
     """The best delay per link from the whole range that the steps of frequency tell apart."""
     count = len(heard.frequency_hz)
     size = 1 << int(np.ceil(np.log2(_FINER * count)))
-    profile = ifft((cross if heard.phase == "snapshot" else cross.sum(axis=1)).astype(np.complex64), size)
-    score = np.abs(profile).sum(axis=1) if heard.phase == "snapshot" else np.abs(profile)
+    cross = cross if heard.phase == "snapshot" else cross.sum(axis=1)
+    most = np.abs(cross).max(axis=tuple(range(1, cross.ndim)), keepdims=True)  # single precision holds no powers of amplitudes
+    profile = ifft((cross / np.maximum(most, _FAINT)).astype(np.complex64), size)
+    score = np.abs(profile).sum(axis=1, dtype=float) if heard.phase == "snapshot" else np.abs(profile)
     if heard.phase == "none":  # the grid starts at the first frequency
         grid_s = np.fft.fftfreq(size, heard.spacing_hz)
         score = (profile * np.exp(2j * np.pi * heard.frequency_hz[0] * grid_s)).real

@@ -151,14 +151,14 @@ def _in_open_wells(heard: Sequence[Ear], here: Model, more: float) -> list[Model
     return sorted(out, key=lambda one: one.energy)[: policy.OPEN_WELLS]
 
 
-def by_all(ears, model: Model, screened: Sequence[Model | Guess], one: Model | Guess, wells: dict) -> Model:
+def by_all(ears, model: Model, guesses: Sequence[Model | Guess], one: Model | Guess, wells: dict) -> Model:
     """What was chosen on a part of the soundings, on all of them: of a family whose wells only a fit tells apart, the best that
     is left of its key in `wells`, for a part may hold the wrong well of a phase for the deepest."""
     effect = one.effects[-1]
     if effect.family.ranks_unfitted or effect.family.shape_axes:
         return evaluated(ears, model.base, one.effects)
     if effect.key not in wells:
-        begun = [other.effects for other in screened if other.effects[-1].key == effect.key][: policy.WELLS]
+        begun = [other.effects for other in guesses if other.effects[-1].key == effect.key][: policy.WELLS]
         fits = sorted(
             (settling.quick(ears, evaluated(ears, model.base, effects)) for effects in begun), key=lambda fit: fit.tempered
         )

@@ -71,10 +71,11 @@ def beside_fields(model: Model) -> float:
 
 
 def beside_rough(before: Model, one: Model) -> float:
-    """Nats that any effect may gain so, or, where edges are heard, from edges that bend in no phase of the theory's: unless all
-    bend as the theory has it with this effect, and did not without."""
-    is_mended = before.loose[1] > 0 >= one.loose[1]
-    return policy.BESIDE_ROUGH_NATS if any(before.loose) and not is_mended else beside_fields(before)
+    """Nats that any effect may gain so, or, where edges are heard, from edges that bend in no phase of the theory's: less by what
+    these gained, if with this effect they are heard and need not bend otherwise any more."""
+    eased = before.loose[1] if any(one.loose) and one.loose[1] <= 0 else 0.0
+    edges = policy.BESIDE_ROUGH_NATS - max(eased, 0.0) if any(before.loose) else 0.0
+    return max(beside_fields(before), edges)
 
 
 def beside_edges(model: Model) -> float:
