@@ -41,11 +41,12 @@ def _progress(name: str):
     return show
 
 
-def _one(common: tuple[Path, float], folder: Path) -> tuple[str, list[str]]:
-    """(line for the screen, faults) of one case; `common`: folder for the diagnoses, seconds for each."""
+def _one(common: tuple[Path, float | None], folder: Path) -> tuple[str, list[str]]:
+    """(line for the screen, faults) of one case; `common`: folder for the diagnoses, seconds for each, or None."""
     output, budget_s = common
     target = output / Path(folder).resolve().name
     kind = places if document.is_place(folder) else links
+    budget_s = budget_s or kind.BUDGET_S
     try:
         check_replaceable(target)
         case = kind.read_case(folder)
@@ -92,13 +93,14 @@ def main(argv=None) -> int:
     parser.add_argument("cases", nargs="+", type=Path, metavar="CASE", help="folder with a twin.yaml, or with a place.yaml")
     parser.add_argument("--output", required=True, type=Path, metavar="DIR", help="one folder per case goes here")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="cases at the same time (default 1)")
-    parser.add_argument("--budget", type=float, default=240.0, metavar="SECONDS", help="processor time per case (default 240)")
+    default = f"processor time per case (default {links.BUDGET_S:g}, of a place {places.BUDGET_S:g})"
+    parser.add_argument("--budget", type=float, metavar="SECONDS", help=default)
     args = _program.parse(parser, argv)
     names = [case.resolve().name for case in args.cases]
     faults = [f"{name}: two cases have this name" for name in sorted({n for n in names if names.count(n) > 1})]
     if args.jobs < 1:
         faults.append(f"--jobs: got {args.jobs}, needs 1 or more")
-    if not args.budget > 0:
+    if args.budget is not None and not args.budget > 0:
         faults.append(f"--budget: got {args.budget}, needs more than 0 seconds")
     try:
         check_writable(args.output)

@@ -3,7 +3,8 @@
 physics in it."""
 
 from ..twin.document import Case, read_case
+from .policy import BUDGET_S
 from .run import Diagnosis, diagnose
 from .write import write
 
-__all__ = ["Case", "Diagnosis", "diagnose", "read_case", "write"]
+__all__ = ["BUDGET_S", "Case", "Diagnosis", "diagnose", "read_case", "write"]

@@ -2,7 +2,8 @@
 """Which wall, material, mechanism or node the twin of a place leaves out: evidence, proposals, search, verdict."""
 
 from ...twin.places.document import read as read_case
+from .policy import BUDGET_S
 from .run import diagnose
 from .write import write
 
-__all__ = ["diagnose", "read_case", "write"]
+__all__ = ["BUDGET_S", "diagnose", "read_case", "write"]

@@ -19,7 +19,6 @@ from .fit import Model, applied, deviations, evaluated, fitted, without_effects
 from .next_position import where_to_sound
 from .view import View
 
-BUDGET_S = 240.0
 _MOVED = ObjectMoved.name
 _SEARCH_SHARE = 0.85  # of the budget: telling what was found takes its time too
 
@@ -37,7 +36,9 @@ class PlaceDiagnosis:
     after: tuple
 
 
-def diagnose(place: Place, *, budget_s: float = BUDGET_S, progress: Callable[[str], None] = lambda text: None) -> PlaceDiagnosis:
+def diagnose(
+    place: Place, *, budget_s: float = policy.BUDGET_S, progress: Callable[[str], None] = lambda text: None
+) -> PlaceDiagnosis:
     """Which effects the twin of a place leaves out. `budget_s` is processor time."""
     begin_s = time.monotonic()
     base, bandwidth_hz = believed(place), place.spec.bandwidth_hz
