@@ -4,6 +4,7 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -139,3 +140,14 @@ def test_what_makes_edges_bend_as_the_theory_has_it_need_not_outdo_how_else_they
     assert evaluated([ear], ours(), ()).loose[1] > 8
     found = search.run([ear], ours(), {"phase": "none", "delay": "none", "gain": "none"}, 60.0).model
     assert [effect.key for effect in found.effects] == [("missing_transmission", "place")]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "nats"),
+    [((40.0, 35.0), (-1.0, -2.0), 0.0), ((40.0, 10.0), (-1.0, -2.0), 20.0), ((40.0, 35.0), (20.0, 5.0), 30.0)]
+    + [((40.0, 35.0), (0.0, 0.0), 30.0), ((-1.0, -2.0), (-1.0, -2.0), 30.0), ((0.0, 0.0), (0.0, 0.0), 0.0)],
+)  # fmt: skip
+def test_an_effect_beside_edges_needs_less_by_what_they_gained_unless_it_hides_them(before, after, nats):
+    """(0, 0): no edge is heard."""
+    model, one = (SimpleNamespace(loose=loose, effects=()) for loose in (before, after))
+    assert weighing.beside_rough(model, one) == nats

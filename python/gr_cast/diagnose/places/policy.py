@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Every threshold of the diagnosis of places, with its unit and its reason."""
 
-BUDGET_S = 320.0  # of processor time, of which 0.85 go to the search: 290 s at most on an idle machine. With 240 s ten of 77
-# cases failed on the bench, nine of these for want of time
+BUDGET_S = 320.0  # of processor time, of which 0.85 go to the search; one that runs out of it takes 243 s alone. With 240 s ten
+# of 77 cases failed on the bench, nine of these for want of time
 MOST_EFFECTS = 4  # more were never right: what is left then is unexplained
 LEAST_EVIDENCE_NATS = 8.0  # an effect is worth it beyond the price of its numbers and of all that was tried: 1 in 3000 by chance
 CLEAN_DEVIATIONS = 4.0  # standard deviations of the energy of noise: above, something is left

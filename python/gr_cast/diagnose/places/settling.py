@@ -156,6 +156,7 @@ def in_best_shape(ears, model: Model, number: int, unknown: dict, budget: Budget
 
 
 def quick(ears, model: Model) -> Model:
+    """With its last effect alone fitted, in few steps."""
     if not len(model.effects[-1].values):
         return model
     return fitted(ears, model, rounds=policy.SCREEN_ROUNDS, free=[len(model.effects) - 1])

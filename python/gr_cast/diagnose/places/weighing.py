@@ -73,8 +73,8 @@ def beside_fields(model: Model) -> float:
 def beside_rough(before: Model, one: Model) -> float:
     """Nats that any effect may gain so, or, where edges are heard, from edges that bend in no phase of the theory's: less by what
     these gained, if with this effect they are heard and need not bend otherwise any more."""
-    eased = before.loose[1] if any(one.loose) and one.loose[1] <= 0 else 0.0
-    edges = policy.BESIDE_ROUGH_NATS - max(eased, 0.0) if any(before.loose) else 0.0
+    eased = max(before.loose[1], 0.0) if any(one.loose) and one.loose[1] <= 0 else 0.0
+    edges = policy.BESIDE_ROUGH_NATS - eased if any(before.loose) else 0.0
     return max(beside_fields(before), edges)
 
 
