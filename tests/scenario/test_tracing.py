@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.places import passages, tracks
+from gr_cast.diagnose.places import bending, passages, tracks
 from gr_cast.scenario.create import fields, images
 from gr_cast.scenario.create.geometry import Solid
 from gr_cast.twin.places import passer, predict
@@ -58,7 +58,7 @@ def drawn(request):
 def both(monkeypatch, make):
     """What the compiled kernels make, and what NumPy makes."""
     compiled = make()
-    for module in (images, fields, passer, tracks, passages):
+    for module in (images, fields, passer, tracks, passages, bending):
         monkeypatch.setattr(module, "tracing", None)
     return compiled, make()
 
@@ -194,6 +194,26 @@ def test_the_same_fields_are_turned_between_knots(monkeypatch):
     np.testing.assert_allclose(one[::100, ::100], (field * np.exp(1j * phase)).real[[[0], [-1]], [0, -1]], atol=1e-5)
 
 
+@pytest.mark.parametrize(("edges", "instants", "steps"), [(1, 1, 1), (3, 7, 16), (10, 5, 9)])
+def test_edges_are_as_strong_as_is_likeliest(monkeypatch, edges, instants, steps):
+    random = np.random.default_rng(9)
+    drawn = random.normal(size=(edges + 2, instants, steps, 2)) @ [3, 3j]
+    weight = random.random((instants, steps)) * (random.random((instants, steps)) < 0.8) + 1e-3 * np.eye(instants, steps)
+
+    def loosened():
+        model, left = drawn[-2:].copy()
+        return bending._loosen(drawn[:edges], weight, model, left), model, left
+
+    one, other = both(monkeypatch, loosened)
+    for mine, numpys in zip(one, other, strict=True):
+        np.testing.assert_allclose(mine, numpys, atol=1e-12)
+    # The least there is of what is left and of what strengths cost: no other strength of any edge leaves less.
+    assert one[0] > 0 and (np.abs(one[2] - drawn[-1]) > 0)[weight > 0].all()
+    slope = (drawn[:edges].conj() * weight * one[2]).sum(axis=(1, 2))
+    strength, *_ = np.linalg.lstsq(drawn[:edges].reshape(edges, -1).T, (one[1] - drawn[-2]).ravel(), rcond=None)
+    np.testing.assert_allclose(slope, strength, atol=1e-9)
+
+
 def test_maps_and_ways_that_do_not_belong_together_are_refused():
     kernels = pytest.importorskip("gr_cast.scenario.create.tracing")
     with pytest.raises(ValueError, match="needs maps"):
@@ -207,6 +227,11 @@ def test_maps_and_ways_that_do_not_belong_together_are_refused():
     for field, at, fault in ((np.zeros((2, 3)), [0.5], ValueError), (np.zeros((2, 2)), [2.5], IndexError)):
         with pytest.raises(fault, match="needs fields|beyond all knots"):
             kernels.turned_between(field, np.zeros(4), at)
+    fields_, weight = np.ones((2, 3), complex), np.ones(3)
+    for wrong in (dict(field=fields_[:, :2]), dict(residual=fields_[0, :2].copy()), dict(model=fields_[0].real.copy())):
+        told = dict(field=fields_, weight=weight, model=fields_[0].copy(), residual=fields_[0].copy()) | wrong
+        with pytest.raises((ValueError, TypeError), match="field: got|as many numbers|incompatible"):
+            kernels.loosen(**told)
     with pytest.raises(IndexError, match="kind: got"):
         kernels.likelier(1.0, 1, 0.0, True, [1.0], [1.0], np.zeros(2), np.zeros(2), np.zeros(2), [0, 1], [1.0])
     with pytest.raises(IndexError, match="instant: got"):

@@ -12,7 +12,7 @@ import pytest
 from gr_cast.diagnose.places import exchange, open_wells, rounds, search, settling
 from gr_cast.diagnose.places.budget import Budget
 from gr_cast.diagnose.places.ears import ResponseEar
-from gr_cast.diagnose.places.fit import evaluated
+from gr_cast.diagnose.places.fit import evaluated, fitted
 from gr_cast.diagnose.places.likelihood import Heard, profiled
 from gr_cast.diagnose.places.power import PowerEar
 from gr_cast.diagnose.places.run import residual_over_received
@@ -21,6 +21,7 @@ from gr_cast.scenario.create.fields import surface_of
 from gr_cast.scenario.create.geometry import Solid
 from gr_cast.scenario.create.media import Medium
 from gr_cast.scenario.create.nodes import Node
+from gr_cast.twin.places.families import FAMILIES, mechanisms
 from gr_cast.twin.places.families.base import Effect
 from gr_cast.twin.places.families.nodes import TrackTiming
 from gr_cast.twin.places.predict import Predictor
@@ -31,6 +32,7 @@ from world import new_world, response
 
 CARRIER_HZ, FREQUENCY_HZ, TIME_S = 3e9, np.linspace(-1e8, 1e8, 20), np.array([0.0, 0.4, 0.8])
 LINKS = [("a", "c"), ("a", "d"), ("b", "c"), ("b", "d"), ("a", "walker")]
+BY_NAME = {family.name: family for family in FAMILIES}
 UNKNOWN = {"phase": "snapshot", "delay": "none", "gain": "none"}
 SPEC = {
     "a": ([[0.7, 0.8, 1.2]], 0.0, "dipole"),
@@ -205,7 +207,7 @@ def test_what_the_vault_refuses_again_and_again_ends_the_search_without_it(monke
     refused, kept = (Effect(family=TrackTiming(), owner=name, values=np.zeros(1)) for name in (wrong, right))
     made = []
 
-    def explored(ears, model, unknown, budget, others, barred, progress):
+    def explored(ears, model, unknown, budget, others, barred, progress, brief):
         effects = [*model.effects]
         made.append(effects)
         for one in (refused, kept):
@@ -252,6 +254,73 @@ def test_a_round_fits_nothing_twice_and_what_the_vault_refused_changes_no_other_
     assert len({id(one) for one in settled}) == len(settled)  # what was fitted is not fitted again
     assert len(screened) == count and gone.key not in {one.effects[-1].key for one in second}
     assert kept.items() <= {one.effects[-1].key: one.energy for one in second}.items()
+
+
+@pytest.mark.parametrize("late_s", [0.05, 0.0])
+def test_what_may_be_anywhere_is_looked_for_where_nothing_narrow_explains_most(monkeypatch, late_s):
+    world = copy.deepcopy(theirs())
+    world["nodes"]["walker"]["time_offset_s"] = late_s
+    world["nodes"]["b"]["waypoints_m"] = np.array([[4.1, 0.6, 1.9]]) + (0.0 if late_s else 0.3)
+    ears, barred, looked = heard(world, 30.0), rounds.Barred(), []
+    model, look_at = evaluated(ears, ours(), ()), rounds.screened
+    monkeypatch.setattr(rounds, "screened", lambda *a: looked.append(a[3]) or look_at(*a))
+    made = rounds.brief(ears, model, UNKNOWN, Budget.of(200.0), barred)
+    assert bool(made) == bool(late_s) and not any(family.is_wide for family in looked) and rounds.was_brief(model, barred)
+    narrow = list(looked)
+    found, _ = rounds.candidates(ears, model, UNKNOWN, Budget.of(200.0), barred)
+    assert looked[: len(narrow)] == narrow and all(family.is_wide for family in looked[len(narrow) :])
+    assert not rounds.was_brief(model, barred) and len(looked) > len(narrow)
+    assert found[0].effects[-1].key == (("track_timing", "walker") if late_s else ("node_position", "b"))
+    assert not made or found[0] is not made[0][0] and made[0][0].effects[-1].key == found[0].effects[-1].key
+
+
+@pytest.mark.parametrize("briefly", [True, False])
+def test_what_was_found_in_a_brief_round_has_rivals_that_may_be_anywhere(monkeypatch, briefly):
+    world = copy.deepcopy(theirs())
+    world["nodes"]["b"]["waypoints_m"] = np.array([[4.15, 0.68, 1.9]])
+    ears, late = heard(world, 30.0), Effect(family=BY_NAME["node_delay"], owner="b", values=np.array([3e-10]))
+    model = fitted(ears, evaluated(ears, ours(), [late]))
+    asked = {late.key} if briefly else set()
+    heard_on, guess = [], rounds.wide_guesses
+    monkeypatch.setattr(rounds, "wide_guesses", lambda ears, *a: heard_on.extend(ears[0].heard.links) or guess(ears, *a))
+    others = exchange.with_wide(ears, model, {late.key: [late]}, asked, UNKNOWN, Budget.of(200.0))
+    assert [one.key for one in others[late.key]].count(("node_position", "b")) == briefly
+    assert set(heard_on) == ({("b", "c"), ("b", "d")} if briefly else set())
+    best, _ = exchange.exchanged(ears, model, others, ears[0].count, 50, Budget.of(60.0))
+    assert best.effects[0].key == (("node_position", "b") if briefly else late.key)
+
+
+@pytest.mark.parametrize("shaded", [True, False])
+def test_losses_of_links_are_one_thing_that_stands_in_the_way_of_them_or_none(shaded):
+    world, links = copy.deepcopy(theirs()), [("a", "c"), ("a", "d")]
+    screen = np.array([(0.9, 1.2, 0.2), (2.4, 1.2, 0.2), (2.4, 1.2, 2.2), (0.9, 1.2, 2.2)])
+    if shaded:
+        world["objects"]["screen"] = {"tris": screen[[[0, 1, 2], [0, 2, 3]]], "surface": None}
+        world["materials"]["screen"] = "wood"
+        world["media"]["screen"] = {"permittivity": 1.0, "conductivity": 1e-9}
+    else:
+        world["link_loss_db"] = {("a", "c"): 6.0, ("b", "d"): 9.0}
+        links[1] = ("b", "d")
+    ears, family = heard(world, 30.0), mechanisms.ExcessLoss()
+    losses = [Effect(family=family, owner=f"{a}>{b}", values=np.array([3.0])) for a, b in links]
+    model = fitted(ears, evaluated(ears, ours(), losses))
+    assert exchange.is_wide(ears, model, UNKNOWN, Budget.of(200.0), 2) == shaded
+    one = fitted(ears, evaluated(ears, ours(), losses[:1]))
+    assert not exchange.is_wide(ears, one, UNKNOWN, Budget.of(200.0), 2)
+    assert not exchange.is_wide(ears, model, UNKNOWN, Budget.of(0.0), 1)
+
+
+@pytest.mark.parametrize(("name", "asked"), [("missing_diffraction", False), ("ground", True), ("node_gain", True)])
+def test_what_is_of_the_place_and_told_by_most_links_has_no_rival_that_stands_somewhere(monkeypatch, name, asked):
+    """A level object may look like the ground."""
+    owner, own = ("a", [1.0]) if name == "node_gain" else ("place", [] if name == "missing_diffraction" else [0.0, 1.5])
+    effect = Effect(family=BY_NAME[name], owner=owner, values=np.array(own))
+    ears, looked = heard(theirs(), 30.0), []
+    model = SimpleNamespace(effects=(effect,), base=ours(), tempered=0.0)
+    monkeypatch.setattr(exchange, "_without", lambda *_: (SimpleNamespace(tempered=500.0, effects=()), ears))
+    monkeypatch.setattr(exchange, "_explaining", lambda *a: looked.append(a) or [])
+    others = exchange.with_wide(ears, model, {}, {effect.key}, UNKNOWN, Budget.of(60.0))
+    assert bool(looked) == asked and not others.get(effect.key)
 
 
 def test_what_comes_in_anothers_place_predicts_the_vault_as_well_as_what_is_open_of_it(monkeypatch):

@@ -3,6 +3,7 @@
 // twin/places/passer.py and diagnose/places/tracks.py, passages.py have the same in NumPy.
 #include "../numpy_layout.h"
 #include "tracing/body.h"
+#include "tracing/edges.h"
 #include "tracing/fields.h"
 #include "tracing/maps.h"
 #include "tracing/mesh.h"
@@ -329,6 +330,19 @@ array<float> turned_fields(const array<complex>& field, const array<double>& tur
     return out;
 }
 
+// In place, so nothing is converted: numbers of another kind are refused.
+double loosen_edges(const array<complex>& field, const array<double>& weight,
+                    py::array_t<complex, py::array::c_style>& model,
+                    py::array_t<complex, py::array::c_style>& residual)
+{
+    const auto count = size_t(weight.size());
+    const size_t edges = rows(field, count, "field");
+    if (size_t(model.size()) != count || size_t(residual.size()) != count)
+        throw std::invalid_argument("loosen: model and residual need as many numbers as weight");
+    return loosen(field.data(), edges, count, weight.data(), model.mutable_data(),
+                  residual.mutable_data());
+}
+
 } // namespace
 
 PYBIND11_MODULE(tracing, m)
@@ -352,5 +366,7 @@ PYBIND11_MODULE(tracing, m)
     m.def("summed_along", &summed_maps, py::arg("maps"), py::arg("moved"));
     m.def("along", &sums_along);
     m.def("likelier", &likelier_maps);
+    m.def("loosen", &loosen_edges, py::arg("field"), py::arg("weight"),
+          py::arg("model").noconvert(), py::arg("residual").noconvert());
     m.def("turned_between", &turned_fields, py::arg("field"), py::arg("turned"), py::arg("at"));
 }

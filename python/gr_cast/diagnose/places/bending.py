@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...scenario.create.images import tracing
 from ...twin.places.predict import summed
 from . import policy
 
@@ -17,7 +18,7 @@ def loosened(ear, fit, world):
     And the same where responses that these leave spoilt, by another cause, have no more say than their noise would give them."""
     if not ear.has_responses or not world.diffraction:
         return fit, fit
-    weight, columns = ear.heard.weight, [_columns(ear, fit, world, index) for index in range(len(ear.heard.links))]
+    weight, columns = ear.heard.weight, _columns(ear, fit, world)
     if not any(map(len, columns)):  # the same to the last digit
         return fit, fit
     plain = _loosened(ear, fit, columns, weight)
@@ -28,19 +29,25 @@ def loosened(ear, fit, world):
 def _loosened(ear, fit, links: list[np.ndarray], weight: np.ndarray):
     model, residual = fit.model.copy(), fit.residual.copy()
     price = 0.0
-    for index, columns in enumerate(links):
-        if not len(columns):
-            continue
-        flat, own = policy.EDGE_SHARE * columns.reshape(len(columns), -1), weight[index].ravel()
-        inner = flat.conj() @ (flat * own).T
-        inner[np.diag_indices(len(inner))] += 1
-        change = np.linalg.solve(inner, flat.conj() @ (residual[index].ravel() * own))
-        more = (change @ flat).reshape(residual[index].shape)
-        model[index] += more
-        residual[index] -= np.where(weight[index] > 0, more, 0)
-        price += float((np.abs(change) ** 2).sum() + np.linalg.slogdet(inner)[1])
+    for columns, *link in zip(links, weight, model, residual, strict=True):
+        price += _loosen(policy.EDGE_SHARE * columns, *link) if len(columns) else 0.0
     energy = float((np.abs(residual) ** 2 * ear.heard.weight).sum()) + fit.offset + price
     return replace(fit, model=model, residual=residual, energy=energy, offset=fit.offset + price)
+
+
+def _loosen(fields: np.ndarray, weight: np.ndarray, model: np.ndarray, residual: np.ndarray) -> float:
+    """Model and residual (T, K), in their place, with the likeliest strengths of edges that make so much more (E, T, K) by a
+    Gaussian number of unit power each; what these cost, in nats."""
+    if tracing:
+        return tracing.loosen(fields, weight, model, residual)
+    flat = fields.reshape(len(fields), -1)
+    own = flat.conj() * weight.ravel()
+    inner = own @ flat.T + np.eye(len(flat))
+    change = np.linalg.solve(inner, own @ residual.ravel())
+    more = (change @ flat).reshape(residual.shape)
+    model += more
+    residual -= np.where(weight > 0, more, 0)
+    return float((np.abs(change) ** 2).sum() + np.linalg.slogdet(inner)[1])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -57,7 +64,7 @@ def edges(ear, fit, world) -> list[Edges | None]:
     """Of each link; None where none counts."""
     if not ear.has_responses or not world.diffraction:
         return []
-    return [_edges(_columns(ear, fit, world, index), ear.heard.weight[index]) for index in range(len(ear.heard.links))]
+    return [_edges(*link) for link in zip(_columns(ear, fit, world), ear.heard.weight, strict=True)]
 
 
 def _edges(columns: np.ndarray, weight: np.ndarray) -> Edges | None:
@@ -84,14 +91,20 @@ def whitened(links: list[Edges | None], rows: np.ndarray, *, left: bool = False)
     return np.concatenate([flat.real, flat.imag], axis=1)
 
 
-def _columns(ear, fit, world, index: int) -> np.ndarray:
-    """(E, T, K): what each edge that counts gives to a link's response."""
-    bent, predictor = ear.predictor.bent(world, index), ear.predictor
-    weight = ear.heard.weight[index]
-    scale = predictor.cables(world, index) * fit.factor[index]
-    strength = np.bincount(bent.edge, np.abs(bent.gain) ** 2) / bent.many * (np.abs(scale) ** 2 * weight).sum()
-    use = strength[bent.edge] * policy.EDGE_SHARE**2 > policy.EDGE_NATS if len(bent.edge) else np.zeros(0, bool)
-    edges, place = np.unique(bent.edge[use], return_inverse=True)
-    rows, many = place * bent.many + bent.instant[use], len(edges) * bent.many
-    columns = summed(rows, bent.gain[use], bent.length_m[use], many, world.carrier_hz, predictor.frequency_hz)
-    return columns.reshape(len(edges), bent.many, weight.shape[1]) * scale
+def _columns(ear, fit, world) -> list[np.ndarray]:
+    """(E, T, K) of every link: what each edge that counts gives to its response."""
+    predictor = ear.predictor
+    scale = fit.factor * predictor.all_cables(world)[:, None]
+    power = (np.abs(scale) ** 2 * ear.heard.weight).sum(axis=(1, 2))
+    out = []
+    for bent, own, loud in zip(predictor.all_bent(world), scale, power, strict=True):
+        strength = np.bincount(bent.edge, np.abs(bent.gain) ** 2) * (loud / bent.many)
+        counts = strength * policy.EDGE_SHARE**2 > policy.EDGE_NATS
+        use, place, edges = counts[bent.edge], np.cumsum(counts) - 1, int(counts.sum())
+        if not edges:
+            out.append(np.zeros((0, *own.shape), complex))
+            continue
+        rows, many = place[bent.edge[use]] * bent.many + bent.instant[use], edges * bent.many
+        fields = summed(rows, bent.gain[use], bent.length_m[use], many, world.carrier_hz, predictor.frequency_hz)
+        out.append(fields.reshape(edges, bent.many, -1) * own)
+    return out

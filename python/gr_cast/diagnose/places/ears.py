@@ -171,11 +171,11 @@ def undisturbed_fit(ear: ResponseEar, world: World) -> Fitted:
 
 
 @functools.lru_cache(maxsize=8)
-def of_link(one: ResponseEar, index: int) -> ResponseEar:
-    """One link of a sounding."""
-    heard, link, own = one.heard, one.predictor.links[index], slice(index, index + 1)
-    predictor = Predictor(link[:1], link[1:], one.predictor.time_s, one.predictor.frequency_hz)
-    return ResponseEar(predictor, replace(heard, links=(link,), y=heard.y[own], weight=heard.weight[own]))
+def of_links(one: ResponseEar, indices: tuple[int, ...]) -> ResponseEar:
+    """Some links of a sounding."""
+    heard, links, own = one.heard, tuple(one.predictor.links[index] for index in indices), list(indices)
+    predictor = Predictor(*zip(*links, strict=True), one.predictor.time_s, one.predictor.frequency_hz)
+    return replace(one, predictor=predictor, heard=replace(heard, links=links, y=heard.y[own], weight=heard.weight[own]))
 
 
 def alone(one):

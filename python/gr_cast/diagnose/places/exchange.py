@@ -3,9 +3,13 @@
 
 from collections.abc import Sequence
 
-from . import foretold, open_wells, policy, settling, weighing
+import numpy as np
+
+from ...twin.places.families.base import Effect
+from . import foretold, open_wells, policy, rounds, settling, weighing
 from .budget import Budget
-from .fit import Ear, Model, fitted, replaced, without_effects
+from .ears import of_links
+from .fit import Ear, Model, evaluated, fitted, replaced, with_effect, without_effects
 from .view import View
 
 
@@ -41,6 +45,57 @@ def with_images(ears, model: Model, others: dict, unknown: dict, budget: Budget)
         fits.sort(key=lambda one: one.energy)
         out[effect.key] = [*out.get(effect.key, ()), *(one.effects[number] for one in fits[: policy.ASKED_AGAIN])]
     return out
+
+
+def with_wide(ears, model: Model, others: dict, briefly: set, unknown: dict, budget: Budget) -> dict:
+    """What came close to each effect, and to those that were found `briefly` what of wide families explains most of what they
+    do, looked for where links tell of them. Of the place as a whole most links tell: nothing else does so on all of them."""
+    out = dict(others)
+    for number, effect in enumerate(model.effects):
+        if effect.key not in briefly or budget.is_spent:
+            continue
+        less, few = _without(ears, model, [number])
+        is_local = effect.family.level != "place" or effect.family.is_like_wide
+        if not few or not is_local and 2 * _links(few) > _links(ears):
+            continue
+        near: dict[tuple, Effect] = {}
+        for one in _explaining(ears, model, less, few, unknown, budget, policy.MOST_SHARE):
+            near.setdefault(one.key, one)
+        begun = [with_effect(ears, less, one) for one in [*near.values()][: policy.FITTED_AFTER_SCREEN]]
+        settled = [settling.settled(ears, one, unknown, budget).effects[-1] for one in begun]
+        out[effect.key] = [*out.get(effect.key, ()), *settled]
+    return out
+
+
+def is_wide(ears, model: Model, unknown: dict, budget: Budget, least: int) -> bool:
+    """Whether one thing of a wide family explains what effects of links, nodes and objects do together, `least` of them."""
+    local = [number for number, effect in enumerate(model.effects) if effect.family.level != "place"]
+    if len(local) < least or budget.is_spent:
+        return False
+    return bool(_explaining(ears, model, *_without(ears, model, local), unknown, budget, policy.SAME_SHARE))
+
+
+def _explaining(ears, model: Model, less: Model, few: list, unknown: dict, budget: Budget, share: float) -> list[Effect]:
+    """Of wide families what explains, where links tell of it, a share of what a model does beyond a lesser, the best first."""
+    least = share * (less.tempered - model.tempered)
+    found = rounds.wide_guesses(few, evaluated(few, model.base, less.effects), unknown, budget) if few else []
+    return [one.effects[-1] for one in found if one.promise >= least]
+
+
+def _without(ears, model: Model, numbers: Sequence[int]) -> tuple[Model, list]:
+    """The model without effects, and the soundings; of responses the links alone of which these explain something."""
+    less = fitted(ears, without_effects(ears, model, numbers), rounds=policy.SCREEN_ROUNDS)
+    few = []
+    for ear, before, after in zip(ears, less.fits, model.fits, strict=True):
+        if not ear.has_responses:
+            few.append(ear)
+        elif len(told := np.flatnonzero(ear.nats(before) - ear.nats(after) > policy.LINK_NATS)):
+            few.append(of_links(ear, tuple(told.tolist())))
+    return less, few
+
+
+def _links(ears) -> int:
+    return sum(len(ear.predictor.links) for ear in ears)
 
 
 def exchanged(ears, model: Model, others: dict, count: float, tried: float, budget: Budget, vault: Sequence[Ear] = ()):

@@ -18,11 +18,13 @@ from .view import View
 class Barred:
     """What the vault refused, by what it was refused `beside`: where more is known, it may be looked for again. What is refused
     twice beside the same is refused for good (None). And the `rounds` that were made since, which need not be made again, and
-    what was looked at for any of them, which holds on: what is barred then stays so."""
+    what was looked at for any of them, which holds on: what is barred then stays so. `briefly`: keys of effects that were found
+    in rounds where nothing wide was looked at."""
 
     beside: dict[tuple, list[frozenset | None]] = field(default_factory=dict)
     rounds: dict[tuple, tuple] = field(default_factory=dict)
     looks: dict[tuple, "Look"] = field(default_factory=dict)
+    briefly: set[tuple] = field(default_factory=set)
 
     def add(self, gone: Sequence[Effect], model: Model) -> None:
         """Effects that were taken out, of which a model is what remains."""
@@ -46,26 +48,53 @@ class Guess:
     promise: float
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Screen:
+    """On what candidates are screened: `heard`, the model `here`, how much `more` the whole says, and models with an effect in
+    another well."""
+
+    view: View
+    heard: Sequence[Ear]
+    here: Model
+    more: float
+    others: Sequence[Model]
+
+    @classmethod
+    def of(cls, view: View, budget: Budget) -> "Screen":
+        heard, here, more = overheard(view)
+        others = [] if budget.is_spent else _in_open_wells(heard, here, more)
+        return cls(view=view, heard=heard, here=here, more=more, others=others)
+
+
 @dataclass(eq=False, kw_only=True)
 class Look:
-    """What one model's round looked at: the keys that were tried; guesses, the best first, None until all were screened; wells
-    by key; by guess, the effects from which it is fitted; by guess, and whether it had to wait, those to which it was, None
-    where these are nothing to speak of."""
+    """What one model's round looked at: what it was screened on; the keys that were tried; guesses, the best first, of families
+    that are narrow and of those that are wide, where all of these were screened; wells by key; by guess, the effects from which
+    it is fitted; by guess, and whether it had to wait, those to which it was, None where these are nothing to speak of."""
 
+    screen: "Screen"
     tried: set[tuple] = field(default_factory=set)
-    guesses: list[Guess] | None = None
-    is_part: bool = False
+    guesses: dict[bool, list[Guess]] = field(default_factory=dict)
     wells: dict[tuple, list[tuple[Effect, ...]]] = field(default_factory=dict)
     begun: dict[Guess, tuple[Effect, ...]] = field(default_factory=dict)
     fits: dict[tuple[Guess, bool], tuple[Effect, ...] | None] = field(default_factory=dict)
 
 
 def candidates(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, barred: Barred) -> tuple[list[Model], int]:
-    """Models with one effect more, fitted, the best evidence first; and how many were tried. None where time ran out before
-    all had been looked at: the best of a few is no answer."""
-    key = _of_round(model)
+    """Models with one effect more, fitted, the best evidence first; and how many were tried. None where time ran out before all
+    had been looked at: the best of a few is no answer."""
+    return _once(_round, ears, model, unknown, budget, barred)
+
+
+def brief(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, barred: Barred) -> tuple[list[Model], int] | None:
+    """The same of narrow families alone, where one of these explains most of what is left; None elsewhere."""
+    return _once(_brief_round, ears, model, unknown, budget, barred)
+
+
+def _once(make, ears, model: Model, unknown: dict, budget: Budget, barred: Barred):
+    key = make, _of_round(model)
     if key not in barred.rounds:
-        made = _round(ears, model, unknown, budget, barred)
+        made = make(ears, model, unknown, budget, barred)
         if budget.is_spent:
             return made
         barred.rounds[key] = made
@@ -76,13 +105,61 @@ def _of_round(model: Model) -> tuple:
     return frozenset(effect.key for effect in model.effects), model.energy
 
 
+def was_brief(model: Model, barred: Barred) -> bool:
+    """Whether nothing wide was looked at in a model's round."""
+    look = barred.looks.get(_of_round(model))
+    return look is not None and True not in look.guesses
+
+
+def wide_guesses(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget) -> list[Guess]:
+    """Candidates of wide families alone, the most promising first; none where time ran out before all had been screened."""
+    look = Look(screen=Screen.of(View(ears, model, unknown), budget))
+    _look(look, Barred(), budget, wide=True)
+    return sorted(look.guesses.get(True, ()), key=lambda one: one.promise, reverse=True)
+
+
 def _round(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, barred: Barred) -> tuple[list[Model], int]:
-    have = {effect.key for effect in model.effects}
-    look = barred.looks.setdefault(_of_round(model), Look())
-    if look.guesses is None:
-        _look(look, View(ears, model, unknown), barred, budget)
-    count, span_s = sum(ear.count for ear in ears), settling.span_s(ears)
-    guesses = [one for one in look.guesses or () if not barred.bars(one.effects[-1].key, have)]
+    look = _looked(ears, model, unknown, budget, barred)
+    if True not in look.guesses:
+        _look(look, barred, budget, wide=True)
+    return _best_fitted(ears, model, look, unknown, budget, barred) if len(look.guesses) == 2 else ([], len(look.tried))
+
+
+def _brief_round(ears, model: Model, unknown: dict, budget: Budget, barred: Barred) -> tuple[list[Model], int] | None:
+    look = _looked(ears, model, unknown, budget, barred)
+    if True in look.guesses or not _promises_most(look, model, barred):
+        return None
+    made = _best_fitted(ears, model, look, unknown, budget, barred)
+    return made if any(weighing.tells_most(one, model, sum(ear.count for ear in ears)) for one in made[0]) else None
+
+
+def _looked(ears, model: Model, unknown: dict, budget: Budget, barred: Barred) -> Look:
+    """What is narrow, looked at for a model."""
+    key = _of_round(model)
+    if key not in barred.looks:
+        barred.looks[key] = Look(screen=Screen.of(View(ears, model, unknown), budget))
+    if False not in barred.looks[key].guesses:
+        _look(barred.looks[key], barred, budget, wide=False)
+    return barred.looks[key]
+
+
+def _promises_most(look: Look, model: Model, barred: Barred) -> bool:
+    """Whether something narrow that is not barred explains most of what is left above noise of what it was screened on."""
+    have, here = {effect.key for effect in model.effects}, look.screen.here
+    count = sum(ear.count for ear in look.screen.heard)
+    return any(
+        weighing.tells_most(one, here, count) and not barred.bars(one.effects[-1].key, have)
+        for one in look.guesses.get(False, ())
+    )
+
+
+def _best_fitted(
+    ears: Sequence[Ear], model: Model, look: Look, unknown: dict, budget: Budget, barred: Barred
+) -> tuple[list[Model], int]:
+    """The most promising of what was looked at, fitted, and how many were tried."""
+    have, count, span_s = {effect.key for effect in model.effects}, sum(ear.count for ear in ears), settling.span_s(ears)
+    all_ = sorted((one for some in look.guesses.values() for one in some), key=lambda one: one.promise, reverse=True)
+    guesses = [one for one in all_ if not barred.bars(one.effects[-1].key, have)]
     tried = sum(not barred.bars(key, have) for key in look.tried)
     chosen, crowd = [], {}
     for one in guesses:
@@ -96,7 +173,7 @@ def _round(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, bar
     for one in chosen:
         best = max((weighing.worth(done, model, count, tried) for done in final), default=-math.inf)
         is_far_behind = one.promise < policy.BEHIND_SHARE * best
-        is_told = any(weighing.is_plain(done) and weighing.explains_most(done, model, count) for done in final)
+        is_told = any(weighing.tells_most(done, model, count) for done in final)
         is_hopeless = is_told and weighing.has_shape(one)
         waits = is_far_behind or is_hopeless
         if (one, waits) in look.fits:
@@ -104,7 +181,8 @@ def _round(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, bar
             final += [evaluated(ears, model.base, effects)] if effects else []
             continue
         if one not in look.begun:
-            look.begun[one] = by_all(ears, model, look.guesses, one, look.wells).effects if look.is_part else one.effects
+            is_part = look.screen.more > 1
+            look.begun[one] = by_all(ears, model, all_, one, look.wells).effects if is_part else one.effects
         begun = evaluated(ears, model.base, look.begun[one])
         fit = fitted(ears, begun, rounds=policy.SCREEN_ROUNDS) if waits else settling.settled(ears, begun, unknown, budget)
         stands = _stands_out(ears, fit, count, tried)
@@ -114,26 +192,24 @@ def _round(ears: Sequence[Ear], model: Model, unknown: dict, budget: Budget, bar
     return sorted(final, key=lambda one: -weighing.worth(one, model, count, tried)), tried
 
 
-def _look(look: Look, view: View, barred: Barred, budget: Budget) -> None:
-    """All candidates, screened; nothing where time ran out before all had been."""
+def _look(look: Look, barred: Barred, budget: Budget, *, wide: bool) -> None:
+    """All candidates of narrow or of wide families, screened; nothing where time ran out before all had been."""
+    view, heard, here, more = look.screen.view, look.screen.heard, look.screen.here, look.screen.more
     have, count = {effect.key for effect in view.model.effects}, sum(ear.count for ear in view.ears)
-    heard, here, more = overheard(view)
-    others = [] if budget.is_spent else _in_open_wells(heard, here, more)
     guesses = []
     for family in view.families:
-        for owner in family.owners(view):
+        for owner in family.owners(view) if family.is_wide == wide else ():
             key = family.name, owner
             if barred.bars(key, have) or key in have and not may_recur(family):
                 continue
             if budget.is_spent:
                 return
             look.tried.add(key)
-            for one in screened(view, heard, here, family, owner, others):
+            for one in screened(view, heard, here, family, owner, look.screen.others):
                 gain = here.tempered - one.tempered - weighing.freedom(one, here)
                 promise = more * gain - weighing.numbers_price_nats(one.effects[-1], count)
                 guesses.append(Guess(effects=one.effects, energy=one.energy, promise=promise))
-    guesses.sort(key=lambda one: one.promise, reverse=True)
-    look.guesses, look.is_part = guesses, more > 1
+    look.guesses[wide] = guesses
 
 
 def _in_open_wells(heard: Sequence[Ear], here: Model, more: float) -> list[Model]:

@@ -40,11 +40,17 @@ def run(
     start = model = evaluated(ears, base, ())
     count = sum(ear.count for ear in ears)
     others: dict = {}
-    barred = Barred()
+    barred, brief = Barred(), True
     found: list[Model] = []
     while True:
-        model, tried = _explored(ears, model, unknown, budget, others, barred, progress)
+        model, tried = _explored(ears, model, unknown, budget, others, barred, progress, brief)
         refused = foretold.refused(vault, model)
+        if brief and barred.briefly and not budget.is_spent:
+            is_told = not refused and _is_told(model, count) and _is_foretold(ears, vault, model, unknown, count)
+            if not is_told or exchange.is_wide(ears, model, unknown, budget, 2):
+                found.append(model)
+                model, brief = start, False
+                continue
         if refused and (other := open_wells.otherwise(ears, vault, model, refused[0], unknown, others, budget)):
             model, refused = other, foretold.refused(vault, other)
         if not refused and (unshown := _unshown(ears, vault, model)):
@@ -63,6 +69,7 @@ def run(
         model = max(
             [*found, model], key=lambda one: weighing.evidence(one, count, tried) - evaluated(vault, base, one.effects).energy
         )
+    others = exchange.with_wide(ears, model, others, barred.briefly, unknown, budget)
     spent = budget.is_spent
     budget = Budget.of(policy.RIVALS_SHARE * budget_s)
     others = _open(exchange.with_images(ears, model, exchange.with_kin(model, others), unknown, budget), barred, model)
@@ -120,19 +127,24 @@ def _confirmed(ears, vault: Sequence[Ear], model: Model, unknown: dict, budget: 
     return model
 
 
-def _explored(ears, model: Model, unknown: dict, budget: Budget, others: dict, barred: Barred, progress) -> tuple[Model, int]:
+def _explored(
+    ears, model: Model, unknown: dict, budget: Budget, others: dict, barred: Barred, progress, brief: bool
+) -> tuple[Model, int]:
     """The best model with effects, and how many were tried for the last: where going on with the best each time does not end at
-    noise, or with a random field, what came close to one of the best is gone on with instead, the closest first."""
+    noise, or with a random field, what came close to one of the best is gone on with instead, the closest first; but not where
+    rounds were `brief`, which are made whole then."""
     count = sum(ear.count for ear in ears)
     open_: list[tuple[float, Model]] = []
     expanded: dict = {}
-    best, tried = _grown(ears, model, unknown, budget, others, barred, open_, expanded, progress)
+    best, tried = _grown(ears, model, unknown, budget, others, barred, open_, expanded, progress, brief)
+    if brief and barred.briefly:
+        return best, tried
     while open_ and not budget.is_spent and not _is_told(best, count):
         open_.sort(key=lambda pair: pair[0])
         other = open_.pop(0)[1]
         if weighing.has_shape(other):  # which may have had to wait
             other = settling.settled(ears, other, unknown, budget)
-        other, tried = _grown(ears, other, unknown, budget, others, barred, open_, expanded, progress)
+        other, tried = _grown(ears, other, unknown, budget, others, barred, open_, expanded, progress, brief)
         best = max(best, other, key=lambda one: weighing.evidence(one, count, tried))
     return best, tried
 
@@ -149,8 +161,9 @@ def _is_told(model: Model, count: float) -> bool:
 
 
 def _grown(
-    ears, model: Model, unknown: dict, budget: Budget, others: dict, barred: Barred, open_: list, expanded: dict, progress
-) -> tuple[Model, int]:
+    ears, model: Model, unknown: dict, budget: Budget, others: dict, barred: Barred, open_: list, expanded: dict, progress,
+    brief: bool,
+) -> tuple[Model, int]:  # fmt: skip
     """The model with effect after effect as long as they pay, none of them `barred`, and how many were tried; what came next to
     each goes to `others`, what came close to it, with its regret, to `open_`."""
     count, tried = sum(ear.count for ear in ears), 1
@@ -164,12 +177,16 @@ def _grown(
             break
         expanded[keys] = model.energy
         progress(f"looking for effect {len(model.effects) + 1}")
-        found, tried = rounds.candidates(ears, model, unknown, budget, barred)
-        unshaped = policy.SHAPE_SHARE * _by_shape(ears, model)
+        made = rounds.brief(ears, model, unknown, budget, barred) if brief else None
+        paying = _paying(ears, *made, model) if made else []
+        if not any(weighing.tells_most(one, model, count) for one in paying):
+            is_doubtful = brief and keys & barred.briefly and model.deviations(count) > policy.CLEAN_DEVIATIONS
+            if is_doubtful and exchange.is_wide(ears, model, unknown, budget, 1):
+                break
+            made = rounds.candidates(ears, model, unknown, budget, barred)
+            paying = _paying(ears, *made, model)
+        found, tried = made
         worths = {id(one): weighing.worth(one, model, count, tried) for one in found}
-        least = max(policy.LEAST_EVIDENCE_NATS, model.slack, unshaped)
-        beside = {id(one): max(least, weighing.beside_rough(model, one), weighing.beside_edges(one)) for one in found}
-        paying = [one for one in found if worths[id(one)] >= beside[id(one)] and not weighing.at_once(ears, one, model)]
         if not paying:
             model, before = _looked_for_anew(ears, model, unknown, budget, tried, others), model
             if model is before:
@@ -195,7 +212,10 @@ def _grown(
                 known.add(effect.key)
                 open_.append((regret, one))
         others[best.effects[-1].key] = [one.effects[-1] for one in found if one is not best]
+        (barred.briefly.add if rounds.was_brief(model, barred) else barred.briefly.discard)(best.effects[-1].key)
         model = weighing.pruned(ears, best, count, tried)
+        for gone in {effect.key for effect in best.effects} - {effect.key for effect in model.effects}:
+            others[best.effects[-1].key] += others.get(gone, ())  # came close to what has its place now
         before = model
         for number in range(len(model.effects) - 1):  # what was found before fits what is known now
             model = settling.in_best_shape(ears, model, number, unknown, budget)
@@ -208,6 +228,18 @@ def _grown(
             model = weighing.pruned(ears, model, count, tried)
         model = _asked_again(ears, model, count, tried, others, budget, barred)
     return model, tried
+
+
+def _paying(ears, found: list[Model], tried: float, model: Model) -> list[Model]:
+    """Candidates that explain more than they cost, and than what a model has may gain from nothing."""
+    count = sum(ear.count for ear in ears)
+    least = max(policy.LEAST_EVIDENCE_NATS, model.slack, policy.SHAPE_SHARE * _by_shape(ears, model))
+    return [
+        one
+        for one in found
+        if weighing.worth(one, model, count, tried) >= max(least, weighing.beside_rough(model, one), weighing.beside_edges(one))
+        and not weighing.at_once(ears, one, model)
+    ]
 
 
 def _looked_for_anew(ears, model: Model, unknown: dict, budget: Budget, tried: float, others: dict) -> Model:

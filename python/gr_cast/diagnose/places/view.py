@@ -13,7 +13,7 @@ from ...twin.places.carrying import headings
 from ...twin.places.families import FAMILIES
 from . import diffuse, eclipses, extents, fringes, grounds, imaging, planes, policy, scan, shades, sides, tracks
 from .coherent import Phased
-from .ears import alone, holding, of_link, thinned_as_fitted, without_phase
+from .ears import alone, holding, of_links, thinned_as_fitted, without_phase
 from .fit import Model, applied, evaluated, fitted, heard_in, with_effect
 
 _SCANNED_CARRIERS = 100_000
@@ -553,7 +553,7 @@ class View:
     def lone_sheets(self):
         """Planes that one link alone tells of, and a look at that link."""
         link, sheets = planes.lone(self)
-        ears = [of_link(self.wideband[0][0], link)] if sheets else []
+        ears = [of_links(self.wideband[0][0], (link,))] if sheets else []
         return sheets, View(ears, evaluated(ears, self.model.base, self.model.effects), self.unknown)
 
     @cached_property

@@ -56,6 +56,11 @@ def explains_most(one: Model, model: Model, count: float) -> bool:
     return model.energy - one.energy >= policy.MOST_SHARE * (model.energy - model.offset - count)
 
 
+def tells_most(one: Model, model: Model, count: float) -> bool:
+    """Whether what is neither random field nor shape does so."""
+    return is_plain(one) and explains_most(one, model, count)
+
+
 def behind_nats(rival: Model, model: Model, number: int, count: float) -> float:
     """How far a rival of one effect is behind, by what the soundings say and one nat (Akaike) per number: that it is less simple
     does not rule it out. But that something moves wants to be shown: a way that fits what stands still is one of many."""

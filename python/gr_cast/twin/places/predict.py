@@ -78,7 +78,7 @@ class Predictor:
             return self._compute(world, *([column[one] for one in missing] for column in (which, keys, traced)))
 
         heard = remembered(self._known, [(key, law) for key in keys], make)
-        whole, cables = np.empty((len(which), len(self.time_s), len(self.frequency_hz)), complex), self._cables(world)
+        whole, cables = np.empty((len(which), len(self.time_s), len(self.frequency_hz)), complex), self.all_cables(world)
         for row, index, h in zip(whole, which, heard, strict=True):
             np.multiply(h, cables[index], out=row)
         return whole
@@ -152,9 +152,9 @@ class Predictor:
 
     def cables(self, world: World, index: int) -> np.ndarray:
         """(K,) what both ends' cables and the link's own loss do to a response."""
-        return self._cables(world)[index]
+        return self.all_cables(world)[index]
 
-    def _cables(self, world: World) -> np.ndarray:
+    def all_cables(self, world: World) -> np.ndarray:
         """(L, K) the same of all links."""
         ends = self._ends_of(world)
         return world.amplitudes(self.links, ends.gains_db)[:, None] * ends.cables
@@ -227,6 +227,10 @@ class Predictor:
     def bent(self, world: World, index: int) -> Bent:
         """The diffracted paths of a link."""
         return self._bent_of(world, [index])[0]
+
+    def all_bent(self, world: World) -> list[Bent]:
+        """The same of all links."""
+        return self._bent_of(world, range(len(self.links)))
 
     def _bent_of(self, world: World, which: Sequence[int]) -> list[Bent]:
         ends = self._ends_of(world).keys

@@ -168,6 +168,7 @@ def _is_dark(effect: Effect) -> bool:
 
 class MissingObject(Family):
     name = "missing_object"
+    is_wide = True
     order = 1
     shape_axes = 8
     price_nats = 12.0  # of where it ends, and of all planes that were looked at
@@ -329,6 +330,7 @@ class MissingObject(Family):
 
 class MovingScatterer(Family):
     name = "moving_scatterer"
+    is_wide = True
     is_in_spec = lasts = False
     has_ways = True
     order = 4

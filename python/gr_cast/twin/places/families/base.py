@@ -35,6 +35,8 @@ class Family:
     order = 5  # of application: lower first
     price_nats = 0.0  # of what it may name beside its numbers
     is_flexible = False  # explains much that it is not: asked only where nothing else explains a good part
+    is_wide = False  # looked for all over the place, which takes most of the time
+    is_like_wide = False  # of a place, and still what is wide may look like it
     ranks_unfitted = True  # its first guesses are near enough to be told apart before they are fitted
     shows_in_power = False  # also where received power is all there is
     shape_axes = 0  # along which it is looked for what its numbers do not say

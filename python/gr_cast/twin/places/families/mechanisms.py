@@ -159,6 +159,7 @@ class Carrier(Family):
 
 class Ground(Family):
     name = "ground"
+    is_like_wide = True  # a level object
     shows_in_power = True
     is_in_spec = False
     order = 1

@@ -44,6 +44,7 @@ class _OfNode(Family):
 
 class NodePosition(_OfNode):
     name = "node_position"
+    is_wide = True
     order = 2
     ranks_unfitted = False
 

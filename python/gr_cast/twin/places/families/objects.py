@@ -65,6 +65,7 @@ class ExtraObject(_OfObject):
 
 class ObjectMoved(_OfObject):
     name = "object_moved"
+    is_wide = True
     order = 1
     price_nats = float(np.log(3))  # axes
 
