@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "edges.h"
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -70,16 +71,16 @@ private:
     std::vector<double> real, imag;
 };
 
-// Lower factor of a Hermitian matrix (size x size, its lower half) in its place; ln of its
-// determinant.
-double factored(std::vector<complex>& matrix, size_t size)
+// Lower factor of a Hermitian matrix (size x size, its lower half) none of whose eigenvalues is
+// below `least`, in its place; ln of its determinant.
+double factored(std::vector<complex>& matrix, size_t size, double least)
 {
     double log_determinant = 0;
     for (size_t j = 0; j < size; j++) {
         double left = matrix[j * size + j].real();
         for (size_t k = 0; k < j; k++)
             left -= std::norm(matrix[j * size + k]);
-        const double root = std::sqrt(left);
+        const double root = std::sqrt(std::max(left, least));
         matrix[j * size + j] = root;
         log_determinant += 2 * std::log(root);
         for (size_t i = j + 1; i < size; i++) {
@@ -127,7 +128,7 @@ double loosen(const complex* field, size_t edges, size_t count, const double* we
         inner[i * edges + i] += 1;
         change[i] = weighed.shared(i, left, 0);
     }
-    double price = factored(inner, edges);
+    double price = factored(inner, edges, 1);
     solve(inner, edges, change);
     for (const complex& one : change)
         price += std::norm(one);

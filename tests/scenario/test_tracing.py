@@ -214,6 +214,16 @@ def test_edges_are_as_strong_as_is_likeliest(monkeypatch, edges, instants, steps
     np.testing.assert_allclose(slope, strength, atol=1e-9)
 
 
+@pytest.mark.parametrize("many", [1e3, 1e8])
+def test_edges_that_give_the_same_are_strong_together_however_loud(many):
+    fields_, weight, left = np.full((5, 1, 2), many, complex), np.ones((1, 2)), np.array([[2.0, 2.0]], complex)
+    model = np.zeros((1, 2), complex)
+    price = bending._loosen(fields_, weight, model, left)
+    assert np.isfinite(price) and np.isfinite(left).all() and (price > 0)
+    np.testing.assert_allclose(model + left, 2.0, rtol=1e-6)
+    assert many > 1e3 or np.abs(left).max() < 1e-3
+
+
 def test_maps_and_ways_that_do_not_belong_together_are_refused():
     kernels = pytest.importorskip("gr_cast.scenario.create.tracing")
     with pytest.raises(ValueError, match="needs maps"):

@@ -421,8 +421,10 @@ def test_links_that_lose_alike_are_their_nodes_gain():
     ears = louder(heard(theirs(), 30.0), "n4", 3.0)
     losses = fitted(ears, evaluated(ears, ours(), [loss(f"n4>{end}") for end in ("n2", "n3", "n5")]))
     others = {losses.effects[0].key: [of("node_gain", "n4", 2.5)]}
-    model = search._asked_again(ears, losses, ears[0].count, 10, others, Budget.of(60.0), rounds.Barred())
+    barred = rounds.Barred(briefly={losses.effects[0].key})
+    model = search._asked_again(ears, losses, ears[0].count, 10, others, Budget.of(60.0), barred)
     assert [effect.key for effect in model.effects] == [("node_gain", "n4")]
+    assert ("node_gain", "n4") in barred.briefly  # nothing wide was held against it either
     assert model.effects[0].values == pytest.approx([3.0], abs=0.05)
 
 
@@ -558,11 +560,12 @@ def test_paths_after_a_change_are_those_of_a_search_from_the_beginning():
 
 
 def begun(
-    monkeypatch, left: dict, first: str = "extra_object", settled=lambda one: one, loose=0.0, anew=None, chosen=lambda one: None
-):
+    monkeypatch, left: dict, first: str = "extra_object", settled=lambda one: one, loose=0.0, anew=None, chosen=lambda one: None,
+    narrow=(),
+):  # fmt: skip
     """What is chosen where lists of owners leave `left` nats; `field` is of the family `first`, `settled` what is then; edges
     gain `loose` nats by bending otherwise; four effects looked for anew are those of `anew`; `chosen` are told of effects of
-    which the best choice is taken again."""
+    which the best choice is taken again; `narrow` owners alone are looked at in brief rounds."""
     ears = heard(theirs(), 30.0)
 
     def model(owners) -> Model:
@@ -580,7 +583,11 @@ def begun(
         found = [model(owners) for owners in left if owners[:-1] == have and len(owners) == len(have) + 1]
         return sorted(found, key=lambda one: one.energy), 4
 
-    monkeypatch.setattr(rounds, "brief", lambda *_: None)
+    def brief(ears, before, *rest):
+        found, tried = candidates(ears, before)
+        return ([one for one in found if one.effects[-1].owner in narrow], tried) if narrow else None
+
+    monkeypatch.setattr(rounds, "brief", brief)
     monkeypatch.setattr(rounds, "candidates", candidates)
     monkeypatch.setattr(settling, "settled", lambda ears, one, *rest: settled(one))
     monkeypatch.setattr(weighing, "pruned", lambda ears, one, count, tried: one)
@@ -593,6 +600,23 @@ def begun(
     monkeypatch.setattr(search.elsewhere, "instead", lambda ears, one, budget: [])
     best, _ = search._explored(ears, model(()), KNOWN, Budget.of(60.0), {}, rounds.Barred(), lambda text: None, True)
     return [effect.owner for effect in best.effects]
+
+
+@pytest.mark.parametrize(("least", "found"), [(9995.0, ["b"]), (9900.0, ["b"]), (3000.0, ["a", "c"])])
+def test_what_is_narrow_is_gone_on_with_alone_if_it_pays_and_explains_most(monkeypatch, least, found):
+    left = {(): 10_000.0, ("a",): least, ("b",): 0.0, ("a", "c"): -50.0}
+    assert begun(monkeypatch, left, narrow=("a", "c")) == found
+
+
+@pytest.mark.parametrize(
+    ("left", "gain", "tells"), [(-20.0, 9.0, False), (-20.0, 80.0, True), (1000.0, 560.0, False), (1e3, 600.0, True)]
+)
+def test_noise_may_hide_what_is_more_than_a_narrow_cause_explains(left, gain, tells):
+    effect = Effect(family=BY_NAME["node_gain"], owner="n4", values=np.zeros(1))
+    before, after = (
+        SimpleNamespace(effects=[effect], energy=10_000.0 + nats, offset=0.0, slack=0.0) for nats in (left, left - gain)
+    )
+    assert weighing.tells_most(after, before, 10_000.0) == tells  # what is left may be 150 nats more
 
 
 def test_where_the_best_first_step_leads_nowhere_the_next_best_is_gone_on_with(monkeypatch):

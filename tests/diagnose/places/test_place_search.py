@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.places import exchange, open_wells, rounds, search, settling
+from gr_cast.diagnose.places import exchange, open_wells, rounds, search, settling, weighing
 from gr_cast.diagnose.places.budget import Budget
 from gr_cast.diagnose.places.ears import ResponseEar
 from gr_cast.diagnose.places.fit import evaluated, fitted
@@ -236,6 +236,42 @@ def test_what_the_vault_refuses_again_and_again_ends_the_search_without_it(monke
     assert found.model.effects == (kept,) and not found.spent
 
 
+@pytest.mark.parametrize(
+    ("noise", "foretold", "stands", "instead"),
+    [(True, True, True, False), (False, True, False, False), (True, False, False, False), (True, True, False, True)],
+)
+def test_a_brief_list_stands_if_it_leaves_nothing_and_nothing_wide_does_as_much(monkeypatch, noise, foretold, stands, instead):
+    narrow, wide = (Effect(family=BY_NAME[name], owner="b", values=np.zeros(3)) for name in ("node_gain", "node_position"))
+    asked, held_against = [], []
+
+    def explored(ears, model, unknown, budget, others, barred, progress, brief):
+        asked.append((brief, len(model.effects), set(barred.briefly)))
+        barred.briefly.update({narrow.key} if brief else {})
+        return of([narrow if brief else wide]), 1
+
+    def of(effects):
+        return SimpleNamespace(effects=tuple(effects), base=None, energy=0.0)
+
+    monkeypatch.setattr(search, "_explored", explored)
+    monkeypatch.setattr(search, "evaluated", lambda ears, base, effects: of(effects))
+    monkeypatch.setattr(search.foretold, "refused", lambda vault, model: [])
+    monkeypatch.setattr(search, "_is_told", lambda *_: noise)
+    monkeypatch.setattr(search, "_is_foretold", lambda ears, vault, model, *_: foretold or wide in model.effects)
+    monkeypatch.setattr(weighing, "pruned", lambda ears, model, *_: model)
+    monkeypatch.setattr(exchange, "wide_instead", lambda *_: [wide] if instead else [])
+    monkeypatch.setattr(
+        exchange, "with_wide", lambda ears, model, others, briefly, *_: held_against.append(set(briefly)) or others
+    )
+    monkeypatch.setattr(exchange, "with_images", lambda ears, model, others, *_: others)
+    monkeypatch.setattr(exchange, "with_kin", lambda model, others: others)
+    monkeypatch.setattr(exchange, "exchanged", lambda ears, model, *_: (model, {}))
+    found = search.run([SimpleNamespace(has_responses=True, count=0)], None, {}, 60.0)
+    assert not any(family.is_wide and family.shows_in_power for family in FAMILIES)  # without responses no round need be brief
+    assert asked == [(True, 0, set()), *([] if stands else [(False, 0, set())])]
+    assert found.model.effects == ((narrow,) if stands else (wide,))
+    assert held_against == [{narrow.key} if stands else set()]
+
+
 def test_a_round_fits_nothing_twice_and_what_the_vault_refused_changes_no_other_guess(monkeypatch):
     world = copy.deepcopy(theirs())
     world["nodes"]["walker"]["time_offset_s"] = 0.05
@@ -304,10 +340,11 @@ def test_losses_of_links_are_one_thing_that_stands_in_the_way_of_them_or_none(sh
     ears, family = heard(world, 30.0), mechanisms.ExcessLoss()
     losses = [Effect(family=family, owner=f"{a}>{b}", values=np.array([3.0])) for a, b in links]
     model = fitted(ears, evaluated(ears, ours(), losses))
-    assert exchange.is_wide(ears, model, UNKNOWN, Budget.of(200.0), 2) == shaded
+    wide = exchange.wide_instead(ears, model, 2, UNKNOWN, Budget.of(200.0))
+    assert (("missing_object", "place") in [one.key for one in wide]) == bool(wide) == shaded
     one = fitted(ears, evaluated(ears, ours(), losses[:1]))
-    assert not exchange.is_wide(ears, one, UNKNOWN, Budget.of(200.0), 2)
-    assert not exchange.is_wide(ears, model, UNKNOWN, Budget.of(0.0), 1)
+    assert not exchange.wide_instead(ears, one, 2, UNKNOWN, Budget.of(200.0))
+    assert not exchange.wide_instead(ears, model, 1, UNKNOWN, Budget.of(0.0))
 
 
 @pytest.mark.parametrize(("name", "asked"), [("missing_diffraction", False), ("ground", True), ("node_gain", True)])
@@ -320,7 +357,7 @@ def test_what_is_of_the_place_and_told_by_most_links_has_no_rival_that_stands_so
     monkeypatch.setattr(exchange, "_without", lambda *_: (SimpleNamespace(tempered=500.0, effects=()), ears))
     monkeypatch.setattr(exchange, "_explaining", lambda *a: looked.append(a) or [])
     others = exchange.with_wide(ears, model, {}, {effect.key}, UNKNOWN, Budget.of(60.0))
-    assert bool(looked) == asked and not others.get(effect.key)
+    assert bool(looked) == asked and others.keys() == ({effect.key} if asked else set())
 
 
 def test_what_comes_in_anothers_place_predicts_the_vault_as_well_as_what_is_open_of_it(monkeypatch):

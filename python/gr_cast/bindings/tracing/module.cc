@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The kernels of the tracer for Python, without GNU Radio: scenario/create/images.py and fields.py,
-// twin/places/passer.py and diagnose/places/tracks.py, passages.py have the same in NumPy.
+// twin/places/passer.py and diagnose/places/bending.py, tracks.py, passages.py have the same in
+// NumPy.
 #include "../numpy_layout.h"
 #include "tracing/body.h"
 #include "tracing/edges.h"

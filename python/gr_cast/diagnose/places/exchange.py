@@ -49,37 +49,49 @@ def with_images(ears, model: Model, others: dict, unknown: dict, budget: Budget)
 
 def with_wide(ears, model: Model, others: dict, briefly: set, unknown: dict, budget: Budget) -> dict:
     """What came close to each effect, and to those that were found `briefly` what of wide families explains most of what they
-    do, looked for where links tell of them. Of the place as a whole most links tell: nothing else does so on all of them."""
+    do, looked for where links tell of them. Of a place or a material many links tell, and nothing else does so on all of them."""
     out = dict(others)
     for number, effect in enumerate(model.effects):
         if effect.key not in briefly or budget.is_spent:
             continue
         less, few = _without(ears, model, [number])
-        is_local = effect.family.level != "place" or effect.family.is_like_wide
-        if not few or not is_local and 2 * _links(few) > _links(ears):
+        if not _is_local(model.base, effect) and _are_many(few, ears):
             continue
-        near: dict[tuple, Effect] = {}
-        for one in _explaining(ears, model, less, few, unknown, budget, policy.MOST_SHARE):
-            near.setdefault(one.key, one)
-        begun = [with_effect(ears, less, one) for one in [*near.values()][: policy.FITTED_AFTER_SCREEN]]
-        settled = [settling.settled(ears, one, unknown, budget).effects[-1] for one in begun]
+        found = _explaining(ears, model, [number], less, few, unknown, budget, policy.MOST_SHARE)
+        settled = [settling.settled(ears, with_effect(ears, less, one), unknown, budget).effects[-1] for one in found]
         out[effect.key] = [*out.get(effect.key, ()), *settled]
     return out
 
 
-def is_wide(ears, model: Model, unknown: dict, budget: Budget, least: int) -> bool:
-    """Whether one thing of a wide family explains what effects of links, nodes and objects do together, `least` of them."""
-    local = [number for number, effect in enumerate(model.effects) if effect.family.level != "place"]
+def wide_instead(ears, model: Model, least: int, unknown: dict, budget: Budget) -> list[Effect]:
+    """What one thing of a wide family would be that explains what those effects do together that are of links, nodes and
+    objects and not wide themselves, `least` of them, where not too many links tell of these for one thing."""
+    local = [n for n, effect in enumerate(model.effects) if _is_local(model.base, effect) and not effect.family.is_wide]
     if len(local) < least or budget.is_spent:
-        return False
-    return bool(_explaining(ears, model, *_without(ears, model, local), unknown, budget, policy.SAME_SHARE))
+        return []
+    less, few = _without(ears, model, local)
+    return [] if _are_many(few, ears) else _explaining(ears, model, local, less, few, unknown, budget, policy.SAME_SHARE)
 
 
-def _explaining(ears, model: Model, less: Model, few: list, unknown: dict, budget: Budget, share: float) -> list[Effect]:
-    """Of wide families what explains, where links tell of it, a share of what a model does beyond a lesser, the best first."""
-    least = share * (less.tempered - model.tempered)
+def _is_local(base, effect: Effect) -> bool:
+    """Whether it is of a link, a node or an object, or looks as if it were."""
+    return effect.family.level_of(base, effect.owner) not in ("place", "material") or effect.family.is_like_wide
+
+
+def _explaining(
+    ears, model: Model, numbers: Sequence[int], less: Model, few: list, unknown: dict, budget: Budget, share: float
+) -> list[Effect]:
+    """Of wide families what explains, where links tell of it, a share of what effects of a model do beyond a lesser one, their
+    prices taken off; the best first, of each family and owner one."""
+    count = sum(ear.count for ear in ears)
+    price = sum(weighing.numbers_price_nats(model.effects[number], count) for number in numbers)
+    least = share * (less.tempered - model.tempered) - price
     found = rounds.wide_guesses(few, evaluated(few, model.base, less.effects), unknown, budget) if few else []
-    return [one.effects[-1] for one in found if one.promise >= least]
+    best: dict[tuple, Effect] = {}
+    for one in found:
+        if one.promise >= least:
+            best.setdefault(one.effects[-1].key, one.effects[-1])
+    return [*best.values()][: policy.FITTED_AFTER_SCREEN]
 
 
 def _without(ears, model: Model, numbers: Sequence[int]) -> tuple[Model, list]:
@@ -94,8 +106,10 @@ def _without(ears, model: Model, numbers: Sequence[int]) -> tuple[Model, list]:
     return less, few
 
 
-def _links(ears) -> int:
-    return sum(len(ear.predictor.links) for ear in ears)
+def _are_many(few: Sequence[Ear], ears: Sequence[Ear]) -> bool:
+    """Whether some soundings are of more links than one thing that stands somewhere is likely to be seen by."""
+    some, every = (sum(len(ear.predictor.links) for ear in those) for those in (few, ears))
+    return some > max(every / 2, policy.LONE_LINKS)
 
 
 def exchanged(ears, model: Model, others: dict, count: float, tried: float, budget: Budget, vault: Sequence[Ear] = ()):

@@ -47,6 +47,7 @@ STIFF_SHARE = (
 )
 MOST_SHARE = 0.5  # of that excess: then they wait even where one of them leaves nothing
 SAME_SHARE = 0.9  # of what several effects explain together, which one thing that is screened must explain to be in their place
+LONE_LINKS = 3  # that tell of a cause of the whole place, which something that stands somewhere may be too
 CLOSE_REGRET = 0.3  # of the best candidate's evidence, by which another is behind and still tried where the best led nowhere
 FLEXIBLE_REGRET = 0.15  # of random fields, whatever they explain, and of something stiff that explains a good part beside them
 QUIET_DEVIATIONS = 1.5  # of the energy of noise: below, wide searches for what moves by wavelengths are spared

@@ -68,7 +68,7 @@ class Screen:
 
 @dataclass(eq=False, kw_only=True)
 class Look:
-    """What one model's round looked at: what it was screened on; the keys that were tried; guesses, the best first, of families
+    """What one model's round looked at: what it was screened on; the keys that were tried; guesses of families
     that are narrow and of those that are wide, where all of these were screened; wells by key; by guess, the effects from which
     it is fitted; by guess, and whether it had to wait, those to which it was, None where these are nothing to speak of."""
 
@@ -173,7 +173,7 @@ def _best_fitted(
     for one in chosen:
         best = max((weighing.worth(done, model, count, tried) for done in final), default=-math.inf)
         is_far_behind = one.promise < policy.BEHIND_SHARE * best
-        is_told = any(weighing.tells_most(done, model, count) for done in final)
+        is_told = any(weighing.is_plain(done) and weighing.explains_most(done, model, count) for done in final)
         is_hopeless = is_told and weighing.has_shape(one)
         waits = is_far_behind or is_hopeless
         if (one, waits) in look.fits:

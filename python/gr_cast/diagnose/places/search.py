@@ -40,16 +40,20 @@ def run(
     start = model = evaluated(ears, base, ())
     count = sum(ear.count for ear in ears)
     others: dict = {}
-    barred, brief = Barred(), True
+    barred, brief = Barred(), any(ear.has_responses for ear in ears)  # power alone tells of nothing wide
     found: list[Model] = []
     while True:
         model, tried = _explored(ears, model, unknown, budget, others, barred, progress, brief)
         refused = foretold.refused(vault, model)
         if brief and barred.briefly and not budget.is_spent:
             is_told = not refused and _is_told(model, count) and _is_foretold(ears, vault, model, unknown, count)
-            if not is_told or exchange.is_wide(ears, model, unknown, budget, 2):
+            instead = exchange.wide_instead(ears, model, 2, unknown, budget) if is_told else []
+            for key in barred.briefly:
+                others[key] = [*others.get(key, ()), *instead]
+            if not is_told or instead:
                 found.append(model)
                 model, brief = start, False
+                barred.briefly.clear()
                 continue
         if refused and (other := open_wells.otherwise(ears, vault, model, refused[0], unknown, others, budget)):
             model, refused = other, foretold.refused(vault, other)
@@ -69,8 +73,8 @@ def run(
         model = max(
             [*found, model], key=lambda one: weighing.evidence(one, count, tried) - evaluated(vault, base, one.effects).energy
         )
-    others = exchange.with_wide(ears, model, others, barred.briefly, unknown, budget)
     spent = budget.is_spent
+    others = exchange.with_wide(ears, model, others, barred.briefly, unknown, budget)
     budget = Budget.of(policy.RIVALS_SHARE * budget_s)
     others = _open(exchange.with_images(ears, model, exchange.with_kin(model, others), unknown, budget), barred, model)
     tracks = [one for one in (*itertools.chain(*others.values()), *model.effects) if one.family.has_ways]
@@ -181,7 +185,7 @@ def _grown(
         paying = _paying(ears, *made, model) if made else []
         if not any(weighing.tells_most(one, model, count) for one in paying):
             is_doubtful = brief and keys & barred.briefly and model.deviations(count) > policy.CLEAN_DEVIATIONS
-            if is_doubtful and exchange.is_wide(ears, model, unknown, budget, 1):
+            if is_doubtful and exchange.wide_instead(ears, model, 1, unknown, budget):
                 break
             made = rounds.candidates(ears, model, unknown, budget, barred)
             paying = _paying(ears, *made, model)
@@ -212,9 +216,10 @@ def _grown(
                 known.add(effect.key)
                 open_.append((regret, one))
         others[best.effects[-1].key] = [one.effects[-1] for one in found if one is not best]
-        (barred.briefly.add if rounds.was_brief(model, barred) else barred.briefly.discard)(best.effects[-1].key)
+        if rounds.was_brief(model, barred):
+            barred.briefly.add(best.effects[-1].key)
         model = weighing.pruned(ears, best, count, tried)
-        for gone in {effect.key for effect in best.effects} - {effect.key for effect in model.effects}:
+        for gone in {effect.key for effect in best.effects[:-1]} - {effect.key for effect in model.effects}:
             others[best.effects[-1].key] += others.get(gone, ())  # came close to what has its place now
         before = model
         for number in range(len(model.effects) - 1):  # what was found before fits what is known now
@@ -278,6 +283,8 @@ def _asked_again(ears, model: Model, count: float, tried: float, others: dict, b
             trial = weighing.pruned(ears, fitted(ears, replaced(ears, model, number, other), rounds=4), count, tried)
             if weighing.worth(trial, model, count, tried) > policy.SHAPE_NATS:
                 others.setdefault(other.key, [own, *(one for one in close if one is not other)])
+                if own.key in barred.briefly:
+                    barred.briefly.add(other.key)
                 return _asked_again(ears, trial, count, tried, others, budget, barred)
     return model
 
