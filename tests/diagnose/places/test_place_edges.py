@@ -89,6 +89,30 @@ def test_edges_bend_what_another_tracer_bends():
     assert (np.abs(bent - wanted) ** 2).sum() < 0.03 * (np.abs(wanted) ** 2).sum()
 
 
+@pytest.mark.parametrize("gone", [None, "shed", "fence"])
+def test_an_edge_on_another_things_face_bends_where_that_is_not_there(gone):
+    along, up = SHED[1] - SHED[0], SHED[4] - SHED[0]
+    sheets = {
+        "hatch": np.array([SHED[0] + v * up + u * along for u, v in ((0.2, 0.3), (0.8, 0.3), (0.8, 0.9), (0.2, 0.9))]),
+        "awning": np.array([(1.0, -4.0, 0.4), (5.0, -4.0, 0.4), (5.0, -2.8, 2.0), (1.0, -2.8, 2.0)]),  # on the fence
+    }
+    numbers = {key: values[0] for key, values in surface_of([Medium(material="metal")], CARRIER_HZ).numbers.items()}
+    mine, bench = ours(), [theirs(on) for on in (True, False)]
+    for name, corners in sheets.items():
+        mine = mine.with_object(Solid(name=name, vertices_m=corners, faces=[[0, 1, 2], [0, 2, 3]]), **numbers)
+        for one in bench:
+            one["objects"][name] = {"tris": corners[[[0, 1, 2], [0, 2, 3]]], "surface": None}
+            one["materials"] = one["materials"] | {name: "metal"}
+    if gone:
+        mine = mine.with_surface(mine.mesh.index(gone), present=False)
+        for one in bench:
+            del one["objects"][gone]
+    predictor = Predictor(*zip(*LINKS, strict=True), TIME_S, FREQUENCY_HZ)
+    bent = predictor.response(mine) - predictor.response(replace(mine, diffraction=False))
+    whole, plain = (response(one, LINKS, TIME_S, FREQUENCY_HZ) for one in bench)
+    assert (np.abs(bent - whole + plain) ** 2).sum() < 0.03 * (np.abs(whole - plain) ** 2).sum()
+
+
 @pytest.mark.parametrize("share", [0.7, 1.0, 1.4])
 def test_how_strongly_edges_bend_is_nobodys_fault(share):
     plain, whole = (response(theirs(on), LINKS, TIME_S, FREQUENCY_HZ) for on in (False, True))

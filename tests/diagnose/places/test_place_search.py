@@ -90,6 +90,11 @@ def heard(world: dict, snr_db: float, seed: int = 5) -> list[ResponseEar]:
     return [ResponseEar(Predictor(*zip(*LINKS, strict=True), TIME_S, FREQUENCY_HZ), told)]
 
 
+def only(monkeypatch, *names: str) -> None:
+    """Nothing but these families is looked for."""
+    monkeypatch.setattr(View, "families", [BY_NAME[name] for name in names])
+
+
 def test_both_tracers_give_the_same_responses():
     predictor = Predictor(*zip(*LINKS, strict=True), TIME_S, FREQUENCY_HZ)
     a, b = predictor.response(ours()), response(theirs(), LINKS, TIME_S, FREQUENCY_HZ)
@@ -299,6 +304,7 @@ def test_what_may_be_anywhere_is_looked_for_where_nothing_narrow_explains_most(m
     world["nodes"]["b"]["waypoints_m"] = np.array([[4.1, 0.6, 1.9]]) + (0.0 if late_s else 0.3)
     ears, barred, looked = heard(world, 30.0), rounds.Barred(), []
     model, look_at = evaluated(ears, ours(), ()), rounds.screened
+    only(monkeypatch, "track_timing", "node_position", "node_gain")
     monkeypatch.setattr(rounds, "screened", lambda *a: looked.append(a[3]) or look_at(*a))
     made = rounds.brief(ears, model, UNKNOWN, Budget.of(200.0), barred)
     assert bool(made) == bool(late_s) and not any(family.is_wide for family in looked) and rounds.was_brief(model, barred)
@@ -317,6 +323,7 @@ def test_what_was_found_in_a_brief_round_has_rivals_that_may_be_anywhere(monkeyp
     ears, late = heard(world, 30.0), Effect(family=BY_NAME["node_delay"], owner="b", values=np.array([3e-10]))
     model = fitted(ears, evaluated(ears, ours(), [late]))
     asked = {late.key} if briefly else set()
+    only(monkeypatch, "node_gain", "node_position", "object_moved")
     heard_on, guess = [], rounds.wide_guesses
     monkeypatch.setattr(rounds, "wide_guesses", lambda ears, *a: heard_on.extend(ears[0].heard.links) or guess(ears, *a))
     others = exchange.with_wide(ears, model, {late.key: [late]}, asked, UNKNOWN, Budget.of(200.0))
@@ -327,7 +334,7 @@ def test_what_was_found_in_a_brief_round_has_rivals_that_may_be_anywhere(monkeyp
 
 
 @pytest.mark.parametrize("shaded", [True, False])
-def test_losses_of_links_are_one_thing_that_stands_in_the_way_of_them_or_none(shaded):
+def test_losses_of_links_are_one_thing_that_stands_in_the_way_of_them_or_none(monkeypatch, shaded):
     world, links = copy.deepcopy(theirs()), [("a", "c"), ("a", "d")]
     screen = np.array([(0.9, 1.2, 0.2), (2.4, 1.2, 0.2), (2.4, 1.2, 2.2), (0.9, 1.2, 2.2)])
     if shaded:
@@ -340,6 +347,7 @@ def test_losses_of_links_are_one_thing_that_stands_in_the_way_of_them_or_none(sh
     ears, family = heard(world, 30.0), mechanisms.ExcessLoss()
     losses = [Effect(family=family, owner=f"{a}>{b}", values=np.array([3.0])) for a, b in links]
     model = fitted(ears, evaluated(ears, ours(), losses))
+    only(monkeypatch, "missing_object", "node_position", "node_gain")
     wide = exchange.wide_instead(ears, model, 2, UNKNOWN, Budget.of(200.0))
     assert (("missing_object", "place") in [one.key for one in wide]) == bool(wide) == shaded
     one = fitted(ears, evaluated(ears, ours(), losses[:1]))

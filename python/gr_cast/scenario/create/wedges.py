@@ -22,7 +22,8 @@ _AT_ONCE = 2_000_000  # edges times faces in memory at the same time
 @dataclass(frozen=True, kw_only=True)
 class Edges:
     """Edges (E): from `begin_m` along unit `along` for `length_m`; `face` (E, 3) unit vectors in the 0-face away from the edge,
-    `normal` (E, 3) out of it into the air; `n` (E,): the air's angle is n·π; `owner` (E,) index of the object."""
+    `normal` (E, 3) out of it into the air; `n` (E,): the air's angle is n·π; `owner` (E,) index of the object. `lies_on` (C, 2):
+    numbers of an edge and of another object on whose face it lies: where that is there, no edge is."""
 
     begin_m: np.ndarray
     along: np.ndarray
@@ -31,26 +32,33 @@ class Edges:
     normal: np.ndarray
     n: np.ndarray
     owner: np.ndarray
+    lies_on: np.ndarray
+
+    def there(self, present: np.ndarray) -> np.ndarray:
+        """Numbers of the edges that are free where objects are `present`."""
+        free = present[self.owner].copy()
+        free[self.lies_on[present[self.lies_on[:, 1]], 0]] = False
+        return np.flatnonzero(free)
 
 
 def edges_of(solids: tuple[Solid, ...], faces: images.Faces) -> Edges:
-    """Free edges of sheets (n = 2) and outward edges between two faces of hulls; none that lies on a face of another object."""
+    """Edges of sheets (n = 2) and outward edges between two faces of hulls."""
     rows = [(*row, index) for index, solid in enumerate(solids) for row in _edges(solid)]
     if not rows:
-        empty = np.zeros((0, 3))
+        none = np.zeros((0, 3))
         return Edges(
-            begin_m=empty, along=empty, length_m=np.zeros(0), face=empty, normal=empty, n=np.zeros(0), owner=np.zeros(0, int)
-        )
+            begin_m=none, along=none, length_m=np.zeros(0), face=none, normal=none, n=np.zeros(0), owner=np.zeros(0, int),
+            lies_on=np.zeros((0, 2), int),
+        )  # fmt: skip
     begin_m, along, length_m, face, normal, n, owner = (np.array(column) for column in zip(*rows, strict=True))
-    free = _are_free(begin_m + along * length_m[:, None] / 2, owner, faces)
     return Edges(
-        begin_m=begin_m[free], along=along[free], length_m=length_m[free], face=face[free], normal=normal[free], n=n[free],
-        owner=owner[free],
+        begin_m=begin_m, along=along, length_m=length_m, face=face, normal=normal, n=n, owner=owner,
+        lies_on=_on_others(begin_m + along * length_m[:, None] / 2, owner, faces),
     )  # fmt: skip
 
 
 def _edges(solid: Solid) -> list[tuple]:
-    """Columns of `Edges` but the last."""
+    """Columns of `Edges` but the last two."""
     return _remembered(solid) if len(solid.faces) < _SMALL else _found(solid)
 
 
@@ -88,15 +96,16 @@ def _found(solid: Solid) -> list[tuple]:
     return out
 
 
-def _are_free(middle_m: np.ndarray, owner: np.ndarray, faces: images.Faces) -> np.ndarray:
-    """Which edges (E,) of `owner` (E,), known by their middles (E, 3), lie on no face of another object."""
-    free, step = np.ones(len(owner), bool), max(1, _AT_ONCE // max(len(faces.level_m), 1))
+def _on_others(middle_m: np.ndarray, owner: np.ndarray, faces: images.Faces) -> np.ndarray:
+    """(C, 2) edges of `owner` (E,), known by their middles (E, 3), and each other object on whose face they lie."""
+    found, step = [], max(1, _AT_ONCE // max(len(faces.level_m), 1))
     for first in range(0, len(owner), step):
         own = slice(first, first + step)
         near = np.abs(middle_m[own] @ faces.normal.T - faces.level_m) < _ON_FACE_M
         edge, face = np.nonzero(near & (faces.owner != owner[own, None]))
-        free[first + edge[images.on_face(faces, face, middle_m[own][edge])]] = False
-    return free
+        on = images.on_face(faces, face, middle_m[own][edge])
+        found.append(np.column_stack([first + edge[on], faces.owner[face[on]]]))
+    return np.unique(np.concatenate(found), axis=0)
 
 
 def _inward(triangle_m: np.ndarray, begin: np.ndarray, along: np.ndarray) -> np.ndarray:
@@ -135,7 +144,7 @@ def paths(edges: Edges, faces, surface, carrier_hz: float, tx_m: np.ndarray, rx_
     `send(i, direction)` and `take(i, direction)` give the antennas' fields (n, 3) along directions (n, 3) away from them.
     """
     wavelength_m = fields.SPEED_OF_LIGHT_M_PER_S / carrier_hz
-    keep = np.flatnonzero(surface.present[edges.owner])
+    keep = edges.there(surface.present)
     a, b = (ends_m[:, None] - edges.begin_m[keep] for ends_m in (tx_m, rx_m))
     unit = edges.along[keep]
     za, zb = (np.einsum("pej,ej->pe", v, unit) for v in (a, b))
