@@ -609,7 +609,8 @@ def test_what_is_narrow_is_gone_on_with_alone_if_it_pays_and_explains_most(monke
 
 
 @pytest.mark.parametrize(
-    ("left", "gain", "tells"), [(-20.0, 9.0, False), (-20.0, 80.0, True), (1000.0, 560.0, False), (1e3, 600.0, True)]
+    ("left", "gain", "tells"),
+    [(-200.0, 1.0, False), (-20.0, 9.0, False), (-20.0, 80.0, True), (1000.0, 560.0, False), (1e3, 600.0, True)],
 )
 def test_noise_may_hide_what_is_more_than_a_narrow_cause_explains(left, gain, tells):
     effect = Effect(family=BY_NAME["node_gain"], owner="n4", values=np.zeros(1))

@@ -55,7 +55,7 @@ def with_wide(ears, model: Model, others: dict, briefly: set, unknown: dict, bud
         if effect.key not in briefly or budget.is_spent:
             continue
         less, few = _without(ears, model, [number])
-        if not _is_local(model.base, effect) and _are_many(few, ears):
+        if not (_is_local(model.base, effect) or effect.family.is_like_wide) and _are_many(few, ears):
             continue
         found = _explaining(ears, model, [number], less, few, unknown, budget, policy.MOST_SHARE)
         settled = [settling.settled(ears, with_effect(ears, less, one), unknown, budget).effects[-1] for one in found]
@@ -70,12 +70,13 @@ def wide_instead(ears, model: Model, least: int, unknown: dict, budget: Budget) 
     if len(local) < least or budget.is_spent:
         return []
     less, few = _without(ears, model, local)
-    return [] if _are_many(few, ears) else _explaining(ears, model, local, less, few, unknown, budget, policy.SAME_SHARE)
+    if _are_many(few, ears) and not any(model.effects[number].family.level == "node" for number in local):
+        return []  # a node may be an end of all links
+    return _explaining(ears, model, local, less, few, unknown, budget, policy.SAME_SHARE)
 
 
 def _is_local(base, effect: Effect) -> bool:
-    """Whether it is of a link, a node or an object, or looks as if it were."""
-    return effect.family.level_of(base, effect.owner) not in ("place", "material") or effect.family.is_like_wide
+    return effect.family.level_of(base, effect.owner) not in ("place", "material")
 
 
 def _explaining(
@@ -85,7 +86,7 @@ def _explaining(
     prices taken off; the best first, of each family and owner one."""
     count = sum(ear.count for ear in ears)
     price = sum(weighing.numbers_price_nats(model.effects[number], count) for number in numbers)
-    least = share * (less.tempered - model.tempered) - price
+    least = share * (less.tempered - model.tempered - price)
     found = rounds.wide_guesses(few, evaluated(few, model.base, less.effects), unknown, budget) if few else []
     best: dict[tuple, Effect] = {}
     for one in found:
@@ -107,9 +108,9 @@ def _without(ears, model: Model, numbers: Sequence[int]) -> tuple[Model, list]:
 
 
 def _are_many(few: Sequence[Ear], ears: Sequence[Ear]) -> bool:
-    """Whether some soundings are of more links than one thing that stands somewhere is likely to be seen by."""
-    some, every = (sum(len(ear.predictor.links) for ear in those) for those in (few, ears))
-    return some > max(every / 2, policy.LONE_LINKS)
+    """Whether some soundings are responses of more links than one thing that stands somewhere is likely to be seen by."""
+    some, every = ({link for ear in those if ear.has_responses for link in ear.predictor.links} for those in (few, ears))
+    return len(some) > max(len(every) / 2, policy.LONE_LINKS)
 
 
 def exchanged(ears, model: Model, others: dict, count: float, tried: float, budget: Budget, vault: Sequence[Ear] = ()):

@@ -42,6 +42,7 @@ def run(
     others: dict = {}
     barred, brief = Barred(), any(ear.has_responses for ear in ears)  # power alone tells of nothing wide
     found: list[Model] = []
+    told: tuple[Model | None, set] = None, set()  # the list of brief rounds, and what of it was found in these
     while True:
         model, tried = _explored(ears, model, unknown, budget, others, barred, progress, brief)
         refused = foretold.refused(vault, model)
@@ -52,7 +53,7 @@ def run(
                 others[key] = [*others.get(key, ()), *instead]
             if not is_told or instead:
                 found.append(model)
-                model, brief = start, False
+                told, model, brief = (model, set(barred.briefly)), start, False
                 barred.briefly.clear()
                 continue
         if refused and (other := open_wells.otherwise(ears, vault, model, refused[0], unknown, others, budget)):
@@ -73,8 +74,8 @@ def run(
         model = max(
             [*found, model], key=lambda one: weighing.evidence(one, count, tried) - evaluated(vault, base, one.effects).energy
         )
+    others = exchange.with_wide(ears, model, others, told[1] if model is told[0] else barred.briefly, unknown, budget)
     spent = budget.is_spent
-    others = exchange.with_wide(ears, model, others, barred.briefly, unknown, budget)
     budget = Budget.of(policy.RIVALS_SHARE * budget_s)
     others = _open(exchange.with_images(ears, model, exchange.with_kin(model, others), unknown, budget), barred, model)
     tracks = [one for one in (*itertools.chain(*others.values()), *model.effects) if one.family.has_ways]
@@ -206,6 +207,8 @@ def _grown(
         found, paying = (sorted([*some, *hidden], key=lambda one: -worths[id(one)]) for some in (found, paying))
         good = _good_stiff(paying, worths, model, count)
         best = _stiff_first(paying, good, model, count)
+        if brief and barred.briefly and best.effects[-1].family.is_flexible:
+            break  # a list with a random field is held against others, in whole rounds
         known = {best.effects[-1].key}
         for one in paying:
             effect = one.effects[-1]

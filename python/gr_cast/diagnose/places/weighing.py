@@ -58,8 +58,8 @@ def explains_most(one: Model, model: Model, count: float) -> bool:
 
 def tells_most(one, model: Model, count: float) -> bool:
     """Whether what is neither random field nor shape explains most of what may be left, which noise may hide a part of."""
-    hidden = policy.QUIET_DEVIATIONS * (np.sqrt(max(count, 1.0)) + model.slack)
-    return is_plain(one) and model.energy - one.energy >= policy.MOST_SHARE * (model.energy - model.offset - count + hidden)
+    left = max(model.energy - model.offset - count, 0.0) + policy.QUIET_DEVIATIONS * (np.sqrt(max(count, 1.0)) + model.slack)
+    return is_plain(one) and model.energy - one.energy >= policy.MOST_SHARE * left
 
 
 def behind_nats(rival: Model, model: Model, number: int, count: float) -> float:

@@ -36,7 +36,7 @@ class Edges:
 
     def there(self, present: np.ndarray) -> np.ndarray:
         """Numbers of the edges that are free where objects are `present`."""
-        free = present[self.owner].copy()
+        free = present[self.owner]
         free[self.lies_on[present[self.lies_on[:, 1]], 0]] = False
         return np.flatnonzero(free)
 
