@@ -221,7 +221,7 @@ def test_edges_that_give_the_same_are_strong_together_however_loud(many):
     price = bending._loosen(fields_, weight, model, left)
     assert np.isfinite(price) and np.isfinite(left).all() and (price > 0)
     np.testing.assert_allclose(model + left, 2.0, rtol=1e-6)
-    assert many > 1e3 or np.abs(left).max() < 1e-3
+    assert np.abs(left).max() < 1e-3
 
 
 def test_maps_and_ways_that_do_not_belong_together_are_refused():

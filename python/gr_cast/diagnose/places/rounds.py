@@ -68,9 +68,9 @@ class Screen:
 
 @dataclass(eq=False, kw_only=True)
 class Look:
-    """What one model's round looked at: what it was screened on; the keys that were tried; guesses of families
-    that are narrow and of those that are wide, where all of these were screened; wells by key; by guess, the effects from which
-    it is fitted; by guess, and whether it had to wait, those to which it was, None where these are nothing to speak of."""
+    """What one model's round looked at: what it was screened on; the keys that were tried; guesses by whether their families are
+    wide, where all of these were screened; wells by key; by guess, the effects from which it is fitted; by guess, and whether it
+    had to wait, those to which it was, None where these are nothing to speak of."""
 
     screen: "Screen"
     tried: set[tuple] = field(default_factory=set)
