@@ -14,27 +14,66 @@ def drawn(random, *shape) -> np.ndarray:
     return random.normal(size=shape) + 1j * random.normal(size=shape)
 
 
-@pytest.mark.parametrize("at_once", [1, 150, 4000])
-@pytest.mark.parametrize("is_free", [False, True])
-def test_a_grid_in_space_is_its_levels_however_many_tones_are_looked_at_together(is_free, at_once, monkeypatch):
-    monkeypatch.setattr(scan, "_AT_ONCE", at_once)
-    random = np.random.default_rng(1)
-    rows = [
+def drawn_rows(random, paths: int, is_free: bool, axes: int = 3) -> list[scan.Row]:
+    return [
         scan.Row(
-            base=drawn(random, 3, 4), rates=20 * random.normal(size=(3, 3, 4)), rest=drawn(random, 4), y=drawn(random, 4),
-            weight=random.uniform(0, 9, 4), is_free=is_free,
+            base=drawn(random, paths, 4), rates=20 * random.normal(size=(axes, paths, 4)), rest=drawn(random, 4),
+            y=drawn(random, 4), weight=random.uniform(0, 9, 4), is_free=is_free,
         )
         for _ in range(5)
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("at_once", [1, 150, 4000, None])
+@pytest.mark.parametrize("is_free", [False, True])
+def test_a_grid_in_space_is_its_levels_however_many_tones_are_looked_at_together(is_free, at_once, monkeypatch):
+    if at_once:
+        monkeypatch.setattr(scan, "_AT_ONCE", at_once)
+        monkeypatch.setattr(scan, "tracing", None)
+    rows = drawn_rows(np.random.default_rng(1), 3, is_free)
     first, second, third = np.linspace(-1, 1, 9), np.linspace(-1, 1, 7), np.array([-0.2, 0.0, 0.3])
     space = scan.energy_in_space(rows, first, second, third)
     for number, by in enumerate(third):
-        assert (space[..., number] == scan.energy([row.turned(2, by) for row in rows], first, second)).all()
+        level = [replace(row, base=row.base * np.exp(-1j * by * row.rates[2]), rates=row.rates[:2]) for row in rows]
+        np.testing.assert_allclose(space[..., number], scan.energy(level, first, second), rtol=1e-5)
     places = np.array([first[2], second[3], third[0]])
     left = [row.y - (row.base * np.exp(-1j * np.tensordot(places, row.rates, 1))).sum(axis=0) - row.rest for row in rows]
     if not is_free:
         told = sum((np.abs(one) ** 2 * row.weight).sum() for one, row in zip(left, rows, strict=True))
         assert space[1, 2, 3, 0] == pytest.approx(told, rel=1e-4)
+
+
+@pytest.mark.parametrize("paths", [0, 1, 9])
+@pytest.mark.parametrize("is_free", [False, True])
+@pytest.mark.parametrize("counts", [(1, 1, 1), (5, 8, 2), (4, 17, 3)])
+def test_a_kernel_has_the_energies_of_a_grid_that_numpy_has(paths, is_free, counts, monkeypatch):
+    pytest.importorskip("gr_cast.scenario.create.tracing")
+    random = np.random.default_rng(7)
+    even, ragged = [np.linspace(-30, 9, count) for count in counts], [random.normal(size=count) for count in counts]
+    for axes in (even, ragged, ragged[:2]):
+        rows = drawn_rows(random, paths, is_free, len(axes))
+        for scale in (1.0, None):
+            mine = [scan._energy(row, axes, scale) for row in rows]
+            with monkeypatch.context() as without:
+                without.setattr(scan, "tracing", None)
+                theirs = [scan._energy(row, axes, scale) for row in rows]
+            np.testing.assert_allclose(mine, theirs, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("paths", [0, 1, 9])
+@pytest.mark.parametrize("is_free", [False, True])
+@pytest.mark.parametrize("axes", [1, 3])
+def test_a_kernel_has_the_steps_to_the_bottoms_of_wells_that_numpy_has(paths, is_free, axes, monkeypatch):
+    pytest.importorskip("gr_cast.scenario.create.tracing")
+    random = np.random.default_rng(8)
+    for row in drawn_rows(random, paths, is_free, axes):
+        places = random.normal(size=(6, axes))
+        mine = scan._steps(row, places)
+        with monkeypatch.context() as without:
+            without.setattr(scan, "tracing", None)
+            theirs = scan._steps(row, places)
+        for one, other in zip(mine, theirs, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("is_free", [False, True])

@@ -122,8 +122,7 @@ def test_bottoms_of_wells_are_where_every_step_aside_leaves_more(is_free):
     assert places == pytest.approx(np.tile(places[0], (5, 1)), abs=1e-5) and places[0] == pytest.approx(at, abs=0.01)
 
     def energy(place):
-        turned = [row.turned(2, place[2]) for row in rows]
-        return scan.energy(turned, place[:1], place[1:2]).ravel()
+        return scan.energy_in_space(rows, place[:1], place[1:2], place[2:]).ravel()
 
     assert nats[:, 0] == pytest.approx(energy(places[0]), rel=1e-2)  # which is in single precision
     assert all(energy(places[0] + step)[1] > nats[1, 0] + 0.1 for step in 0.01 * np.vstack([np.eye(3), -np.eye(3)]))

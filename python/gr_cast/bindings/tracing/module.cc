@@ -1,16 +1,18 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The kernels of the tracer for Python, without GNU Radio: scenario/create/images.py and fields.py,
-// twin/places/passer.py and diagnose/places/bending.py, tracks.py, passages.py have the same in
-// NumPy.
+// twin/places/passer.py and diagnose/places/bending.py, scan.py, tracks.py, passages.py have the
+// same in NumPy.
 #include "../numpy_layout.h"
 #include "tracing/body.h"
 #include "tracing/edges.h"
 #include "tracing/fields.h"
+#include "tracing/grids.h"
 #include "tracing/maps.h"
 #include "tracing/mesh.h"
 #include <algorithm>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
 #include <stdexcept>
 #include <string>
 
@@ -344,6 +346,51 @@ double loosen_edges(const array<complex>& field, const array<double>& weight,
                   residual.mutable_data());
 }
 
+turning turning_of(const array<complex>& path, const array<double>& rate,
+                   const array<complex>& rest, const array<complex>& heard, bool is_free,
+                   size_t axes)
+{
+    const auto tones = size_t(rest.size());
+    const size_t paths = rows(path, tones, "path");
+    expect(rate, axes * paths * tones, "rate");
+    expect(heard, tones, "heard");
+    return {path.data(), rate.data(), rest.data(), heard.data(), paths, tones, is_free};
+}
+
+// (power, along), each third x first x second.
+py::tuple scanned(const array<complex>& path, const array<double>& rate, const array<complex>& rest,
+                  const array<complex>& heard, bool is_free,
+                  const std::vector<std::vector<double>>& axes)
+{
+    if (axes.size() != 2 && axes.size() != 3)
+        throw std::invalid_argument("scanned: got " + std::to_string(axes.size()) +
+                                    " axes, needs 2 or 3");
+    const turning one = turning_of(path, rate, rest, heard, is_free, axes.size());
+    const std::vector<size_t> shape{axes.size() > 2 ? axes[2].size() : 1, axes[0].size(),
+                                    axes[1].size()};
+    array<float> power(shape), along(shape);
+    over_grid(one, axes, power.mutable_data(), along.mutable_data());
+    return py::make_tuple(power, along);
+}
+
+// (top, side, left), one each of places (n, axes).
+py::tuple stepped(const array<complex>& path, const array<double>& rate, const array<complex>& rest,
+                  const array<complex>& heard, bool is_free, const array<double>& places,
+                  double count)
+{
+    if (places.ndim() != 2)
+        throw std::invalid_argument("stepped: got places of " + std::to_string(places.ndim()) +
+                                    " axes, needs 2");
+    const py::ssize_t n = places.shape(0), axes = places.shape(1);
+    const turning one = turning_of(path, rate, rest, heard, is_free, size_t(axes));
+    array<double> top({n, axes, axes}), side({n, axes}), left(n);
+    std::fill_n(top.mutable_data(), top.size(), 0.0);
+    std::fill_n(side.mutable_data(), side.size(), 0.0);
+    steps_from(one, count, places.data(), size_t(n), size_t(axes), top.mutable_data(),
+               side.mutable_data(), left.mutable_data());
+    return py::make_tuple(top, side, left);
+}
+
 } // namespace
 
 PYBIND11_MODULE(tracing, m)
@@ -369,5 +416,9 @@ PYBIND11_MODULE(tracing, m)
     m.def("likelier", &likelier_maps);
     m.def("loosen", &loosen_edges, py::arg("field"), py::arg("weight"),
           py::arg("model").noconvert(), py::arg("residual").noconvert());
+    m.def("scanned", &scanned, py::arg("path"), py::arg("rate"), py::arg("rest"), py::arg("heard"),
+          py::arg("is_free"), py::arg("axes"));
+    m.def("stepped", &stepped, py::arg("path"), py::arg("rate"), py::arg("rest"), py::arg("heard"),
+          py::arg("is_free"), py::arg("places"), py::arg("count"));
     m.def("turned_between", &turned_fields, py::arg("field"), py::arg("turned"), py::arg("at"));
 }

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from ...core.units import db_from_power
 from ...twin.places.believed import believed
@@ -301,7 +301,7 @@ def _over_wells(effect, wells: list) -> np.ndarray:
     out = np.zeros((len(effect.values),) * 2)
     for behind, far in away:
         if np.exp(-behind) / total > policy.WELL_SHARE:
-            out += np.outer(far, far) / norm.ppf(0.975) ** 2
+            out += np.outer(far, far) / ndtri(0.975) ** 2
     return out
 
 
@@ -358,7 +358,7 @@ def _residual(found: search.Found, ears, after: Model) -> dict:
                 where.append({"links": [f"{tx}>{rx}"], "deviations": round(float(above), 1)})
     return {
         "unexplained_db": float(db_from_power(max((found.model.energy - found.model.offset) / max(found.count, 1.0), 1e-12))),
-        "p_value": float(norm.sf(found.deviations)),
+        "p_value": float(ndtr(-found.deviations)),
         "where": where,
         "out_of_time": found.spent,
     }

@@ -4,11 +4,13 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import minimum_filter
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S
+from ...scenario.create.images import tracing
 from .ears import ResponseEar, evenly
 from .likelihood import Fitted, tempered
 
@@ -29,9 +31,12 @@ class Row:
     is_free: bool  # its phase is unknown
     most: float = np.inf  # energy that it may do with where what turns is not there
 
-    def turned(self, axis: int, by: float) -> "Row":
-        """The same where one of the numbers is `by` more."""
-        return replace(self, base=self.base * np.exp(-1j * by * self.rates[axis]))
+    @cached_property
+    def over_noise(self) -> tuple:
+        """Base, rates, rest, what was heard, conjugate, and `is_free`, all amplitudes over the noise: powers of amplitudes alone
+        are less than single precision holds."""
+        root = np.sqrt(self.weight)
+        return root * self.base, self.rates, root * self.rest, root * self.y.conj(), self.is_free
 
 
 def rows(ear: ResponseEar, fit: Fitted, world, rates_of, without=None) -> list[Row]:
@@ -99,49 +104,48 @@ def _mean(heard, fit: Fitted, index: int, step: int, columns):
 def energy(rows_: Sequence[Row], first: np.ndarray, second: np.ndarray, scale: np.ndarray | float | None = 1.0) -> np.ndarray:
     """Energy of all rows (2, len(first), len(second)) over the grid, tempered, for other causes may spoil some of them, and as it
     is; `scale`: by which all paths grow along it, None: by whatever suits each row."""
-    total = np.zeros((2, len(first), len(second)), np.float32)
-    for row in rows_:
-        total += _energy(row, *_turns(row, first, second), scale)
-    return total
+    return sum((_energy(row, (first, second), scale)[:, 0] for row in rows_), np.zeros((2, len(first), len(second)), np.float32))
 
 
 def energy_in_space(rows_: Sequence[Row], first: np.ndarray, second: np.ndarray, third: np.ndarray) -> np.ndarray:
     """The same over three axes, (2, len(first), len(second), len(third))."""
-    total = np.zeros((len(third), 2, len(first), len(second)), np.float32)
+    total = np.zeros((2, len(third), len(first), len(second)), np.float32)
     for row in rows_:
-        turns = _turns(row, first, second)
-        for level, by in zip(total, third, strict=True):
-            level += _energy(row.turned(2, float(by)), *turns, 1.0)
-    return np.moveaxis(total, 0, 3)
+        total += _energy(row, (first, second, third), 1.0)
+    return np.moveaxis(total, 1, 3)
 
 
-def _turns(row: Row, first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """By which paths are turned, (K, len(first), n) and (K, n, len(second))."""
-    left = np.exp(-1j * (first[:, None] * row.rates[0].T[:, None]))
-    return left, np.exp(-1j * (row.rates[1].T[:, :, None] * second)).astype(np.complex64)
-
-
-def _energy(row: Row, left: np.ndarray, right: np.ndarray, scale: np.ndarray | float | None) -> tuple[np.ndarray, np.ndarray]:
-    cross, power = np.complex64(0), np.float32(0)
-    root = np.sqrt(row.weight)  # first: powers of amplitudes alone are less than single precision holds
-    paths = (root * row.base).T[:, None]
-    rest, heard = ((root * one)[:, None, None] for one in (row.rest, row.y.conj()))
-    at_once = max(1, _AT_ONCE // (left.shape[1] * right.shape[2]))
-    for begin in range(0, len(root), at_once):
-        part = slice(begin, begin + at_once)
-        model = (paths[part] * left[part]).astype(np.complex64) @ right[part]
-        model += rest[part].astype(np.complex64)
-        power = power + (model.real**2 + model.imag**2).sum(axis=0)
-        model *= heard[part].astype(np.complex64)
-        cross = cross + model.sum(axis=0)
-    along = np.abs(cross) if row.is_free else cross.real
-    total = np.float32((np.abs(row.y) ** 2 * row.weight).sum())
+def _energy(row: Row, axes: Sequence[np.ndarray], scale: np.ndarray | float | None) -> np.ndarray:
+    """(2, levels of a third axis or 1, len(first), len(second)) of one row."""
+    power, along = tracing.scanned(*row.over_noise, axes) if tracing else _scanned(*row.over_noise, axes)
+    total, count = np.float32((np.abs(row.y) ** 2 * row.weight).sum()), np.float32((row.weight > 0).sum())
     if scale is None:
         over = total - np.maximum(along, 0) ** 2 / np.maximum(power, np.float32(1e-30))
     else:
-        over = total + scale**2 * power - 2 * scale * along
+        over = total + np.float32(scale) ** 2 * power - 2 * np.float32(scale) * along
     over = np.minimum(over, np.float32(row.most))
-    return tempered(over, np.float32((row.weight > 0).sum())), over
+    return np.stack([tempered(over, count), over])
+
+
+def _scanned(paths, rates, rest, heard, is_free: bool, axes: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """(levels, len(first), len(second)) of both: power of the model at each place of a grid, and what of it lies along what was
+    `heard`, conjugate; paths (n, K) turn at `rates` (axes, n, K)."""
+    first, second, third = (*axes, [0.0])[:3]
+    left = np.exp(-1j * (first[:, None] * rates[0].T[:, None]))
+    right = np.exp(-1j * (rates[1].T[:, :, None] * second)).astype(np.complex64)
+    shape = len(third), len(first), len(second)
+    power, cross = np.zeros(shape, np.float32), np.zeros(shape, np.complex64)
+    at_once = max(1, _AT_ONCE // (len(first) * len(second)))
+    for level, by in enumerate(third):
+        turned = (paths * np.exp(-1j * by * rates[2]) if len(axes) > 2 else paths).T[:, None]
+        for begin in range(0, len(rest), at_once):
+            part = slice(begin, begin + at_once)
+            model = (turned[part] * left[part]).astype(np.complex64) @ right[part]
+            model += rest[part, None, None].astype(np.complex64)
+            power[level] += (model.real**2 + model.imag**2).sum(axis=0)
+            model *= heard[part, None, None].astype(np.complex64)
+            cross[level] += model.sum(axis=0)
+    return power, np.abs(cross) if is_free else cross.real
 
 
 def energy_along(rows_: Sequence[Row], grid: np.ndarray, scale: np.ndarray | float | None = 1.0) -> np.ndarray:
@@ -185,39 +189,35 @@ def bottoms(rows_: Sequence[Row], places: np.ndarray, most: float, rounds: int =
     more than `most`, for which what leaves much has the say of its noise alone."""
     places = np.array(places, float)
     for _ in range(rounds):
-        top, side = np.zeros((len(places), *(len(places[0]),) * 2)), np.zeros(places.shape)
-        for row in rows_:
-            paths, model, left = _left(row, places)
-            slopes = np.einsum("wpk,apk->wak", -1j * paths, row.rates)
-            count = (row.weight > 0).sum()
-            share = np.minimum(1.0, count / np.maximum((np.abs(left) ** 2 * row.weight).sum(axis=1), 1e-300))
-            if row.is_free:
-                along = ((slopes * model.conj()[:, None]).imag * row.weight).sum(axis=2, keepdims=True)
-                power = (np.abs(model) ** 2 * row.weight).sum(axis=1)[:, None, None]
-                slopes = slopes - 1j * model[:, None] * along / np.maximum(power, 1e-300)
-            told = slopes.conj() * (row.weight * share[:, None])[:, None]
-            top += np.einsum("wak,wbk->wab", told, slopes).real
-            side += np.einsum("wak,wk->wa", told, left).real
+        told = [_steps(row, places) for row in rows_]
+        top, side = (sum(one[part] for one in told) for part in (0, 1))
         size = np.einsum("waa->wa", top)
         top += 1e-6 * size.max(axis=1)[:, None, None] * np.eye(places.shape[1]) + 1e-300 * np.eye(places.shape[1])
         step = np.linalg.solve(top, side[:, :, None])[:, :, 0]
         places = places + step * np.minimum(1.0, most / np.maximum(np.linalg.norm(step, axis=1), 1e-300))[:, None]
-    total = np.zeros((2, len(places)))
-    for row in rows_:
-        left = (np.abs(_left(row, places)[2]) ** 2 * row.weight).sum(axis=1)
-        total += tempered(left, (row.weight > 0).sum()), left
-    return places, total
+    left = [(_steps(row, places)[2], (row.weight > 0).sum()) for row in rows_]
+    return places, sum(np.stack([tempered(one, count), one]) for one, count in left)
 
 
-def _left(row: Row, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Paths (n, P, K) of a row at places (n, axes), what it would be there (n, K), and what it leaves, turned as suits it."""
-    paths = row.base * np.exp(-1j * np.einsum("wa,apk->wpk", places, row.rates))
-    model = paths.sum(axis=1) + row.rest
-    left = row.y
-    if row.is_free:
-        cross = (row.y * row.weight * model.conj()).sum(axis=1)
-        left = row.y * np.exp(-1j * np.angle(cross))[:, None]
-    return paths, model, left - model
+def _steps(row: Row, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Normal equations (n, axes, axes) and (n, axes) of a step from places (n, axes), and what a row leaves there (n,)."""
+    told, count = row.over_noise, float((row.weight > 0).sum())
+    return tracing.stepped(*told, places, count) if tracing else _stepped(*told, places, count)
+
+
+def _stepped(base, rates, rest, heard, is_free: bool, places: np.ndarray, count: float):
+    paths = base * np.exp(-1j * np.einsum("wa,apk->wpk", places, rates))
+    model, y = paths.sum(axis=1) + rest, heard.conj()
+    slopes = np.einsum("wpk,apk->wak", -1j * paths, rates)
+    if is_free:
+        y = y * np.exp(1j * np.angle((heard * model).sum(axis=1)))[:, None]
+        along = (slopes * model.conj()[:, None]).imag.sum(axis=2, keepdims=True)
+        power = (np.abs(model) ** 2).sum(axis=1)[:, None, None]
+        slopes = slopes - 1j * model[:, None] * along / np.maximum(power, 1e-300)
+    lacks = y - model
+    left = (np.abs(lacks) ** 2).sum(axis=1)
+    told = slopes.conj() * np.minimum(1.0, count / np.maximum(left, 1e-300))[:, None, None]
+    return np.einsum("wak,wbk->wab", told, slopes).real, np.einsum("wak,wk->wa", told, lacks).real, left
 
 
 def minima_of(axes: Sequence[np.ndarray], energies: np.ndarray, best: int) -> list[tuple[float, ...]]:
