@@ -16,13 +16,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import _program
 from gr_cast import diagnose as links
-from gr_cast import report
 from gr_cast.core import tasks
 from gr_cast.core.errors import CastError
 from gr_cast.core.files import check_writable, sweep_dead
 from gr_cast.diagnose import places
 from gr_cast.diagnose.write import check_replaceable
-from gr_cast.report import place as place_report
+from gr_cast.report.link import page as link_page
+from gr_cast.report.place import page as place_page
 from gr_cast.twin.places import document
 
 PROGRESS_S = 10.0  # between two lines about a case that takes long
@@ -51,7 +51,7 @@ def _one(common: tuple[Path, float | None], folder: Path) -> tuple[str, list[str
         check_replaceable(target)
         case = kind.read_case(folder)
         diagnosis = kind.diagnose(case, budget_s=budget_s, progress=_progress(case.name))
-        page = (place_report if kind is places else report).render(diagnosis)
+        page = (place_page if kind is places else link_page).render(diagnosis)
     except CastError as error:
         return "", list(error.faults)
     except Exception:  # one case must not stop the others
@@ -85,7 +85,7 @@ def _told(record_next: str | dict) -> str:
     if isinstance(record_next, dict):
         x, y, z = record_next["position_m"]
         return f"sound with a node at ({x:g}, {y:g}, {z:g}) m"
-    return report.EXPERIMENTS.get(record_next, record_next.replace("_", " "))
+    return link_page.EXPERIMENTS.get(record_next, record_next.replace("_", " "))
 
 
 def main(argv=None) -> int:

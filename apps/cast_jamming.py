@@ -8,7 +8,6 @@ import sys
 import time
 
 import _program
-from gr_cast import report
 from gr_cast import scenario as sc
 from gr_cast.comparing import series, similarity
 from gr_cast.core import interrupts
@@ -152,6 +151,7 @@ def leave_out(args) -> int:
     from gr_cast.blocks.frames import FrameEmulator
     from gr_cast.blocks.modem import open_modem
     from gr_cast.diagnose import diagnose, read_case, write
+    from gr_cast.report.link.page import render
 
     kind, wall = left_out.parse(args.what)
     modem = open_modem(args.modem, args.mode)
@@ -180,7 +180,7 @@ def leave_out(args) -> int:
     left_out.write_case(folder / "case", recorded, twin, modem, emulator, jammed=recorded.jammer is not None)
     print(f"\ncase: {folder / 'case'}; diagnosing …", flush=True)
     diagnosis = diagnose(read_case(folder / "case"))
-    write(diagnosis, folder / "diagnosis", report.render(diagnosis))
+    write(diagnosis, folder / "diagnosis", render(diagnosis))
     found = diagnosis.document
     print(f"diagnosis: {found['verdict']}")
     for effect in found["effects"]:

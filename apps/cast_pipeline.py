@@ -39,7 +39,7 @@ def check(args) -> int:
 
 
 def _bench(args) -> Bench:
-    from gr_cast import report
+    from gr_cast.report.link.page import render
 
     check_writable(args.storage)
     if not args.budget > 0:
@@ -55,7 +55,7 @@ def _bench(args) -> Bench:
         room=clean.chosen(args.room, args.root_filesystem),
         budget_s=args.budget,
         patience=args.patience,
-        render=report.render,
+        render=render,
         progress=lambda line: print(line, flush=True),
     )
 

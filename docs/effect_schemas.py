@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """JSON Schemas of effects and diagnoses: entries from what every family declares of its parameters, the rest as it is written."""
 
-from gr_cast.report import EXPERIMENTS
+from gr_cast.report.link.page import EXPERIMENTS
 from gr_cast.twin.contract import KEYS, MEASURED, Known, limits
 from gr_cast.twin.effects import FAMILIES, NAMED, Value
 from gr_cast.twin.places.families import FAMILIES as OF_PLACES

@@ -58,7 +58,10 @@ LATER_THAN_TWIN = ("gr_cast.diagnose", "gr_cast.experiments", "gr_cast.report", 
         ("gr_cast.comparing.similarity", ("gr_cast.diagnose", *GNU_RADIO, *PICTURES)),
         ("gr_cast.experiments.jamming", ("gr_cast.report", *GNU_RADIO, *PICTURES)),
         ("gr_cast.colosseum.check", ("gr_cast.report", *GNU_RADIO, *PICTURES)),
-        ("gr_cast.report", GNU_RADIO),
+        ("gr_cast.report.plot", ("gr_cast.diagnose", "scipy.stats", *GNU_RADIO)),  # what programs wait for that only draw
+        ("gr_cast.report.place.planning", ("gr_cast.diagnose", *GNU_RADIO)),
+        ("gr_cast.report.link.page", GNU_RADIO),
+        ("gr_cast.report.place.page", GNU_RADIO),
     ],
 )
 def test_a_room_loads_without_what_it_must_not_need(module, blocked):

@@ -14,8 +14,8 @@ import cast_scenario
 import cast_sounder
 import numpy as np
 import pytest
-from gr_cast import report
 from gr_cast.core.errors import CastError
+from gr_cast.report.link.page import EXPERIMENTS
 from gr_cast.signals import codes
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -98,7 +98,7 @@ def test_a_matrix_that_cannot_be_written_is_told_with_the_cause():
 
 def test_what_stays_open_names_both_families_and_the_experiment():
     """For whatever experiment a diagnosis may name there are words."""
-    for name, words in report.EXPERIMENTS.items():
+    for name, words in EXPERIMENTS.items():
         pair = {"families": ["extra_path", "front_end_filter"], "record_next": name}
         (line,) = cast_diagnose._next({"ambiguous": [pair]})
         assert "extra_path or front_end_filter" in line and f"Record next: {words}" in line

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 import yaml
 from conftest_world import COUNT, RATE_HZ
-from gr_cast import report
 from gr_cast.diagnose import diagnose, read_case, write
 from gr_cast.diagnose.run import predict_only
+from gr_cast.report.link.page import render
 from gr_cast.signals import recording
 
 
@@ -27,7 +27,7 @@ def test_the_figure_of_a_longer_vault_is_that_of_the_corrected_twin(world, tmp_p
     (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
     diagnosis = diagnose(read_case(folder))
     assert [e["family"] for e in diagnosis.document["effects"]] == ["dc_offset"]
-    write(diagnosis, tmp_path / "out", report.render(diagnosis))
+    write(diagnosis, tmp_path / "out", render(diagnosis))
     (folder / "twin.yaml").write_text((tmp_path / "out" / "twin_corrected.yaml").read_text())
     corrected = read_case(folder)
     vault = next(o for o in corrected.observations if o.vault)

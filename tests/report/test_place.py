@@ -16,8 +16,8 @@ from gr_cast.diagnose import places
 from gr_cast.diagnose.places import run
 from gr_cast.diagnose.places.fit import evaluated
 from gr_cast.diagnose.places.search import Found
-from gr_cast.report import place as report
 from gr_cast.report.place import maps, outline, words
+from gr_cast.report.place.page import render
 from gr_cast.report.place.scene import scene_of
 from gr_cast.twin.places.families import additions, nodes
 from gr_cast.twin.places.families.base import Effect
@@ -60,7 +60,7 @@ def glass(case):
 
 @pytest.fixture(scope="module")
 def page(glass):
-    return report.render(glass)
+    return render(glass)
 
 
 def drawings(text):
@@ -113,7 +113,7 @@ def test_what_no_path_meets_is_grey_and_named(page, glass):
 
 
 def test_an_arrow_too_short_to_see_is_enlarged_and_says_so(case):
-    tree = drawings(report.render(diagnosed(case, DESK)))["plan", "before"]
+    tree = drawings(render(diagnosed(case, DESK)))["plan", "before"]
     at = spots(tree)
     per_m = (at["wall_east"] - at["wall_west"])[0] / 13.2
     start, end = numbers(next(p.get("d") for p in tree.iter("path") if p.get("class") == "arrow"))
@@ -124,7 +124,7 @@ def test_an_arrow_too_short_to_see_is_enlarged_and_says_so(case):
 
 def test_what_is_open_says_where_to_sound_next_and_shows_it(case):
     diagnosis = diagnosed(case, GLASS, rival=DESK)
-    text = report.render(diagnosis)
+    text = render(diagnosis)
     x, y, z = diagnosis.document["ambiguous"][0]["record_next"]["position_m"]
     assert "Ambiguous: it is missing object or node position" in text and f"({x:.2f}, {y:.2f}, {z:.2f}) m" in text
     tree = drawings(text)["plan", "before"]
@@ -156,7 +156,7 @@ def test_power_alone_is_shown_over_time(case, tmp_path):
     document["unknown"] = {"gain": "none"}
     (tmp_path / "power" / "place.yaml").write_text(yaml.safe_dump(document))
     diagnosis = diagnosed(tmp_path / "power")
-    text = report.render(diagnosis)
+    text = render(diagnosis)
     assert "Power over time" in text and "What is left, before and after" not in text and "rms error of power" in text
     course = next(one for one in maps.courses(scene_of(diagnosis)) if one.link == "desk>sofa")
     heard = np.load(case / "office.npz")["response"][0]

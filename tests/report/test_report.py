@@ -17,7 +17,8 @@ from conftest_world import World
 from gr_cast.diagnose import diagnose, read_case
 from gr_cast.diagnose.maps import before_and_after, maps_of, power_of, steps
 from gr_cast.diagnose.write import maps
-from gr_cast.report import Album, render
+from gr_cast.report.link.page import render
+from gr_cast.report.pages import Album
 
 ECHO, DC = 0.3 * 0.1 * np.exp(1j), 0.02
 

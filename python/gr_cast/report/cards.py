@@ -4,7 +4,7 @@
 from collections.abc import Callable
 from html import escape
 
-from .pictures import in_words
+from .pages import in_words
 
 
 def cards(document: dict, lines_of: Callable[[dict], dict[str, str]]) -> str:

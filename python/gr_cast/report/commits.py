@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..pipeline.verdict import DIFFER, FAILS, OPEN, SAME, WORSE
-from . import NEGATIVE, STYLE, Album
+from .pages import NEGATIVE, STYLE, Album
 
 SHORT = {SAME: "same", WORSE: "worse", DIFFER: "differs", OPEN: "open", FAILS: "fails"}
 MOST_COMMITS = 200  # on one page, the newest

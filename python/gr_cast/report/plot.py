@@ -9,6 +9,7 @@ import matplotlib
 matplotlib.use("Agg")  # programs and tests draw without a screen
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from .. import scenario as sc
@@ -33,13 +34,23 @@ def save(figure: Figure, path: str | Path) -> None:
         figure.savefig(aside, dpi=110)
 
 
+def png(figure: Figure, dpi: float) -> bytes:
+    """The file of a figure, laid out and drawn once; `savefig` draws it once more, to lay it out."""
+    figure.dpi = dpi
+    canvas = FigureCanvasAgg(figure)
+    if layout := figure.get_layout_engine():
+        layout.execute(figure)
+        figure.set_layout_engine("none")
+    with io.BytesIO() as file:
+        canvas.print_png(file)
+        return file.getvalue()
+
+
 class _Figure(Figure):
     """One that a notebook shows where it is the value of a cell."""
 
     def _repr_png_(self) -> bytes:
-        with io.BytesIO() as file:
-            self.savefig(file, format="png", dpi=90)
-            return file.getvalue()
+        return png(self, 90)
 
 
 def new_figure(width: float, height: float) -> Figure:

@@ -10,7 +10,6 @@ import re
 from pathlib import Path
 
 import numpy as np
-import scipy.io
 
 from ..core.documents import Reader, json_file, short
 from ..core.errors import CastError, Faults
@@ -205,12 +204,14 @@ def write(path: str | Path, scenario: Scenario, *, form: str = "taps") -> None:
     `form` is "taps" (cells over time) or "static" (N x N path gains in dB; every link must be one constant tap of
     phase 0 within the first 10 ns). Linear interpolation is written out at 1 ms. Raises CastError with every fault.
     """
+    from scipy.io import savemat  # here: programs that write none begin a twelfth of a second earlier
+
     path, faults = Path(path), Faults(str(path))
     content = _static_content(scenario, faults) if form == "static" else _taps_content(scenario, faults)
     faults.raise_if_any()
     with written_aside(path) as aside:
         with open(aside, "wb") as file:  # SciPy hides why a name cannot be written to
-            scipy.io.savemat(file, content, do_compression=True)
+            savemat(file, content, do_compression=True)
 
 
 def _static_content(scenario: Scenario, faults: Faults) -> dict:

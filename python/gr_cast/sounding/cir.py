@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.special import betaln
-from scipy.stats import gamma
+from scipy.special import betaln, gammaincinv
 
 from .correlate import OVERSAMPLING, Template
 
@@ -185,8 +184,8 @@ def _unsteady(power: np.ndarray, blocks: int, noise: float) -> float:
         return 0.0
     low, median, high = np.percentile(power, (25, 50, 75)) / blocks
     chance = 3 * noise / np.sqrt(blocks * _MEDIAN_EFFICIENCY * len(power))
-    level = median - noise * gamma.median(blocks) / blocks
-    width = high - low - noise * np.diff(gamma.ppf((0.25, 0.75), blocks))[0] / blocks
+    level = median - noise * gammaincinv(blocks, 0.5) / blocks
+    width = high - low - noise * np.diff(gammaincinv(blocks, (0.25, 0.75)))[0] / blocks
     return max(level / np.log(2) if level > chance else 0.0, width / np.log(3) if width > 2 * chance else 0.0)
 
 
@@ -225,7 +224,7 @@ def estimate_taps(
     while True:
         power = _powers(template, rest)
         whole = power[::OVERSAMPLING][:span]
-        noise = noise_variance if known_noise else max(np.median(whole) / gamma.median(blocks), least_noise)
+        noise = noise_variance if known_noise else max(np.median(whole) / gammaincinv(blocks, 0.5), least_noise)
         unsteady = one_block * _unsteady(whole, blocks, noise)
         found = _strongest(template, power, delays, separation_samples, span)
         least = max(threshold * noise + blocks * unsteady, blocks * template.energy * _spurs(gain, spur))

@@ -4,7 +4,7 @@ at once, which no channel does."""
 
 import numpy as np
 from scipy.fft import irfft, rfft
-from scipy.stats import gamma
+from scipy.special import gammainccinv, gammaincinv
 
 from .correlate import Template
 
@@ -47,8 +47,8 @@ def _profile(samples: np.ndarray, template: Template) -> np.ndarray:
     step = max(1, CHUNK // samples.shape[1])
     power = sum(np.sum(np.abs(template.matched_filter(part.T)) ** 2, axis=1) for part in _pieces(samples, step)) / len(samples)
     count = len(samples)
-    noise = np.median(power) / gamma.median(count)  # of one period, over their number: sums of so many exponential variables
-    return np.where(power > noise * gamma.isf(CHANCE, count), power - count * noise, 0.0)
+    noise = np.median(power) / gammaincinv(count, 0.5)  # of one period, over their number: sums of so many exponential variables
+    return np.where(power > noise * gammainccinv(count, CHANCE), power - count * noise, 0.0)
 
 
 def _pieces(samples: np.ndarray, step: int):

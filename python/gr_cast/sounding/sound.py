@@ -4,7 +4,7 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.stats import gamma
+from scipy.special import gammainccinv
 
 from ..core.errors import CastError
 from ..core.units import db_from_power
@@ -405,7 +405,7 @@ def _result(
     detected = np.zeros(frames, bool)
     if found:  # the energy along the taps is a χ² variable when there is noise alone
         energy = np.sum(np.abs(explained) ** 2, axis=0)
-        detected = energy > frame_noise * gamma.isf(options.false_alarm_rate, found)
+        detected = energy > frame_noise * gammainccinv(found, options.false_alarm_rate)
     gram = template.gram(taps.delay_samples)
     blocks = taps.gain.shape[1]
     scatter = gram @ np.linalg.pinv(columns.conj().T @ columns)  # times the noise, what it puts on top of gᴴGg is the trace

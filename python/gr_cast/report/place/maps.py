@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_power, power_from_db
 from ...diagnose.places import imaging
-from ..pictures import CAUSE, GOOD, INK, NOISE, TITLES
+from ..pages import CAUSE, GOOD, INK, NOISE, TITLES
 from ..plot import new_figure
 
 MOST_LINKS = 40  # that have a row or a panel

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...twin.places.families import FAMILIES
 from ..cards import cards
-from ..pictures import in_words
+from ..pages import in_words
 
 NEXT = {
     "synchronise": "the same with clocks that are synchronised, so that delays are known",

@@ -5,7 +5,7 @@ import itertools
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from ....scenario.create.nodes import ANTENNAS
 from .base import SURVEYED_M, Effect, Family, std_of, value
@@ -105,7 +105,7 @@ class NodePosition(_OfNode):
 
     def besides(self, view, effect):
         # Phases that another cause spoils may lead to any well about as far off.
-        return np.eye(3) * (np.linalg.norm(effect.values) / norm.ppf(0.975)) ** 2
+        return np.eye(3) * (np.linalg.norm(effect.values) / ndtri(0.975)) ** 2
 
     def told(self, view, effect, covariance):
         return {"offset_m": value(effect.values, np.sqrt(np.maximum(np.diag(covariance), 0)))}

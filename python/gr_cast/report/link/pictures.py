@@ -6,20 +6,13 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..core.units import db_from_amplitude, db_from_power
-from ..diagnose.maps import Maps, before_and_after, power_of, steps
-from ..twin.effects import FAMILIES
-from .plot import new_figure
+from ...core.units import db_from_amplitude, db_from_power
+from ...diagnose.maps import Maps, before_and_after, power_of, steps
+from ...twin.effects import FAMILIES
+from ..pages import CAUSE, GOOD, INK, NOISE, TITLES, in_words
+from ..plot import new_figure
 
-INK, CAUSE, NOISE, GOOD = "#1b2733", "#b3541e", "#8a99a8", "#3b7a57"
 MARK, LEFT = "#4fd1ff", "#ff4f4f"
-TITLES = ("twin as it is", "corrected twin")
-
-
-def in_words(name: str) -> str:
-    """A name of the contract as an engineer writes it."""
-    short = {"pa": "PA", "iq": "I/Q", "dc": "DC", "lo": "LO", "adc": "ADC"}
-    return " ".join(short.get(word, word) for word in name.split("_"))
 
 
 def maps_figure(finding, effects: list[dict], left: list[dict]) -> Figure:
@@ -31,7 +24,12 @@ def maps_figure(finding, effects: list[dict], left: list[dict]) -> Figure:
     both = before_and_after(finding, floor)
     periodic = len(both[0].position) > 0
     figure = new_figure(10.5, 10.6 if periodic else 8.4)
-    rows = figure.subplots(4 if periodic else 3, 2, sharey="row", height_ratios=[1.25, 1.25, 1.0, 0.8][: 3 + periodic])
+    figure.set_layout_engine(
+        "none"
+    )  # to find room for eight axes takes longer than to draw them: these margins hold their labels
+    margins = dict(left=0.08, right=0.885, top=1 - 0.35 / figure.get_figheight(), bottom=0.5 / figure.get_figheight())
+    shares = [1.25, 1.25, 1.0, 0.8][: 3 + periodic]
+    rows = figure.subplots(len(shares), 2, sharey="row", height_ratios=shares, gridspec_kw=dict(margins, hspace=0.34, wspace=0.2))
     scales = [_scale(*(getattr(m, name) for m in both)) for name in ("time_frequency", "delay_time")]
     for column, (m, title) in enumerate(zip(both, TITLES, strict=True)):
         marks = effects if column == 0 else left
@@ -44,7 +42,8 @@ def maps_figure(finding, effects: list[dict], left: list[dict]) -> Figure:
             _position(rows[3, column], finding, m, column)
         rows[0, column].set_title(title, fontsize=12, fontweight="bold")
     for row, label in enumerate(("residual over noise / dB", "correlated, over noise / dB")):
-        figure.colorbar(pictures[row], ax=rows[row, :], label=label, aspect=18)
+        place = rows[row, 1].get_position()
+        figure.colorbar(pictures[row], cax=figure.add_axes([0.905, place.y0, 0.014, place.height]), label=label)
     return figure
 
 
