@@ -26,7 +26,6 @@ from gr_cast.experiments.cellular import experiment, stack, stack_run, stack_scr
 from gr_cast.experiments.cellular.downlink import Cell, Downlink, Radio
 from gr_cast.experiments.cellular.stack_clock import LOOK_S, Clock
 from gr_cast.experiments.traffic.namespaces import run_with_rights
-from gr_cast.report import plot
 from gr_cast.scenario.create import room
 from gr_cast.scenario.create.spec import read as read_spec
 from gr_cast.sounding.result import output_folder
@@ -249,6 +248,8 @@ def _run_stack(plan, emulation, rate_hz: float, clock: Clock) -> tuple[CastError
 
 
 def _report_stack(args, output: Path, plan, played, cells, failure, status: dict, clock: Clock) -> int:
+    from gr_cast.report import plot
+
     found, missing = stack_run.collect(plan)
     files, rows = [], []
     for quantity, terminals in found.items():
@@ -307,6 +308,8 @@ def _beside_the_model(output: Path, heard: dict[str, Heard], modelled: dict[str,
 
 
 def _report(args, output: Path, scenarios, cells, radio, courses, checks, files, complete: bool) -> None:
+    from gr_cast.report import plot
+
     rows = [row for course in courses for row in experiment.summary(course, args.offered)]
     print(f"{experiment.MODEL}\n")
     print(f"{'run':>8s} {'terminal':>8s} {'SINR mean':>9s} {'min':>6s} {'max':>6s} {'CQI':>4s} {'UDP Mbit/s':>10s} {'loss %':>6s}"

@@ -13,7 +13,6 @@ from gr_cast.comparing import responses, series, similarity
 from gr_cast.core.errors import CastError
 from gr_cast.core.files import write_json
 from gr_cast.core.units import db_from_amplitude
-from gr_cast.report import plot
 from gr_cast.sounding.result import output_folder
 
 
@@ -46,6 +45,8 @@ def main(argv=None) -> int:
     parser.add_argument("--time", type=float, default=0.0, metavar="SECONDS", help="of the scenario's taps (default 0)")
     parser.add_argument("--tolerance", type=float, default=20e-9, metavar="SECONDS", help="between paired taps (default 20e-9)")
     args = _program.parse(parser, argv)
+    from gr_cast.report import plot
+
     both = [_response(name, args.link, args.time) for name in (args.a, args.b)]
     if any(both):
         if not all(both):

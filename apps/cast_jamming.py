@@ -15,7 +15,6 @@ from gr_cast.core.errors import CastError
 from gr_cast.core.files import write_json
 from gr_cast.experiments import hall, jamming, left_out, loss, paper
 from gr_cast.experiments import jamming_result as result
-from gr_cast.report import plot
 from gr_cast.signals.wifi import MODES
 from gr_cast.sounding.result import output_folder
 
@@ -87,6 +86,7 @@ def _settings(case: str, args) -> list[jamming.Setting]:
 def run(args) -> int:
     """Frames over a scenario and over its twin, for every case; the hall's twin has four taps on the 10 ns grid."""
     from gr_cast.blocks.modem import open_modem
+    from gr_cast.report import plot
 
     modem = open_modem(args.modem, args.mode)
     cases = args.case or (["scenario-narrowband", "scenario-wideband"] if args.scenario else DEFAULT_CASES)
@@ -124,6 +124,7 @@ def sweep(args) -> int:
     """Packet loss over SINR: white noise, the jammers, and the modem alone; the SINR that is measured beside the one set."""
     from gr_cast.blocks.frames import FrameEmulator
     from gr_cast.blocks.modem import open_modem
+    from gr_cast.report import plot
 
     modem = open_modem(args.modem, args.mode)
     folder = output_folder(args.output)
@@ -151,6 +152,7 @@ def leave_out(args) -> int:
     from gr_cast.blocks.frames import FrameEmulator
     from gr_cast.blocks.modem import open_modem
     from gr_cast.diagnose import diagnose, read_case, write
+    from gr_cast.report import plot
     from gr_cast.report.link.page import render
 
     kind, wall = left_out.parse(args.what)

@@ -17,9 +17,6 @@ from gr_cast.core.errors import CastError
 from gr_cast.core.figures import fixed
 from gr_cast.core.files import write_json, write_text
 from gr_cast.core.units import db_from_amplitude
-from gr_cast.report import plan, plot
-from gr_cast.report.place import area as place_area
-from gr_cast.report.place import planning as place_planning
 from gr_cast.scenario import colosseum, zarr_file
 from gr_cast.scenario.create import area, materials, model, p2m, pipeline
 from gr_cast.scenario.create.spec import read as read_spec
@@ -45,6 +42,8 @@ def _seconds(scenario: sc.Scenario) -> str:
 
 
 def show(args) -> None:
+    from gr_cast.report import plot
+
     scenario = sc.load(args.scenario)
     print(f"{scenario.name}: {len(scenario.nodes)} nodes, {len(scenario.links)} links, {_seconds(scenario).strip()}")
     if scenario.description:
@@ -84,6 +83,8 @@ def show(args) -> None:
 
 def _write_plan(name: str, target, scenario: sc.Scenario | None = None, bandwidth_hz: float | None = None) -> None:
     """The place as a page: objects, nodes, tracks, and the path loss over a band from a node that is clicked on."""
+    from gr_cast.report import plan
+
     path = sc.catalogue_entries().get(name, Path(name))
     write_text(target, plan.page(scenario or sc.read(path), zarr_file.outlines(path), bandwidth_hz))
     print(f"plan: {target}")
@@ -184,6 +185,9 @@ def _spec(name: str):
 
 def plan_soundings(args) -> None:
     """Before anyone measures: which positions make a place known, and what a campaign cannot see."""
+    from gr_cast.report import plot
+    from gr_cast.report.place import planning as place_planning
+
     spec = _spec(args.spec)
     solids = materials.assign(model.read(spec)[0], spec.materials, spec.carrier_hz)
     wanted = planning.Wanted(
@@ -206,6 +210,9 @@ def plan_soundings(args) -> None:
 
 def heat(args) -> None:
     """Path loss from one node to every point of an area, from a SPEC alone."""
+    from gr_cast.report import plot
+    from gr_cast.report.place import area as place_area
+
     spec = _spec(args.spec)
     wanted = area.Wanted(
         sender=args.sender, time_s=args.at, region_m=args.region, height_m=args.height, step_m=args.step, max_depth=args.depth
@@ -224,6 +231,8 @@ def heat(args) -> None:
 
 def check(args) -> int:
     """Exit status 1 where a link does not agree with its taps within the sounder's own uncertainty."""
+    from gr_cast.report import plot
+
     if not args.links >= 1:
         raise CastError(f"--links: got {args.links}, needs 1 or more")
     scenario = sc.load(args.scenario)

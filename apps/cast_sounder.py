@@ -17,7 +17,6 @@ from gr_cast.core.figures import fixed
 from gr_cast.core.files import check_writable, write_json, write_text
 from gr_cast.core.units import db_from_amplitude
 from gr_cast.experiments import paper
-from gr_cast.report import plot
 from gr_cast.signals import on_air, recording
 from gr_cast.signals.waveform import entry_from_text, waveform_from_entry
 from gr_cast.sounding import calibration, code_comparison, collect, flight, path_loss, result, transmission_log
@@ -231,6 +230,8 @@ def _sounded(args, file: recording.Recording, path, spec: dict, waveform) -> tup
 
 def _sound_file(args, file: recording.Recording, path, modelled_taps=()) -> dict:
     """Sound one recording and leave result.json, frames.csv and cir.png in --output; returns the document."""
+    from gr_cast.report import plot
+
     spec, waveform = _spec_and_waveform(args, file.metadata)
     sounding, document = _sounded(args, file, path, spec, waveform)
     folder = result.output_folder(args.output)
@@ -477,6 +478,8 @@ def _losses(args, paths) -> tuple[dict[tuple[str, str], list[float | None]], flo
 
 
 def _heatmap(args, paths) -> None:
+    from gr_cast.report import plot
+
     losses, error_db, results = _losses(args, paths)
     nodes, matrix = path_loss.loss_matrix(losses)
     folder = result.output_folder(args.output)
@@ -541,6 +544,8 @@ def _collect(args) -> None:
 
 
 def _codes(args) -> None:
+    from gr_cast.report import plot
+
     rows = code_comparison.compare()
     print(f"{'code':<18}{'':<12}{'chips':>6}{'peaks every':>14}{'sidelobe, closed form':>24}{'alone':>10}{'30 dB link':>12}")
     for row in rows:

@@ -17,7 +17,6 @@ from gr_cast.core.errors import CastError
 from gr_cast.core.files import write_json
 from gr_cast.experiments.traffic import flows, log, namespaces
 from gr_cast.experiments.traffic import run as generators
-from gr_cast.report import plot
 from gr_cast.sounding.result import output_folder
 
 STEP_S = 1.0  # of the series
@@ -60,6 +59,8 @@ def _generate(traffic, nodes, folder: Path, is_quiet=lambda: True) -> tuple[list
 
 
 def _report(output: Path, traffic, runs: list[dict], about: dict, failure: str | None) -> int:
+    from gr_cast.report import plot
+
     rows = []
     print(f"{'run':>10s} {'flow':>20s} {'sent':>6s} {'received':>8s} {'loss %':>7s} {'kbit/s':>8s}"
           f" {'latency ms':>10s} {'99 %':>8s}")  # fmt: skip
