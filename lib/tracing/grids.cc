@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "grids.h"
+#include "lanes.h"
 #include <algorithm>
 #include <cmath>
 
@@ -14,9 +15,6 @@ namespace
 {
 
 using complex = std::complex<double>;
-
-constexpr size_t LANES = 8;
-typedef float lanes __attribute__((vector_size(LANES * sizeof(float))));
 
 constexpr double LEAST = 1e-300;
 constexpr double EQUAL = 1e-9; // steps of a grid that differ by less of themselves are one
@@ -37,10 +35,6 @@ std::vector<complex> turns(const std::vector<double>& values, double rate)
     }
     return out;
 }
-
-struct pair_of_lanes {
-    lanes real, imag;
-};
 
 struct factor {
     float real, imag;

@@ -106,6 +106,38 @@ def test_phases_are_taken_out_of_columns_together_as_alone(phase, gain, delay):
         np.testing.assert_allclose(whole, likelihood.without_phases(heard, model, one), atol=1e-12 * np.abs(one).max())
 
 
+@pytest.mark.parametrize("phase", ["none", "link", "snapshot"])
+@pytest.mark.parametrize("gain", ["none", "common", "node", "link"])
+@pytest.mark.parametrize("delay", ["none", "node", "link"])
+def test_a_kernel_fits_what_is_unknown_as_numpy_does(phase, gain, delay, monkeypatch):
+    pytest.importorskip("gr_cast.scenario.create.tracing")
+    random, links = np.random.default_rng(5), (("a", "b"), ("a", "c"), ("c", "b"), ("d", "e"), ("f", "g"))
+    late, loud = random.uniform(-9e-9, 9e-9, 5), random.uniform(0.5, 2, 5)
+    h, frequency_hz = drawn(random, 5, 4, 16), 3e6 * np.arange(-8.0, 8.0)
+    h[4] = 0  # of which nothing is predicted
+    y = loud[:, None, None] * h * np.exp(-2j * np.pi * frequency_hz * late[:, None, None]) + 0.1 * drawn(random, 5, 4, 16)
+    weight = np.where(random.random(y.shape) < 0.1, 0.0, random.uniform(20, 90, y.shape) * 10.0 ** -np.arange(5)[:, None, None])
+    told = Heard(
+        links=links, y=np.where(weight > 0, y, 0), weight=weight, frequency_hz=frequency_hz, phase=phase, gain=gain, delay=delay
+    )
+    mine = likelihood.profiled(told, h)
+    monkeypatch.setattr(likelihood, "tracing", None)
+    theirs = likelihood.profiled(told, h)
+    assert mine.energy == pytest.approx(theirs.energy, rel=1e-7) and mine.offset == pytest.approx(theirs.offset, rel=1e-7)
+    for name in ("model", "residual", "factor"):
+        np.testing.assert_allclose(getattr(mine, name), getattr(theirs, name), atol=1e-6)
+
+
+def test_gains_of_links_are_each_links_own():
+    random = np.random.default_rng(6)
+    h, loud = drawn(random, 3, 2, 8), np.array([0.5, 3.0, 1.7])
+    told = Heard(
+        links=(("a", "b"), ("b", "c"), ("a", "c")), y=loud[:, None, None] * h, weight=np.full(h.shape, 1e6),
+        frequency_hz=1e6 * np.arange(8.0), phase="none", gain="link", delay="none",
+    )  # fmt: skip
+    np.testing.assert_allclose(likelihood.profiled(told, h).factor[:, 0, 0], loud, rtol=1e-9)
+
+
 def test_what_is_left_of_hidden_paths_is_what_they_leave_one_by_one():
     random, count = np.random.default_rng(3), np.array([4.0, 5.0])
     paths, heard = drawn(random, 2, 3, 8), drawn(random, 2, 8)

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The kernels of the tracer for Python, without GNU Radio: scenario/create/images.py and fields.py,
-// twin/places/passer.py and diagnose/places/bending.py, scan.py, tracks.py, passages.py have the
-// same in NumPy.
+// twin/places/passer.py and diagnose/places/bending.py, likelihood.py, scan.py, tracks.py,
+// passages.py have the same in NumPy.
 #include "../numpy_layout.h"
 #include "tracing/body.h"
 #include "tracing/edges.h"
@@ -9,6 +9,7 @@
 #include "tracing/grids.h"
 #include "tracing/maps.h"
 #include "tracing/mesh.h"
+#include "tracing/unknowns.h"
 #include <algorithm>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
@@ -391,6 +392,95 @@ py::tuple stepped(const array<complex>& path, const array<double>& rate, const a
     return py::make_tuple(top, side, left);
 }
 
+sounding sounding_of(const array<complex>& h, const array<complex>& weighted,
+                     const array<double>& weight, const array<double>& omega)
+{
+    if (h.ndim() != 3 || h.shape(2) != omega.size())
+        throw std::invalid_argument("model: needs links x instants x as many tones as omega");
+    expect(weighted, size_t(h.size()), "weighted");
+    expect(weight, size_t(h.size()), "weight");
+    return {size_t(h.shape(0)), size_t(h.shape(1)), size_t(h.shape(2)),
+            weighted.data(),    weight.data(),      omega.data()};
+}
+
+// (cross, moments), of all instants `together` or of each.
+py::tuple crossed(const array<complex>& h, const array<complex>& weighted,
+                  const array<double>& weight, const array<double>& omega, bool together)
+{
+    const sounding heard = sounding_of(h, weighted, weight, omega);
+    const py::ssize_t instants = together ? 1 : h.shape(1);
+    array<complex> cross({h.shape(0), instants, h.shape(2)});
+    array<double> moments({h.shape(0), instants, py::ssize_t(3)});
+    cross_with(heard, h.data(), together, cross.mutable_data(), moments.mutable_data());
+    return py::make_tuple(cross, moments);
+}
+
+// (links,) numbers of a grid of `size` delays.
+array<int64_t> coarsely_late(const array<complex>& cross, size_t size, double first,
+                             bool is_phase_free)
+{
+    if (cross.ndim() != 3)
+        throw std::invalid_argument("cross: needs links x instants x tones");
+    if (size < size_t(cross.shape(2)) || size < 2 || (size & (size - 1)))
+        throw std::invalid_argument("late: got a grid of " + std::to_string(size) +
+                                    ", needs a power of two and no less than there are tones");
+    array<int64_t> best(cross.shape(0));
+    coarse_delays(cross.data(), size_t(cross.shape(0)), size_t(cross.shape(1)),
+                  size_t(cross.shape(2)), size, first, is_phase_free, best.mutable_data());
+    return best;
+}
+
+shared shared_of(const std::string& name)
+{
+    for (const auto& [known, kind] :
+         {std::pair("none", shared::none), std::pair("common", shared::common),
+          std::pair("node", shared::node), std::pair("link", shared::link)})
+        if (name == known)
+            return kind;
+    throw std::invalid_argument("settled: got " + name + ", needs none, common, node or link");
+}
+
+// (delay_s, log_gain, sums, phase).
+py::tuple settled(const array<complex>& cross, const array<double>& moments,
+                  const array<double>& omega, const array<double>& delay_s,
+                  const array<int64_t>& ends, bool is_phase_free, const std::string& gain,
+                  const std::string& delay, size_t rounds)
+{
+    if (cross.ndim() != 3 || cross.shape(2) != omega.size())
+        throw std::invalid_argument("cross: needs links x instants x as many tones as omega");
+    const py::ssize_t links = cross.shape(0), instants = cross.shape(1);
+    expect(moments, size_t(links * instants) * 3, "moments");
+    expect(delay_s, size_t(links), "delay_s");
+    expect(ends, size_t(links) * 2, "ends");
+    const size_t nodes =
+        links ? size_t(*std::max_element(ends.data(), ends.data() + 2 * links)) + 1 : 0;
+    expect_below(ends, 0, 2 * size_t(links), "ends");
+    array<double> late(links), log_gain(links);
+    std::copy_n(delay_s.data(), links, late.mutable_data());
+    array<complex> sums({links, instants}), phase({links, instants});
+    settle({size_t(links), size_t(instants), size_t(omega.size()), cross.data(), moments.data(),
+            omega.data(), ends.data(), nodes, is_phase_free, shared_of(gain), shared_of(delay)},
+           rounds, late.mutable_data(), log_gain.mutable_data(), sums.mutable_data(),
+           phase.mutable_data());
+    return py::make_tuple(late, log_gain, sums, phase);
+}
+
+// (model, residual, energy) of a factor (links, 1 or instants, 1 or tones).
+py::tuple left_by(const array<complex>& h, const array<complex>& factor, const array<complex>& y,
+                  const array<double>& weight, const array<double>& omega)
+{
+    const sounding heard = sounding_of(h, y, weight, omega);
+    if (factor.ndim() != 3 || factor.shape(0) != h.shape(0) ||
+        (factor.shape(1) != 1 && factor.shape(1) != h.shape(1)) ||
+        (factor.shape(2) != 1 && factor.shape(2) != h.shape(2)))
+        throw std::invalid_argument("factor: needs links x 1 or instants x 1 or tones");
+    array<complex> model({h.shape(0), h.shape(1), h.shape(2)}),
+        residual({h.shape(0), h.shape(1), h.shape(2)});
+    const double energy = leave(heard, h.data(), y.data(), factor.data(), factor.shape(1) > 1,
+                                factor.shape(2) > 1, model.mutable_data(), residual.mutable_data());
+    return py::make_tuple(model, residual, energy);
+}
+
 } // namespace
 
 PYBIND11_MODULE(tracing, m)
@@ -420,5 +510,14 @@ PYBIND11_MODULE(tracing, m)
           py::arg("is_free"), py::arg("axes"));
     m.def("stepped", &stepped, py::arg("path"), py::arg("rate"), py::arg("rest"), py::arg("heard"),
           py::arg("is_free"), py::arg("places"), py::arg("count"));
+    m.def("crossed", &crossed, py::arg("h"), py::arg("weighted"), py::arg("weight"),
+          py::arg("omega"), py::arg("together"));
+    m.def("late", &coarsely_late, py::arg("cross"), py::arg("size"), py::arg("first"),
+          py::arg("is_phase_free"));
+    m.def("settled", &settled, py::arg("cross"), py::arg("moments"), py::arg("omega"),
+          py::arg("delay_s"), py::arg("ends"), py::arg("is_phase_free"), py::arg("gain"),
+          py::arg("delay"), py::arg("rounds"));
+    m.def("left_by", &left_by, py::arg("h"), py::arg("factor"), py::arg("y"), py::arg("weight"),
+          py::arg("omega"));
     m.def("turned_between", &turned_fields, py::arg("field"), py::arg("turned"), py::arg("at"));
 }

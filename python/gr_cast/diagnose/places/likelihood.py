@@ -11,6 +11,8 @@ import numpy as np
 from scipy.fft import ifft
 from scipy.special import ive
 
+from ...scenario.create.images import tracing
+
 _AGREEING = 6  # rounds in which a link of another delay than its nodes' loses its say
 _ROUNDS = 4  # of gains and delays, which are Gauss-Newton steps near the optimum
 _FAR = 1e6  # of a Bessel function's argument, beyond which its asymptote stands
@@ -34,10 +36,6 @@ class Heard:
     def known(self) -> np.ndarray:
         """(L, T, K) whether there is a number."""
         return self.weight > 0
-
-    @cached_property
-    def is_whole(self) -> bool:
-        return bool(self.known.all())
 
     @cached_property
     def count(self) -> int:
@@ -81,6 +79,12 @@ class Heard:
     def design(self) -> np.ndarray:
         return incidence(self.links)
 
+    @cached_property
+    def ends(self) -> np.ndarray:
+        """(L, 2) numbers of the nodes."""
+        names = sorted({name for link in self.links for name in link})
+        return np.array([[names.index(name) for name in link] for link in self.links])
+
     @property
     def spacing_hz(self) -> float:
         """Of neighbouring frequencies; 1 where there is but one."""
@@ -101,48 +105,65 @@ class Fitted:
 
 def profiled(heard: Heard, h: np.ndarray) -> Fitted:
     """The least energy over unknown phases, delays and gains."""
-    cross = h.conj() * heard.weighted  # (L, T, K)
-    is_known = heard.gain == heard.delay == "none"
-    moments = np.zeros((1, 1, 1)) if is_known else ((h.real**2 + h.imag**2) * heard.weight) @ heard.powers_of_omega  # (L, T, 3)
-    if heard.phase != "snapshot":  # instants are as one
-        cross, moments = (one.sum(axis=1, keepdims=True) for one in (cross, moments))
+    cross, moments = _crossed(heard, h)
     if heard.delay == "none":
         return _fitted(heard, h, cross, moments, np.zeros(len(h)))
     begun = _agreed(_delays(heard, cross), heard, moments[:, :, 0].sum(axis=1))
     return min((_fitted(heard, h, cross, moments, delay_s) for delay_s in begun), key=lambda fit: fit.energy)
 
 
+def _crossed(heard: Heard, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(L, T, K) of model and sounding, and moments (L, T, 3) of the model's power over frequency; T = 1 where instants are as
+    one."""
+    together = heard.phase != "snapshot"
+    if tracing:
+        return tracing.crossed(h, heard.weighted, heard.weight, heard.omega, together)
+    cross = h.conj() * heard.weighted
+    moments = ((h.real**2 + h.imag**2) * heard.weight) @ heard.powers_of_omega
+    return tuple(one.sum(axis=1, keepdims=True) for one in (cross, moments)) if together else (cross, moments)
+
+
 def _fitted(heard: Heard, h: np.ndarray, cross: np.ndarray, moments: np.ndarray, delay_s: np.ndarray) -> Fitted:
     """The least energy near some delays (L,); `cross` and `moments` of each instant, or of all where these have one phase."""
-    omega, bend = heard.omega, _bend(heard, moments) if heard.delay != "none" else None
-    log_gain = np.zeros(len(h))
+    delay_s, log_gain, sums, phase = _settled(heard, cross, moments, delay_s)
+    factor = (phase * np.exp(log_gain)[:, None])[:, :, None]
+    if heard.delay != "none":
+        factor = factor * np.exp(-1j * delay_s[:, None] * heard.omega)[:, None]
+    model, residual, energy = _left_by(heard, h, factor)
+    turns = _turns_nats(heard, sums * np.exp(log_gain)[:, None])
+    factor = np.broadcast_to(factor, h.shape)
+    return Fitted(model=model, residual=residual, energy=energy + turns, factor=factor, offset=turns)
+
+
+def _left_by(heard: Heard, h: np.ndarray, factor: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Model, residual and its energy, of a factor (L, 1 or T, 1 or K)."""
+    if tracing:
+        return tracing.left_by(h, factor, heard.y, heard.weight, heard.omega)
+    model = h * factor
+    residual = np.where(heard.known, heard.y - model, 0)
+    return model, residual, float(((residual.real**2 + residual.imag**2) * heard.weight).sum())
+
+
+def _settled(heard: Heard, cross: np.ndarray, moments: np.ndarray, delay_s: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Delays and logarithms of gains (L,), sums of model and sounding over frequency (L, T) and what turns them (L, T), by
+    Gauss-Newton steps from some delays."""
+    if tracing:
+        free = heard.phase != "none"
+        return tracing.settled(
+            cross, moments, heard.omega, delay_s, heard.ends, free, heard.gain, heard.delay, _ROUNDS
+        )  # fmt: skip
+    omega, bend = heard.omega, _bend(heard, moments)
+    log_gain = np.zeros(len(cross))
     for number in range(_ROUNDS if heard.gain != "none" or heard.delay != "none" else 1):
-        if heard.delay != "none":
+        if heard.delay != "none" or not number:
             turn = np.exp(1j * delay_s[:, None] * omega)
             sums = cross @ (turn[:, :, None] * heard.powers_of_omega[:, :2])  # (L, T, 2): over frequencies, and times them
-        elif not number:
-            sums = cross @ heard.powers_of_omega[:, :2]
-        factor = _phases(sums[:, :, 0], heard.phase)
+            phase = _phases(sums[:, :, 0], heard.phase)
         if heard.gain != "none":
-            wanted = (sums[:, :, 0] * factor.conj()).real.sum(axis=1)
-            have = moments[:, :, 0].sum(axis=1)
-            ratio = np.where(
-                have > 0, np.maximum(wanted, 1e-6 * have) / np.where(have > 0, have, 1), 1
-            )  # 1: nothing is predicted
-            if heard.gain == "common":
-                log_gain = np.full(len(h), np.log(max(wanted.sum(), 1e-6 * have.sum(), 1e-300) / max(have.sum(), 1e-300)))
-            else:
-                log_gain = _gains(ratio, have, log_gain if number else None, heard)
+            log_gain = _gains(heard, (sums[:, :, 0] * phase.conj()).real.sum(axis=1), moments, log_gain if number else None)
         if heard.delay != "none" and number + 1 < _ROUNDS:
-            delay_s = delay_s + _delay_step(heard, sums * factor.conj()[:, :, None], *bend, np.exp(log_gain))
-    factor = (factor * np.exp(log_gain)[:, None])[:, :, None]
-    if heard.delay != "none":
-        factor = factor * turn.conj()[:, None]
-    model = h * factor
-    residual = heard.y - model if heard.is_whole else np.where(heard.known, heard.y - model, 0)
-    turns = _turns_nats(heard, sums[:, :, 0] * np.exp(log_gain)[:, None])
-    energy = float(((residual.real**2 + residual.imag**2) * heard.weight).sum()) + turns
-    return Fitted(model=model, residual=residual, energy=energy, factor=np.broadcast_to(factor, h.shape), offset=turns)
+            delay_s = delay_s + _delay_step(heard, sums * phase.conj()[:, :, None], *bend, np.exp(log_gain))
+    return delay_s, log_gain, sums[:, :, 0], phase
 
 
 def tempered(energy: np.ndarray, count: np.ndarray) -> np.ndarray:
@@ -185,8 +206,15 @@ def incidence(links) -> np.ndarray:
     return out
 
 
-def _gains(ratio: np.ndarray, have: np.ndarray, before: np.ndarray | None, heard: Heard) -> np.ndarray:
-    """Log gains per node, summed per link: weighted least squares of ln(ratio), then Gauss-Newton in amplitude."""
+def _gains(heard: Heard, wanted: np.ndarray, moments: np.ndarray, before: np.ndarray | None) -> np.ndarray:
+    """Log gains of links (L,), whose models are `wanted` (L,) for what they have: of nodes, summed per link, by weighted least
+    squares of the logarithm first, then by Gauss-Newton steps in amplitude."""
+    have = moments[:, :, 0].sum(axis=1)
+    if heard.gain == "common":
+        return np.full(len(have), np.log(max(wanted.sum(), 1e-6 * have.sum(), 1e-300) / max(have.sum(), 1e-300)))
+    ratio = np.where(have > 0, np.maximum(wanted, 1e-6 * have) / np.where(have > 0, have, 1), 1)  # 1: nothing is predicted
+    if heard.gain == "link":
+        return np.log(ratio)
     design = heard.design
     if before is None:
         root = np.sqrt(have) * np.minimum(ratio, 1 / np.maximum(ratio, 1e-12))
@@ -220,16 +248,19 @@ def _agreed(delay_s: np.ndarray, heard: Heard, weight: np.ndarray) -> list[np.nd
 
 def _delays(heard: Heard, cross: np.ndarray) -> np.ndarray:
     """The best delay per link from the whole range that the steps of frequency tell apart."""
-    count = len(heard.frequency_hz)
-    size = 1 << int(np.ceil(np.log2(_FINER * count)))
-    cross = cross if heard.phase == "snapshot" else cross.sum(axis=1)
-    most = np.abs(cross).max(axis=tuple(range(1, cross.ndim)), keepdims=True)  # single precision holds no powers of amplitudes
+    size = 1 << int(np.ceil(np.log2(_FINER * len(heard.frequency_hz))))
+    return np.fft.fftfreq(size, heard.spacing_hz)[_late(heard, cross, size)]
+
+
+def _late(heard: Heard, cross: np.ndarray, size: int) -> np.ndarray:
+    """(L,) numbers of the best delays on a grid of `size`, as a transform has it."""
+    first, free = heard.frequency_hz[0] / heard.spacing_hz, heard.phase != "none"  # the grid starts at the first frequency
+    if tracing:
+        return tracing.late(cross, size, first, free)
+    most = np.abs(cross).max(axis=(1, 2), keepdims=True)  # single precision holds no powers of amplitudes
     profile = ifft((cross / np.maximum(most, _FAINT)).astype(np.complex64), size)
-    score = np.abs(profile).sum(axis=1, dtype=float) if heard.phase == "snapshot" else np.abs(profile)
-    if heard.phase == "none":  # the grid starts at the first frequency
-        grid_s = np.fft.fftfreq(size, heard.spacing_hz)
-        score = (profile * np.exp(2j * np.pi * heard.frequency_hz[0] * grid_s)).real
-    return np.fft.fftfreq(size, heard.spacing_hz)[np.argmax(score, axis=-1)]
+    face = 1.0 if free else np.exp(2j * np.pi * first * np.fft.fftfreq(size))
+    return np.argmax((np.abs(profile) if free else (profile * face).real).sum(axis=1, dtype=float), axis=-1)
 
 
 def _bend(heard: Heard, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
