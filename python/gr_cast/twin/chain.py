@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import fft as sp_fft
 
-from .interpolate import TAU, cubic, moved, oversampled, phasor
+from .interpolate import TAU, cubic, moved, oversampled, phasor, turning
 from .scene import OVERSAMPLING, Path, Scene, Source
 
 SLOW = 3e-4  # by which a gain may change between two paths that are taken together
@@ -68,7 +68,7 @@ class Chain:
         for i, leak in self.leaks.items():
             for path in self.paths:
                 if path.source == i:
-                    tone = phasor(TAU * path.doppler * self.u) if path.doppler else 1.0
+                    tone = turning(path.doppler, self.u) if path.doppler else 1.0
                     gain = path.gain if path.shape is None else path.gain * _turned_shape(path.shape, carrier[i]).sum()
                     turn = _behind(path, carrier[i]) * self.sent(i, path.delay)
                     y += self.ports.get(i, 1.0) * leak * gain * tone * turn
@@ -101,7 +101,7 @@ class Chain:
             response = sum(self._response(p, len(wave), carrier) for p in paths)
             signal = self.sample(source, spectra[i] * response, stretch)
         if doppler:
-            signal = signal * phasor(TAU * doppler * self.u)
+            signal = signal * turning(doppler, self.u)
         return signal if paths[0].track is None else signal * paths[0].track
 
     def modulate(self, source: int, factor: Callable[[float], np.ndarray]) -> None:

@@ -5,7 +5,7 @@ where it has echoes of its own, Re and Im of taps at whole samples (aux lags) fr
 import numpy as np
 
 from ..columns import Dense
-from ..interpolate import TAU, frequencies, phasor
+from ..interpolate import TAU, frequencies, phasor, turning
 from ..scene import BINS
 from .base import ENVIRONMENT, PROBE, Family, Multiplicity, amid, complex_pair, db, start, turned
 from .values import NEEDED, NUMBER, NUMBERS, WHOLES, Value
@@ -38,7 +38,7 @@ class SecondTransmitter(Family):
         else:
             signal = complex(re, im) * signal
         if doppler:
-            signal = signal * phasor(TAU * doppler * (chain.u - 0.5))
+            signal = signal * turning(doppler, chain.u) * np.exp(-1j * np.pi * doppler)
         chain.y = chain.y + signal
 
     @staticmethod

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from ..interpolate import TAU, phasor
+from ..interpolate import turning
 from .base import AIR, Family, Multiplicity, amid, complex_pair, db, rms_of, said_rms, start, turned
 from .values import NEEDED, NUMBER, POSITIVE
 
@@ -23,8 +23,8 @@ class ToneInterference(Family):
 
     def apply(self, chain, effect):
         re, im, cycles = effect.p
-        turning = phasor(TAU * cycles * (chain.u - 0.5))  # in the air it goes on while a recorder loses samples
-        chain.y = chain.y + rms_of(chain.scene, effect) * complex(re, im) * turning
+        begun = rms_of(chain.scene, effect) * complex(re, im) * np.exp(-1j * np.pi * cycles)
+        chain.y = chain.y + begun * turning(cycles, chain.u)  # in the air it goes on while a recorder loses samples
 
     def starts(self, view):
         for cycles in view.lines(count=2):
