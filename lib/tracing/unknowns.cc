@@ -211,7 +211,8 @@ void cross_with(const sounding& heard, const complex* model, bool together, comp
             double power = 0, middle = 0, spread = 0;
             for (size_t k = 0; k < tones; k++) {
                 const complex h = model[from + k];
-                cross[to * tones + k] += std::conj(h) * heard.weighted[from + k];
+                const complex own = heard.y[from + k] * heard.weight[from + k];
+                cross[to * tones + k] += std::conj(h) * own;
                 const double loud = std::norm(h) * heard.weight[from + k];
                 power += loud;
                 middle += loud * heard.omega[k];
@@ -291,8 +292,8 @@ void settle(const unknowns& told, size_t rounds, double* delay_s, double* log_ga
     }
 }
 
-double leave(const sounding& heard, const complex* h, const complex* y, const complex* factor,
-             bool by_instant, bool by_tone, complex* model, complex* residual)
+double leave(const sounding& heard, const complex* h, const complex* factor, bool by_instant,
+             bool by_tone, complex* model, complex* residual)
 {
     const size_t tones = heard.tones, wide = by_tone ? tones : 1;
     double energy = 0;
@@ -303,7 +304,7 @@ double leave(const sounding& heard, const complex* h, const complex* y, const co
             for (size_t k = 0; k < tones; k++) {
                 const size_t i = from + k;
                 model[i] = h[i] * own[by_tone ? k : 0];
-                residual[i] = heard.weight[i] > 0 ? y[i] - model[i] : complex();
+                residual[i] = heard.weight[i] > 0 ? heard.y[i] - model[i] : complex();
                 energy += std::norm(residual[i]) * heard.weight[i];
             }
         }

@@ -14,10 +14,10 @@ namespace tracing
 
 enum class shared { none, common, node, link };
 
-// A sounding: links x instants x tones of what was heard over the power of its noise.
+// A sounding: links x instants x tones of what was heard.
 struct sounding {
     size_t links, instants, tones;
-    const std::complex<double>* weighted;
+    const std::complex<double>* y;
     const double *weight, *omega; // 1 / noise power or 0; rad/s
 };
 
@@ -48,9 +48,9 @@ struct unknowns {
 void settle(const unknowns& told, size_t rounds, double* delay_s, double* log_gain,
             std::complex<double>* sums, std::complex<double>* phase);
 
-// What `factor` (links x 1 or instants x 1 or tones) times `h` leaves of `y`: the model, and the
+// What `factor` (links x 1 or instants x 1 or tones) times `h` leaves: the model, and the
 // residual, 0 where nothing is known; returns Σ |residual|²·weight.
-double leave(const sounding& heard, const std::complex<double>* h, const std::complex<double>* y,
+double leave(const sounding& heard, const std::complex<double>* h,
              const std::complex<double>* factor, bool by_instant, bool by_tone,
              std::complex<double>* model, std::complex<double>* residual);
 

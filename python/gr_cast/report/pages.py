@@ -65,3 +65,20 @@ def in_words(name: str) -> str:
     """A name of the contract as an engineer writes it."""
     short = {"pa": "PA", "iq": "I/Q", "dc": "DC", "lo": "LO", "adc": "ADC"}
     return " ".join(short.get(word, word) for word in name.split("_"))
+
+
+def listed(words: list[str]) -> str:
+    words = list(dict.fromkeys(words))
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1] if words else ""
+
+
+def runner_up(effect: dict, ambiguous: list[dict], does: str) -> str:
+    """What comes next to an effect of a document, which as a family `does` ("fits", "explains") what it does."""
+    equal = [f for pair in ambiguous if effect["family"] in pair["families"] for f in pair["families"] if f != effect["family"]]
+    if equal:
+        return f"{listed([in_words(f) for f in equal])}: it {does} as well"
+    evidence = effect["evidence"]
+    if not evidence["runner_up"]:
+        return "none comes near"
+    margin = evidence["runner_up_margin_nats"]
+    return f"{in_words(evidence['runner_up'])}, {abs(margin):,.0f} nats {'behind' if margin >= 0 else 'ahead'}"

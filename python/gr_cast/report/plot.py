@@ -53,8 +53,8 @@ class _Figure(Figure):
         return png(self, 90)
 
 
-def new_figure(width: float, height: float) -> Figure:
-    return _Figure(figsize=(width, height), layout="constrained")
+def new_figure(width: float, height: float, layout: str | None = "constrained") -> Figure:
+    return _Figure(figsize=(width, height), layout=layout)
 
 
 def _span_db(axes) -> None:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Band-limited signals between their samples."""
 
-import weakref
 from collections.abc import Callable
 
 import numpy as np
@@ -9,9 +8,7 @@ from scipy import fft as sp_fft
 
 TAU = 2 * np.pi
 BLOCK = 256  # steps that are turned together
-EVEN = 1e-15  # of all times together, by which a step may be off: rounding
-KEPT = 16  # arrays of which it is known whether their steps are equal
-_even: dict = {}  # by number in memory: the array, weakly, and whether it is
+EVEN = 1e-15  # of all times together, by which steps may differ: rounding
 
 
 def within_turn(turns: np.ndarray) -> np.ndarray:
@@ -28,8 +25,7 @@ def phasor(angle: np.ndarray) -> np.ndarray:
 
 
 def turning(cycles: float, u: np.ndarray) -> np.ndarray:
-    """exp(2πj·cycles·u) of times u (n,): of equal steps block by block, each turned from the first, to the last digits in a fifth
-    of the time."""
+    """exp(2πj·cycles·u) of times u (n,): of equal steps block by block, each turned from the first, to the last digits."""
     if not _is_even(u):
         return phasor(TAU * cycles * u)
     step = (u[-1] - u[0]) / (len(u) - 1)
@@ -38,17 +34,10 @@ def turning(cycles: float, u: np.ndarray) -> np.ndarray:
 
 
 def _is_even(u: np.ndarray) -> bool:
-    """Whether long times have equal steps; what was found of an array is kept while it is there."""
+    """Whether these are many times of equal steps."""
     if np.ndim(u) != 1 or len(u) < 4 * BLOCK:
         return False
-    known = _even.get(id(u))
-    if known is None or known[0]() is not u:
-        step = (u[-1] - u[0]) / (len(u) - 1)
-        even = bool(np.abs(np.diff(u) - step).max() < EVEN * abs(u[-1] - u[0]))
-        while len(_even) >= KEPT:
-            _even.pop(next(iter(_even)), None)
-        _even[id(u)] = known = weakref.ref(u), even
-    return known[1]
+    return bool(np.ptp(np.diff(u)) < EVEN * abs(u[-1] - u[0]))
 
 
 def frequencies(length: int) -> np.ndarray:

@@ -392,22 +392,22 @@ py::tuple stepped(const array<complex>& path, const array<double>& rate, const a
     return py::make_tuple(top, side, left);
 }
 
-sounding sounding_of(const array<complex>& h, const array<complex>& weighted,
-                     const array<double>& weight, const array<double>& omega)
+sounding sounding_of(const array<complex>& h, const array<complex>& y, const array<double>& weight,
+                     const array<double>& omega)
 {
     if (h.ndim() != 3 || h.shape(2) != omega.size())
         throw std::invalid_argument("model: needs links x instants x as many tones as omega");
-    expect(weighted, size_t(h.size()), "weighted");
+    expect(y, size_t(h.size()), "y");
     expect(weight, size_t(h.size()), "weight");
     return {size_t(h.shape(0)), size_t(h.shape(1)), size_t(h.shape(2)),
-            weighted.data(),    weight.data(),      omega.data()};
+            y.data(),           weight.data(),      omega.data()};
 }
 
 // (cross, moments), of all instants `together` or of each.
-py::tuple crossed(const array<complex>& h, const array<complex>& weighted,
-                  const array<double>& weight, const array<double>& omega, bool together)
+py::tuple crossed(const array<complex>& h, const array<complex>& y, const array<double>& weight,
+                  const array<double>& omega, bool together)
 {
-    const sounding heard = sounding_of(h, weighted, weight, omega);
+    const sounding heard = sounding_of(h, y, weight, omega);
     const py::ssize_t instants = together ? 1 : h.shape(1);
     array<complex> cross({h.shape(0), instants, h.shape(2)});
     array<double> moments({h.shape(0), instants, py::ssize_t(3)});
@@ -476,7 +476,7 @@ py::tuple left_by(const array<complex>& h, const array<complex>& factor, const a
         throw std::invalid_argument("factor: needs links x 1 or instants x 1 or tones");
     array<complex> model({h.shape(0), h.shape(1), h.shape(2)}),
         residual({h.shape(0), h.shape(1), h.shape(2)});
-    const double energy = leave(heard, h.data(), y.data(), factor.data(), factor.shape(1) > 1,
+    const double energy = leave(heard, h.data(), factor.data(), factor.shape(1) > 1,
                                 factor.shape(2) > 1, model.mutable_data(), residual.mutable_data());
     return py::make_tuple(model, residual, energy);
 }
@@ -510,8 +510,8 @@ PYBIND11_MODULE(tracing, m)
           py::arg("is_free"), py::arg("axes"));
     m.def("stepped", &stepped, py::arg("path"), py::arg("rate"), py::arg("rest"), py::arg("heard"),
           py::arg("is_free"), py::arg("places"), py::arg("count"));
-    m.def("crossed", &crossed, py::arg("h"), py::arg("weighted"), py::arg("weight"),
-          py::arg("omega"), py::arg("together"));
+    m.def("crossed", &crossed, py::arg("h"), py::arg("y"), py::arg("weight"), py::arg("omega"),
+          py::arg("together"));
     m.def("late", &coarsely_late, py::arg("cross"), py::arg("size"), py::arg("first"),
           py::arg("is_phase_free"));
     m.def("settled", &settled, py::arg("cross"), py::arg("moments"), py::arg("omega"),

@@ -82,8 +82,7 @@ class Heard:
     @cached_property
     def ends(self) -> np.ndarray:
         """(L, 2) numbers of the nodes."""
-        names = sorted({name for link in self.links for name in link})
-        return np.array([[names.index(name) for name in link] for link in self.links])
+        return numbered(self.links)
 
     @property
     def spacing_hz(self) -> float:
@@ -117,7 +116,7 @@ def _crossed(heard: Heard, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     one."""
     together = heard.phase != "snapshot"
     if tracing:
-        return tracing.crossed(h, heard.weighted, heard.weight, heard.omega, together)
+        return tracing.crossed(h, heard.y, heard.weight, heard.omega, together)
     cross = h.conj() * heard.weighted
     moments = ((h.real**2 + h.imag**2) * heard.weight) @ heard.powers_of_omega
     return tuple(one.sum(axis=1, keepdims=True) for one in (cross, moments)) if together else (cross, moments)
@@ -197,12 +196,17 @@ def _phases(cross: np.ndarray, kind: str) -> np.ndarray:
     return np.where(size > _FAINT, cross / np.maximum(size, _FAINT), 1)
 
 
-def incidence(links) -> np.ndarray:
+def numbered(links) -> np.ndarray:
+    """(L, 2) numbers of links' ends."""
     names = sorted({name for link in links for name in link})
-    out = np.zeros((len(links), len(names)))
-    for row, link in enumerate(links):
-        for name in link:
-            out[row, names.index(name)] += 1
+    return np.array([[names.index(name) for name in link] for link in links], int).reshape(-1, 2)
+
+
+def incidence(links) -> np.ndarray:
+    """(L, nodes) how often each node is an end of a link."""
+    ends = numbered(links)
+    out = np.zeros((len(ends), ends.max(initial=-1) + 1))
+    np.add.at(out, (np.arange(len(ends))[:, None], ends), 1)
     return out
 
 

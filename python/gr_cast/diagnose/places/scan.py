@@ -205,7 +205,9 @@ def _steps(row: Row, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nda
     return tracing.stepped(*told, places, count) if tracing else _stepped(*told, places, count)
 
 
-def _stepped(base, rates, rest, heard, is_free: bool, places: np.ndarray, count: float):
+def _stepped(
+    base, rates, rest, heard, is_free: bool, places: np.ndarray, count: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     paths = base * np.exp(-1j * np.einsum("wa,apk->wpk", places, rates))
     model, y = paths.sum(axis=1) + rest, heard.conj()
     slopes = np.einsum("wpk,apk->wak", -1j * paths, rates)

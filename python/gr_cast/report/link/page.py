@@ -12,7 +12,7 @@ from ...core.units import db_from_amplitude, db_from_power
 from ...diagnose.maps import power_of
 from ...twin.effects import FAMILIES
 from ..cards import cards
-from ..pages import NEGATIVE, STYLE, Album, in_words
+from ..pages import NEGATIVE, STYLE, Album, in_words, listed, runner_up
 from .pictures import maps_figure, waterfall_figure
 
 MOST_SHOWN = 3  # recordings with pictures
@@ -57,7 +57,7 @@ def render(diagnosis) -> str:
 
 def in_one_sentence(d: dict) -> str:
     """The verdict as a radio engineer would say it."""
-    names = _listed([in_words(e["family"]) for e in d["effects"]])
+    names = listed([in_words(e["family"]) for e in d["effects"]])
     fit = d["fit"]
     unseen = "on samples that took no part in the fit"
     falls = "falls" if fit["corrected_nmse_db"] < fit["twin_nmse_db"] - 0.005 else "goes"
@@ -77,9 +77,9 @@ def in_one_sentence(d: dict) -> str:
         return f"Unexplained: {unsure if d['residual']['record_next'] else cut_short}."
     absent = [w for w in d["residual"]["where"] if w.get("signal_absent")]
     if absent:
-        return f"Unexplained: {_listed(sorted({w['recording'] for w in absent}))}: {absent[0]['sentence']}"
+        return f"Unexplained: {listed(sorted({w['recording'] for w in absent}))}: {absent[0]['sentence']}"
     if all("confidence" in w for w in d["residual"]["where"]):
-        return f"Unexplained: {_listed([in_words(w['test']) for w in d['residual']['where']])}."
+        return f"Unexplained: {listed([in_words(w['test']) for w in d['residual']['where']])}."
     found = f" Found so far: {names}; {change}." if names else ""
     left_db = max(d["residual"]["unexplained_db"], fit["corrected_nmse_db"] - fit["noise_floor_db"])
     return f"Unexplained: {left_db:.2f} dB over the noise are left that no known physics explains.{found}"
@@ -89,11 +89,6 @@ def _span(before_db: float, after_db: float) -> str:
     """Two levels with as many digits as tell them apart."""
     digits = 1 if abs(before_db - after_db) > 0.5 else 2
     return f"{before_db:.{digits}f} to {after_db:.{digits}f}"
-
-
-def _listed(words: list[str]) -> str:
-    words = list(dict.fromkeys(words))
-    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1] if words else ""
 
 
 def _next(d: dict) -> str:
@@ -118,7 +113,7 @@ def _causes(diagnosis) -> str:
             "Where": escape(_place(e["where"], alone)),
             "Explains": _explained(e),
             "Evidence": _unseen(e["evidence"]["heldout_gain_nats"]),
-            "Runner-up": escape(_runner_up(e, d["ambiguous"])),
+            "Runner-up": escape(runner_up(e, d["ambiguous"], "fits")),
         }
 
     return cards(d, lines)
@@ -133,18 +128,7 @@ def _owner(owner: dict) -> str:
     said = {"tx": "transmitter ", "rx": "receiver ", "link": "the link ", "environment": "the surroundings"}
     text = said[owner["level"]] + ("" if owner["level"] == "environment" else owner["name"].replace(">", " → "))
     others = [f"{said[o['level']]}{o['name']}" for o in owner.get("alternatives", [])]
-    return text + (f"; it could as well be {_listed(others)}: one link alone cannot tell" if others else "")
-
-
-def _runner_up(e: dict, ambiguous: list[dict]) -> str:
-    equal = [f for a in ambiguous if e["family"] in a["families"] for f in a["families"] if f != e["family"]]
-    if equal:
-        return f"{_listed([in_words(f) for f in equal])}: it fits as well"
-    evidence = e["evidence"]
-    if not evidence["runner_up"]:
-        return "none comes near"
-    margin = evidence["runner_up_margin_nats"]
-    return f"{in_words(evidence['runner_up'])}, {abs(margin):,.0f} nats {'behind' if margin >= 0 else 'ahead'}"
+    return text + (f"; it could as well be {listed(others)}: one link alone cannot tell" if others else "")
 
 
 def _explained(e: dict) -> str:
@@ -166,7 +150,7 @@ def _place(where: dict, alone: bool) -> str:
     if where.get("amplitude"):
         texts.append(f"amplitudes of {where['amplitude'][0]:.3g} to {where['amplitude'][1]:.3g}")
     names = None if alone else where.get("recording")
-    shown = names if isinstance(names, str) else f"{len(names)} recordings" if names and len(names) > 3 else _listed(names or [])
+    shown = names if isinstance(names, str) else f"{len(names)} recordings" if names and len(names) > 3 else listed(names or [])
     return "; ".join(texts or ["everywhere, all the time"]) + (f"; in {shown}" if shown else "")
 
 
@@ -179,7 +163,7 @@ def _rest(diagnosis) -> str:
     d, alone = diagnosis.document, len(diagnosis.case.observations) == 1
     left = d["residual"]["where"]
     if not left:
-        tested = _listed([in_words(name) for name in d["residual"]["tested"]])
+        tested = listed([in_words(name) for name in d["residual"]["tested"]])
         untested = "What is left was not tested: the time was over."
         said = f"Nothing that noise would not leave, over {tested}." if tested else untested
         return f"<h2>What is left</h2><p>{escape(said)}</p>"

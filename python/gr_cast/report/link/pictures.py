@@ -23,10 +23,8 @@ def maps_figure(finding, effects: list[dict], left: list[dict]) -> Figure:
     floor = finding.data.noise_power or finding.fit.sigma2
     both = before_and_after(finding, floor)
     periodic = len(both[0].position) > 0
-    figure = new_figure(10.5, 10.6 if periodic else 8.4)
-    figure.set_layout_engine(
-        "none"
-    )  # to find room for eight axes takes longer than to draw them: these margins hold their labels
+    # Its own layout: to find room for eight axes takes longer than to draw them, and these margins hold their labels.
+    figure = new_figure(10.5, 10.6 if periodic else 8.4, layout=None)
     margins = dict(left=0.08, right=0.885, top=1 - 0.35 / figure.get_figheight(), bottom=0.5 / figure.get_figheight())
     shares = [1.25, 1.25, 1.0, 0.8][: 3 + periodic]
     rows = figure.subplots(len(shares), 2, sharey="row", height_ratios=shares, gridspec_kw=dict(margins, hspace=0.34, wspace=0.2))

@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 
 from ...core.programs import called
-from ..pages import NEGATIVE, STYLE, Album
+from ..pages import NEGATIVE, STYLE, Album, listed
 from . import maps, words
 from .drawing import drawing, projections, ramp
 from .marks import marks_of
@@ -57,7 +57,7 @@ def _views(scene) -> str:
     alike = [f"<b>{mark.number}</b>: {escape(', '.join(mark.perhaps))}" for mark in marks if mark.perhaps]
     whole += f"<p class='note'>As likely owners: {'; '.join(alike)}.</p>" if alike else ""
     dark = sorted({*scene.base.mesh.names} - scene.lit - scene.shading)
-    unlit = f" No path of any sounding meets {escape(words.listed(dark[:12]))}{', …' if len(dark) > 12 else ''}." if dark else ""
+    unlit = f" No path of any sounding meets {escape(listed(dark[:12]))}{', …' if len(dark) > 12 else ''}." if dark else ""
     return f"""<h2>The place</h2><div class="toggle"><input type="radio" name="state" id="show-before" checked>
 <label for="show-before">twin as it is</label><input type="radio" name="state" id="show-after">
 <label for="show-after">corrected twin</label>

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...twin.places.families import FAMILIES
 from ..cards import cards
-from ..pages import in_words
+from ..pages import in_words, listed, runner_up
 
 NEXT = {
     "synchronise": "the same with clocks that are synchronised, so that delays are known",
@@ -60,18 +60,18 @@ def levels(fit: dict) -> tuple[float, float, float]:
     return tuple(fit[name] for name in names)
 
 
-def listed(words: list[str]) -> str:
-    words = list(dict.fromkeys(words))
-    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1] if words else ""
-
-
 def causes(d: dict) -> str:
     """Each effect: its sentence, numbers, place, evidence, runner-up, confidence."""
 
     def lines(one: dict) -> dict[str, str]:
         numbers = {escape(in_words(_without_unit(key))): told for key, told in _numbers(one["parameters"])}
         seen = {"Seen by": escape(_links(one["where"].get("links") or [])), "Evidence": _evidence(one)}
-        return {"Whose": escape(_owner(one["owner"]))} | numbers | seen | {"Runner-up": escape(_runner_up(one, d["ambiguous"]))}
+        return (
+            {"Whose": escape(_owner(one["owner"]))}
+            | numbers
+            | seen
+            | {"Runner-up": escape(runner_up(one, d["ambiguous"], "explains"))}
+        )
 
     return cards(d, lines)
 
@@ -136,19 +136,6 @@ def _evidence(one: dict) -> str:
         lasts = next(family.lasts for family in FAMILIES if family.name == one["family"])
         return f"{gain}; the vault shows nothing of it" + (", which lowers the confidence" if lasts else ": it may have gone")
     return f"{gain}; {abs(held):,.0f} nats {'better' if held >= 0 else 'worse'} with it in the vault"
-
-
-def _runner_up(one: dict, ambiguous: list[dict]) -> str:
-    equal = [
-        name for pair in ambiguous if one["family"] in pair["families"] for name in pair["families"] if name != one["family"]
-    ]
-    if equal:
-        return f"{listed([in_words(name) for name in equal])}: it explains as well"
-    evidence = one["evidence"]
-    if not evidence["runner_up"]:
-        return "none comes near"
-    margin = evidence["runner_up_margin_nats"]
-    return f"{in_words(evidence['runner_up'])}, {abs(margin):,.0f} nats {'behind' if margin >= 0 else 'ahead'}"
 
 
 def next_positions(d: dict) -> list:
