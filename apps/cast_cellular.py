@@ -248,8 +248,6 @@ def _run_stack(plan, emulation, rate_hz: float, clock: Clock) -> tuple[CastError
 
 
 def _report_stack(args, output: Path, plan, played, cells, failure, status: dict, clock: Clock) -> int:
-    from gr_cast.report import plot
-
     found, missing = stack_run.collect(plan)
     files, rows = [], []
     for quantity, terminals in found.items():
@@ -278,6 +276,8 @@ def _report_stack(args, output: Path, plan, played, cells, failure, status: dict
     heard, modelled = {}, {}
     try:
         if found:
+            from gr_cast.report import plot
+
             plot.save(plot.stack_figure(found, f"{args.stack}, {plan.protocol}, over {played.name}"), output / "cellular.png")
         heard = _heard(clock, found, played)
         modelled = _modelled_sinr_db(args, played, cells, heard)
@@ -308,8 +308,6 @@ def _beside_the_model(output: Path, heard: dict[str, Heard], modelled: dict[str,
 
 
 def _report(args, output: Path, scenarios, cells, radio, courses, checks, files, complete: bool) -> None:
-    from gr_cast.report import plot
-
     rows = [row for course in courses for row in experiment.summary(course, args.offered)]
     print(f"{experiment.MODEL}\n")
     print(f"{'run':>8s} {'terminal':>8s} {'SINR mean':>9s} {'min':>6s} {'max':>6s} {'CQI':>4s} {'UDP Mbit/s':>10s} {'loss %':>6s}"
@@ -334,6 +332,8 @@ def _report(args, output: Path, scenarios, cells, radio, courses, checks, files,
         _print_similarities(similar, [name for name, _ in scenarios], args.published)
     write_json(output / "cellular.json", _document(args, scenarios, cells, radio, courses, checks, files, similar, complete))
     title = f"{' and '.join(cell.station for cell in cells)}: modelled downlink, {args.offered / 1e6:g} Mbit/s offered"
+    from gr_cast.report import plot  # here: what was found is written before anything is drawn
+
     plot.save(plot.cellular_figure(courses, title, args.offered), output / "cellular.png")
     print(f"picture: {output / 'cellular.png'}, figures: {output / 'cellular.json'}")
 

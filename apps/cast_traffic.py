@@ -59,8 +59,6 @@ def _generate(traffic, nodes, folder: Path, is_quiet=lambda: True) -> tuple[list
 
 
 def _report(output: Path, traffic, runs: list[dict], about: dict, failure: str | None) -> int:
-    from gr_cast.report import plot
-
     rows = []
     print(f"{'run':>10s} {'flow':>20s} {'sent':>6s} {'received':>8s} {'loss %':>7s} {'kbit/s':>8s}"
           f" {'latency ms':>10s} {'99 %':>8s}")  # fmt: skip
@@ -80,6 +78,8 @@ def _report(output: Path, traffic, runs: list[dict], about: dict, failure: str |
                     write_csv(path, {"time_s": time_s, "value": value})
     document = {"cast_traffic": 1, **about, "complete": failure is None, "failure": failure, "flows": rows}
     write_json(output / "traffic.json", document)
+    from gr_cast.report import plot  # here: what was found is written before anything is drawn
+
     plot.save(plot.traffic_figure(runs, traffic.duration_s, STEP_S), output / "traffic.png")
     print(f"picture: {output / 'traffic.png'}, figures: {output / 'traffic.json'}")
     if failure:

@@ -19,7 +19,7 @@ using complex = std::complex<double>;
 
 constexpr double FAINT = 1e-200; // as in diagnose/places/likelihood.py, which says why
 constexpr double LEAST = 1e-300;
-constexpr double RIDGE = 1e-11;   // of what is told of a node
+constexpr double RIDGE = 1e-13;   // of what is told of a node
 constexpr double LOUDER = 1e-6;   // least share of a model's power that a gain leaves
 constexpr double MOST_STEP = 1.0; // nepers
 

@@ -107,3 +107,12 @@ def test_who_stands_alone_is_labelled_within_the_picture():
     frame = axes.get_window_extent()
     (found,) = [box for text, box in boxes(figure, axes) if text == "only in A"]
     assert frame.x0 < found.x0 and found.x1 < frame.x1
+
+
+def test_a_figure_that_changes_after_it_was_drawn_is_laid_out_again():
+    figure, fresh = (plot.new_figure(5, 3) for _ in range(2))
+    both = [one.subplots() for one in (figure, fresh)]
+    plot.png(figure, 90)
+    for axes in both:
+        axes.set(title="late\nin two lines", xlabel="late\nlabel")
+    assert figure.dpi == fresh.dpi and plot.png(figure, 90) == plot.png(fresh, 90)

@@ -36,14 +36,16 @@ def save(figure: Figure, path: str | Path) -> None:
 
 def png(figure: Figure, dpi: float) -> bytes:
     """The file of a figure, laid out and drawn once; `savefig` draws it once more, to lay it out."""
-    figure.dpi = dpi
-    canvas = FigureCanvasAgg(figure)
-    if layout := figure.get_layout_engine():
+    layout, before_dpi = figure.get_layout_engine(), figure.dpi
+    figure.dpi, canvas = dpi, FigureCanvasAgg(figure)
+    if layout:
         layout.execute(figure)
         figure.set_layout_engine("none")
-    with io.BytesIO() as file:
-        canvas.print_png(file)
-        return file.getvalue()
+    file = io.BytesIO()
+    canvas.print_png(file)
+    figure.dpi = before_dpi
+    figure.set_layout_engine(layout)  # what changes later is laid out again
+    return file.getvalue()
 
 
 class _Figure(Figure):

@@ -41,7 +41,7 @@ def maps_figure(finding, effects: list[dict], left: list[dict]) -> Figure:
         rows[0, column].set_title(title, fontsize=12, fontweight="bold")
     for row, label in enumerate(("residual over noise / dB", "correlated, over noise / dB")):
         place = rows[row, 1].get_position()
-        figure.colorbar(pictures[row], cax=figure.add_axes([0.905, place.y0, 0.014, place.height]), label=label)
+        figure.colorbar(pictures[row], cax=figure.add_axes([0.917, place.y0, 0.014, place.height]), label=label)
     return figure
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..interpolate import phasor, turning
+from ..interpolate import turning
 from .base import Multiplicity, amid, side_of, start, turned
 from .gain_drift import AMPLITUDE, DECIBELS, RELAXATION, GainDrift
 from .gain_family import GainFamily
@@ -29,7 +29,7 @@ class PowerSupplyHum(GainFamily):
     multiplicity = Multiplicity.ONE
 
     def factor(self, effect, u):
-        turn = turning(effect.p[2], u) * phasor(-np.pi * effect.p[2:3])  # from mid-recording
+        turn = turning(effect.p[2], u) * np.exp(-1j * np.pi * effect.p[2])  # from mid-recording
         swing = np.zeros_like(turn)
         for a, b in pairs(effect.p)[::-1]:  # Horner's rule: a polynomial in the fundamental's turn
             swing += a - 1j * b
