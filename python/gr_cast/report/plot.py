@@ -38,7 +38,7 @@ def png(figure: Figure, dpi: float) -> bytes:
     """The file of a figure, laid out and drawn once; `savefig` draws it once more, to lay it out."""
     layout, before_dpi = figure.get_layout_engine(), figure.dpi
     figure.dpi, canvas = dpi, FigureCanvasAgg(figure)
-    if layout:
+    if layout and figure.axes:
         layout.execute(figure)
         figure.set_layout_engine("none")
     file = io.BytesIO()
