@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is left of a fit is made white, whatever part of it is held out."""
+"""A fit reaches the optimum, and what is left of it is made white, whatever part of it is held out."""
 
 import numpy as np
 import pytest
-from gr_cast.diagnose.fit import Data
+from conftest_world import noise, sent_once
+from gr_cast.diagnose import align
+from gr_cast.diagnose.fit import Data, solve
+from gr_cast.twin.effects import FAMILIES
+from gr_cast.twin.effects.base import start
 
 
 @pytest.mark.parametrize("excess_db", [10.0, 44.0])
@@ -16,3 +20,21 @@ def test_noise_with_a_loud_band_is_white_of_unit_power_beside_samples_that_are_h
     white = Data(scene=None, y=y, use=use, vault=use == 0, spectrum=spectrum, loud=True).whitened(y)
     assert np.mean(np.abs(white[use > 0]) ** 2) == pytest.approx(1.0, abs=0.05)
     assert not white[use == 0].any()
+
+
+@pytest.mark.parametrize("side", ["tx", "rx"])
+def test_one_solution_reaches_the_bottom_of_the_valley_of_a_delay_and_a_row_of_taps(tmp_path, side):
+    """Of an oversampled waveform a delay and neighbouring taps do all but the same; least squares over the taps at the delay
+    that was played is what a fit must not stay above."""
+    rng, count, taps = np.random.default_rng(4), 60_000, {-1: 0.15, 0: 1.0, 1: 0.9, 2: 0.4j}
+    band = np.abs(np.fft.fftfreq(count)) < 0.08
+    sent = np.fft.ifft(np.fft.fft(noise(rng, count, 3.0)) * band)
+    y = sum(tap * np.roll(sent, lag) for lag, tap in taps.items()) + noise(rng, count, 0.01)
+    case = sent_once(tmp_path, y, sent)
+    _, data, model = align.build(case, case.observations[0])
+    low, high = -4, 4
+    aux = {"low": low, "high": high, "side": side, **({"source": 0} if side == "tx" else {})}
+    fit = solve(data, model.adding(start(FAMILIES["front_end_filter"], np.zeros(2 * (high - low)), aux=aux)))
+    columns = np.array([np.roll(sent, lag) for lag in range(low - 1, high + 2)]).T * data.use[:, None]
+    left = y * data.use - columns @ np.linalg.lstsq(columns, y * data.use, rcond=None)[0]
+    assert fit.sigma2 < 1.001 * np.vdot(left, left).real / data.count

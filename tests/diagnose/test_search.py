@@ -254,6 +254,22 @@ def test_a_hum_of_even_harmonics_alone_hums_twice_as_fast(tmp_path, harmonics):
     assert found.evidence > fit.evidence and found.model.found[0].p[2] == pytest.approx(cycles, abs=0.05)
 
 
+@pytest.mark.parametrize(("lost", "joint", "later"), [(-9, 8000, False), (14, 8000, False), (14, 17_000, True)])
+def test_samples_lost_before_anything_is_heard_or_behind_it_are_a_delay(tmp_path, lost, joint, later):
+    rng, count, begins, size = np.random.default_rng(4), 20_000, 9000, 7000
+    sent = np.fft.ifft(np.fft.fft(rng.normal(size=(size, 2)) @ [1, 1j]) * (np.abs(np.fft.fftfreq(size)) < 0.3))
+    y = 0.03 * rng.normal(size=(count, 2)) @ [1, 1j]
+    y[begins : begins + size] += sent
+    case = sent_once(tmp_path, y, sent)
+    _, data, model = align.build(case, case.observations[0])
+    late = model.base + (-lost if later else lost) * np.eye(len(model.base))[0]
+    loss = start(FAMILIES["sample_loss"], [joint, lost], free=[False, False], aux={"later": later})
+    wrong = replace(model, base=late)
+    fit, known = refit(data, wrong.adding(loss)), [refit(data, wrong)]  # what a search has fitted of it at the wrong delay
+    found = search._lesser(data, fit, len(model.effects), known)
+    assert not found.model.found and found.evidence > fit.evidence and found.model.base[0] == pytest.approx(0.0, abs=0.05)
+
+
 def test_a_burst_under_a_known_carrier_promises_no_more_than_chance(tmp_path):
     """Between its ends a course that turns all of the burst is the carrier itself, and gains nothing beside it."""
     rng, count, silent, offset_hz = np.random.default_rng(4), 20_000, 8000, 50.0

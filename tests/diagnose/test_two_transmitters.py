@@ -69,3 +69,26 @@ def test_waveforms_of_different_periods_are_found_at_their_common_delay(world, t
     document = diagnose(read_case(folder), budget_s=100).document
     assert document["verdict"] == "no_mismatch"
     assert document["fit"]["twin_nmse_db"] == pytest.approx(document["fit"]["noise_floor_db"], abs=0.3)
+
+
+@pytest.mark.parametrize("off", [0, 1])
+def test_a_carrier_that_is_far_off_is_that_of_the_one_transmitter_that_has_it(world, tmp_path, off):
+    """Under a carrier common to both, neither delay nor phase of the one that is off is found."""
+    rng, delay, twin, cycles_per_sample = world.rng, 1300, world.twin(), -0.0133
+    waves = [rng.normal(size=size) + 1j * rng.normal(size=size) for size in (701, 1203)]
+    twin |= {
+        "waveforms": {f"w{k}": {"file": f"wave{k}", "repeat": True} for k in (1, 2)},
+        "nodes": {"tx1": {"transmit": "w1"}, "tx2": {"transmit": "w2"}, "rx1": {}},
+        "links": [{"tx": f"tx{k}", "rx": "rx1", "taps": [{"delay_s": 0.0}], "unknown": ["gain", "phase"]} for k in (1, 2)],
+        "recordings": [{"file": "recording", "receiver": "rx1", "transmitters": ["tx1", "tx2"]}],
+    }
+    world.twin = lambda: twin
+    heard = [wave[(world.n - delay) % len(wave)] for wave in waves]
+    heard[off] = heard[off] * np.exp(2j * np.pi * cycles_per_sample * world.n)
+    folder = world.write(tmp_path / "case", world.noisy(0.2 * heard[0] + 0.3j * heard[1]))
+    for k, wave in enumerate(waves, 1):
+        recording.write(folder / f"wave{k}", wave, sample_rate_hz=RATE_HZ)
+    (told,) = diagnose(read_case(folder), budget_s=300).document["effects"]
+    assert told["family"] == "carrier_frequency_offset" and told["owner"]["name"] == f"tx{off + 1}"
+    offset = told["parameters"]["offset_hz"]
+    assert offset["value"] == pytest.approx(cycles_per_sample * RATE_HZ, abs=4 * offset["std"])

@@ -40,8 +40,9 @@ def sigmas(fit: Fit, index: int) -> float | None:
 def broken(finding: Finding) -> int | None:
     """The effect of a finding that makes held-out samples less likely where the fitted ones promise that it makes them likelier,
     the worst first, or that is worth less than nothing beside all that was found after it, or that is unfounded; None without
-    one. What is there gains g ± √(2g) nats on samples of which the fitted ones promise g."""
-    data, worst = finding.fit.data, (BROKEN_SIGMA, None)
+    one. What is there gains g ± √(2g) nats on samples of which the fitted ones promise g; impulses, which may come together, more
+    or less."""
+    worst = (BROKEN_SIGMA, None)
     for i, effect in enumerate(finding.fit.model.effects):
         if effect.fixed or "nats" in effect.aux or "read" in effect.aux:
             continue
@@ -50,12 +51,26 @@ def broken(finding: Finding) -> int | None:
             return i
         if worth.held_out is None:
             continue
-        promised = worth.evidence * data.vault.sum() / data.count
+        promised = _promised(finding, i)
         if worth.held_out < 0 < promised:
-            worst = max(worst, ((promised - worth.held_out) / np.sqrt(2 * promised), i))
+            chance = max(np.sqrt(2 * promised), worth.by_chance if FAMILIES[effect.family].scattered else 0.0)
+            worst = max(worst, ((promised - worth.held_out) / chance, i))
         if worth.evidence < 0:
             return i
     return worst[1]
+
+
+def _promised(finding: Finding, index: int) -> float:
+    """Nats on held-out samples that the fitted ones promise of an effect."""
+    data = finding.fit.data
+    return finding.worth_of(index).evidence * data.vault.sum() / data.count
+
+
+def by_chance(members: list[tuple[Finding, int]]) -> bool:
+    """Whether chance may have left so few of the impulses of an effect, of [(finding, its number there)], to held-out samples."""
+    asked = [(f.worth_of(i), _promised(f, i)) for f, i in members if f.worth_of(i).held_out is not None]
+    lacking = sum(promised - worth.held_out for worth, promised in asked)
+    return lacking < BROKEN_SIGMA * float(np.linalg.norm([worth.by_chance for worth, _ in asked]))
 
 
 def is_unfounded(finding: Finding, index: int) -> bool:

@@ -94,7 +94,8 @@ class _Try:
 
 
 def _tried(y: np.ndarray, templates: list[np.ndarray], piece: int) -> list[_Try]:
-    """The best delay for stretches of several lengths, each of them with the carrier that suits all."""
+    """The best delay for stretches of several lengths, each of them with the carrier that suits all, or with one for each
+    transmitter."""
     count = len(y) // piece
     n, delays = count * piece, _delays([len(t) for t in templates])
     folded = {period: _folded(y[:n], piece, period) for period in {len(t) for t in templates}}
@@ -117,6 +118,11 @@ def _tried(y: np.ndarray, templates: list[np.ndarray], piece: int) -> list[_Try]
         near = np.abs(sp_fft.fftfreq(size)) + (nats < DELAY_ALIKE * nats.max())
         k = int(np.argmin(near))
         tried.append(_Try(length=together * piece, gain=float(most[k] - 3 * mean[k]), nats=float(nats[k]), delay=int(at[k])))
+        if len(powers) > 1 and size > 1:  # each transmitter may have a carrier of its own
+            (at,), most, mean = _most([power.max(0)[None] for power in powers], delays)
+            most, mean = (max(float(held[0]) / max(energy * together * piece, 1e-300), 1e-300) for held in (most, mean))
+            own = gains * (most / mean - 1 - np.log(most / mean)) - np.log(size) * len(powers) - np.log(delays)
+            tried.append(_Try(length=together * piece, gain=most - 3 * mean, nats=own, delay=int(at)))
         if together >= count:
             return tried
         together = min(together * DELAY_GROWTH, count)

@@ -17,11 +17,12 @@ from .throughout import is_throughout
 
 @dataclass(frozen=True, kw_only=True)
 class Worth:
-    """What an effect is worth in one recording, in nats: `evidence` on the samples fitted, `held_out` on the vault;
-    and its rivals."""
+    """What an effect is worth in one recording, in nats: `evidence` on the samples fitted, `held_out` on the vault, `by_chance`
+    either way where impulses hold it; and its rivals."""
 
     evidence: float
     held_out: float | None  # None: not worked out
+    by_chance: float = 0.0
     throughout: bool = True  # explains something outside the few stretches in which it explains most
     rivals: tuple = ()
 
@@ -99,6 +100,7 @@ def worth(fit: Fit, without: Fit, rivals=()) -> Worth:
     return Worth(
         evidence=float(fit.evidence - without.evidence),
         held_out=heldout.gained(fit, without),
+        by_chance=0.0 if fit.data.impulses is None else heldout.spread(fit, without),
         throughout=is_throughout(fit, without.chain.y),
         rivals=tuple(replace(r, fit=None) for r in rivals),
     )

@@ -20,7 +20,7 @@ from ..twin.effects import FAMILIES, Role, is_coarse, plays, stage_of
 from ..twin.effects.base import RX_FILTER, RX_GAIN
 from ..twin.effects.noise_family import LOUD, filled
 from ..twin.model import Model, derivatives, predict, traced
-from .policy import COLOUR_ORDERS, DAMPINGS, LARGE, LEAST_HEARD, SMALL
+from .policy import COLOUR_ORDERS, DAMPINGS, KEPT_PROMISE, LARGE, LEAST_HEARD, SMALL, VALLEY_DAMPING, VALLEY_STEPS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,18 +168,60 @@ def solve(data: Data, model: Model, *, iterations: int = 8, tolerance: float = 0
         slope = 2 / sigma2 * here.slopes() - prior * vector
         if not (np.isfinite(hessian).all() and np.isfinite(slope).all()):
             break
-        objective = n * np.log(here.cost) + 0.5 * np.sum(prior * vector**2)
+        best, least = here, _objective(here, prior)
         for damping in DAMPINGS:
             step = _solved(hessian + np.diag(prior + damping * np.diag(hessian)), slope)
             if not damping and 0.5 * slope @ step < tolerance:
                 return _finish(here)
-            trial = _Stand(data, here.model.at(_limited(here.model, step)))
-            if np.isfinite(trial.cost) and n * np.log(trial.cost) + 0.5 * np.sum(prior * trial.model.vector() ** 2) < objective:
+            to = _limited(here.model, step)
+            promised = slope @ (to - vector) - 0.5 * (to - vector) @ (hessian + np.diag(prior)) @ (to - vector)
+            trial = _Stand(data, here.model.at(to))
+            if not damping and _gained(here, trial, prior) <= KEPT_PROMISE * promised:
+                trial = min(trial, _in_its_valley(trial, prior), key=lambda stand: _objective(stand, prior))
+            left = _objective(trial, prior)
+            if left >= least and best is not here:
                 break
-        else:
+            if left < least:
+                best, least = trial, left
+                if _gained(here, trial, prior) > KEPT_PROMISE * promised:
+                    break
+        if best is here:
             break
-        here = trial
+        here = best
     return _finish(here)
+
+
+def _gained(here: _Stand, there: _Stand, prior: np.ndarray) -> float:
+    """Nats, at the noise's level as it is here, by which another stand is better."""
+    of_prior = 0.5 * float(np.sum(prior * (here.model.vector() ** 2 - there.model.vector() ** 2)))
+    return (here.cost - there.cost) * here.data.count / here.cost + of_prior
+
+
+def _objective(stand: _Stand, prior: np.ndarray) -> float:
+    """−ln L and what priors make of it, but for a constant; infinite where the prediction is no number."""
+    if not np.isfinite(stand.cost):
+        return np.inf
+    return stand.data.count * np.log(stand.cost) + 0.5 * float(np.sum(prior * stand.model.vector() ** 2))
+
+
+def _in_its_valley(stand: _Stand, prior: np.ndarray) -> _Stand:
+    """Where a fit stands once gains and rows of taps suit its delay and all else: a step along the tangent of all of them leaves
+    the narrow curved valley of delays and taps that do the same (variable projection, Golub and Pereyra 1973)."""
+    model, n = stand.model, stand.data.count
+    rows = [model.span(i) for i, e in enumerate(model.effects) if e.free.any() and FAMILIES[e.family].row_of_taps]
+    moves = np.zeros(len(prior), bool)
+    for span in (slice(1, len(model.base)), *rows):
+        moves[span] = True
+    for _ in range(VALLEY_STEPS if rows and np.isfinite(stand.cost) else 0):
+        sigma2, vector = stand.cost / n, stand.model.vector()
+        hessian, slope = 2 / sigma2 * stand.gram, 2 / sigma2 * stand.slopes() - prior * vector
+        if not (np.isfinite(hessian).all() and np.isfinite(slope).all()):
+            break
+        hessian += np.diag(prior + VALLEY_DAMPING * np.diag(hessian))
+        step = np.zeros(len(prior))
+        step[moves] = _solved(hessian[np.ix_(moves, moves)], slope[moves])
+        stand = _Stand(stand.data, stand.model.at(vector + step))
+    return stand
 
 
 def _limited(model: Model, step: np.ndarray) -> np.ndarray:

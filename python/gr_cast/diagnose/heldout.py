@@ -8,7 +8,7 @@ import numpy as np
 
 from ..twin.effects import FAMILIES
 from .fit import Data, Fit
-from .policy import FOLD_OF, FOLD_RUN, FOLDS, OFF
+from .policy import FOLD_OF, FOLD_RUN, FOLDS, OFF, STRETCH
 
 
 def folds(data: Data) -> list[Data]:
@@ -22,8 +22,8 @@ def folds(data: Data) -> list[Data]:
 
 def log_likelihood(fit: Fit) -> float:
     """ln L of the vault's samples, with the noise's level, shape and colour as the other samples gave them."""
-    energy, log_shape = _seen(fit)
-    return float(-energy.sum() - log_shape)
+    energy, log_shape = _seen(fit, fit.data.vault)
+    return float(-energy.sum() - log_shape.sum())
 
 
 def gained(fit: Fit, without: Fit) -> float:
@@ -34,6 +34,15 @@ def gained(fit: Fit, without: Fit) -> float:
     apart = (replace(f, data=replace(f.data, vault=f.data.vault & ~unplaced)) for f in (fit, without))
     there, not_there = (_student(f) for f in apart)
     return there - not_there
+
+
+def spread(fit: Fit, without: Fit) -> float:
+    """Standard deviation of `gained` where few stretches of the recording hold all that is gained, by what those of the fitted
+    samples gain: how many of them fall into the vault is left to chance (Poisson)."""
+    used = fit.data.use > 0
+    gains = [-energy - log_shape for energy, log_shape in (_seen(f, used) for f in (fit, without))]
+    stretches = np.add.reduceat(gains[0] - gains[1], np.arange(0, int(used.sum()), STRETCH))
+    return float(np.sqrt(np.sum(stretches**2) * fit.data.vault.sum() / fit.data.count))
 
 
 def _around_moments(fit: Fit) -> np.ndarray:
@@ -49,26 +58,26 @@ def _around_moments(fit: Fit) -> np.ndarray:
 
 
 def _student(fit: Fit) -> float:
-    (energy, log_shape), count = _seen(fit), fit.data.count
-    return float(-(count + len(energy)) * np.log1p(max(energy.sum(), 1 - count) / count) - log_shape)
+    (energy, log_shape), count = _seen(fit, fit.data.vault), fit.data.count
+    return float(-(count + len(energy)) * np.log1p(max(energy.sum(), 1 - count) / count) - log_shape.sum())
 
 
-def _seen(fit: Fit) -> tuple[np.ndarray, float]:
-    """(energy of every sample of the vault over its expectation, the rest of −ln L)."""
-    data, vault = fit.data, fit.data.vault
-    r, variance = fit.residual, np.full(int(vault.sum()), fit.sigma2)
+def _seen(fit: Fit, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(energy over its expectation, the rest of −ln L) of every sample of the vault, or others `inside` (n,) bool."""
+    data, r = fit.data, fit.residual
+    variance = np.full(int(inside.sum()), fit.sigma2)
     if data.variance is not None:
-        variance = variance * data.variance[vault]
-    log_shape = np.log(np.pi * variance).sum()
+        variance = variance * data.variance[inside]
+    log_shape = np.log(np.pi * variance)
     if data.spectrum is not None:
-        r = data.even(r, (data.use > 0) | vault)
-        log_shape += np.log(data.spectrum).mean() * len(variance)
-    energy = np.abs(r[vault]) ** 2 / variance
+        r = data.even(r, (data.use > 0) | data.vault)
+        log_shape = log_shape + np.log(data.spectrum).mean()
+    energy = np.abs(r[inside]) ** 2 / variance
     if data.impulses is None:
-        return energy, float(log_shape)
+        return energy, log_shape
     effect, weight = data.impulses  # what is expected of a sample does not know whether an impulse was in it
-    both = FAMILIES[effect.family].likelihood(effect, energy / weight[vault])
-    return np.log(weight[vault]) - both, float(log_shape)
+    both = FAMILIES[effect.family].likelihood(effect, energy / weight[inside])
+    return np.log(weight[inside]) - both, log_shape
 
 
 def of_variance(energy: np.ndarray, variance: np.ndarray) -> float:

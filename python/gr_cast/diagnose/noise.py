@@ -4,13 +4,14 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy import ndimage
 
 from ..twin.effects import FAMILIES, Role, is_coarse
 from ..twin.effects.base import around_circle
 from ..twin.effects.noise_family import NoiseView
 from ..twin.model import predict
 from .fit import in_band, off_the_rails, rounding_of_grids, shape_of_receiver, solve, with_noise
-from .policy import BESIDE_NOISE, BLUR_DOUBT, CLEAR_NATS, DRAWS, PASSBAND, ROUNDED
+from .policy import BESIDE_NOISE, BLUR_DOUBT, CLEAR_NATS, DRAWS, LEAST_APART, PASSBAND, RINGS, ROUNDED
 
 TESTED = tuple(f.name for f in FAMILIES.values() if f.noise_like and f.role is not Role.FLOOR)  # laws of the noise, not its level
 LAWS = {FAMILIES[name].told for name in TESTED}
@@ -31,6 +32,15 @@ def view_of(fit, but=None) -> NoiseView:
         wanted_power=spread(np.abs(fit.chain.wanted) ** 2),
         weighted=spread(residual * fit.data.root**2 * inside),
     )
+
+
+def _off_impulses(fit, view: NoiseView) -> NoiseView:
+    """What of a view no impulse is near, for what rings on is a band only while it does; all of it where too little is left."""
+    if fit.data.impulses is None:
+        return view
+    loud = fit.data.scene.spread((fit.data.use > 0) & (fit.data.impulses[1] < 0.5))
+    use = view.use & ~ndimage.binary_dilation(loud, iterations=RINGS)
+    return replace(view, use=use, weighted=view.weighted * use) if use.sum() > LEAST_APART * view.use.sum() else view
 
 
 def circular(residual: np.ndarray, inside: np.ndarray) -> np.ndarray:
@@ -158,6 +168,8 @@ def _found(fit, view, family) -> list[tuple[float, object]]:
     gain, effect = family.find(view)
     if effect is None or _is_passband(fit, effect):
         return []
+    if family.band(effect):
+        gain = min(gain, family.find(_off_impulses(fit, view))[0])
     return [(gain - 0.5 * family.hidden(effect) * np.log(view.use.sum()) - np.log(effect.trials), effect)]
 
 

@@ -44,9 +44,9 @@ def models(data, model: Model) -> list[Model]:
     return out
 
 
-def turning(data, model: Model) -> tuple[np.ndarray, np.ndarray]:
-    """(cycles over the recording, magnitude) of the spectrum in which a recording turns against a model."""
-    product = data.scene.spread(data.y * np.conj(predict(data.scene, model).wanted) * data.use)
+def turning(data, model: Model, told: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(cycles over the recording, magnitude) of the spectrum in which a recording turns against what a model has `told` (n,)."""
+    product = data.scene.spread(data.y * np.conj(told) * data.use)
     product = np.conj(product) if model.inverted else product
     size = sp_fft.next_fast_len(4 * len(product))
     return sp_fft.fftfreq(size) * len(product), np.abs(sp_fft.fft(product, size))
@@ -62,10 +62,11 @@ def within_told(data, model: Model) -> Model:
         return model
     late = np.arange(-1, np.ceil(abs(gained)) + 2) * np.sign(gained) if abs(gained) >= 1.0 else [0.0]
     models = [replace(model, base=np.concatenate([[model.base[0] + d], model.base[1:]])) for d in late]
-    model = max(models, key=lambda m: turning(data, m)[1].max())
+    against = lambda m: turning(data, m, predict(data.scene, m).wanted)  # noqa: E731
+    model = max(models, key=lambda m: against(m)[1].max())
     if told < CARRIER_STEP:
         return model
-    cycles, magnitude = turning(data, model)
+    cycles, magnitude = against(model)
     moved = cycles[int(np.argmax(np.where(np.abs(cycles) <= told, magnitude, 0.0)))]
     own = model.effects[at]
     return model.replacing(at, own.moved(own.p + moved * (np.arange(len(own.p)) == 0)))
@@ -93,9 +94,8 @@ def with_gains(data, model: Model) -> Model:
     """The model with gain and phase of the whole and of every free port at their least squares."""
     scene, w, base, ports = data.scene, data.root, model.base, data.scene.free_ports
     rows = [_alone(scene, base, model.effects, dict.fromkeys(ports, 0.0))]
-    if ports:  # what is left without any source is no port's
-        silent = _alone(scene, base, model.effects, dict.fromkeys(range(len(scene.sources)), 0.0))
-        rows += [row - silent for row in sent(scene, base, model.effects)[list(ports)]]
+    if ports:
+        rows += [*sent_alone(scene, base, model.effects)[list(ports)]]
     gains = np.linalg.lstsq((np.array(rows) * w).T, data.y * w, rcond=None)[0]
     if model.inverted:
         gains = np.conj(gains)
@@ -107,6 +107,11 @@ def sent(scene, base, effects) -> np.ndarray:
     """(sources, n) what each source alone adds to the prediction at a model's delay and a gain of 1."""
     every = range(len(scene.sources))
     return np.array([_alone(scene, base, effects, {k: float(k == i) for k in every}) for i in every])
+
+
+def sent_alone(scene, base, effects) -> np.ndarray:
+    """`sent` without what is there without any source, and is no transmitter's."""
+    return sent(scene, base, effects) - _alone(scene, base, effects, dict.fromkeys(range(len(scene.sources)), 0.0))
 
 
 def _alone(scene, base, effects, ports) -> np.ndarray:

@@ -97,6 +97,10 @@ LEAST_TOLD = 20.0  # nats of an effect without a curvature: a search found it
 # fit
 LARGE = 60  # parameters from which a matrix is inverted by Cholesky's method
 DAMPINGS = (0.0, 1e-6, 1e-4, 1e-2, 1.0, 100.0)  # shares of the curvature, tried in turn (Marquardt 1963)
+# Steps of gains and rows of taps alone, behind one of all numbers that left their valley, and the share of their curvature that
+# holds them: what neighbouring taps of an oversampled waveform do is all but the same.
+VALLEY_STEPS, VALLEY_DAMPING = 3, 1e-4
+KEPT_PROMISE = 0.75  # of what a step promised, from which on no shorter one is tried
 SMALL = 20_000  # samples up to which a fit of many numbers is carried to its end
 LEAST_HEARD = 100  # samples off the rails, of which a law of the noise is told
 COLOUR_ORDERS = 10  # cepstral coefficients of a receiver's noise colour
@@ -122,6 +126,7 @@ EVEN_P, EVEN_SHARE = 1e-3, 0.1  # of one level everywhere, below which it is non
 # heldout
 FOLDS = 2
 FOLD_RUN, FOLD_OF = 16, 4  # samples at a stretch that a fold leaves out, and of how many such runs one
+STRETCH = 64  # samples that may hold what is gained together: impulses that bounce or ring
 OFF = 16  # samples by which fitted ones may place a moment beside where it is: what they say may be alike before and behind it
 
 # hopping
@@ -148,6 +153,7 @@ SOFTER = 0.5  # amplitude of a second power and of a second receiver gain
 BLUR_DOUBT = 0.5  # of what a fit's errors add to the floor: draws tell their mean, and a recording has one of them
 DRAWS = 8  # of what a fit leaves open: the power of its errors to a tenth, where 60 numbers are open
 ROUNDED = 0.25  # of the noise, which a grid's rounding is at least: with a dither of one step its error follows the signal
+RINGS, LEAST_APART = 32, 0.5  # samples that an impulse may ring on, and share of them that must be left to ask of other laws
 PASSBAND = 0.65  # common share of two bands from which they are one: a filter falls off within the signal's own edges
 
 # offsets
@@ -260,6 +266,7 @@ MOST_EFFECTS = 6  # more are not searched for: a list of so many is hardly ever 
 ANOTHER_PATH = 0.5  # of what is left, at most, with another path where the twin's strongest was looked for
 LEAST_STEPS = 3  # of the delay, all the same way, that a clock may make as well as losses
 MOST_AT_ONE_PLACE, SAME_PLACE = 2, 0.5  # echoes (as a tap and its change) within so many samples: of more, one path comes or goes
+LEAST_STRETCH = 1e-3  # samples by which late paths must differ for a sample clock to show its side
 LEAST_TURN = 1e-5  # cycles by which late paths must differ for a carrier offset to show its side
 FULLER = 1.5  # times the power at the delay that was found, from which another is tried: of the same path it is what noise adds
 LEAP_STEPS = 3  # of a fit, that score an effect which is elsewhere
@@ -271,6 +278,7 @@ LAWS_ROUNDS = 6  # in which laws of the noise that are there together are fitted
 BESIDE_NOISE = 0.02  # of what one law of the noise explains, that another beside it must: no law is so exact
 CLEAR_NATS = 300.0  # a signal that promises more is fitted before the law of the noise is asked for
 SEARCH_SURE_NATS = 100.0  # evidence from which a simple family needs no other proof
+PRIOR_STEPS, LEAST_OF_A_STEP = 4, 1.0  # of the scale of a prior, at most, and nats by which one must be likelier for another
 PROOF_STEPS = 2  # of a fit to three quarters of the samples, from the fit to all
 NOISIEST = 0.3  # of a rail's level, the most noise that softens it: more is a signal not yet found
 SETTLED = 0.1  # relative change of that noise that makes no difference
@@ -319,10 +327,10 @@ MOST_JUMPS = 6  # in one recording: with more the path of its delay is a slope, 
 VIEW_JUMP_NATS = 10.0  # by which two parts must be likelier than one
 POINTS, SLOW_POINTS = 8192, 1024  # of a gain's course that show a hum's harmonics
 HARMONICS = (1, 2, 3, 5, 8)
+HUM_POINTS = 64  # to a cycle of a fast hum: eight to one of its highest harmonic
 STILL = 2.0  # places of an echo that stands still for each delay: it may as well turn
 ECHO_SEGMENTS = 32  # stretches of time in which an echo is looked for at least: Dopplers up to 16 cycles over the recording
 ECHO_CELLS = 1 << 19  # stretches times delays, up to which faster ones are looked for
-SHORT_HUM = 200.0  # cycles over the recording up to which a hum is looked for, however short it is
 UNSIGNED = 2.0  # amplitudes of a signal's own line at half the sample rate, by which a delay may change it: there it has no sign
 LINE_NATS = 5.0  # by which a line stands out of the largest of as many peaks of noise
 SLOW_HUMS = tuple(np.arange(1.0, 6.0, 0.05))  # cycles over the recording, seen once at least, too few for lines apart

@@ -29,14 +29,18 @@ from .policy import (
     LAWS_ROUNDS,
     LEAP_STEPS,
     LEAST_HELD_OUT,
+    LEAST_JUMP,
+    LEAST_OF_A_STEP,
     LEAST_OF_NOISE,
     LEAST_STEPS,
+    LEAST_STRETCH,
     LEAST_TURN,
     LOUDEST,
     MANY,
     MOST_AT_ONE_PLACE,
     MOST_EFFECTS,
     NOISIEST,
+    PRIOR_STEPS,
     PROOF_STEPS,
     REFITS,
     ROUGH_NATS,
@@ -213,10 +217,7 @@ def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2, it
     shaped = noisy or any(stage_of(e) in (RX_GAIN, RX_FILTER) or is_coarse(e) for e in model.effects)
     if not noisy or near is None:
         fit = solve(begun if shaped else white, model, iterations=iterations)
-        likely = _with_likely_priors(fit)
-        if likely is not fit.model:
-            fit = solve(fit.data, likely, iterations=iterations)
-        fit = _softened(fit)
+        fit = _softened(_under_likely_priors(fit, iterations))
     if not shaped:
         return fit
     if near is not None and noisy:
@@ -260,6 +261,19 @@ def _heard(fit: Fit) -> np.ndarray:
     return inside if inside.any() else fit.data.use > 0
 
 
+def _under_likely_priors(fit: Fit, iterations: int) -> Fit:
+    """The fit under the priors that make it likeliest, by steps of EM: what a step too few leaves behind, the next effect would
+    seem to bring."""
+    for _ in range(PRIOR_STEPS):
+        likely = _with_likely_priors(fit)
+        if likely is fit.model:
+            break
+        before, fit = fit.evidence, solve(fit.data, likely, iterations=iterations)
+        if fit.evidence < before + LEAST_OF_A_STEP:
+            break
+    return fit
+
+
 def _with_likely_priors(fit: Fit) -> Model:
     """The model with the priors that the courses under them make likeliest."""
     model = fit.model
@@ -272,13 +286,21 @@ def _with_likely_priors(fit: Fit) -> Model:
 
 
 def refit_or_known(data: Data, model: Model, known: list[Fit], near: Fit | None = None) -> Fit:
-    """`refit`, or the fit of the same effects in `known`, to which a new one is added; with the deadline of `data`."""
-    same = [f for f in known if f.model.signature == model.signature]
+    """`refit`, or the fit of the same effects at about the same delay in `known`, to which a new one is added; with the deadline
+    of `data`."""
+    same = [f for f in known if f.model.signature == model.signature and _late(data.scene, f.model, model) < LEAST_JUMP]
     if not same:
         same = [refit(data, model, near=near)]
         known.extend(same)
     best = max(same, key=lambda f: f.evidence)
     return replace(best, data=replace(best.data, deadline=data.deadline))
+
+
+def _late(scene, model: Model, other: Model) -> float:
+    """Samples by which two models differ in their delay."""
+    late = abs(float(model.base[0] - other.base[0]))
+    periods = [len(s.samples) for s in scene.sources if s.repeat]
+    return min(late % periods[0], -late % periods[0]) if periods else late
 
 
 def _again(fit: Fit, effect: Effect) -> Effect:
@@ -553,8 +575,8 @@ def _ways_round(scene, model: Model) -> list[Model]:
 
 def _on_their_sides(data: Data, fit: Fit, again: bool = False) -> Fit:
     """The fit with what either side may have on the sides that make the recording likelier: a gain that changes is a
-    transmitter's where the noise does not change with it, and so is what changes later on late paths."""
-    fit = _whose_carrier(data, fit, again)
+    transmitter's where the noise does not change with it, and so is what changes later on late paths, or stretches them."""
+    fit = _whose_clock(data, _whose_carrier(data, fit, again))
     for k, effect in enumerate(fit.model.effects):
         stage, family = stage_of(effect), FAMILIES[effect.family]
         of_either = stage == RX_GAIN or stage == RX_LO and family.linear and _is_late(fit, effect)
@@ -666,6 +688,27 @@ def _whose_carrier(data: Data, fit: Fit, again: bool) -> Fit:
     return fit
 
 
+def _whose_clock(data: Data, fit: Fit) -> Fit:
+    """The fit with a sample clock on the side that the delays of late paths of the one transmitter tell, whose own stretches them
+    too; unsaid where they do not."""
+    scene, model = data.scene, fit.model
+    at = model.index_of(Role.CLOCK, found=True)
+    delays = [p.delay for p in fit.chain.paths]
+    if at is None or data.late or len(scene.sources) > 1:
+        return fit
+    clock = model.effects[at]
+    if abs(clock.p[0]) / scene.span * (max(delays) - min(delays)) < LEAST_STRETCH:
+        return fit
+    sent = clock.aux.get("side") == "tx"
+    (other,) = [replace(clock, aux={"side": "rx"})] if sent else _as_sent(scene, clock)
+    best = refit(data, model.replacing(at, other), near=fit)
+    if best.evidence > fit.evidence + SEARCH_MARGIN:
+        return best
+    if not sent and fit.evidence > best.evidence + SEARCH_MARGIN:
+        return replace(fit, model=model.replacing(at, replace(clock, aux={"side": "rx"})))
+    return fit
+
+
 def _adding(fit: Fit, effect: Effect) -> list[Model]:
     """The model of a fit with one more effect, with one of each owner's own in its place, and joined with one that is at its
     place; a band of noise is not also the colour of a receiver's filter, which may be a transmitter's then."""
@@ -755,27 +798,35 @@ def _placed(effect: Effect) -> float:
 
 
 def _gross_offsets(data: Data, model: Model) -> list[Model]:
-    """Where the recording turns fast against the twin: with that carrier offset, alone and with the sample
-    clock of the
-    same oscillator."""
+    """Where the recording turns fast against the twin, or against what one of several transmitters sent: with that carrier
+    offset, alone and with the sample clock of the same oscillator."""
     if model.index_of(Role.CARRIER, found=True) is not None:
         return []
     scene = data.scene
     if scene.at is not None:
         return offsets.models(data, model)
-    turns, spectrum = offsets.turning(data, model)
-    k = int(np.argmax(spectrum))
-    cycles = turns[k]
-    if abs(cycles) < 1.0 or spectrum[k] < 2 * spectrum[0]:
-        return []
-    offset = start(with_role(Role.CARRIER), [cycles, 0.0], trials=scene.span)
-    offset = replace(offset, free=FAMILIES[offset.family].settled(scene, offset))
-    found = [model.adding(offset)]
-    if scene.carrier_hz:
-        gained = cycles / scene.duration_s / scene.carrier_hz * scene.span
+    found = []
+    if (cycles := _turns(*offsets.turning(data, model, predict(scene, model).wanted))) is not None:
+        found.append(model.adding(_gross(scene, cycles)))
+        gained = cycles / scene.duration_s / scene.carrier_hz * scene.span if scene.carrier_hz else 0.0
         if abs(gained) > 0.05:
             found.append(found[0].adding(start(with_role(Role.CLOCK), [gained])))
+    for source, told in enumerate(offsets.sent_alone(scene, model.base, model.effects)) if len(scene.sources) > 1 else ():
+        if (cycles := _turns(*offsets.turning(data, model, told))) is not None:
+            found.append(model.adding(replace(_gross(scene, cycles), aux={"side": "tx", "source": source})))
     return found
+
+
+def _turns(turns, spectrum) -> float | None:
+    """Cycles over the recording of the line that stands far above what does not turn; None without one."""
+    k = int(np.argmax(spectrum))
+    return float(turns[k]) if abs(turns[k]) >= 1.0 and spectrum[k] >= 2 * spectrum[0] else None
+
+
+def _gross(scene, cycles: float) -> Effect:
+    """A carrier offset, with a drift where the recording is long enough for one."""
+    offset = start(with_role(Role.CARRIER), [cycles, 0.0], trials=scene.span)
+    return replace(offset, free=FAMILIES[offset.family].settled(scene, offset))
 
 
 def eliminate(data: Data, fit: Fit, known: list[Fit]) -> Fit:
@@ -795,9 +846,13 @@ def eliminate(data: Data, fit: Fit, known: list[Fit]) -> Fit:
 
 
 def _lesser(data: Data, fit: Fit, index: int, known: list[Fit]) -> Fit:
-    """The best fit without what effect `index` claims: without the effect, or with the part of it that claims less."""
+    """The best fit without what effect `index` claims: without the effect, or with the part of it that claims less; samples lost
+    before anything is heard, or behind it, are a delay."""
     effect, rest = fit.model.effects[index], fit.model.without(index)
     models = [rest, *(rest.adding(e) for e in FAMILIES[effect.family].less(data.scene, effect, rest.effects))]
+    if plays(effect, Role.SLIP):
+        other_end = effect.p[1] * (1 if effect.aux.get("later") else -1) * np.eye(len(rest.base))[0]
+        models.append(replace(rest, base=rest.base + other_end))
     return max((refit_or_known(data, m, known) for m in models), key=lambda f: f.evidence)
 
 

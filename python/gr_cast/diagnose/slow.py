@@ -212,7 +212,8 @@ def _put(findings: list[Finding], holder: Finding, role: Role, told: dict, std: 
         if finding is not holder and not own:
             continue
         effect = family.in_its_part(scene, family.parse(scene, told, {}))
-        free, aux = np.zeros(len(effect.p), bool), {**effect.aux, "whole": True, "_stds": std}
+        side = {k: e.aux[k] for _, e in _found(finding, role) for k in ("side", "source") if k in e.aux}
+        free, aux = np.zeros(len(effect.p), bool), {**effect.aux, **side, "whole": True, "_stds": std}
         effect = replace(effect, free=free, aux=aux, fixed=finding is not holder)
         model = bare.adding(effect)
         changed = own or effect.aux.get("before")

@@ -170,7 +170,7 @@ class Told:
             return False
         family, asked = FAMILIES[self.effect.family], [(f.fit, i) for f, i in self.members if f.worth_of(i).held_out is not None]
         spared = sum(family.spared_nats(fit.model.effects[i], float(fit.data.vault.sum())) for fit, i in asked)
-        return self.held_out < -spared
+        return self.held_out < -spared and not (family.scattered and claims.by_chance(self.members))
 
     @property
     def harms(self) -> bool:

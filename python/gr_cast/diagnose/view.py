@@ -16,6 +16,7 @@ from .policy import (
     ECHO_CELLS,
     ECHO_SEGMENTS,
     HARMONICS,
+    HUM_POINTS,
     LEAST_SEGMENT,
     LEAST_SENT,
     LINE_NATS,
@@ -24,7 +25,6 @@ from .policy import (
     MOST_PERIODS,
     PERIOD_CYCLES,
     POINTS,
-    SHORT_HUM,
     SKIRT,
     SLOW_HUMS,
     SLOW_POINTS,
@@ -96,8 +96,8 @@ class View:
         cycles = (k if k < size // 2 else k - size) * len(product) / size
         return cycles if abs(cycles) > 0.4 and spectrum[k] > 1.5 * spectrum[0] else None
 
-    def amplitude_lines(self, count: int) -> list[float]:
-        """Cycles of the strongest lines in the gain over time."""
+    def amplitude_lines(self, count: int) -> list[tuple[float, bool]]:
+        """[(cycles, whether it stands out of noise)] of the strongest lines in the gain over time."""
         slope, curve = (self.scene.spread(moment) for moment in self.amplitude_moments())
         block = 4
         n = len(slope) // block * block
@@ -107,14 +107,17 @@ class View:
         spectrum = np.abs(sp_fft.rfft(a, 4 * len(a)))
         k = np.arange(len(spectrum)) / 4 * self.scene.span / n
         spectrum[(k < 0.8) | (k > self.hum_bins)] = 0.0
-        return [float(k[i]) for i in peaks(spectrum, count, 6)]
+        clear = (np.log(len(spectrum)) + LINE_NATS) * e.sum()
+        return [(float(k[i]), bool(spectrum[i] ** 2 > clear)) for i in peaks(spectrum, count, 6)]
 
     def hums(self, count: int) -> list[tuple[float, int]]:
         """[(cycles, harmonics)] of the likeliest hums of the gain: the strongest lines alone, and the fundamental that explains
         most together with its harmonics, where they pay for themselves."""
-        alone = self.amplitude_lines(count)
-        price, best = np.log(self.data.count), (0.0, None)
-        for points, fundamentals in ((SLOW_POINTS, SLOW_HUMS), (POINTS, sorted({c / part for c in alone for part in (1, 2, 3)}))):
+        found = self.amplitude_lines(count)
+        alone, price, best = [cycles for cycles, _ in found], np.log(self.data.count), (0.0, None)
+        lines = sorted({c / part for c in alone for part in (1, 2, 3)})
+        fast = max(POINTS, int(HUM_POINTS * max((cycles for cycles, clear in found if clear), default=0.0)))
+        for points, fundamentals in ((SLOW_POINTS, SLOW_HUMS), (fast, lines)):
             a, e, u = self._course_of_gain(points)
             for cycles in (c for c in fundamentals if c >= SLOW_HUMS[0]):
                 most = [h for h in HARMONICS if h * cycles < len(a) / 8]
@@ -133,15 +136,15 @@ class View:
     def _course_of_gain(self, points: int):
         """(slope, curvature of ln L by the gain in nepers, time as a share of the recording from its middle) in some blocks."""
         slope, curve = (self.scene.spread(moment) for moment in self.amplitude_moments())
-        block = max(4, len(slope) // points)
+        block = max(1, len(slope) // points)
         n = len(slope) // block * block
         a, e = slope[:n].reshape(-1, block).sum(1), curve[:n].reshape(-1, block).sum(1)
         return a, e, (np.arange(len(a)) + 0.5) * block / self.scene.span - 0.5
 
     @property
     def hum_bins(self) -> float:
-        """Cycles up to which a hum is looked for: 20 kHz, more in a short recording (supplies switch up to some MHz)."""
-        return min(max(20e3 * self.scene.duration_s, SHORT_HUM), self.scene.span / 16)
+        """Cycles up to which a hum is looked for: supplies switch up to some MHz."""
+        return self.scene.span / 16
 
     def lines(self, count: int) -> list[float]:
         """Cycles over the recording of the strongest lines of the residual that stand out of their surroundings: the

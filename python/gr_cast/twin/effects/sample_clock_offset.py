@@ -1,23 +1,34 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Sample clock offset: the received waveform runs fast by offset_ppm, x(t(1 + ε)). Internal: samples
-gained."""
+gained.
 
-from .base import CLOCK, Family, Multiplicity, Role, start
-from .values import NEEDED
+A receiver's clock stretches what comes, a transmitter's (aux side tx) what is sent: a path that comes τ later does so by
+τ·(1 + ε) of its samples then. Where ε·τ is not seen no side is said.
+"""
+
+from dataclasses import replace
+
+from .base import CLOCK, Family, Multiplicity, Role, side_of, start
+from .values import NEEDED, SIDE
 
 
 class SampleClockOffset(Family):
     name = "sample_clock_offset"
     sizes = (0,)
     parameters = {"offset_ppm": NEEDED}
+    remembered = {"at": SIDE}
     role = Role.CLOCK
     owners = ("tx", "rx")
     multiplicity = Multiplicity.ONE
     common = True
     stage = CLOCK
+    either_side = True
 
     def apply(self, chain, effect):
         chain.clock = chain.clock + effect.p[0]
+        if effect.aux.get("side") == "tx":
+            slower = 1 + effect.p[0] / chain.scene.span
+            chain.paths = [replace(p, delay=p.delay * slower) if p.source == effect.aux["source"] else p for p in chain.paths]
 
     def starts(self, view):
         yield start(self, [0.0])
@@ -32,7 +43,11 @@ class SampleClockOffset(Family):
         return {"offset_ppm": p[0] / scene.span * 1e6}
 
     def parse(self, scene, parameters, model):
-        return start(self, [parameters.get("offset_ppm", 0.0) * 1e-6 * scene.span])
+        side = side_of(model) if "at" in model else {}  # whoever says no more than whose it is may have stretched what came
+        return start(self, [parameters.get("offset_ppm", 0.0) * 1e-6 * scene.span], aux=side)
+
+    def model(self, scene, effect):
+        return {"at": effect.aux["side"]} if "side" in effect.aux else {}
 
     def describe(self, number):
         return f"The sample clocks differ: the received waveform runs fast by {number('offset_ppm')}."
