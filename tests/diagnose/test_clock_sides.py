@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+from conftest_world import RATE_HZ
 from gr_cast.diagnose import diagnose, read_case
 from gr_cast.signals import recording
 
@@ -14,19 +15,42 @@ def sampled(samples: np.ndarray, at: np.ndarray) -> np.ndarray:
     return sum(np.exp(2j * np.pi * f / len(samples) * at) * term for f, term in zip(k, terms, strict=True) if abs(term) > 1e-12)
 
 
-@pytest.mark.parametrize("side", ["tx", "rx"])
-def test_a_clock_on_either_side_is_a_clock_and_no_path_that_is_late(world, tmp_path, side):
-    ppm, world.taps, world.noise_rms = 180e-6, [(0, 1.0), (120, 0.6 * np.exp(0.7j))], 0.003
-    band = np.abs(np.fft.fftfreq(len(world.x))) < 0.3
-    world.x = np.fft.ifft(np.fft.fft(world.x) * band)
-    stretched = lambda d: (world.n - d) * (1 + ppm) if side == "tx" else world.n * (1 + ppm) - d  # noqa: E731
-    y = 0.3 * sum(a * sampled(world.x, stretched(d) - 37) for d, a in world.taps)
-    twin = world.twin() | {"waveforms": {"w1": {"file": "sent", "repeat": True}}}
-    world.twin = lambda: twin
-    folder = world.write(tmp_path / "case", world.noisy(y))
-    recording.write(folder / "sent", world.x, sample_rate_hz=1e6)
-    (told,) = diagnose(read_case(folder), budget_s=300).document["effects"]
+PPM = 180.0
+
+
+@pytest.fixture(params=["tx", "rx"])
+def side(request):
+    return request.param
+
+
+@pytest.fixture
+def heard(world, tmp_path, side):
+    """Effects that the twin knows → the diagnosis of a recording with a fast clock on a side."""
+
+    def document(*known):
+        world.taps, world.noise_rms = [(0, 1.0), (120, 0.6 * np.exp(0.7j))], 0.003
+        world.x = np.fft.ifft(np.fft.fft(world.x) * (np.abs(np.fft.fftfreq(len(world.x))) < 0.3))
+        fast = 1 + PPM * 1e-6
+        at = [(world.n - d) * fast if side == "tx" else world.n * fast - d for d, _ in world.taps]
+        y = 0.3 * sum(a * sampled(world.x, t - 37) for t, (_, a) in zip(at, world.taps, strict=True))
+        twin = world.twin() | {"waveforms": {"w1": {"file": "sent", "repeat": True}}, "effects": [*known]}
+        world.twin = lambda: twin
+        folder = world.write(tmp_path / "case", world.noisy(y))
+        recording.write(folder / "sent", world.x, sample_rate_hz=RATE_HZ)
+        return diagnose(read_case(folder), budget_s=300).document
+
+    return document
+
+
+def test_a_clock_on_either_side_is_a_clock_and_no_path_that_is_late(heard, side):
+    (told,) = heard()["effects"]
     assert told["family"] == "sample_clock_offset"
     clock = told["parameters"]["offset_ppm"]
-    assert clock["value"] == pytest.approx(180.0, abs=4 * clock["std"])
+    assert clock["value"] == pytest.approx(PPM, abs=4 * clock["std"])
     assert told["model"]["at"] == side and told["owner"]["level"] == side
+
+
+def test_a_transmitters_clock_that_the_twin_knows_is_no_path_that_is_late(heard):
+    """Whoever made the twin may say whose clock it is and mean what came, or what was sent."""
+    owner, parameters = {"level": "tx", "name": "tx1"}, {"offset_ppm": {"value": PPM, "std": 0.1}}
+    assert heard({"family": "sample_clock_offset", "owner": owner, "parameters": parameters})["verdict"] == "no_mismatch"

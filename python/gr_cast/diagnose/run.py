@@ -38,7 +38,7 @@ from .policy import (
     UNEXPLAINED_P,
     UNEXPLAINED_SHARE,
 )
-from .search import beginnings, quantiser_again, refit, search, through_the_quantiser
+from .search import beginnings, quantiser_again, refit, search, through_the_quantiser, told_on_its_side
 from .verdict import Words, conclude
 
 
@@ -74,7 +74,7 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
     near, elsewhere_nats = (near, 0.0) if known is None else slips.place(case, part, near, known)
     scene, data, model = align.build(case, part, near=near)
     data = replace(data, deadline=begun + SEARCH * (deadline - begun))
-    model = _clocks_as_told(data, model)
+    model = _clocks_as_told(data, told_on_its_side(data, model))
     plain = replace(model, effects=tuple(e for e in model.effects if e.fixed))
     stds = {}
     known_of = {e.family for e in plain.effects}
@@ -393,7 +393,8 @@ def _foretold(case, observation, deadline: float) -> Fit:
     part, near = align.parts_of(case, observation)[0]
     _, data, model = align.build(case, part, near=near)
     frozen = tuple(replace(e, free=np.zeros(len(e.p), bool)) for e in model.effects)
-    return refit(replace(data, use=data.vault.astype(float), deadline=deadline), replace(model, effects=frozen))
+    data = replace(data, use=data.vault.astype(float), deadline=deadline)
+    return refit(data, told_on_its_side(data, replace(model, effects=frozen)))
 
 
 @dataclass(kw_only=True)

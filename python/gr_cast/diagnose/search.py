@@ -693,12 +693,9 @@ def _whose_clock(data: Data, fit: Fit) -> Fit:
     too; unsaid where they do not."""
     scene, model = data.scene, fit.model
     at = model.index_of(Role.CLOCK, found=True)
-    delays = [p.delay for p in fit.chain.paths]
-    if at is None or data.late or len(scene.sources) > 1:
+    if at is None or data.late or not _stretches(scene, model.effects[at], fit.chain.paths):
         return fit
     clock = model.effects[at]
-    if abs(clock.p[0]) / scene.span * (max(delays) - min(delays)) < LEAST_STRETCH:
-        return fit
     sent = clock.aux.get("side") == "tx"
     (other,) = [replace(clock, aux={"side": "rx"})] if sent else _as_sent(scene, clock)
     best = refit(data, model.replacing(at, other), near=fit)
@@ -707,6 +704,23 @@ def _whose_clock(data: Data, fit: Fit) -> Fit:
     if not sent and fit.evidence > best.evidence + SEARCH_MARGIN:
         return replace(fit, model=model.replacing(at, replace(clock, aux={"side": "rx"})))
     return fit
+
+
+def told_on_its_side(data: Data, model: Model) -> Model:
+    """The model with a sample clock that the twin knows, but not whose delays it stretches, as the transmitter's where late paths
+    tell so."""
+    at = model.index_of(Role.CLOCK)
+    if at is None or "side" in model.effects[at].aux or not _stretches(data.scene, model.effects[at], data.scene.taps):
+        return model
+    (form,) = _as_sent(data.scene, model.effects[at])
+    sent = model.replacing(at, form)
+    return sent if refit(data, sent).likelihood > refit(data, model).likelihood + SEARCH_MARGIN else model
+
+
+def _stretches(scene, clock: Effect, paths) -> bool:
+    """Whether it shows between the paths of the one transmitter whose a sample clock is."""
+    delays = [p.delay for p in paths]
+    return len(scene.sources) == 1 and abs(clock.p[0]) / scene.span * (max(delays) - min(delays)) >= LEAST_STRETCH
 
 
 def _adding(fit: Fit, effect: Effect) -> list[Model]:

@@ -116,3 +116,13 @@ def test_the_strongest_of_the_taps_behind_the_row_is_the_tails_and_a_wall_is_not
     loud = np.sqrt(20 * power[size + 10])
     assert not TAIL.holds(Scene, tail, start(ECHO, [loud, 0.0, 1.0 + size + 10, 0.0], aux={"source": 0}))
     assert not TAIL.holds(Scene, tail, start(ECHO, [1e-3, 0.0, 1.0 + size + 10, 0.0], aux={"source": 1}))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_sums_of_taps_that_are_known_all_but_exactly_leave_a_likelihood(seed):
+    """Rounding leaves less than nothing of the sums that are not known; a prior then still holds them."""
+    rng, size = np.random.default_rng(seed), 32
+    seen = np.linalg.qr(rng.normal(size=(size, size)))[0][:, :5]
+    information = (seen * 10.0 ** rng.uniform(18, 24, 5)) @ seen.T
+    told = Told(information=information, pull=information @ rng.normal(size=size))
+    assert np.isfinite(told.likelihood(profile(size // 2, 1.0, 3.0)))

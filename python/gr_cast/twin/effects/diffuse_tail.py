@@ -32,6 +32,7 @@ NEPER_STEP = 0.1  # of power and decay, for the curvature of their likelihood
 LEAST_VARIANCE = 0.25  # of ln power and ln decay, times the taps of one decay: however well each is known, they are few
 BY_CHANCE = 10.0  # taps of each decay, of which one is the strongest: exponential powers are ln n times their mean at most
 STILL = 0.5  # cycles that an echo turns at most, to be one of the taps, which do not
+ROUNDING = 1e-13  # of the largest information, that sums of it may be less than nothing by
 LEAST_DECAY = 0.5  # samples: a shorter one is a tap
 DB = 10 / np.log(10)
 
@@ -56,7 +57,9 @@ class Told:
     def likelihood(self, law: np.ndarray) -> float:
         """ln of the recording's probability under a law of variances (2k,), over that without any taps."""
         root = np.sqrt(law)
-        factor = linalg.cholesky(np.eye(len(law)) + self.information * np.outer(root, root), lower=True, check_finite=False)
+        known = self.information * np.outer(root, root)
+        known[np.diag_indices(len(law))] += 1 + ROUNDING * np.diag(known).max()  # what is known so well has rounding of its own
+        factor = linalg.cholesky(known, lower=True, check_finite=False)
         y = linalg.solve_triangular(factor, root * self.pull, lower=True, check_finite=False)
         return float(0.5 * y @ y - np.log(np.diag(factor)).sum())
 
