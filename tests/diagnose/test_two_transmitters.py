@@ -50,8 +50,8 @@ def test_every_transmitter_heard_has_its_own_filter_and_no_amplifier(world, tmp_
     assert document["fit"]["corrected_nmse_db"] == pytest.approx(document["fit"]["noise_floor_db"], abs=0.7)
 
 
-def test_waveforms_of_different_periods_are_found_at_their_common_delay(world, tmp_path):
-    """Each alone tells a delay within its own period; ports of no common phase are then fitted together."""
+def of_two_ports(world, folder, hear, budget_s=300) -> dict:
+    """The diagnosis of two waveforms of different periods, each of a gain and phase of its own, heard as `hear` adds them."""
     rng, delay, twin = world.rng, 1300, world.twin()
     waves = [rng.normal(size=size) + 1j * rng.normal(size=size) for size in (701, 1203)]
     ports = [{"tx": f"tx{k}", "rx": "rx1", "taps": [{"delay_s": 0.0}], "unknown": ["gain", "phase"]} for k in (1, 2)]
@@ -62,11 +62,15 @@ def test_waveforms_of_different_periods_are_found_at_their_common_delay(world, t
         "recordings": [{"file": "recording", "receiver": "rx1", "transmitters": ["tx1", "tx2"]}],
     }
     world.twin = lambda: twin
-    heard = [wave[(world.n - delay) % len(wave)] for wave in waves]
-    folder = world.write(tmp_path / "case", world.noisy(0.02 * heard[0] + 0.3j * heard[1]))
+    folder = world.write(folder, world.noisy(hear([wave[(world.n - delay) % len(wave)] for wave in waves])))
     for k, wave in enumerate(waves, 1):
         recording.write(folder / f"wave{k}", wave, sample_rate_hz=RATE_HZ)
-    document = diagnose(read_case(folder), budget_s=100).document
+    return diagnose(read_case(folder), budget_s=budget_s).document
+
+
+def test_waveforms_of_different_periods_are_found_at_their_common_delay(world, tmp_path):
+    """Each alone tells a delay within its own period; ports of no common phase are then fitted together."""
+    document = of_two_ports(world, tmp_path / "case", lambda heard: 0.02 * heard[0] + 0.3j * heard[1], budget_s=100)
     assert document["verdict"] == "no_mismatch"
     assert document["fit"]["twin_nmse_db"] == pytest.approx(document["fit"]["noise_floor_db"], abs=0.3)
 
@@ -74,21 +78,16 @@ def test_waveforms_of_different_periods_are_found_at_their_common_delay(world, t
 @pytest.mark.parametrize("off", [0, 1])
 def test_a_carrier_that_is_far_off_is_that_of_the_one_transmitter_that_has_it(world, tmp_path, off):
     """Under a carrier common to both, neither delay nor phase of the one that is off is found."""
-    rng, delay, twin, cycles_per_sample = world.rng, 1300, world.twin(), -0.0133
-    waves = [rng.normal(size=size) + 1j * rng.normal(size=size) for size in (701, 1203)]
-    twin |= {
-        "waveforms": {f"w{k}": {"file": f"wave{k}", "repeat": True} for k in (1, 2)},
-        "nodes": {"tx1": {"transmit": "w1"}, "tx2": {"transmit": "w2"}, "rx1": {}},
-        "links": [{"tx": f"tx{k}", "rx": "rx1", "taps": [{"delay_s": 0.0}], "unknown": ["gain", "phase"]} for k in (1, 2)],
-        "recordings": [{"file": "recording", "receiver": "rx1", "transmitters": ["tx1", "tx2"]}],
-    }
-    world.twin = lambda: twin
-    heard = [wave[(world.n - delay) % len(wave)] for wave in waves]
-    heard[off] = heard[off] * np.exp(2j * np.pi * cycles_per_sample * world.n)
-    folder = world.write(tmp_path / "case", world.noisy(0.2 * heard[0] + 0.3j * heard[1]))
-    for k, wave in enumerate(waves, 1):
-        recording.write(folder / f"wave{k}", wave, sample_rate_hz=RATE_HZ)
-    (told,) = diagnose(read_case(folder), budget_s=300).document["effects"]
+    cycles_per_sample = -0.0133
+    turn = np.exp(2j * np.pi * cycles_per_sample * world.n)
+    document = of_two_ports(
+        world,
+        tmp_path / "case",
+        lambda heard: sum(
+            a * one * (turn if k == off else 1.0) for k, (a, one) in enumerate(zip((0.2, 0.3j), heard, strict=True))
+        ),
+    )
+    (told,) = document["effects"]
     assert told["family"] == "carrier_frequency_offset" and told["owner"]["name"] == f"tx{off + 1}"
     offset = told["parameters"]["offset_hz"]
     assert offset["value"] == pytest.approx(cycles_per_sample * RATE_HZ, abs=4 * offset["std"])

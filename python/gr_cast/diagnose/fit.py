@@ -156,6 +156,12 @@ class _Stand:
     def slopes(self) -> np.ndarray:
         return against(self.white, Dense(signals=self.left[None]))[:, 0]
 
+    def bends(self, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """(curvature of −ln L, slope of ln L and of the prior) by the vector of the model; None where either is no number."""
+        sigma2 = self.cost / self.data.count
+        hessian, slope = 2 / sigma2 * self.gram, 2 / sigma2 * self.slopes() - prior * self.model.vector()
+        return (hessian, slope) if np.isfinite(hessian).all() and np.isfinite(slope).all() else None
+
 
 def solve(data: Data, model: Model, *, iterations: int = 8, tolerance: float = 0.05) -> Fit:
     """The model at the nearest optimum of the likelihood, from where it stands."""
@@ -163,11 +169,9 @@ def solve(data: Data, model: Model, *, iterations: int = 8, tolerance: float = 0
     for _ in range(iterations if len(prior) < 40 or n < SMALL else min(iterations, 3)):
         if data.late:
             break
-        sigma2, vector = here.cost / n, here.model.vector()
-        hessian = 2 / sigma2 * here.gram
-        slope = 2 / sigma2 * here.slopes() - prior * vector
-        if not (np.isfinite(hessian).all() and np.isfinite(slope).all()):
+        if (bends := here.bends(prior)) is None:
             break
+        (hessian, slope), vector = bends, here.model.vector()
         best, least = here, _objective(here, prior)
         for damping in DAMPINGS:
             step = _solved(hessian + np.diag(prior + damping * np.diag(hessian)), slope)
@@ -207,20 +211,19 @@ def _objective(stand: _Stand, prior: np.ndarray) -> float:
 def _in_its_valley(stand: _Stand, prior: np.ndarray) -> _Stand:
     """Where a fit stands once gains and rows of taps suit its delay and all else: a step along the tangent of all of them leaves
     the narrow curved valley of delays and taps that do the same (variable projection, Golub and Pereyra 1973)."""
-    model, n = stand.model, stand.data.count
+    model = stand.model
     rows = [model.span(i) for i, e in enumerate(model.effects) if e.free.any() and FAMILIES[e.family].row_of_taps]
     moves = np.zeros(len(prior), bool)
     for span in (slice(1, len(model.base)), *rows):
         moves[span] = True
     for _ in range(VALLEY_STEPS if rows and np.isfinite(stand.cost) else 0):
-        sigma2, vector = stand.cost / n, stand.model.vector()
-        hessian, slope = 2 / sigma2 * stand.gram, 2 / sigma2 * stand.slopes() - prior * vector
-        if not (np.isfinite(hessian).all() and np.isfinite(slope).all()):
+        if (bends := stand.bends(prior)) is None:
             break
-        hessian += np.diag(prior + VALLEY_DAMPING * np.diag(hessian))
+        hessian, slope = bends
+        hessian = hessian + np.diag(prior + VALLEY_DAMPING * np.diag(hessian))
         step = np.zeros(len(prior))
         step[moves] = _solved(hessian[np.ix_(moves, moves)], slope[moves])
-        stand = _Stand(stand.data, stand.model.at(vector + step))
+        stand = _Stand(stand.data, stand.model.at(stand.model.vector() + step))
     return stand
 
 

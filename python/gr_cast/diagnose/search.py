@@ -4,6 +4,7 @@ backward elimination."""
 
 import functools
 import itertools
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
@@ -299,8 +300,10 @@ def refit_or_known(data: Data, model: Model, known: list[Fit], near: Fit | None 
 def _late(scene, model: Model, other: Model) -> float:
     """Samples by which two models differ in their delay."""
     late = abs(float(model.base[0] - other.base[0]))
-    periods = [len(s.samples) for s in scene.sources if s.repeat]
-    return min(late % periods[0], -late % periods[0]) if periods else late
+    if not all(s.repeat for s in scene.sources):
+        return late
+    period = math.lcm(*(len(s.samples) for s in scene.sources))
+    return min(late % period, -late % period)
 
 
 def _again(fit: Fit, effect: Effect) -> Effect:
