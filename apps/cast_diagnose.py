@@ -15,15 +15,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per case is faster 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import _program
-from gr_cast import diagnose as links
 from gr_cast.core import tasks
 from gr_cast.core.errors import CastError
 from gr_cast.core.files import check_writable, sweep_dead
-from gr_cast.diagnose import places
-from gr_cast.diagnose.write import check_replaceable
-from gr_cast.report.link import page as link_page
-from gr_cast.report.place import page as place_page
-from gr_cast.twin.places import document
 
 PROGRESS_S = 10.0  # between two lines about a case that takes long
 
@@ -43,6 +37,14 @@ def _progress(name: str):
 
 def _one(common: tuple[Path, float | None], folder: Path) -> tuple[str, list[str]]:
     """(line for the screen, faults) of one case; `common`: folder for the diagnoses, seconds for each, or None."""
+    # Only a process that diagnoses loads what that takes: two seconds.
+    from gr_cast import diagnose as links
+    from gr_cast.diagnose import places
+    from gr_cast.diagnose.write import check_replaceable
+    from gr_cast.report.link import page as link_page
+    from gr_cast.report.place import page as place_page
+    from gr_cast.twin.places import document
+
     output, budget_s = common
     target = output / Path(folder).resolve().name
     kind = places if document.is_place(folder) else links
@@ -85,7 +87,9 @@ def _told(record_next: str | dict) -> str:
     if isinstance(record_next, dict):
         x, y, z = record_next["position_m"]
         return f"sound with a node at ({x:g}, {y:g}, {z:g}) m"
-    return link_page.EXPERIMENTS.get(record_next, record_next.replace("_", " "))
+    from gr_cast.report.link.page import EXPERIMENTS
+
+    return EXPERIMENTS.get(record_next, record_next.replace("_", " "))
 
 
 def main(argv=None) -> int:
@@ -93,8 +97,8 @@ def main(argv=None) -> int:
     parser.add_argument("cases", nargs="+", type=Path, metavar="CASE", help="folder with a twin.yaml, or with a place.yaml")
     parser.add_argument("--output", required=True, type=Path, metavar="DIR", help="one folder per case goes here")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="cases at the same time (default 1)")
-    default = f"processor time per case (default {links.BUDGET_S:g}, of a place {places.BUDGET_S:g})"
-    parser.add_argument("--budget", type=float, metavar="SECONDS", help=default)
+    budget = "processor time per case (default 240, of a place 320)"
+    parser.add_argument("--budget", type=float, metavar="SECONDS", help=budget)
     args = _program.parse(parser, argv)
     names = [case.resolve().name for case in args.cases]
     faults = [f"{name}: two cases have this name" for name in sorted({n for n in names if names.count(n) > 1})]

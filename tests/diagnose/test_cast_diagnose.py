@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 import yaml
 from gr_cast.core.errors import CastError
+from gr_cast.diagnose import places
+from gr_cast.diagnose import policy as links
 from gr_cast.diagnose.write import check_replaceable
 from gr_cast.signals import recording
 
@@ -27,6 +29,10 @@ FILES = ["diagnosis.json", "report.html", "residual.npz", "twin_corrected.yaml"]
 
 def call(*arguments):
     return subprocess.run([PROGRAM, *map(str, arguments)], capture_output=True, text=True, timeout=300)
+
+
+def test_the_help_states_the_budgets_that_hold():
+    assert f"(default {links.BUDGET_S:g}, of a place {places.BUDGET_S:g})" in " ".join(call("--help").stdout.split())
 
 
 @pytest.fixture
