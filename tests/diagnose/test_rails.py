@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+from conftest_world import noise as noise_of
 from gr_cast.diagnose import diagnose, noise, policy, read_case, residual
 from gr_cast.diagnose.fit import off_the_rails
 
@@ -24,3 +25,14 @@ def test_clipping_is_all_that_is_found_of_clipping_under_noise(world, tmp_path, 
     assert inside.sum() < 0.9 * fit.data.count  # the rails hold much
     assert not noise.starts(fit) or max(net for net, _ in noise.starts(fit)) < 0
     assert all(rest.p_value > policy.UNEXPLAINED_P for rest in residual.leftovers(fit, inside))
+
+
+def test_a_raised_floor_is_told_by_unseen_samples_off_the_rails_too(world, tmp_path):
+    world.noise_rms, world.taps = 0.03, [(0, 1.0), (9, 0.8 * np.exp(0.7j)), (31, 0.5j)]  # a signal whose power changes
+    y = world.noisy(world.clean()) + noise_of(world.rng, len(world.n), 0.5 * world.noise_rms)
+    y = np.clip(y.real, -0.4, 0.4) + 1j * np.clip(y.imag, -0.4, 0.4)
+    document = diagnose(read_case(world.write(tmp_path / "case", y)), budget_s=3000).document
+    assert document["verdict"] == "identified"
+    assert {e["family"] for e in document["effects"]} == {"adc_clipping", "noise_floor"}
+    (change,) = [e["parameters"]["change_db"] for e in document["effects"] if e["family"] == "noise_floor"]
+    assert abs(change["value"] - 10 * np.log10(1.25)) < 2.5 * change["std"]

@@ -373,10 +373,10 @@ def rounding_of_grids(fit: Fit) -> float:
     return sum(FAMILIES[e.family].rounding(e) for e in fit.model.effects)
 
 
-def off_the_rails(fit: Fit) -> np.ndarray:
-    """(n,) bool: used samples whose prediction stays three noise deviations inside the rails, which eat noise in step with the
-    code; none where they leave too few to tell anything of the noise."""
-    inside = fit.data.use > 0
+def off_the_rails(fit: Fit, among: np.ndarray | None = None) -> np.ndarray:
+    """(n,) bool: samples, used or `among` others, whose prediction stays three noise deviations inside the rails, which eat noise
+    in step with the code; none where they leave too few to tell anything of the noise."""
+    inside = fit.data.use > 0 if among is None else among
     for e in fit.model.effects:
         if plays(e, Role.RAILS):
             level = e.p[0] - 3 * np.sqrt(fit.sigma2 / 2)

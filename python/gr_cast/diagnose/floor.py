@@ -32,7 +32,7 @@ from .policy import (
 @dataclass(frozen=True, kw_only=True)
 class Heard:
     """What is left of a recording where the rails do not touch it, over the noise that the twin tells: `energy` and the
-    `level` of what is received by sample, as many independent samples as `count`, the energies of the vault `unseen`, and what
+    `level` of what is received by sample, as many independent samples as `count`, the same of the vault (2, m) `unseen`, and what
     that noise is over the twin's figure (`rounded`) if the figure lacks the rounding of the file, and the dither of a grid.
     `gained`: what a receiver's gain that changes makes of the power of noise, on average, over what it was at first."""
 
@@ -152,7 +152,7 @@ def _raised(heard: Heard) -> Told:
     doubt = np.hypot((heard.rounded - 1) / change / np.sqrt(12), np.log(heard.gained) / np.sqrt(3))
     return Told(
         effect=start(with_role(Role.FLOOR), [10 * np.log10(change)], free=[False]),
-        worth=Worth(evidence=heard.nats, held_out=heldout.of_variance(heard.unseen, np.full(len(heard.unseen), ratio))),
+        worth=Worth(evidence=heard.nats, held_out=heldout.of_variance(heard.unseen[0], np.full(heard.unseen.shape[1], ratio))),
         stds={"change_db": 10 / np.log(10) * float(np.hypot(1 / np.sqrt(heard.count), doubt))},
     )
 
@@ -162,10 +162,11 @@ def _following(fit: Fit, heard: Heard) -> tuple[Told, float]:
     mean = max(float(np.mean(heard.level**2)), 1e-300)
     strength, likelihood = _strength(heard.energy, heard.level**2 / mean)
     lead = -heard.count * (np.log(heard.ratio) + 1 + likelihood / len(heard.energy))
-    variance = 1 + np.exp(strength) * np.abs(fit.chain.wanted[fit.data.vault]) ** 2 / mean
+    unseen, level = heard.unseen
+    variance = 1 + np.exp(strength) * level**2 / mean
     told = Told(
         effect=start(with_role(Role.FOLLOWING), [strength], free=[False]),
-        worth=Worth(evidence=heard.nats - lead, held_out=heldout.of_variance(heard.unseen, variance)),
+        worth=Worth(evidence=heard.nats - lead, held_out=heldout.of_variance(unseen, variance)),
         stds={"slope_db": 10 / np.log(10) / np.sqrt(heard.count) * heard.ratio / (heard.ratio - 1)},
     )
     return told, float(lead)
@@ -230,7 +231,8 @@ def _heard(finding: Finding) -> Heard | None:
         # of noise that a filter coloured, what is told is the floor where the signal is
         energy = energy * (_beside_signal(fit) / told / energy[inside].mean())
         count *= float(np.mean(data.scene.occupied))
-    unseen = power[data.vault] / told
+    aside = off_the_rails(fit, data.vault)
+    unseen = np.stack([power[aside] / told, level[aside]])
     return Heard(
         energy=energy[inside], level=level[inside], count=count, unseen=unseen, uneven=uneven, rounded=rounded, gained=gained
     )
