@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Where a delay moves: losses of whole periods under a carrier, signals that are silent or filtered, a clock in steps."""
 
+import json
+
 import numpy as np
 import pytest
 import yaml
@@ -43,6 +45,32 @@ def test_a_loss_is_as_many_periods_of_the_waveform_as_the_oscillator_went_on(wor
     (effect,) = document["effects"]
     assert document["verdict"] == "identified" and effect["family"] == "sample_loss"
     assert effect["parameters"]["samples"]["value"] == lost
+
+
+@pytest.mark.parametrize(("first", "count"), [(150, 163), (9000, 40), (15_000, 900)])
+@pytest.mark.parametrize("datatype", ["cf32_le", "ci16_le"])
+def test_zeros_that_a_receiver_wrote_are_inserted_samples_and_nothing_else(world, tmp_path, first, count, datatype):
+    """As many as they are, more than the waveform's period too, and the corrected twin has them; noise has none."""
+    y = world.noisy(world.clean())
+    y = np.concatenate([y[:first], np.zeros(count), y[first:]])[: len(y)]
+    found = diagnose(read_case(world.write(tmp_path / "case", y, datatype=datatype)), budget_s=3000)
+    (effect,) = found.document["effects"]
+    assert found.document["verdict"] == "identified" and effect["family"] == "sample_loss"
+    assert effect["parameters"]["samples"]["value"] == -count and effect["parameters"]["zeros"] is True
+    assert effect["parameters"]["time_s"]["value"] == pytest.approx(first / RATE_HZ, abs=0.5 / RATE_HZ)
+    twin = world.twin() | {"effects": json.loads(json.dumps(found.document["effects"]))}
+    world.twin = lambda: twin
+    assert diagnose(read_case(world.write(tmp_path / "again", y))).document["verdict"] == "no_mismatch"
+
+
+def test_zeros_in_the_place_of_samples_of_which_none_are_lost_are_left_and_placed(world, tmp_path):
+    y = world.noisy(world.clean())
+    y[9000:9100] = 0
+    document = diagnose(read_case(world.write(tmp_path / "case", y)), budget_s=3000).document
+    (left,) = document["residual"]["where"]
+    assert document["verdict"] == "unexplained" and document["effects"] == []
+    assert left["test"] == "zeros in the place of samples"
+    assert left["time_s"] == pytest.approx([9000 / RATE_HZ, 9099 / RATE_HZ])
 
 
 def test_no_loss_is_looked_for_where_a_filter_bends_a_loud_signal(tmp_path):

@@ -15,7 +15,7 @@ from ..twin.entries import effect_of, in_either_seconds, known_losses, lost_befo
 from ..twin.interpolate import TAU, phasor
 from ..twin.model import Model, predict
 from ..twin.scene import PAD, Path, Scene, Source, bridged, reach
-from . import delays, gate, offsets, pieces, presence
+from . import blanks, delays, gate, offsets, pieces, presence
 from .fit import Data
 from .policy import (
     ALIGN_MARGIN,
@@ -455,6 +455,7 @@ def _data(case, observation, scene, y, delay: float) -> Data:
     valid = _reached(scene, delay)
     edge = min(EDGE, n // 40)
     valid[:edge] = valid[n - edge :] = False
+    valid &= ~blanks.inside(y)
     vault = np.ones(n, bool) if observation.vault else split(valid)
     noise = told_noise_db(case, observation)
     return Data(

@@ -34,6 +34,11 @@ MOST_OPEN = 3  # families that are told as open, the likeliest
 NEAR_SHARE = 0.3  # or this share of what the effect brings
 NEAR_NATS = 25.0  # predicted evidence within which a rival is worth a fit
 
+# blanks
+BLANK_NATS = 14.0  # by which a run of zeros is no chance: one of a million samples begins one
+MOST_BLANK = 0.1  # of a recording: where more is zeros, it is silent
+BLANK_APART = 64  # samples from a joint to zeros that were written there: as exactly as a joint is first guessed
+
 # claims
 SIZE_SIGMA = 3.0  # standard deviations by which a size must differ from nothing
 CANCELLED = 0.03  # of the power of the weaker of two effects: less is left of both together where one only cancels the other

@@ -9,7 +9,23 @@ import numpy as np
 from ..twin.effects import FAMILIES, Role, plays, stage_of
 from ..twin.effects.base import RX_FILTER
 from ..twin.effects.noise_family import profile
-from . import align, ambiguity, claims, copies, evenness, flatness, floor, gate, noise, offsets, presence, residual, slips, slow
+from . import (
+    align,
+    ambiguity,
+    blanks,
+    claims,
+    copies,
+    evenness,
+    flatness,
+    floor,
+    gate,
+    noise,
+    offsets,
+    presence,
+    residual,
+    slips,
+    slow,
+)
 from .doubts import doubts
 from .exchange import exchanged
 from .finding import Finding, nmse, numbers, worth
@@ -361,6 +377,7 @@ def _look_for_rest(finding: Finding) -> None:
         if rest.p_value < UNEXPLAINED_P and rest.nats > max(UNEXPLAINED_NATS, UNEXPLAINED_SHARE * against):
             finding.left.append(rest)
     finding.left += [jump for jump in residual.jumps(fit) if jump.p_value < UNEXPLAINED_P]
+    finding.left += blanks.left(fit)
     finding.left += doubts(finding)
     later = finding.observation.first / finding.scene.sample_rate_hz
     for rest in finding.left:

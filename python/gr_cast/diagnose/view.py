@@ -12,7 +12,9 @@ from ..twin.effects.base import RX_GAIN, RX_LO, at_half_the_rate, peaks
 from ..twin.interpolate import TAU, phasor
 from ..twin.model import predict
 from ..twin.scene import PAD
+from . import blanks
 from .policy import (
+    BLANK_APART,
     ECHO_CELLS,
     ECHO_SEGMENTS,
     HARMONICS,
@@ -376,6 +378,16 @@ class View:
                 joint = self._joint(first, beyond, later)
                 found.append((float(self.scene.index[min(joint, n - 1)]), float(nearby), later))
         return found
+
+    def zeros(self, joint: float, lost: float) -> tuple[float, float] | None:
+        """(first of them, samples lost, below 0) where zeros were written near a joint, as many as were inserted there if so many
+        are lost, to one sample and the waveform's period; None where none were."""
+        edges, period = blanks.runs(self.data.y), len(self.scene.sources[0].samples) if self.scene.sources[0].repeat else 0
+        first, length = self.scene.index[edges[:, 0]], np.diff(edges, axis=1)[:, 0]
+        off = length + lost
+        off = np.abs((off + period // 2) % period - period // 2 if period else off)
+        near = (off <= 1) & (np.abs(first - joint) <= length + BLANK_APART)
+        return (float(first[near][0]), -float(length[near][0])) if near.any() else None
 
     def steps_of_lag(self) -> tuple[int, list[tuple[float, float]]]:
         """(samples by which the first part is later than the fit has it, [(first sample after a joint, samples lost)]) of the

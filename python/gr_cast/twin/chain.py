@@ -38,6 +38,7 @@ class Chain:
     paths: list[Path] = field(default_factory=list)
     clock: float = 0.0  # samples that the received waveform gains over the recording
     shift: np.ndarray | None = None  # (n,) whole samples that the recording is ahead
+    silent: np.ndarray | None = None  # (n,) bool: zeros were written in the place of what came
     u: np.ndarray  # (n,) time as a share of the recording, with its jumps
     y: np.ndarray = field(default_factory=lambda: np.zeros(0))
     noise: Callable[["Chain"], np.ndarray] | None = None  # (n,) noise in front of the receiver, where it is played

@@ -141,6 +141,8 @@ def _run(scene, base, effects, chain: Chain, first: int, snapshots=None) -> Chai
                 chain.y = chain.y + chain.noise(chain)
         else:
             FAMILIES[effects[step].family].apply(chain, effects[step])
+    if chain.silent is not None:
+        chain.y, chain.wanted = (np.where(chain.silent, 0.0, part) for part in (chain.y, chain.wanted))
     return chain
 
 

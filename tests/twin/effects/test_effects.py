@@ -328,6 +328,17 @@ CONTRACT = {
 }
 
 
+def test_inserted_zeros_take_the_place_of_all_that_came():
+    family = FAMILIES["sample_loss"]
+    world = scene([ONE[0]])
+    effects = [family.parse(world, {"time_s": 1e-3, "samples": -7.0, "zeros": zeros}, {}) for zeros in (False, True)]
+    assert family.constants(world, effects[1]) == {"zeros": True}
+    plain, silent = (predicted([ONE[0]], effect) for effect in effects)
+    at = round(1e-3 * world.sample_rate_hz) + np.arange(7)
+    assert np.all(silent[at] == 0) and np.all(plain[at] != 0)
+    assert np.array_equal(np.delete(silent, at), np.delete(plain, at))
+
+
 @pytest.mark.parametrize("name", list(CONTRACT))
 def test_a_diagnosis_read_back_into_a_twin_keeps_its_numbers(name):
     world = scene([ONE[0], Path(source=0, delay=9.0, gain=0.5)])
