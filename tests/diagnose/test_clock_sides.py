@@ -27,12 +27,13 @@ def side(request):
 def heard(world, tmp_path, side):
     """Effects that the twin knows → the diagnosis of a recording with a fast clock on a side."""
 
-    def document(*known):
+    def document(*known, carrier_hz=0.0):
         world.taps, world.noise_rms = [(0, 1.0), (120, 0.6 * np.exp(0.7j))], 0.003
         world.x = np.fft.ifft(np.fft.fft(world.x) * (np.abs(np.fft.fftfreq(len(world.x))) < 0.3))
         fast = 1 + PPM * 1e-6
         at = [(world.n - d) * fast if side == "tx" else world.n * fast - d for d, _ in world.taps]
         y = 0.3 * sum(a * sampled(world.x, t - 37) for t, (_, a) in zip(at, world.taps, strict=True))
+        y = y * np.exp(2j * np.pi * carrier_hz / RATE_HZ * world.n * (fast if side == "rx" else 1.0))
         twin = world.twin() | {"waveforms": {"w1": {"file": "sent", "repeat": True}}, "effects": [*known]}
         world.twin = lambda: twin
         folder = world.write(tmp_path / "case", world.noisy(y))
@@ -54,3 +55,13 @@ def test_a_transmitters_clock_that_the_twin_knows_is_no_path_that_is_late(heard)
     """Whoever made the twin may say whose clock it is and mean what came, or what was sent."""
     owner, parameters = {"level": "tx", "name": "tx1"}, {"offset_ppm": {"value": PPM, "std": 0.1}}
     assert heard({"family": "sample_clock_offset", "owner": owner, "parameters": parameters})["verdict"] == "no_mismatch"
+
+
+def test_a_carrier_that_the_twin_knows_turns_by_the_receivers_clock(heard, side):
+    """And has no other offset for that, whoever's clock runs fast."""
+    carrier_hz, owner = 41e3, {"level": "rx", "name": "rx1"}
+    parameters = {"offset_hz": {"value": carrier_hz, "std": 0.0}}
+    known = {"family": "carrier_frequency_offset", "owner": owner, "parameters": parameters}
+    (told,) = heard(known, carrier_hz=carrier_hz)["effects"]
+    assert told["family"] == "sample_clock_offset" and told["owner"]["level"] == side
+    assert told["parameters"]["offset_ppm"]["value"] == pytest.approx(PPM, abs=4 * told["parameters"]["offset_ppm"]["std"])

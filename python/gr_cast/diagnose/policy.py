@@ -272,6 +272,7 @@ ANOTHER_PATH = 0.5  # of what is left, at most, with another path where the twin
 LEAST_STEPS = 3  # of the delay, all the same way, that a clock may make as well as losses
 MOST_AT_ONE_PLACE, SAME_PLACE = 2, 0.5  # echoes (as a tap and its change) within so many samples: of more, one path comes or goes
 LEAST_STRETCH = 1e-3  # samples by which late paths must differ for a sample clock to show its side
+LEAST_COUNTED = 1e-3  # cycles by which a carrier that is known must turn otherwise for a sample clock to show its side
 LEAST_TURN = 1e-5  # cycles by which late paths must differ for a carrier offset to show its side
 FULLER = 1.5  # times the power at the delay that was found, from which another is tried: of the same path it is what noise adds
 LEAP_STEPS = 3  # of a fit, that score an effect which is elsewhere

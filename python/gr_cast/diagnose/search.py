@@ -34,6 +34,7 @@ from .policy import (
     LEAST_OF_A_STEP,
     LEAST_OF_NOISE,
     LEAST_STEPS,
+    LEAST_COUNTED,
     LEAST_STRETCH,
     LEAST_TURN,
     LOUDEST,
@@ -693,31 +694,46 @@ def _whose_carrier(data: Data, fit: Fit, again: bool) -> Fit:
 
 def _whose_clock(data: Data, fit: Fit) -> Fit:
     """The fit with a sample clock on the side that the delays of late paths of the one transmitter tell, whose own stretches them
-    too; unsaid where they do not."""
-    scene, model = data.scene, fit.model
+    too, or a carrier that the twin knows, which the receiver's counts by its own time; unsaid where they do not."""
+    model = fit.model
     at = model.index_of(Role.CLOCK, found=True)
-    if at is None or data.late or not _stretches(scene, model.effects[at], fit.chain.paths):
+    if at is None or data.late:
         return fit
     clock = model.effects[at]
-    sent = clock.aux.get("side") == "tx"
-    (other,) = [replace(clock, aux={"side": "rx"})] if sent else _as_sent(scene, clock)
-    best = refit(data, model.replacing(at, other), near=fit)
+    forms = [form for form in _of_clocks(data.scene, model, clock, fit.chain.paths) if not _same_side(form, clock)]
+    fits = [refit(data, model.replacing(at, form), near=fit) for form in forms]
+    best = max(fits, key=lambda f: f.evidence, default=fit)
     if best.evidence > fit.evidence + SEARCH_MARGIN:
         return best
-    if not sent and fit.evidence > best.evidence + SEARCH_MARGIN:
-        return replace(fit, model=model.replacing(at, replace(clock, aux={"side": "rx"})))
+    if "side" not in clock.aux and len(fits) == 2:  # the other one is told by what it is not
+        worse, better = sorted(fits, key=lambda f: f.evidence)
+        if better.evidence > worse.evidence + SEARCH_MARGIN and better.evidence > fit.evidence - 1.0:
+            return better
     return fit
 
 
 def told_on_its_side(data: Data, model: Model) -> Model:
-    """The model with a sample clock that the twin knows, but not whose delays it stretches, as the transmitter's where late paths
-    tell so."""
+    """The model with a sample clock that the twin knows, but not what it stretches or counts, on the side that late paths tell,
+    or the carrier."""
     at = model.index_of(Role.CLOCK)
-    if at is None or "side" in model.effects[at].aux or not _stretches(data.scene, model.effects[at], data.scene.taps):
+    if at is None or "side" in model.effects[at].aux:
         return model
-    (form,) = _as_sent(data.scene, model.effects[at])
-    sent = model.replacing(at, form)
-    return sent if refit(data, sent).likelihood > refit(data, model).likelihood + SEARCH_MARGIN else model
+    models = [model.replacing(at, form) for form in _of_clocks(data.scene, model, model.effects[at], data.scene.taps)]
+    fits = [refit(data, one) for one in models]
+    best = max(fits, key=lambda f: f.likelihood, default=None)
+    return best.model if best and best.likelihood > refit(data, model).likelihood + SEARCH_MARGIN else model
+
+
+def _of_clocks(scene, model: Model, clock: Effect, paths) -> list[Effect]:
+    """A sample clock as the one transmitter's and as the receiver's, where either shows."""
+    stretches = _stretches(scene, clock, paths)
+    known = sum(abs(e.p[0]) for e in model.effects if e.fixed and plays(e, Role.CARRIER))
+    counts = abs(clock.p[0]) / scene.span * known >= LEAST_COUNTED
+    return [*(_as_sent(scene, clock) if stretches else []), *([replace(clock, aux={"side": "rx"})] if stretches or counts else [])]
+
+
+def _same_side(one: Effect, other: Effect) -> bool:
+    return one.aux.get("side") == other.aux.get("side")
 
 
 def _stretches(scene, clock: Effect, paths) -> bool:

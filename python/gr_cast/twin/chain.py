@@ -37,6 +37,7 @@ class Chain:
     modulations: dict[int, list] = field(default_factory=dict)  # of a source: functions of a delay in samples → (n,) factor
     paths: list[Path] = field(default_factory=list)
     clock: float = 0.0  # samples that the received waveform gains over the recording
+    pace: float = 1.0  # of the receiver's time over its samples' count
     shift: np.ndarray | None = None  # (n,) whole samples that the recording is ahead
     silent: np.ndarray | None = None  # (n,) bool: zeros were written in the place of what came
     u: np.ndarray  # (n,) time as a share of the recording, with its jumps
@@ -120,9 +121,9 @@ class Chain:
     def turn(self, p: np.ndarray) -> np.ndarray:
         """(n,) the factor of a carrier offset of p[0] cycles at mid-recording and p[1] cycles of drift; kept between calls,
         most steps of a derivative leave the carrier alone."""
-        held, key = self.scene.notes.get("carrier"), (*p, id(self.u))
+        held, key = self.scene.notes.get("carrier"), (*p, self.pace, id(self.u))
         if held is None or held[0] != key:
-            v = self.u - 0.5
+            v = (self.u - 0.5) * self.pace
             self.scene.notes["carrier"] = held = key, phasor(TAU * v * (p[0] + 0.5 * p[1] * v)), self.u
         return held[1]
 

@@ -2,8 +2,9 @@
 """Sample clock offset: the received waveform runs fast by offset_ppm, x(t(1 + ε)). Internal: samples
 gained.
 
-A receiver's clock stretches what comes, a transmitter's (aux side tx) what is sent: a path that comes τ later does so by
-τ·(1 + ε) of its samples then. Where ε·τ is not seen no side is said.
+A receiver's clock (aux side rx) stretches all that comes, so that a carrier turns (1 + ε) times as often in its samples; a
+transmitter's (tx) what is sent: a path that comes τ later does so by τ·(1 + ε) of its samples then. Where neither is seen no side
+is said.
 """
 
 from dataclasses import replace
@@ -29,6 +30,8 @@ class SampleClockOffset(Family):
         if effect.aux.get("side") == "tx":
             slower = 1 + effect.p[0] / chain.scene.span
             chain.paths = [replace(p, delay=p.delay * slower) if p.source == effect.aux["source"] else p for p in chain.paths]
+        elif effect.aux.get("side") == "rx":
+            chain.pace = chain.pace + effect.p[0] / chain.scene.span
 
     def starts(self, view):
         yield start(self, [0.0])
@@ -43,7 +46,7 @@ class SampleClockOffset(Family):
         return {"offset_ppm": p[0] / scene.span * 1e6}
 
     def parse(self, scene, parameters, model):
-        side = side_of(model) if "at" in model else {}  # whoever says no more than whose it is may have stretched what came
+        side = {"side": "rx"} if model.get("at") == "rx" else side_of(model) if "at" in model else {}  # not by whose it is alone
         return start(self, [parameters.get("offset_ppm", 0.0) * 1e-6 * scene.span], aux=side)
 
     def model(self, scene, effect):

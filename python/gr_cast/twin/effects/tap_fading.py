@@ -15,6 +15,10 @@ from .tap_gain_error import TapGainError
 from .values import NEEDED, Value
 
 
+BY_CHANCE = 1e-3  # of the means of courses that are larger
+SLOW_CYCLES = 2.0  # over the recording: of a slower course the mean may be any
+
+
 class TapFading(TapFamily):
     name = "tap_fading"
     parameters = {"delay_s": NEEDED, "k_factor_db": NEEDED, "doppler_spread_hz": Value(low=0.0, needed=True)}
@@ -85,10 +89,16 @@ class TapFading(TapFamily):
         return start(self, np.zeros(2 * len(k)), prior=np.repeat(prior, 2), aux={"tap": self._tap_of(scene, parameters, model)})
 
     def holds(self, scene, effect, other):
-        """Its mean, and its strong moments."""
+        """Its mean, of two paths told as the other one's, and its strong moments."""
         k = effect.aux["tap"]
         if other.family == TapGainError.name:
-            return other.aux["tap"] == k
+            told = self.values(scene, effect, effect.p)
+            cycles = told["doppler_spread_hz"] * scene.duration_s
+            # The power of Clarke's mean over what is left of the course, which has 1 + 2·cycles complex numbers: Fisher's law.
+            times = (1 + 2 * cycles) * (BY_CHANCE ** (-1 / (1 + 2 * cycles)) - 1) / (np.pi * cycles)
+            size = abs(np.exp(complex(*other.p)) - 1) ** 2
+            is_so_small = cycles < SLOW_CYCLES or size < times * 10 ** (-told["k_factor_db"] / 10)
+            return is_so_small and (other.aux["tap"] == k or len(scene.taps) == 2)
         return other.family == ExtraPath.name and abs(scene.taps[k].delay - other.p[2]) < 1.0
 
     def played(self, scene, effect, rng):
