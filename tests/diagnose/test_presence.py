@@ -265,3 +265,13 @@ def test_impulses_that_hold_all_of_the_energy_hide_no_waveform(tmp_path, world, 
     case = sent_once(tmp_path, y, world.path(0)[:8000]) if once else read_case(world.write(tmp_path / "case", y))
     _, data, model = align.build(case, case.observations[0])
     assert presence.judge(data, model).there == there
+
+
+def test_of_two_that_may_be_there_the_one_that_explains_more_with_its_envelope_is_likelier():
+    """A waveform that is mostly a carrier, distorted, against another one whose rest is more like what came and its carrier not."""
+    rng, inside = np.random.default_rng(1), np.ones(COUNT)
+    came, own = (0.7 * noise(rng, COUNT) for _ in range(2))
+    y = 1 + 0.5 * came + noise(rng, COUNT, 0.3)
+    sent, other = (one[None] for one in (1 + 0.5 * came + 0.6 * own, 0.1 + came))
+    assert presence.likelier([(y, sent, inside), (y, other, inside)], 0, COUNT) == 0
+    assert presence.likelier([(y, own[None], inside), (y, sent, inside)], 0, COUNT) == 1  # what is not there is no rival

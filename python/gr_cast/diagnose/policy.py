@@ -203,6 +203,7 @@ LENGTHS = (1 << 13, 1 << 16)  # samples that are looked at: few first, more wher
 PRESENCE_SURE_NATS = 60.0  # that few samples must say so that more are not asked
 PRESENT_NATS = 14.0  # by which chance would not explain as much at the best of all delays, carriers, lengths: p of 10⁻⁶
 HALVES = 3  # stretches of a short recording that are looked at: all of it, and its halves
+EXPLAINED_LENGTHS = tuple(4**k for k in range(3, 9))  # samples, of stretches with a gain each: carriers to 1/128 of the rate
 LIKELIER = 1.2  # times the nats of the first of several options that another must have
 PRESENCE_AROUND = 16  # samples around the delay that was found in which the waveform may be
 LOUDEST_SHARE = 0.95  # of the samples, above which impulses may stand over what is sent

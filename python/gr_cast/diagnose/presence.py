@@ -22,6 +22,7 @@ from ..twin.scene import reach
 from . import offsets
 from .policy import (
     ALL_BUT_A_CARRIER,
+    EXPLAINED_LENGTHS,
     FARTHEST_NEAR,
     HALF_OF_NULLS,
     HALVES,
@@ -146,7 +147,22 @@ def likelier(options, period: int, tried: int) -> int | None:
     best = int(np.argmax(nats))
     if nats[best] <= PRESENT_NATS:
         return None
-    return best if nats[best] > LIKELIER * nats[0] + PRESENT_NATS else 0
+    is_more = nats[best] > LIKELIER * nats[0] + PRESENT_NATS
+    # Where both may be there, what either explains with its envelope tells more than what it does without.
+    return best if is_more and (nats[0] <= PRESENT_NATS or _explained_nats(*options[best]) > _explained_nats(*options[0])) else 0
+
+
+def _explained_nats(y, signals, inside) -> float:
+    """Nats by which what is sent explains a recording, with gains for stretches of the length that tells most."""
+    y, count, best = y * inside, float(inside.sum()), 0.0
+    for length in EXPLAINED_LENGTHS:
+        edges = np.arange(0, len(y), length)
+        common, sent = (
+            np.add.reduceat(part, edges, axis=1) for part in (signals.conj() * y, np.abs(signals * inside) ** 2)
+        )
+        held = np.sum(np.abs(common) ** 2 / np.maximum(sent, 1e-300)) / np.vdot(y, y).real
+        best = max(best, float(-count * np.log(1 - min(held, 0.999999)) - common.size * np.log(count)))
+    return best
 
 
 def _look(y, signals, inside, period: int, tried: int, length: int, sure: float, by_places: bool = False) -> Presence:
