@@ -724,6 +724,10 @@ def told_on_its_side(data: Data, model: Model) -> Model:
     return best.model if best and best.likelihood > refit(data, model).likelihood + SEARCH_MARGIN else model
 
 
+def _either(one: Effect, other: Effect) -> bool:
+    return FAMILIES[one.family].excludes(one, other) or FAMILIES[other.family].excludes(other, one)
+
+
 def _of_clocks(scene, model: Model, clock: Effect, paths) -> list[Effect]:
     """A sample clock as the one transmitter's and as the receiver's, where either shows."""
     stretches = _stretches(scene, clock, paths)
@@ -747,6 +751,7 @@ def _adding(fit: Fit, effect: Effect) -> list[Model]:
     place; a band of noise is not also the colour of a receiver's filter, which may be a transmitter's then."""
     if FAMILIES[effect.family].noise_like:  # a cause takes the place of a law of the noise that is none
         fit = replace(fit, model=replace(fit.model, effects=tuple(e for e in fit.model.effects if not _apart(e))))
+    fit = replace(fit, model=replace(fit.model, effects=tuple(e for e in fit.model.effects if e.fixed or not _either(e, effect))))
     models = [fit.model.adding(effect)]
     if len((joined := _put(fit.model, effect)).effects) == len(fit.model.effects):
         models.append(joined)

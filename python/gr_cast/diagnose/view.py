@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy import fft as sp_fft
 
-from ..twin.effects import FAMILIES, stage_of
+from ..twin.effects import FAMILIES, Role, plays, stage_of
 from ..twin.effects.base import RX_GAIN, RX_LO, at_half_the_rate, peaks
 from ..twin.interpolate import TAU, phasor
 from ..twin.model import predict
@@ -19,6 +19,7 @@ from .policy import (
     ECHO_SEGMENTS,
     HARMONICS,
     HUM_POINTS,
+    LEAST_RAMP,
     LEAST_SEGMENT,
     LEAST_SENT,
     LINE_NATS,
@@ -27,6 +28,7 @@ from .policy import (
     MOST_PERIODS,
     PERIOD_CYCLES,
     POINTS,
+    RAMP_CELLS,
     SKIRT,
     SLOW_HUMS,
     SLOW_POINTS,
@@ -86,6 +88,31 @@ class View:
         """(slope, curvature) of ln L by a real gain in nepers, per sample."""
         slope = 2 / self.sigma2 * (self.residual * np.conj(self.wanted)).real
         return slope, 2 / self.sigma2 * np.abs(self.wanted) ** 2 * self.weight
+
+    def phase_moments(self) -> tuple[np.ndarray, np.ndarray]:
+        """(slope, curvature) of ln L by a phase in radians, per sample."""
+        slope = 2 / self.sigma2 * (self.residual * np.conj(self.wanted)).imag
+        return slope, 2 / self.sigma2 * np.abs(self.wanted) ** 2 * self.weight
+
+    def ramps_of_phase(self) -> list[tuple[float, float, int]]:
+        """[(first, last moment as shares of the recording, pairs that were tried)] of the stretch in which a phase that turns
+        evenly there and nowhere else explains most, besides a phase and, where a carrier offset is fitted, a frequency."""
+        slope, curve = (self.scene.spread(moment) for moment in self.phase_moments())
+        edges = np.linspace(0, len(slope), RAMP_CELLS + 1).astype(int)
+        a, e = np.add.reduceat(slope, edges[:-1]), np.add.reduceat(curve, edges[:-1])
+        knots, middle = edges / len(slope), (edges[1:] + edges[:-1]) / 2 / len(slope)
+        first, last = np.triu_indices(len(knots), 1)
+        first, last = first[last - first < RAMP_CELLS], last[last - first < RAMP_CELLS]  # all of it is a carrier offset
+        ramps = np.clip((middle - knots[first, None]) / (knots[last] - knots[first])[:, None], 0.0, 1.0)
+        turns = any(plays(e, Role.CARRIER) and e.free[0] for e in self.fit.model.effects)
+        for known in (np.ones(len(middle)), middle - np.average(middle, weights=e + 1e-300))[: 1 + turns]:
+            ramps = ramps - np.outer(ramps @ (known * e) / max(known @ (known * e), 1e-300), known)
+            a = a - e * known * (known @ a) / max(known @ (known * e), 1e-300)
+        energy = (ramps**2) @ e
+        nats = np.where(energy > LEAST_RAMP * e.sum(), 0.5 * (ramps @ a) ** 2 / np.maximum(energy, 1e-300), 0.0)
+        best = int(np.argmax(nats))
+        enough = nats[best] > np.log(len(nats)) + VIEW_JUMP_NATS
+        return [(float(knots[first[best]]), float(knots[last[best]]), len(nats))] if enough else []
 
     def modulation_peak(self) -> float | None:
         """Cycles over the recording by which the wanted part turns against the prediction, where that is

@@ -20,12 +20,14 @@ from .noise_course import NoiseCourse
 from .noise_floor import NoiseFloor
 from .pa_nonlinearity import PaNonlinearity
 from .phase_noise import PhaseNoise
+from .phase_ramp import PhaseRamp
 from .power_supply_hum import PowerSupplyHum
 from .pulsed_carrier import PulsedCarrier
 from .pulsed_interference import PulsedInterference
 from .quantization import Quantization
 from .sample_clock_offset import SampleClockOffset
 from .sample_loss import SampleLoss
+from .second_order import SecondOrder
 from .second_transmitter import SecondTransmitter
 from .signal_dependent_noise import SignalDependentNoise
 from .spectral_inversion import SpectralInversion
@@ -54,10 +56,12 @@ FAMILIES: dict[str, Family] = {
         SecondTransmitter(),
         CarrierFrequencyOffset(),
         PhaseNoise(),
+        PhaseRamp(),
         FrontEndFilter(),
         GainStep(),
         GainDrift(),
         PowerSupplyHum(),
+        SecondOrder(),
         DcOffset(),
         ToneInterference(),
         ClockWander(),

@@ -234,6 +234,10 @@ class Family:
         """Effects that claim less and may explain the same beside `others`: each stands in where it does."""
         return ()
 
+    def excludes(self, effect: Effect, other: Effect) -> bool:
+        """Whether both explain the same, so that a model has one of them."""
+        return False
+
     def moment(self, scene: Scene, effect: Effect) -> float | None:
         """The first sample behind the moment at which an effect happens; None: at no moment."""
         return None
