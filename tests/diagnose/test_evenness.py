@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from gr_cast.diagnose import diagnose, read_case
-from gr_cast.diagnose.evenness import evenness
+from gr_cast.diagnose.evenness import beats, evenness
 from scipy import stats
 
 
@@ -45,3 +45,12 @@ def test_another_network_in_the_whole_band_is_left_unexplained(world, tmp_path, 
     said = diagnose(read_case(world.write(tmp_path / "case", y))).document
     assert said["verdict"] == ("unexplained" if there else "no_mismatch")
     assert any("even" in w["test"] for w in said["residual"]["where"]) == there
+
+
+def test_the_power_of_noise_beats_as_chance_says_and_that_of_symbols_at_their_rate():
+    rng, inside = np.random.default_rng(8), np.arange(4000) % 50 < 45
+    by_chance = [beats(_noise(rng, 4000, np.hanning(5)), inside) for _ in range(200)]
+    assert np.mean(np.array(by_chance) < 0.1) < 0.2 and min(by_chance) > 1e-4
+    symbols = np.zeros(4000, complex)
+    symbols[::3] = _qpsk(rng, 1334, 1.0)
+    assert beats(np.convolve(symbols, np.hanning(7), "same") + 0.3 * _noise(rng, 4000), inside) < 1e-6

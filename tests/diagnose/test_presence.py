@@ -268,7 +268,7 @@ def test_impulses_that_hold_all_of_the_energy_hide_no_waveform(tmp_path, world, 
 
 
 def test_of_two_that_may_be_there_the_one_that_explains_more_with_its_envelope_is_likelier():
-    """A waveform that is mostly a carrier, distorted, against another one whose rest is more like what came and its carrier not."""
+    """A waveform that is mostly a carrier, distorted, and one whose rest is more like what came and whose carrier is not."""
     rng, inside = np.random.default_rng(1), np.ones(COUNT)
     came, own = (0.7 * noise(rng, COUNT) for _ in range(2))
     y = 1 + 0.5 * came + noise(rng, COUNT, 0.3)

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether what is left has amplitudes more even than noise has: a signal of another kind is in it, wherever it is in time and
-frequency."""
+"""Whether what is left has amplitudes more even than noise has, or a power that beats as symbols of one rate do: a signal of
+another kind is in it, wherever it is in time and frequency."""
 
 import numpy as np
 from scipy import fft as sp_fft
 from scipy import stats
 
 from ..twin.effects import FAMILIES, is_coarse
+from . import copies
 from .fit import Fit, rounding_of_grids
 from .policy import LEAST_HEARD, OF_DITHER, OF_ROUNDING
-from .residual import Leftover, normal
+from .residual import Leftover, bonferroni, normal
 
 
 def left(fit: Fit, inside: np.ndarray) -> list[Leftover]:
@@ -22,8 +23,23 @@ def left(fit: Fit, inside: np.ndarray) -> list[Leftover]:
     lack -= OF_DITHER * min(1.0, rounding_of_grids(fit) / fit.sigma2) ** 2
     # Nothing is more even than one amplitude, so that so much of the power at least is no noise.
     over = 1 / (1 - min(np.sqrt(max(lack, 0.0)), 0.99))
-    nats = float(inside.sum() * (over - 1 - np.log(over)))
-    return [Leftover(test="amplitudes more even than noise", p_value=float(stats.norm.sf(lack / std)), nats=nats, where={})]
+    nats, p_value = float(inside.sum() * (over - 1 - np.log(over))), float(stats.norm.sf(lack / std))
+    test = "amplitudes more even than noise"
+    beat = beats(fit.data.scene.spread(fit.residual), fit.data.scene.spread(inside))
+    both = stats.combine_pvalues(np.maximum([p_value, beat], 1e-300))[1]
+    return [
+        Leftover(test=test, p_value=p_value, nats=nats, where={}),
+        Leftover(test=f"{test}, and a power that beats", p_value=float(both), nats=nats, where={}),
+    ]
+
+
+def beats(r: np.ndarray, inside: np.ndarray) -> float:
+    """The chance that the power of noise has so strong a line as that of the samples `inside` (n,) bool has at its strongest:
+    at the rate of symbols, with which the power of all that is sent in such rises and falls (Gardner 1986)."""
+    power = np.abs(r) ** 2
+    power = np.where(inside, power - power[inside].mean(), 0.0)
+    log_p, *_ = copies.line(power, np.ones(len(power)))
+    return bonferroni(log_p, len(power) // 2)
 
 
 def evenness(r: np.ndarray, inside: np.ndarray) -> tuple[float, float]:

@@ -157,9 +157,7 @@ def _explained_nats(y, signals, inside) -> float:
     y, count, best = y * inside, float(inside.sum()), 0.0
     for length in EXPLAINED_LENGTHS:
         edges = np.arange(0, len(y), length)
-        common, sent = (
-            np.add.reduceat(part, edges, axis=1) for part in (signals.conj() * y, np.abs(signals * inside) ** 2)
-        )
+        common, sent = (np.add.reduceat(part, edges, axis=1) for part in (signals.conj() * y, np.abs(signals * inside) ** 2))
         held = np.sum(np.abs(common) ** 2 / np.maximum(sent, 1e-300)) / np.vdot(y, y).real
         best = max(best, float(-count * np.log(1 - min(held, 0.999999)) - common.size * np.log(count)))
     return best

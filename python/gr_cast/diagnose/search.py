@@ -29,12 +29,12 @@ from .policy import (
     FULLER,
     LAWS_ROUNDS,
     LEAP_STEPS,
+    LEAST_COUNTED,
     LEAST_HELD_OUT,
     LEAST_JUMP,
     LEAST_OF_A_STEP,
     LEAST_OF_NOISE,
     LEAST_STEPS,
-    LEAST_COUNTED,
     LEAST_STRETCH,
     LEAST_TURN,
     LOUDEST,
@@ -733,7 +733,10 @@ def _of_clocks(scene, model: Model, clock: Effect, paths) -> list[Effect]:
     stretches = _stretches(scene, clock, paths)
     known = sum(abs(e.p[0]) for e in model.effects if e.fixed and plays(e, Role.CARRIER))
     counts = abs(clock.p[0]) / scene.span * known >= LEAST_COUNTED
-    return [*(_as_sent(scene, clock) if stretches else []), *([replace(clock, aux={"side": "rx"})] if stretches or counts else [])]
+    return [
+        *(_as_sent(scene, clock) if stretches else []),
+        *([replace(clock, aux={"side": "rx"})] if stretches or counts else []),
+    ]
 
 
 def _same_side(one: Effect, other: Effect) -> bool:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The mean of a tap that fades over a recording is a part of its fading, as large as Clarke's model (1968) has it, and no more."""
+"""The mean of a tap that fades is a part of its fading, as large as Clarke (1968) has it over a recording, and no more."""
 
 import numpy as np
 import pytest
