@@ -521,11 +521,15 @@ def beginnings(data: Data, model: Model) -> list[Fit]:
     turning = [form for way in ways for other in _gross_offsets(data, way) for form in _of_either_side(data.scene, other)]
     first, *others = (delayed_again(data, refit(data, one)) for one in (plain, *turning))
     fits = [first, *(_on_their_sides(data, other) for other in others)]
-    fits += [refit(data, model) for model in _at_another_path(data, fits[0])]
+    elsewhere = [refit(data, model) for model in _at_another_path(data, first)]
+    fits += elsewhere
     fits += [f for f in (refit(data, way) for way in mirrored) if f.evidence > fits[0].evidence + 2 * SEARCH_MARGIN]
     worth = {id(f): f.evidence - SEARCH_MARGIN * f.model.inverted for f in fits}
     fits.sort(key=lambda f: -worth[id(f)])
-    return [f for f in fits if worth[id(f)] > worth[id(fits[0])] - 10.0][:BEAM]
+    kept = [f for f in fits if worth[id(f)] > worth[id(fits[0])] - 10.0][:BEAM]
+    if any(fits[0] is one for one in elsewhere) and not any(f is first for f in kept):
+        kept = [*kept[: BEAM - 1], first]  # what seems to be missing may be something else
+    return kept
 
 
 def _at_another_path(data: Data, fit: Fit) -> list[Model]:
