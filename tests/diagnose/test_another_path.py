@@ -5,7 +5,10 @@ import numpy as np
 import pytest
 from conftest_world import RATE_HZ, noise, sent_once
 from gr_cast.diagnose import align, diagnose, read_case
-from gr_cast.diagnose.search import beginnings
+from gr_cast.diagnose.search import beginnings, refit
+from gr_cast.diagnose.view import View
+from gr_cast.twin.effects import FAMILIES
+from gr_cast.twin.effects.base import start
 
 
 @pytest.mark.parametrize(
@@ -39,3 +42,11 @@ def test_an_echo_of_what_is_sent_once_is_found_however_late_it_is(tmp_path, late
     assert document["verdict"] == "identified" and echo["family"] == "extra_path"
     assert echo["parameters"]["delay_s"]["value"] * RATE_HZ == pytest.approx(late, abs=0.05)
     assert echo["parameters"]["gain_db"]["value"] == pytest.approx(20 * np.log10(0.5), abs=0.2)
+
+
+def test_where_all_paths_are_gone_no_clock_is_read_of_them(world, tmp_path):
+    case = read_case(world.write(tmp_path / "case", world.noisy(0 * world.clean())))
+    _, data, model = align.build(case, case.observations[0])
+    for tap in range(2):
+        model = model.adding(start(FAMILIES["missing_path"], [], aux={"tap": tap}))
+    assert View(refit(data, model)).timing_drift() == 0.0

@@ -366,6 +366,8 @@ class View:
         c = np.abs(self._wanted_correlations(segments, reach)) ** 2
         k = np.argmax(c, axis=1)
         weight = c.max(axis=1)
+        if not weight.any():  # as where all paths are gone
+            return 0.0
         lags = []
         for row, i in zip(c, k, strict=True):
             if 0 < i < 2 * reach:
@@ -409,12 +411,17 @@ class View:
     def zeros(self, joint: float, lost: float) -> tuple[float, float] | None:
         """(first of them, samples lost, below 0) where zeros were written near a joint, as many as were inserted there if so many
         are lost, to one sample and the waveform's period; None where none were."""
-        edges, period = blanks.runs(self.data.y), len(self.scene.sources[0].samples) if self.scene.sources[0].repeat else 0
-        first, length = self.scene.index[edges[:, 0]], np.diff(edges, axis=1)[:, 0]
-        off = length + lost
-        off = np.abs((off + period // 2) % period - period // 2 if period else off)
-        near = (off <= 1) & (np.abs(first - joint) <= length + BLANK_APART)
-        return (float(first[near][0]), -float(length[near][0])) if near.any() else None
+        period = len(self.scene.sources[0].samples) if self.scene.sources[0].repeat else 0
+        for first, count in self.written_zeros():
+            off = count + lost
+            off = (off + period // 2) % period - period // 2 if period else off
+            if abs(off) <= 1 and abs(first - joint) <= count + BLANK_APART:
+                return first, -count
+        return None
+
+    def written_zeros(self) -> list[tuple[float, float]]:
+        """[(first, how many)] zeros that stand in the place of samples."""
+        return [(float(self.scene.index[first]), float(end - first)) for first, end in blanks.runs(self.data.y)[:MOST_JUMPS]]
 
     def steps_of_lag(self) -> tuple[int, list[tuple[float, float]]]:
         """(samples by which the first part is later than the fit has it, [(first sample after a joint, samples lost)]) of the

@@ -40,6 +40,10 @@ class SampleLoss(Family):
         everywhere = lambda lost: start(self, [-np.inf, lost], free=[False, False])  # noqa: E731
         for joint, lost, later in view.jumps(everywhere):
             yield self._read(view, joint, lost, {"later": later})
+        for first, count in view.written_zeros():
+            for later in (False, True):
+                aux = {"later": later, "zeros": True}
+                yield start(self, [first, -count], free=[False, False], aux=aux, trials=view.scene.count)
 
     def at_once(self, view):
         later, joints = view.steps_of_lag()
