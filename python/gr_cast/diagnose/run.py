@@ -29,7 +29,7 @@ from . import (
 from .doubts import doubts
 from .exchange import exchanged
 from .finding import Finding, nmse, numbers, worth
-from .fit import Fit, of_even_noise, off_the_rails, solve
+from .fit import Fit, of_even_noise, solve
 from .ownership import agree_on_sides, agree_on_wander
 from .passing import without_passing
 from .policy import (
@@ -221,10 +221,10 @@ def _begun(data, model, known: Finding | None):
 
 def _confirmed(known: Finding, data, fit: Fit, proof: float) -> list[Fit]:
     """A later part of a recording: the fit of what its first part showed, and a search where more is left than there."""
-    before = {rest.test: rest.nats for rest in residual.leftovers(known.fit, off_the_rails(known.fit))}
+    before = {rest.test: rest.nats for rest in _tests(known.fit)}
     louder = max(fit.sigma2 / known.fit.sigma2, 1.0)
     raised = data.count * (louder - 1 - np.log(louder)) > UNEXPLAINED_NATS
-    left = residual.leftovers(fit, off_the_rails(fit))
+    left = _tests(fit)
     if raised or any(r.p_value < UNEXPLAINED_P and r.nats > max(UNEXPLAINED_NATS, 2 * before.get(r.test, 0.0)) for r in left):
         return search(data, beginnings(data, fit.model), proof)
     return [fit]
@@ -358,19 +358,24 @@ def _directions(fit: Fit):
     return turned.imag**2 / power, turned.real**2 / power, power
 
 
+def _tests(fit: Fit) -> list[residual.Leftover]:
+    """Every test of what a fit leaves."""
+    inside = of_even_noise(fit)
+    return [
+        *residual.leftovers(fit, inside),
+        *flatness.left(fit, inside),
+        *evenness.left(fit, inside),
+        *copies.left(fit, inside),
+    ]
+
+
 def _look_for_rest(finding: Finding) -> None:
     fit = finding.fit
     bands = [FAMILIES[e.family].spectrum(fit.data.scene, e) for e in fit.model.found if FAMILIES[e.family].band(e)]
     level = fit.sigma2 * np.mean(np.prod(bands, axis=0))  # what a band of noise holds is no signal that was explained
     explained = max(0.0, finding.twin.sigma2 / level - 1) * fit.data.count
     beyond = [_beyond(finding, i) for i, e in enumerate(fit.model.effects) if FAMILIES[e.family].beyond]
-    inside = of_even_noise(fit)
-    finding.tested = [
-        *residual.leftovers(fit, inside),
-        *flatness.left(fit, inside),
-        *evenness.left(fit, inside),
-        *copies.left(fit, inside),
-    ]
+    finding.tested = _tests(fit)
     # What is fitted, and no cause, is measured as causes are: in nats.
     finding.explained_nats = fit.data.count * float(np.log1p(explained / fit.data.count))
     for rest, against in [*((r, explained) for r in finding.tested), *((r, finding.explained_nats) for r in beyond)]:

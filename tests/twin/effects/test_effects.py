@@ -475,6 +475,20 @@ def test_the_law_of_wandering_is_that_of_a_wiener_process():
     assert np.var(steps) == pytest.approx(2 * np.pi * 40.0 * lag / RATE_HZ, rel=0.1)
 
 
+def test_a_wander_is_told_by_its_linewidth_and_of_a_part_by_what_the_whole_is_expected_to_do():
+    family, world = FAMILIES["phase_noise"], scene(ONE)
+    law = family.parse(world, {"linewidth_hz": 40.0}, {"highest_hz": 2e5})
+    part = scene(ONE)
+    part.whole = 4 * part.span
+    rng, rms, told = np.random.default_rng(3), [], family.values(part, law, law.p)
+    for _ in range(300):
+        walk = np.cumsum(rng.normal(size=2000)) * np.sqrt(2 * np.pi * 40.0 * part.whole / RATE_HZ / 2000)
+        rms.append(np.std(walk - np.polyval(np.polyfit(np.arange(2000), walk, 1), np.arange(2000))))
+    assert told["linewidth_hz"] == pytest.approx(40.0) == family.values(world, law, law.p)["linewidth_hz"]
+    assert told["rms_rad"] == pytest.approx(np.sqrt(np.mean(np.square(rms))), rel=0.06)
+    assert np.std(rms) / told["rms_rad"] < family.spread(part, law, 0.0, 1.0)["rms_rad"] / told["rms_rad"] < 0.5
+
+
 def test_a_fading_tap_is_drawn_with_its_k_factor_and_doppler():
     family, world = FAMILIES["tap_fading"], scene(ONE)
     told = {"delay_s": 0.0, "k_factor_db": 12.0, "doppler_spread_hz": 2e4}

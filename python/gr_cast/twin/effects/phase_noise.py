@@ -20,6 +20,7 @@ from .values import POSITIVE, SIDE, Value, one_of
 
 MOST = 480  # cosines: the fastest wander that a search follows
 FINEST = 3 * MOST  # cosines: the fastest that is followed
+ONE_WALK = 0.3  # by which the rms of a walk without its mean and slope differs from that of all walks, a share
 
 
 def shape_of(law: dict, size: int) -> np.ndarray:
@@ -121,7 +122,24 @@ class PhaseNoise(Family):
             unseen += effect.aux["_jitter"]
         elif effect.aux.get("law") == "held" and effect.prior is not None:
             unseen += self.unfollowed(effect)
-        return {"rms_rad": float(np.sqrt(np.mean(detrended(scene, p) ** 2) + unseen))}
+        rms_rad = float(np.sqrt(np.mean(detrended(scene, p) ** 2) + unseen))
+        if effect.aux.get("law", "free") != "free" or effect.prior is None:
+            return {"rms_rad": rms_rad}
+        linewidth_hz = np.pi / 2 / scene.duration_s * float(effect.prior[0])
+        if scene.whole > scene.span:  # of a part of a recording: what is expected of a walk without its mean and slope
+            rms_rad = float(np.sqrt(2 * np.pi * linewidth_hz * scene.whole / scene.sample_rate_hz / 15))
+        return {"rms_rad": rms_rad, "linewidth_hz": linewidth_hz}
+
+    def spread(self, scene, effect, sigma2, power):
+        """A law is known as well as a variance is by as many numbers as stand out of noise (χ²), the power of the whole by its
+        part as one walk is, or, of another law, hardly."""
+        told = self.values(scene, effect, effect.p)
+        if "linewidth_hz" not in told:
+            return {"rms_rad": told["rms_rad"]} if scene.whole > scene.span else {}
+        clear = np.sum((effect.prior / (effect.prior + effect.aux.get("_variance", 0.0))) ** 2)
+        share = float(np.sqrt(2 / max(clear, 1.0)))
+        walked = np.hypot(share / 2, ONE_WALK) if scene.whole > scene.span else 0.0
+        return {"linewidth_hz": told["linewidth_hz"] * share, "rms_rad": told["rms_rad"] * float(walked)}
 
     def contradiction(self, parameters, model):
         law = model.get("law", "free")
@@ -151,7 +169,7 @@ class PhaseNoise(Family):
         law["at"] = effect.aux.get("side", "rx")
         if law["law"] == "held":
             return law | {"corner_hz": effect.aux["corner"] / 2 / scene.duration_s}
-        return law | ({"linewidth_hz": np.pi / 2 / scene.duration_s * effect.prior[0]} if law["law"] == "free" else {})
+        return law
 
     def unfollowed(self, effect):
         most, first = len(effect.prior), effect.prior[0]
