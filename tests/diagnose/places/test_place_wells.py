@@ -170,6 +170,15 @@ def test_what_moves_images_alike_is_a_rival():
     assert exchange.with_images(ears, evaluated(ears, world, [gain]), {}, UNKNOWN, Budget.of(60.0)) == {}
 
 
+@pytest.mark.parametrize("off_m", [0.0, 0.008, -0.013])
+def test_a_mirror_is_a_rival_in_its_own_well_of_a_node_that_stands_in_a_wrong_one(off_m):
+    ears = sounded("west", [0.083, 0, 0], 2e8)
+    node = Effect(family=BY_NAME["node_position"], owner="a", values=np.array([-2 * (0.083 + off_m), 0.0, 0.0]))
+    others = exchange.with_images(ears, evaluated(ears, twin(), [node]), {}, UNKNOWN, Budget.of(60.0))[node.key]
+    moved = [one.values[0] * one.choice[0] for one in others if one.owner == "west"]
+    assert any(abs(shift_m - 0.083) < 1e-3 for shift_m in moved)
+
+
 def test_what_a_node_spoils_on_links_that_share_delays_and_gains_with_its_own_is_not_theirs():
     world = theirs()
     world["nodes"]["a"]["waypoints_m"] = [(np.array(world["nodes"]["a"]["waypoints_m"][0]) + [0.21, -0.17, 0.05]).tolist()]

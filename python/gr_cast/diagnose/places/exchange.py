@@ -40,11 +40,24 @@ def with_images(ears, model: Model, others: dict, unknown: dict, budget: Budget)
             continue
         view = View(ears, without_effects(ears, model, [number]), unknown)
         same = [one for family in view.families for one in family.moving_images(view, shift_m) if one.key not in have]
-        begun = sorted((replaced(ears, model, number, one) for one in same), key=lambda one: one.energy)[: 2 * policy.ASKED_AGAIN]
+        begun = [low for one in same for low in _lows(ears, model, number, one)]
+        begun = sorted(begun, key=lambda one: one.energy)[: 2 * policy.ASKED_AGAIN]
         fits = [fitted(ears, one, rounds=policy.SCREEN_ROUNDS, free=[number]) for one in begun]
         fits.sort(key=lambda one: one.energy)
         out[effect.key] = [*out.get(effect.key, ()), *(one.effects[number] for one in fits[: policy.ASKED_AGAIN])]
     return out
+
+
+def _lows(ears, model: Model, number: int, one: Effect) -> list[Model]:
+    """The model with another effect in the place of one of its own, or, where it is one length, at the bottoms of the wells of its
+    phase around that: what it stands for may be in a wrong one."""
+    if len(one.values) > 1:
+        return [replaced(ears, model, number, one)]
+    step_m = model.base.wavelength_m / policy.WELL_STEPS
+    along = [one.moved(one.values + step_m * k) for k in range(-policy.WELLS_AROUND, policy.WELLS_AROUND + 1)]
+    tried = [replaced(ears, model, number, other) for other in along]
+    energy = [one.energy for one in tried]
+    return [tried[k] for k in range(1, len(tried) - 1) if energy[k] < min(energy[k - 1], energy[k + 1])]
 
 
 def with_wide(ears, model: Model, others: dict, briefly: set, unknown: dict, budget: Budget) -> dict:

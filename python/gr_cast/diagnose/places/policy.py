@@ -26,6 +26,7 @@ POSITIONS = 60  # that are tried for the next sounding
 THIN_INSTANTS, THIN_FREQUENCIES = 7, 20  # of a sounding on which first guesses of one family are ranked
 MANY_RESTARTS = 30  # are ranked on thinned soundings
 WELLS = 8  # of the phase of a cause that are looked at for how far its numbers are open
+WELL_STEPS, WELLS_AROUND = 16, 24  # places to a wavelength, and so many either way, at which such wells are looked for
 WELL_SHARE = 0.05  # of the likelihood of all: less, and 95 % of it lie elsewhere
 WAY_NATS = 30.0  # by which what passes by explains more than on any other way: two on the bench that were told on a wrong one
 # had 0.5 and 18, those on the right one 600 and more
