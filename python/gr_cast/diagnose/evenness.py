@@ -25,7 +25,7 @@ def left(fit: Fit, inside: np.ndarray) -> list[Leftover]:
     over = 1 / (1 - min(np.sqrt(max(lack, 0.0)), 0.99))
     nats, p_value = float(inside.sum() * (over - 1 - np.log(over))), float(stats.norm.sf(lack / std))
     test = "amplitudes more even than noise"
-    beat = beats(fit.data.scene.spread(fit.residual), fit.data.scene.spread(inside))
+    beat = beats(fit.data.scene.spread(fit.residual * fit.data.root), fit.data.scene.spread(inside))  # of any colour
     both = stats.combine_pvalues(np.maximum([p_value, beat], 1e-300))[1]
     return [
         Leftover(test=test, p_value=p_value, nats=nats, where={}),

@@ -30,9 +30,18 @@ def test_a_train_is_found_below_the_noise(train, power):
     assert found.frequency == pytest.approx(train.frequency, abs=1 / train.width)
 
 
-@pytest.mark.parametrize("sweep", [0.0, 4.57e-4, -7.7e-4])
-def test_pulses_far_above_the_noise_leave_no_more_than_it(sweep):
-    train, index = Train(period=1150.596, first=731.3, width=175.4, frequency=0.2371, sweep=sweep), np.arange(COUNT)
+@pytest.mark.parametrize(
+    ("period", "width", "sweep"),
+    [
+        (1150.596, 175.4, 0.0),
+        (1150.596, 175.4, 4.57e-4),
+        (1150.596, 175.4, -7.7e-4),
+        (2530.6, 1214.7, 2.05e-4),
+        (5853.9, 2517.2, 5.77e-5),
+    ],
+)
+def test_pulses_far_above_the_noise_leave_no_more_than_it(period, width, sweep):
+    train, index = Train(period=period, first=731.3, width=width, frequency=0.2371, sweep=sweep), np.arange(COUNT)
     rng = np.random.default_rng(5)
     number = np.maximum(train.pulses(index)[0], -1).astype(int)
     pulses = 100.0 * np.exp(2j * np.pi * rng.random(COUNT))[number] * train.wave(index)  # 40 dB

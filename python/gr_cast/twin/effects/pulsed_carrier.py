@@ -34,6 +34,7 @@ GAPS = 9  # places between two pulses at which the wave is looked for too
 EDGES = 48  # places at which a pulse's beginning and end are tried
 AT_ONCE = 1 << 16  # places of pulses, or bins of their spectra, that are worked on at once
 POLISHED = 3  # times that a search for the best wave begins again
+EDGED = 2  # times that edges are looked for again once it is known
 EDGE_SHARE = 2.5  # energies of noise that an edge is placed to (Hinkley 1970)
 DB = 10 / np.log(10)
 
@@ -228,19 +229,29 @@ def _wave(signal, train: Train) -> Train:
     return replace(train, frequency=float(sp_fft.fftfreq(span)[best[1]]), sweep=best[2])
 
 
-def _edges(signal, train: Train) -> Train:
-    """The train with the beginning and the width that explain most, its wave known."""
+def _edges(signal, train: Train, to_the_sample: bool = False) -> Train:
+    """The train with the beginning and the width that explain most, its wave known; of pulses below the noise no sample is an
+    edge."""
     size = int(min(3 * train.width + 16, train.period))
     parts = _segments(signal, train, size)
     down = np.conj(_pulse(train, parts.shape[1]))
+    sums = np.concatenate([np.zeros((len(parts), 1)), np.cumsum(parts * down, axis=1)], axis=1).T
     at = np.unique(np.linspace(0, parts.shape[1], EDGES + 1).astype(int))
-    sums = np.concatenate([np.zeros((len(parts), 1)), np.cumsum(parts * down, axis=1)], axis=1).T[at]
-    energy = np.zeros((len(at), len(at)))
-    for begin in range(len(at) - 1):
-        inside = sums[begin + 1 :] - sums[begin]
-        energy[begin, begin + 1 :] = (inside.real**2 + inside.imag**2).sum(1) / (at[begin + 1 :] - at[begin])
-    i, j = np.unravel_index(int(np.argmax(energy)), energy.shape)
-    begins, ends = at[i] - parts.shape[1] / 2, at[j] - parts.shape[1] / 2
+
+    def held(begins, ends):  # (begins, ends) energy of pulses from one sample to another
+        long = ends[None, :] - begins[:, None]
+        inside = np.abs(sums[ends][None] - sums[begins][:, None]) ** 2
+        return np.where(long > 0, inside.sum(2) / np.maximum(long, 1), 0.0)
+
+    energy = np.array([held(at[k : k + 1], at)[0] for k in range(len(at))])
+    i, j = (at[k] for k in np.unravel_index(int(np.argmax(energy)), energy.shape))
+    step = int(np.diff(at).max())
+    for _ in range(2 * to_the_sample):  # one edge after the other
+        near = np.arange(max(i - step, 0), min(i + step, j - 1) + 1)
+        i = near[int(np.argmax(held(near, np.array([j]))[:, 0]))]
+        near = np.arange(max(j - step, i + 1), min(j + step, parts.shape[1]) + 1)
+        j = near[int(np.argmax(held(np.array([i]), near)[0]))]
+    begins, ends = i - parts.shape[1] / 2, j - parts.shape[1] / 2
     middle, moved = train.first + train.width / 2, 0.5 * (begins + ends)
     frequency = train.frequency + train.sweep * moved
     width = float(ends - begins)
@@ -248,8 +259,15 @@ def _edges(signal, train: Train) -> Train:
 
 
 def polished(signal: np.ndarray, train: Train) -> Train:
-    """The train with its beat, edges and wave where its pulses explain most: of loud ones a wave that is off by a hundredth of a
-    cycle leaves more than noise."""
+    """The train with its beat, edges and wave where its pulses explain most, the edges looked for again where the wave is known:
+    of loud ones a wave that is off by a hundredth of a cycle leaves more than noise."""
+    for _ in range(EDGED):
+        train = _edges(signal, _smoothed(signal, train), to_the_sample=True)
+    return _smoothed(signal, train)
+
+
+def _smoothed(signal: np.ndarray, train: Train) -> Train:
+    """The train moved in small steps to where its pulses explain most."""
     index = np.arange(len(signal))
     number = np.floor((index - train.first - train.width / 2) / train.period + 0.5)
     from_middle = index - train.first - train.width / 2 - number * train.period
