@@ -49,8 +49,8 @@ def with_images(ears, model: Model, others: dict, unknown: dict, budget: Budget)
 
 
 def _lows(ears, model: Model, number: int, one: Effect) -> list[Model]:
-    """The model with another effect in the place of one of its own, or, where it is one length, at the bottoms of its phase's wells
-    around that: what it stands for may be in a wrong one."""
+    """The model with another effect in the place of one of its own, or, where it is one length, at the bottoms of the wells of
+    its phase around that: what it stands for may be in a wrong one."""
     if len(one.values) > 1:
         return [replaced(ears, model, number, one)]
     step_m = model.base.wavelength_m / policy.WELL_STEPS
