@@ -175,3 +175,12 @@ def test_an_effect_beside_edges_needs_less_by_what_they_gained_unless_it_hides_t
     """(0, 0): no edge is heard."""
     model, one = (SimpleNamespace(loose=loose, effects=()) for loose in (before, after))
     assert weighing.beside_rough(model, one) == nats
+
+
+def test_the_edges_of_a_thing_that_stands_elsewhere_are_its_edges_there():
+    shed, by_m = Solid(name="shed", vertices_m=SHED, faces=SIDES), np.array([0.31234567, -1.7, 0.05])
+    moved = Solid(name="other", vertices_m=SHED + by_m, faces=SIDES)
+    here, there = (Mesh.of((solid,), np.zeros((1, 3))).edges for solid in (shed, moved))
+    assert np.abs(there.begin_m - by_m - here.begin_m).max() < 1e-8
+    for name in ("along", "length_m", "face", "normal", "n"):
+        assert np.abs(getattr(there, name) - getattr(here, name)).max() < 1e-8

@@ -12,7 +12,7 @@ from . import fields, images
 from .geometry import Solid
 from .media import with_losses
 
-_SAME_PLACE = 5  # decimals of a metre
+_SAME_PLACE, _SAME_SHAPE = 5, 9  # decimals of a metre
 _ON_FACE_M = 1e-4  # nearer to a face than this is on it: where two walls meet no edge is free
 _TINY = 1e-12
 _KEPT, _SMALL = 2048, 200  # objects whose edges are remembered, if they have fewer faces
@@ -58,18 +58,24 @@ def edges_of(solids: tuple[Solid, ...], faces: images.Faces) -> Edges:
 
 
 def _edges(solid: Solid) -> list[tuple]:
-    """Columns of `Edges` but the last two."""
-    return _remembered(solid) if len(solid.faces) < _SMALL else _found(solid)
+    """Columns of `Edges` but the last two. A thing that stands elsewhere has the same edges there."""
+    if len(solid.faces) >= _SMALL:
+        return _found(solid.vertices_m, solid.faces)
+    origin_m = solid.vertices_m[0]
+    shape = np.round(solid.vertices_m - origin_m, _SAME_SHAPE)
+    return [
+        (origin_m + begin_m, *rest) for begin_m, *rest in _remembered(shape.tobytes(), np.asarray(solid.faces, int).tobytes())
+    ]
 
 
 @functools.lru_cache(maxsize=_KEPT)
-def _remembered(solid: Solid) -> list[tuple]:
-    return _found(solid)
+def _remembered(vertices: bytes, faces: bytes) -> list[tuple]:
+    return _found(np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, int).reshape(-1, 3))
 
 
-def _found(solid: Solid) -> list[tuple]:
-    places, same = np.unique(np.round(solid.vertices_m, _SAME_PLACE), axis=0, return_inverse=True)
-    corners = same.reshape(-1)[solid.faces]
+def _found(vertices_m: np.ndarray, faces: np.ndarray) -> list[tuple]:
+    places, same = np.unique(np.round(vertices_m, _SAME_PLACE), axis=0, return_inverse=True)
+    corners = same.reshape(-1)[faces]
     shared: dict[tuple[int, int], list[int]] = {}
     for triangle, (a, b, c) in enumerate(corners):
         for edge in ((a, b), (b, c), (c, a)):

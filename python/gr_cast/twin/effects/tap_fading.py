@@ -14,7 +14,7 @@ from .tap import TapFamily
 from .tap_gain_error import TapGainError
 from .values import NEEDED, Value
 
-BY_CHANCE = 1e-3  # of the means of courses that are larger
+BY_CHANCE = 1e-6  # of the means of courses that are larger: what is no fading may pass for one
 SLOW_CYCLES = 2.0  # over the recording: of a slower course the mean may be any
 
 
