@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from conftest_world import RATE_HZ, World, noise
-from gr_cast.diagnose import align, diagnose, flatness, read_case
+from gr_cast.diagnose import align, diagnose, flatness, heldout, read_case
 from gr_cast.diagnose import noise as laws
 from gr_cast.diagnose.search import refit
 from gr_cast.twin.effects import FAMILIES, Role
@@ -100,3 +100,14 @@ def test_the_steps_of_a_file_stay_as_they_are_where_the_gain_falls(world, tmp_pa
     case = read_case(world.write(tmp_path / "case", y, datatype="ci8"))
     _, data, model = align.build(case, case.observations[0])
     assert max(nats for nats, _ in laws.starts(refit(data, model))) < 0
+
+
+@pytest.mark.parametrize("change_db", [0.1, 0.3, 1.0])
+def test_unseen_samples_of_a_floor_contradict_it_as_seldom_as_chance_says(change_db):
+    """What they gain by the floor that they have falls short of what is spared in less than one of a hundred draws."""
+    rng, floor = np.random.default_rng(3), FAMILIES["noise_floor"]
+    effect, ratio, short = start(floor, [change_db]), 10 ** (change_db / 10), 0
+    for _ in range(300):
+        energy = ratio * rng.exponential(size=3000)
+        short += heldout.of_variance(energy, np.full(3000, ratio)) < -floor.spared_nats(effect, 3000.0)
+    assert short < 3

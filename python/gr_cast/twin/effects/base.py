@@ -369,7 +369,7 @@ class Family:
         raise NotImplementedError
 
     def spared_nats(self, effect: Effect, count: float) -> float:
-        """Nats that `count` samples lose by it which happen to have none of what is `scattered`."""
+        """Nats that `count` samples may lose by it by chance, as those which happen to have none of what is `scattered`."""
         return 0.0
 
     def noise_gain_db(self, effect: Effect) -> float:

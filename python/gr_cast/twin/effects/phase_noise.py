@@ -20,6 +20,7 @@ from .values import POSITIVE, SIDE, Value, one_of
 
 MOST = 480  # cosines: the fastest wander that a search follows
 FINEST = 3 * MOST  # cosines: the fastest that is followed
+NEARLY_ALL = 0.05  # of a recording, that its ends may lack: the course of the rest is that of the whole
 ONE_WALK = 0.3  # by which the rms of a walk without its mean and slope differs from that of all walks, a share
 
 
@@ -29,6 +30,12 @@ def shape_of(law: dict, size: int) -> np.ndarray:
     if law["law"] == "held":
         return 1.0 / (1.0 + (k / law["corner"]) ** 2)
     return 1.0 / k**2 if law["law"] == "free" else np.ones(size)
+
+
+def _missing(scene) -> float:
+    """Share of the recording that a scene does not hold; 0 where that is next to nothing."""
+    share = 1 - scene.span / scene.whole
+    return share if share > NEARLY_ALL else 0.0
 
 
 def detrended(scene, p):
@@ -126,7 +133,7 @@ class PhaseNoise(Family):
         if effect.aux.get("law", "free") != "free" or effect.prior is None:
             return {"rms_rad": rms_rad}
         linewidth_hz = np.pi / 2 / scene.duration_s * float(effect.prior[0])
-        if scene.whole > scene.span:  # of a part of a recording: what is expected of a walk without its mean and slope
+        if _missing(scene):  # of a part of a recording: what is expected of a walk without its mean and slope
             rms_rad = float(np.sqrt(2 * np.pi * linewidth_hz * scene.whole / scene.sample_rate_hz / 15))
         return {"rms_rad": rms_rad, "linewidth_hz": linewidth_hz}
 
@@ -135,10 +142,10 @@ class PhaseNoise(Family):
         part as one walk is, or, of another law, hardly."""
         told = self.values(scene, effect, effect.p)
         if "linewidth_hz" not in told:
-            return {"rms_rad": told["rms_rad"]} if scene.whole > scene.span else {}
+            return {"rms_rad": told["rms_rad"] * float(np.sqrt(_missing(scene)))}
         clear = np.sum((effect.prior / (effect.prior + effect.aux.get("_variance", 0.0))) ** 2)
         share = float(np.sqrt(2 / max(clear, 1.0)))
-        walked = np.hypot(share / 2, ONE_WALK) if scene.whole > scene.span else 0.0
+        walked = np.hypot(share / 2, ONE_WALK) if _missing(scene) else 0.0
         return {"linewidth_hz": told["linewidth_hz"] * share, "rms_rad": told["rms_rad"] * float(walked)}
 
     def contradiction(self, parameters, model):
