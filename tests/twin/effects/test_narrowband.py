@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Interference in a part of the band is found where it can be, and not where interpolation ends."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from gr_cast.twin.effects import FAMILIES
+from gr_cast.twin.effects.base import start
 from gr_cast.twin.effects.noise_family import NoiseView
 
 
@@ -43,3 +46,12 @@ def test_a_band_is_as_wide_and_as_strong_as_it_is_however_loud(width, excess_db)
     assert effect.p[1:] == pytest.approx([0.2, width], abs=0.006)
     told_db, true_db = (10 * np.log10(x) for x in (np.exp(effect.p[0]) * effect.p[2], 10 ** (excess_db / 10) * width))
     assert told_db == pytest.approx(true_db, abs=0.35)
+
+
+@pytest.mark.parametrize(("off", "louder_db", "held"), [(0.02, -8.0, True), (0.3, -8.0, False), (0.02, 8.0, False)])
+def test_a_fainter_line_in_the_middle_of_a_band_is_its_carrier(off, louder_db, held):
+    band, tone = FAMILIES["narrowband_interference"], FAMILIES["tone_interference"]
+    scene = SimpleNamespace(sample_rate_hz=1e6, duration_s=0.05, rms=1.0, wanted_rms=1.0)
+    noise = start(band, [np.log(0.01 / 1e-4 / 0.05), 0.1, 0.05], aux={"_floor": 1e-4})  # a hundredth of the wanted power
+    line = start(tone, [np.sqrt(0.01 * 10 ** (louder_db / 10)), 0.0, (0.1 + off * 0.05) * 5e4])
+    assert bool(band.holds(scene, noise, line)) == held

@@ -6,11 +6,13 @@ from scipy import fft as sp_fft
 
 from .base import around_circle, at_half_the_rate, start
 from .noise_family import LOUD, REMEMBERED, NoiseFamily, filled, two_levels
+from .tone_interference import ToneInterference
 from .values import NEEDED, NEEDED_POSITIVE
 
 WIDEST = 3  # a band wider than this part of the rate is what a filter leaves of the noise
 CELLS = 256  # of frequency, at most
 ROUNDS = 5  # in which gaps are filled with what the last one tells of a loud band
+MIDDLE = 0.05  # of its width, by which a band's own carrier may be off its middle: its edges are found no nearer
 FINE = 12  # steps per cell in which the edges of a band are looked for
 
 
@@ -43,6 +45,14 @@ class NarrowbandInterference(NoiseFamily):
     def where(self, scene, effect, values):
         f, b = values["frequency_hz"], values["bandwidth_hz"]
         return {"frequency_hz": [f - b / 2, f + b / 2]}
+
+    def holds(self, scene, effect, other):
+        """Its own carrier: a fainter line in its middle, as a station's is that modulates its amplitude."""
+        if other.family != ToneInterference.name:
+            return False
+        own, line = self.values(scene, effect, effect.p), ToneInterference().values(scene, other, other.p)
+        off = abs(line["frequency_hz"] - own["frequency_hz"]) / own["bandwidth_hz"]
+        return off < MIDDLE and line["power_dbc"] < own["power_dbc"]
 
     def describe(self, number):
         return f"Interference {number('bandwidth_hz')} wide at {number('frequency_hz')} from the carrier, {number('power_dbc')}."
