@@ -4,8 +4,11 @@
 import numpy as np
 import pytest
 from conftest_world import RATE_HZ
-from gr_cast.diagnose import diagnose, read_case
+from gr_cast.diagnose import align, diagnose, read_case, search
+from gr_cast.diagnose.view import View
 from gr_cast.signals import recording
+from gr_cast.twin.effects import FAMILIES
+from gr_cast.twin.effects.base import start
 
 
 def sampled(samples: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -65,3 +68,19 @@ def test_a_carrier_that_the_twin_knows_turns_by_the_receivers_clock(heard, side)
     (told,) = heard(known, carrier_hz=carrier_hz)["effects"]
     assert told["family"] == "sample_clock_offset" and told["owner"]["level"] == side
     assert told["parameters"]["offset_ppm"]["value"] == pytest.approx(PPM, abs=4 * told["parameters"]["offset_ppm"]["std"])
+
+
+def test_a_view_sees_what_a_receivers_clock_makes_of_a_carrier(world, tmp_path):
+    """What it puts on every path is what the fit has there, whoever's time counts."""
+    owner, parameters = {"level": "rx", "name": "rx1"}, {"offset_hz": {"value": 41e3, "std": 0.0}}
+    twin = world.twin() | {"effects": [{"family": "carrier_frequency_offset", "owner": owner, "parameters": parameters}]}
+    world.twin = lambda: twin
+    case = read_case(world.write(tmp_path / "case", world.noisy(world.clean())))
+    _, data, model = align.build(case, case.observations[0])
+    clock = start(FAMILIES["sample_clock_offset"], [200e-6 * data.scene.span], aux={"side": "rx"})
+    view = View(search.refit(data, model.adding(clock)))
+    assert np.abs(view.tap_signals.sum(axis=0) - view.fit.chain.y).max() < 1e-9
+    turned = np.exp(2j * np.pi * 41e3 / RATE_HZ * world.n * 200e-6)
+    bare = View(search.refit(data, model)).receiver
+    apart = view.receiver / np.abs(view.receiver) / (bare / np.abs(bare)) * np.conj(turned)[data.scene.index.astype(int)]
+    assert np.abs(apart / apart[0] - 1).max() < 0.02  # of a radian; what both fits differ by

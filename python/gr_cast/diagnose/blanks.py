@@ -4,20 +4,25 @@ twin, and noise has none."""
 
 import numpy as np
 
+from ..twin.effects import is_coarse
 from .fit import Fit
-from .policy import BLANK_NATS, MOST_BLANK
+from .policy import BLANK_NATS, LEAST_BLANK, MOST_BLANK, MOST_BLANKS, MUCH_SHORTER, UNEXPLAINED_NATS
 from .residual import Leftover
 
 
 def runs(y: np.ndarray) -> np.ndarray:
-    """(k, 2) first and last + 1 of zeros in samples (n,) that follow each other more often than as many zeros would by chance;
-    none where they are a good part of the recording, which is silent then."""
+    """(k, 2) first and last + 1 of zeros in samples (n,) that follow each other more often than they would by chance, by how
+    often they do in all much shorter runs; none where such are many, or a good part of a recording, which is silent then."""
     zero = y == 0
     edges = np.flatnonzero(np.diff(zero, prepend=False, append=False)).reshape(-1, 2)
     length = np.diff(edges, axis=1)[:, 0]
-    share = np.maximum(zero.sum() - length, 1) / len(zero)  # of zeros elsewhere
-    edges = edges[length * np.log(share) < -BLANK_NATS]
-    return edges if np.diff(edges).sum() <= MOST_BLANK * len(y) else edges[:0]
+    order = np.sort(length)
+    many = np.searchsorted(order, length / MUCH_SHORTER)  # runs that are so much shorter
+    zeros = np.append(0, np.cumsum(order))[many]
+    first = np.maximum(zeros, 1) / len(zero)
+    again = np.where(many > MOST_BLANKS, np.maximum((zeros - many) / np.maximum(zeros, 1), first), first)
+    edges = edges[(length >= LEAST_BLANK) & (np.log(first) + (length - 1) * np.log(again) < -BLANK_NATS)]
+    return edges if len(edges) <= MOST_BLANKS and np.diff(edges).sum() <= MOST_BLANK * len(y) else edges[:0]
 
 
 def inside(y: np.ndarray) -> np.ndarray:
@@ -29,11 +34,15 @@ def inside(y: np.ndarray) -> np.ndarray:
 
 
 def left(fit: Fit) -> list[Leftover]:
-    """Runs that no effect of the fit writes, where more than noise is predicted."""
-    scene, written, out = fit.data.scene, fit.chain.silent, []
+    """Runs that no effect of the fit writes, where more is predicted than noise and than the file's steps make nothing of."""
+    if any(is_coarse(e) for e in fit.model.effects):
+        return []
+    scene, written, out, half = fit.data.scene, fit.chain.silent, [], np.sqrt(6 * fit.data.rounding) / 2
     for first, end in runs(fit.data.y):
-        nats = float(np.sum(np.abs(fit.chain.y[first:end]) ** 2) / fit.sigma2)
-        if nats > BLANK_NATS and not (written is not None and written[first:end].any()):
+        y = fit.chain.y[first:end]
+        heard = np.maximum(np.abs(y.real) - half, 0.0) ** 2 + np.maximum(np.abs(y.imag) - half, 0.0) ** 2
+        nats = float(np.sum(heard) / fit.sigma2)
+        if nats > UNEXPLAINED_NATS and not (written is not None and written[first:end].any()):
             where = {"time_s": [float(scene.index[k]) / scene.sample_rate_hz for k in (first, end - 1)]}
             out.append(Leftover(test="zeros in the place of samples", p_value=float(np.exp(-nats)), nats=nats, where=where))
     return out

@@ -9,7 +9,7 @@ from scipy import stats
 from ..twin.effects import FAMILIES, is_coarse
 from . import copies
 from .fit import Fit, rounding_of_grids
-from .policy import LEAST_HEARD, OF_DITHER, OF_ROUNDING
+from .policy import EVEN_TOO, LEAST_HEARD, OF_DITHER, OF_ROUNDING
 from .residual import Leftover, bonferroni, normal
 
 
@@ -26,7 +26,8 @@ def left(fit: Fit, inside: np.ndarray) -> list[Leftover]:
     nats, p_value = float(inside.sum() * (over - 1 - np.log(over))), float(stats.norm.sf(lack / std))
     test = "amplitudes more even than noise"
     beat = beats(fit.data.scene.spread(fit.residual * fit.data.root), fit.data.scene.spread(inside))  # of any colour
-    both = stats.combine_pvalues(np.maximum([p_value, beat], 1e-300))[1]
+    # Noise that beats is no other signal: that is more even, too.
+    both = stats.combine_pvalues(np.maximum([p_value, beat], 1e-300))[1] if p_value < EVEN_TOO else 1.0
     return [
         Leftover(test=test, p_value=p_value, nats=nats, where={}),
         Leftover(test=f"{test}, and a power that beats", p_value=float(both), nats=nats, where={}),

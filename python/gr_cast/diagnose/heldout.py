@@ -83,5 +83,7 @@ def _seen(fit: Fit, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def of_variance(energy: np.ndarray, variance: np.ndarray) -> float:
     """Nats by which `variance` (n,) is likelier than 1 for samples of `energy` (n,) = |r|² of circular noise; no more than the
     logarithm of how much stronger they are, for no level is known so well that more could be told."""
+    if not len(energy):
+        return 0.0
     nats = float((energy - energy / variance - np.log(variance)).sum())
     return min(nats, len(energy) * abs(float(np.log(energy.mean()))))

@@ -35,6 +35,9 @@ NEAR_SHARE = 0.3  # or this share of what the effect brings
 NEAR_NATS = 25.0  # predicted evidence within which a rival is worth a fit
 
 # blanks
+LEAST_BLANK = 4  # samples: fewer are where a slow signal passes through zero
+MUCH_SHORTER = 3  # times, than a run, those that tell how often zeros follow each other
+MOST_BLANKS = 12  # runs in a recording: of more a few steps of a slow signal make them
 BLANK_NATS = 14.0  # by which a run of zeros is no chance: one of a million samples begins one
 MOST_BLANK = 0.1  # of a recording: where more is zeros, it is silent
 BLANK_APART = 64  # samples from a joint to zeros that were written there: as exactly as a joint is first guessed
@@ -91,6 +94,7 @@ LINE_BINS, LINE_DECILE, LEAST_WITHOUT_LINES = 64, 0.9, 0.01
 BEHIND = 64  # samples behind the last path that a link's response is followed
 
 # evenness
+EVEN_TOO = 0.01  # p of amplitudes below which a power that beats speaks for another signal
 OF_ROUNDING = 0.6  # 2 − E|r|⁴/(E|r|²)² of an error that is even over a square, as rounding's is
 # The same of a grid, for nobody knows its dither: with one step of it 1.2 of a signal of many levels, up to 9 of one that stays
 # amid two points; with 4 none of 16 recordings of few levels was taken for another signal's.
@@ -332,7 +336,7 @@ MOST_PERIODS = 3  # of a repeated waveform, lost beside what its delay tells
 PERIOD_CYCLES = 0.02  # of an oscillator's phase, by which each of them must tell it better: what a fit leaves open of it
 MOST_JUMPS = 6  # in one recording: with more the path of its delay is a slope, or noise
 VIEW_JUMP_NATS = 10.0  # by which two parts must be likelier than one
-RAMP_CELLS = 48  # of time, between which a phase may begin or end to turn
+RAMP_CELLS, LEAST_RAMP_CELLS = 48, 8  # of time, between which a phase may begin or end to turn; of fewer none is told
 LEAST_RAMP = 1e-3  # of the energy of a course that a ramp must have besides what is fitted anyway
 POINTS, SLOW_POINTS = 8192, 1024  # of a gain's course that show a hum's harmonics
 HARMONICS = (1, 2, 3, 5, 8)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From a case to its diagnosis: every recording on its own, then all of them together."""
 
+import re
 import time
 from dataclasses import dataclass, replace
 
@@ -221,11 +222,13 @@ def _begun(data, model, known: Finding | None):
 
 def _confirmed(known: Finding, data, fit: Fit, proof: float) -> list[Fit]:
     """A later part of a recording: the fit of what its first part showed, and a search where more is left than there."""
-    before = {rest.test: rest.nats for rest in _tests(known.fit)}
+    before: dict[str, float] = {}
+    for rest in _tests(known.fit):
+        before[_kind(rest)] = max(before.get(_kind(rest), 0.0), rest.nats)
     louder = max(fit.sigma2 / known.fit.sigma2, 1.0)
     raised = data.count * (louder - 1 - np.log(louder)) > UNEXPLAINED_NATS
     left = _tests(fit)
-    if raised or any(r.p_value < UNEXPLAINED_P and r.nats > max(UNEXPLAINED_NATS, 2 * before.get(r.test, 0.0)) for r in left):
+    if raised or any(r.p_value < UNEXPLAINED_P and r.nats > max(UNEXPLAINED_NATS, 2 * before.get(_kind(r), 0.0)) for r in left):
         return search(data, beginnings(data, fit.model), proof)
     return [fit]
 
@@ -356,6 +359,11 @@ def _directions(fit: Fit):
     turned = (fit.residual * np.conj(w))[used]
     power = np.maximum(np.abs(w[used]) ** 2, 1e-300)
     return turned.imag**2 / power, turned.real**2 / power, power
+
+
+def _kind(rest: residual.Leftover) -> str:
+    """A test without the numbers that it found."""
+    return re.split(r"[-\d]", rest.test)[0]
 
 
 def _tests(fit: Fit) -> list[residual.Leftover]:

@@ -739,8 +739,12 @@ def _of_clocks(scene, model: Model, clock: Effect, paths) -> list[Effect]:
     counts = abs(clock.p[0]) / scene.span * known >= LEAST_COUNTED
     return [
         *(_as_sent(scene, clock) if stretches else []),
-        *([replace(clock, aux={"side": "rx"})] if stretches or counts else []),
+        *([_at_receiver(clock)] if stretches or counts else []),
     ]
+
+
+def _at_receiver(effect: Effect) -> Effect:
+    return replace(effect, aux={**{key: value for key, value in effect.aux.items() if key != "source"}, "side": "rx"})
 
 
 def _same_side(one: Effect, other: Effect) -> bool:

@@ -20,6 +20,7 @@ from .policy import (
     HARMONICS,
     HUM_POINTS,
     LEAST_RAMP,
+    LEAST_RAMP_CELLS,
     LEAST_SEGMENT,
     LEAST_SENT,
     LINE_NATS,
@@ -76,7 +77,7 @@ class View:
     @cached_property
     def receiver(self) -> np.ndarray:
         """The complex factor that the receiver's oscillator and gain put on everything."""
-        chain = type(self.fit.chain)(scene=self.scene, delay=0.0, ports={}, u=self.fit.chain.u)
+        chain = type(self.fit.chain)(scene=self.scene, delay=0.0, ports={}, u=self.fit.chain.u, pace=self.fit.chain.pace)
         chain.y = np.full(self.scene.count, complex(*self.fit.model.base[1:3]))
         for effect in self.fit.model.effects:
             if stage_of(effect) in (RX_LO, RX_GAIN):
@@ -98,11 +99,14 @@ class View:
         """[(first, last moment as shares of the recording, pairs that were tried)] of the stretch in which a phase that turns
         evenly there and nowhere else explains most, besides a phase and, where a carrier offset is fitted, a frequency."""
         slope, curve = (self.scene.spread(moment) for moment in self.phase_moments())
-        edges = np.linspace(0, len(slope), RAMP_CELLS + 1).astype(int)
+        edges = np.unique(np.linspace(0, len(slope), RAMP_CELLS + 1).astype(int))
+        cells = len(edges) - 1
+        if cells < LEAST_RAMP_CELLS:
+            return []
         a, e = np.add.reduceat(slope, edges[:-1]), np.add.reduceat(curve, edges[:-1])
         knots, middle = edges / len(slope), (edges[1:] + edges[:-1]) / 2 / len(slope)
         first, last = np.triu_indices(len(knots), 1)
-        first, last = first[last - first < RAMP_CELLS], last[last - first < RAMP_CELLS]  # all of it is a carrier offset
+        first, last = first[last - first < cells], last[last - first < cells]  # all of it is a carrier offset
         ramps = np.clip((middle - knots[first, None]) / (knots[last] - knots[first])[:, None], 0.0, 1.0)
         turns = any(plays(e, Role.CARRIER) and e.free[0] for e in self.fit.model.effects)
         for known in (np.ones(len(middle)), middle - np.average(middle, weights=e + 1e-300))[: 1 + turns]:
@@ -304,6 +308,7 @@ class View:
             ports=self.fit.chain.ports,
             u=self.fit.chain.u,
             shift=self.fit.chain.shift,
+            pace=self.fit.chain.pace,
         )
         chain.waves, chain.carriers, chain.modulations = (
             self.fit.chain.waves,

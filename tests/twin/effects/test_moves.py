@@ -200,10 +200,12 @@ def test_there_is_no_effect_of_a_transmitter_that_is_not_on_the_air():
 TURNING = {
     name: FOUND[name] for name in ("extra_path", "second_transmitter", "carrier_frequency_offset", "tone_interference")
 } | {
+    "phase_ramp": ([0.7, 0.2, 0.6], {}),
+    "second_order": ([0.2, 0.1, -0.1, 0.05], {}),
     "pulsed_carrier": (
         [0.1, 0.05, -0.02, 0.1, 0.04, 0.0],
         {"period": 600.0, "first": 40.0, "width": 200.0, "frequency": 0.11, "sweep": 2e-4},
-    )
+    ),
 }
 
 

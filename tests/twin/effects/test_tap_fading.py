@@ -17,7 +17,7 @@ class Scene:
 
 def _scene(taps):
     scene = Scene()
-    scene.taps = [type("Tap", (), {"delay": 10.0 * k})() for k in range(taps)]
+    scene.taps = [type("Tap", (), {"delay": 10.0 * k, "source": 0})() for k in range(taps)]
     return scene
 
 

@@ -143,7 +143,8 @@ class PhaseNoise(Family):
         told = self.values(scene, effect, effect.p)
         if "linewidth_hz" not in told:
             return {"rms_rad": told["rms_rad"] * float(np.sqrt(_missing(scene)))}
-        clear = np.sum((effect.prior / (effect.prior + effect.aux.get("_variance", 0.0))) ** 2)
+        left_open = np.asarray(effect.aux.get("_variance", 0.0)) / np.maximum(effect.prior, 1e-300)  # all of what is noise
+        clear = np.sum(np.clip(1 - left_open, 0.0, 1.0) ** 2 * np.ones(len(effect.prior)))
         share = float(np.sqrt(2 / max(clear, 1.0)))
         walked = np.hypot(share / 2, ONE_WALK) if _missing(scene) else 0.0
         return {"linewidth_hz": told["linewidth_hz"] * share, "rms_rad": told["rms_rad"] * float(walked)}

@@ -27,6 +27,9 @@ class PhaseRamp(Family):
         chain.y = chain.y * np.exp(1j * turn * np.clip((chain.u - first) / max(last - first, SHORTEST), 0.0, 1.0))
         chain.wanted = chain.y
 
+    def mirrored(self, effect):
+        return effect.moved(effect.p * [-1.0, 1.0, 1.0])
+
     def starts(self, view):
         for first, last, trials in view.ramps_of_phase():
             moments = [0.0 if first < AT_AN_END else first, 1.0 if last > 1 - AT_AN_END else last]

@@ -244,6 +244,8 @@ def _edges(signal, train: Train, to_the_sample: bool = False) -> Train:
         return np.where(long > 0, inside.sum(2) / np.maximum(long, 1), 0.0)
 
     energy = np.array([held(at[k : k + 1], at)[0] for k in range(len(at))])
+    if not energy.any():
+        return train
     i, j = (at[k] for k in np.unravel_index(int(np.argmax(energy)), energy.shape))
     step = int(np.diff(at).max())
     for _ in range(2 * to_the_sample):  # one edge after the other

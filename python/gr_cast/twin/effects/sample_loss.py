@@ -82,7 +82,7 @@ class SampleLoss(Family):
 
     def parse(self, scene, parameters, model):
         aux = {"zeros": True} if parameters.get("zeros") else {}
-        joint = parameters["time_s"] * scene.sample_rate_hz
+        joint = round(parameters["time_s"] * scene.sample_rate_hz, 6)  # k/rate·rate is not k for every k
         return start(self, [joint, parameters["samples"]], free=[False, False], aux=aux)
 
     def placed(self, scene, told):

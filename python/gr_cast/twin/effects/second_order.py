@@ -27,6 +27,9 @@ class SecondOrder(Family):
             squared = np.abs(y) ** 2
             chain.y = y + (complex_pair(effect.p) * (squared - squared.mean()) + complex_pair(effect.p[2:]) * y**2) / rms
 
+    def mirrored(self, effect):
+        return effect.moved(effect.p * [1.0, -1.0, 1.0, -1.0])
+
     def starts(self, view):
         power = np.abs(view.wanted) ** 2
         if np.var(power) > LEAST_VARIED * np.mean(power) ** 2:

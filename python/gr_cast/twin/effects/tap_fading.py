@@ -93,11 +93,13 @@ class TapFading(TapFamily):
         if other.family == TapGainError.name:
             told = self.values(scene, effect, effect.p)
             cycles = told["doppler_spread_hz"] * scene.duration_s
+            of_two = len(scene.taps) == 2 and scene.taps[0].source == scene.taps[1].source
+            if other.aux["tap"] != k and not of_two or cycles < SLOW_CYCLES:
+                return other.aux["tap"] == k or of_two
             # The power of Clarke's mean over what is left of the course, which has 1 + 2·cycles complex numbers: Fisher's law.
             times = (1 + 2 * cycles) * (BY_CHANCE ** (-1 / (1 + 2 * cycles)) - 1) / (np.pi * cycles)
             size = abs(np.exp(complex(*other.p)) - 1) ** 2
-            is_so_small = cycles < SLOW_CYCLES or size < times * 10 ** (-told["k_factor_db"] / 10)
-            return is_so_small and (other.aux["tap"] == k or len(scene.taps) == 2)
+            return size < times * 10 ** (-told["k_factor_db"] / 10)
         return other.family == ExtraPath.name and abs(scene.taps[k].delay - other.p[2]) < 1.0
 
     def played(self, scene, effect, rng):
