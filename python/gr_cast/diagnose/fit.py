@@ -381,7 +381,7 @@ def off_the_rails(fit: Fit, among: np.ndarray | None = None) -> np.ndarray:
         if plays(e, Role.RAILS):
             level = e.p[0] - 3 * np.sqrt(fit.sigma2 / 2)
             inside = inside & (np.abs(fit.chain.y.real) < level) & (np.abs(fit.chain.y.imag) < level)
-    return inside & (inside.sum() >= LEAST_HEARD if among is None else True)
+    return inside & (among is not None or inside.sum() >= LEAST_HEARD)
 
 
 def of_even_noise(fit: Fit) -> np.ndarray:

@@ -223,7 +223,7 @@ def _begun(data, model, known: Finding | None):
 def _confirmed(known: Finding, data, fit: Fit, proof: float) -> list[Fit]:
     """A later part of a recording: the fit of what its first part showed, and a search where more is left than there."""
     before: dict[str, float] = {}
-    for rest in _tests(known.fit):
+    for rest in known.tested:
         before[_kind(rest)] = max(before.get(_kind(rest), 0.0), rest.nats)
     louder = max(fit.sigma2 / known.fit.sigma2, 1.0)
     raised = data.count * (louder - 1 - np.log(louder)) > UNEXPLAINED_NATS

@@ -687,12 +687,12 @@ def _whose_carrier(data: Data, fit: Fit, again: bool) -> Fit:
     if carrier * max(1.0, apart) < LEAST_TURN:
         return fit
     sent = offset.aux.get("side") == "tx"
-    others = [replace(offset, aux={"side": "rx"})] if sent else _as_sent(scene, offset)
+    others = [_at_receiver(offset)] if sent else _as_sent(scene, offset)
     best = max((refit(data, model.without(at).adding(form)) for form in others), key=lambda f: f.evidence)
     if best.evidence > fit.evidence + SEARCH_MARGIN:
         return best
     if not sent and fit.evidence > best.evidence + SEARCH_MARGIN and carrier * apart > LEAST_TURN:
-        return replace(fit, model=model.replacing(at, replace(offset, aux={"side": "rx"})))
+        return replace(fit, model=model.replacing(at, _at_receiver(offset)))
     return fit
 
 

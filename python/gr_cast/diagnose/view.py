@@ -87,18 +87,19 @@ class View:
 
     def amplitude_moments(self) -> tuple[np.ndarray, np.ndarray]:
         """(slope, curvature) of ln L by a real gain in nepers, per sample."""
-        slope = 2 / self.sigma2 * (self.residual * np.conj(self.wanted)).real
-        return slope, 2 / self.sigma2 * np.abs(self.wanted) ** 2 * self.weight
+        slope, curve = self._moments
+        return slope.real, curve
 
-    def phase_moments(self) -> tuple[np.ndarray, np.ndarray]:
-        """(slope, curvature) of ln L by a phase in radians, per sample."""
-        slope = 2 / self.sigma2 * (self.residual * np.conj(self.wanted)).imag
+    @cached_property
+    def _moments(self) -> tuple[np.ndarray, np.ndarray]:
+        """(slope, curvature) of ln L by the logarithm of what is wanted, per sample: of its gain, and times j of its phase."""
+        slope = 2 / self.sigma2 * self.residual * np.conj(self.wanted)
         return slope, 2 / self.sigma2 * np.abs(self.wanted) ** 2 * self.weight
 
     def ramps_of_phase(self) -> list[tuple[float, float, int]]:
         """[(first, last moment as shares of the recording, pairs that were tried)] of the stretch in which a phase that turns
         evenly there and nowhere else explains most, besides a phase and, where a carrier offset is fitted, a frequency."""
-        slope, curve = (self.scene.spread(moment) for moment in self.phase_moments())
+        slope, curve = (self.scene.spread(moment) for moment in (self._moments[0].imag, self._moments[1]))
         edges = np.unique(np.linspace(0, len(slope), RAMP_CELLS + 1).astype(int))
         cells = len(edges) - 1
         if cells < LEAST_RAMP_CELLS:
@@ -417,13 +418,14 @@ class View:
         """(first of them, samples lost, below 0) where zeros were written near a joint, as many as were inserted there if so many
         are lost, to one sample and the waveform's period; None where none were."""
         period = len(self.scene.sources[0].samples) if self.scene.sources[0].repeat else 0
-        for first, count in self.written_zeros():
+        for first, count in self.written_zeros:
             off = count + lost
             off = (off + period // 2) % period - period // 2 if period else off
             if abs(off) <= 1 and abs(first - joint) <= count + BLANK_APART:
                 return first, -count
         return None
 
+    @cached_property
     def written_zeros(self) -> list[tuple[float, float]]:
         """[(first, how many)] zeros that stand in the place of samples."""
         return [(float(self.scene.index[first]), float(end - first)) for first, end in blanks.runs(self.data.y)[:MOST_JUMPS]]

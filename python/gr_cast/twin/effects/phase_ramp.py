@@ -42,7 +42,7 @@ class PhaseRamp(Family):
         return {"turn_rad": p[0]}
 
     def where(self, scene, effect, values):
-        return {"time_s": [float(np.clip(one, 0.0, 1.0)) * scene.duration_s for one in sorted(effect.p[1:])]}
+        return {"time_s": (effect.p[1:] * scene.duration_s).tolist()}
 
     def plausible(self, effect):
         return 0 <= effect.p[1] < effect.p[2] <= 1

@@ -38,12 +38,10 @@ class SampleLoss(Family):
 
     def starts(self, view):
         everywhere = lambda lost: start(self, [-np.inf, lost], free=[False, False])  # noqa: E731
-        for joint, lost, later in view.jumps(everywhere):
-            yield self._read(view, joint, lost, {"later": later})
-        for first, count in view.written_zeros():
-            for later in (False, True):
-                aux = {"later": later, "zeros": True}
-                yield start(self, [first, -count], free=[False, False], aux=aux, trials=view.scene.count)
+        found = [self._read(view, joint, lost, {"later": later}) for joint, lost, later in view.jumps(everywhere)]
+        for first, count in view.written_zeros:
+            found += [self._read(view, first, -count, {"later": later}) for later in (False, True)]
+        return {(*one.p, *one.aux.values()): one for one in found}.values()  # zeros at a jump are found there too
 
     def at_once(self, view):
         later, joints = view.steps_of_lag()
