@@ -220,14 +220,14 @@ def _heard(finding: Finding) -> Heard | None:
     rounded = 1 + (dither + float(np.clip(more - dither, 0.0, data.rounding))) / told
     told *= rounded
     energy, count, level = power / told, float(inside.sum()), np.abs(fit.chain.wanted)
-    if _wanders(fit):  # what it leaves over is across the signal
+    if wanders := _wanders(fit):  # what it leaves over is across the signal
         inside = inside & (level**2 > FAINT * np.mean(level[inside] ** 2))
         along = (fit.residual * np.conj(fit.chain.wanted)).real / np.maximum(level, 1e-300)
         energy, count = 2 * along**2 / shape / told, inside.sum() / 2
         uneven = flatness.along(energy[inside], level[inside])
     else:
         uneven = flatness.over_all(fit, inside)
-    if data.spectrum is not None and not any(FAMILIES[e.family].noise_like for e in fit.model.effects):
+    if data.spectrum is not None and not wanders and not any(FAMILIES[e.family].noise_like for e in fit.model.effects):
         # of noise that a filter coloured, what is told is the floor where the signal is
         energy = energy * (_beside_signal(fit) / told / energy[inside].mean())
         count *= float(np.mean(data.scene.occupied))

@@ -317,16 +317,21 @@ def _wanted_rms(fit: Fit) -> float:
 
 
 def _finer(fit: Fit) -> Fit:
-    """The fit with what follows a course as fast as the search does in its finest forms, where they are likelier."""
+    """The fit with what follows a course as fast as the search does in its finest forms, and under the laws that its numbers
+    tell, where they are likelier."""
     tried, scene = [fit], fit.data.scene
     for i, effect in enumerate(fit.model.effects):
-        tried += [refit(fit.data, fit.model.replacing(i, form)) for form in FAMILIES[effect.family].finest(scene, effect)]
+        family = FAMILIES[effect.family]
+        forms = [*family.finest(scene, effect)]
+        if effect.prior is not None and not effect.fixed:
+            forms += family.other_laws(scene, effect, fit.covariance[fit.model.span(i), fit.model.span(i)])
+        tried += [refit(fit.data, fit.model.replacing(i, form)) for form in forms]
     return max(tried, key=lambda f: f.evidence)
 
 
 def _with_jitter(fit: Fit) -> Fit:
     """Phase noise with its part that is too fast to be followed: noise across the signal, and none along it; such noise is no
-    other law's, over time or, as it lies in the signal's own band, over frequency."""
+    other law's, over time or, as it lies in the signal's own band, over frequency, nor what a receiver's filter leaves of it."""
     at = fit.model.index_of(Role.WANDER, found=True)
     if at is None:
         return fit
@@ -344,7 +349,7 @@ def _with_jitter(fit: Fit) -> Fit:
         if profile(np.concatenate([across, along]), np.concatenate([1 + 2 * shape, np.ones_like(shape)])) > both:
             fit = refit(fit.data, fit.model.without(follows))
             return _with_jitter(fit)
-    for i in (i for i, e in enumerate(effects) if FAMILIES[e.family].band(e) and not e.fixed):
+    for i in (i for i, e in enumerate(effects) if not e.fixed and (FAMILIES[e.family].band(e) or stage_of(e) == RX_FILTER)):
         bare = refit(fit.data, fit.model.without(i))
         across, along, _ = _directions(bare)
         if across.sum() - along.sum() > ACROSS * (bare.sigma2 - fit.sigma2) * bare.data.count:

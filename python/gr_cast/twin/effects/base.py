@@ -295,6 +295,10 @@ class Family:
         """The effect with what its numbers, of this covariance, tell of the law behind them, once all else is known."""
         return replace(effect, aux={**effect.aux, "_variance": np.diag(covariance).tolist()})
 
+    def other_laws(self, scene: Scene, effect: Effect, covariance: np.ndarray) -> Iterable[Effect]:
+        """The effect under another law than the one that it was found with, where its numbers, of this covariance, tell so."""
+        return ()
+
     def plausible(self, effect: Effect) -> bool:
         """Whether the numbers can be those of real equipment."""
         return True

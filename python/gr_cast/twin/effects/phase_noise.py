@@ -3,14 +3,15 @@
 coefficients in rad.
 
 A twin holds its law. Free wandering, Var φ(t) = 2π·linewidth·t, has coefficients of variance 2π·linewidth·T/(πk)² on T
-seconds (Karhunen-Loève expansion of a Wiener process); a held oscillator wanders evenly up to a highest frequency, or
-with the density 1/(1 + (f/corner)²) of a loop of first order.
+seconds (Karhunen-Loève expansion of a Wiener process), flicker of the frequency of density 1/f³ ones that fall as 1/k³; a held
+oscillator wanders evenly up to a highest frequency, or with the density 1/(1 + (f/corner)²) of a loop of first order.
 """
 
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from ..basis import course_length, course_orders, grid_of
 from ..columns import Courses
@@ -21,6 +22,9 @@ from .values import POSITIVE, SIDE, Value, one_of
 MOST = 480  # cosines: the fastest wander that a search follows
 FINEST = 3 * MOST  # cosines: the fastest that is followed
 NEARLY_ALL = 0.05  # of a recording, that its ends may lack: the course of the rest is that of the whole
+STEEP = {"free": 2, "flicker": 3}  # laws of density 1/f^s: white frequency noise, flicker of the frequency (Leeson 1966)
+LEAST_LAW = 24  # cosines that a law is told by
+KNOWN_BY_LAW = 0.99  # share of its variance that a cosine of which nothing is heard keeps
 ONE_WALK = 0.3  # by which the rms of a walk without its mean and slope differs from that of all walks, a share
 
 
@@ -29,7 +33,7 @@ def shape_of(law: dict, size: int) -> np.ndarray:
     k = np.arange(1, size + 1)
     if law["law"] == "held":
         return 1.0 / (1.0 + (k / law["corner"]) ** 2)
-    return 1.0 / k**2 if law["law"] == "free" else np.ones(size)
+    return 1.0 / k ** STEEP[law["law"]] if law["law"] in STEEP else np.ones(size)
 
 
 def _missing(scene) -> float:
@@ -50,7 +54,7 @@ class PhaseNoise(Family):
     name = "phase_noise"
     parameters = {"rms_rad": Value(low=0.0), "linewidth_hz": Value(low=0.0)}
     remembered = {
-        "law": one_of("free", "held", "flat"),
+        "law": one_of("free", "flicker", "held", "flat"),
         "highest_hz": Value(low=0.0),
         "corner_hz": POSITIVE,
         "linewidth_hz": Value(low=0.0),
@@ -123,6 +127,34 @@ class PhaseNoise(Family):
             for law in ({"law": "flat"}, {"law": "held", "corner": FINEST / 8}):
                 yield self._wider(effect, FINEST, law)
 
+    def other_laws(self, scene, effect, covariance):
+        """The same course under the law that its cosines make likeliest, where that is another: a search takes the first that
+        follows it. A cosine is as large as the law's variance and the noise in its estimate, without the law, let it be."""
+        size, prior = len(effect.p), effect.prior
+        if prior is None or size < LEAST_LAW:
+            return
+        doubt = 1 / (1 / np.minimum(np.diag(covariance), KNOWN_BY_LAW * prior) - 1 / prior)
+        power = (effect.p * (1 + doubt / prior)) ** 2
+
+        def priced(law):
+            shape = shape_of(law, size)
+
+            def cost(nepers):
+                variance = np.exp(nepers) * shape + doubt
+                return float(np.sum(np.log(variance) + power / variance)) / 2
+
+            about = np.log(prior.sum() / shape.sum())
+            best = minimize_scalar(cost, bounds=(about - 5, about + 5), method="bounded")
+            return best.fun, np.exp(best.x) * shape, law
+
+        laws = [*({"law": name} for name in STEEP), {"law": "flat"}]
+        laws += [{"law": "held", "corner": size / octaves} for octaves in (8, 16, 32, 64)]
+        own = {key: effect.aux[key] for key in ("law", "corner") if key in effect.aux}
+        fewest, prior, law = min(map(priced, laws), key=lambda one: one[0])
+        if fewest < priced(own)[0] - 1.0:
+            side = {key: effect.aux[key] for key in ("side", "source") if key in effect.aux}
+            yield replace(effect, prior=prior, aux=law | side)
+
     def values(self, scene, effect, p):
         unseen = float(np.sum(effect.aux.get("_variance", [0.0])))  # of the course around its estimate
         if "_jitter" in effect.aux:
@@ -184,7 +216,8 @@ class PhaseNoise(Family):
         if effect.aux["law"] == "held":
             corner = effect.aux["corner"]
             return first * (1 + corner**-2) * corner * (np.pi / 2 - np.arctan(most / corner))
-        return first / (most + 0.5) if effect.aux["law"] == "free" else 0.0  # Σ 1/k² beyond the last cosine
+        steep = STEEP.get(effect.aux["law"])
+        return first * (most + 0.5) ** (1 - steep) / (steep - 1) if steep else 0.0  # Σ 1/k^s beyond the last cosine
 
     def played(self, scene, effect, rng):
         return effect.moved(rng.normal(size=len(effect.p)) * np.sqrt(effect.prior))
