@@ -195,6 +195,25 @@ def test_a_waveform_that_is_sent_once_is_found_under_a_carrier_of_a_tenth_of_the
     assert align.locate(found, found.observations[0]) == (137, inverted)
 
 
+def _chirps(rng) -> np.ndarray:
+    """A packet as a chirp radio sends it: eight upwards, two downwards, twelve that begin in their middle; two samples per
+    chip of 256."""
+    chip = np.arange(512) / 2
+    up = [np.exp(2j * np.pi * np.cumsum(((chip + shift) % 256) / 256 - 0.5) / 2) for shift in (0, *rng.integers(0, 256, 12))]
+    return np.concatenate([np.tile(up[0], 8), np.tile(np.conj(up[0]), 2), *up[1:]])
+
+
+@pytest.mark.parametrize("inverted", [False, True])
+@pytest.mark.parametrize("carrier", [0.0, 0.0096, -0.03, 0.05])
+def test_a_chirp_with_a_carrier_is_not_taken_for_a_chirp_a_little_later(burst, carrier, inverted):
+    rng = np.random.default_rng(9)
+    x = _chirps(rng)
+    y = noise(rng, len(x) + 900, 0.3)
+    y[402 : 402 + len(x)] += x * np.exp(2j * np.pi * carrier * np.arange(len(x)))
+    found = burst(np.conj(y) if inverted else y, x)
+    assert align.locate(found, found.observations[0]) == (402, inverted)
+
+
 def test_what_is_like_itself_is_not_taken_for_the_beginning_of_a_burst(burst):
     rng = np.random.default_rng(31)
     symbol, x = noise(rng, 100), noise(rng, 6_000)

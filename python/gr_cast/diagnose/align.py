@@ -217,8 +217,13 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
         found, share, clear = delays.near(signal, sources, delay + late, reach=reach)
         return found - late, share, clear
 
+    def carried(signals, found):  # what repeats is looked for with a carrier
+        return None if period else delays.of_one_carrier(signals, sources, taps, rate, found)
+
     if about:
-        return near_to(signals[about[1]], low + about[0], 64)[0] - low, about[1]
+        signal = signals[about[1]]
+        found = near_to(signal, low + about[0], 64)[0]
+        return (found if (told := carried([signal], [found])) is None else told[0].delay) - low, about[1]
     tried, find = period or n + len(sources[0].samples), delays.of_repeated if period else delays.of_sent_once
     near = []
     if not period and len(sources[0].samples) >= n and n > 4000:
@@ -236,7 +241,13 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
     if not most and (not clear or tried <= LONGEST_EVERYWHERE):  # what is like itself stands out at a wrong delay too
         everywhere = [find(signal, sources, taps, rate) for signal in signals]
         found = everywhere + found if again else found + everywhere
-    best = likelier([*signals, *signals][: len(found)], found)
+    both = [*signals, *signals][: len(found)]
+    if told := carried(both, found):
+        found = [one.delay for one in told]
+        clearest = int(np.argmax([one.share for one in told]))
+        if any(told[clearest].is_clearer(one) for one in told):
+            return found[clearest] - low, clearest % 2 == 1
+    best = likelier(both, found)
 
     def otherwise():
         yield [presence.within(s, sources) for s in signals]

@@ -14,6 +14,9 @@ from ..twin.interpolate import TAU, phasor
 from ..twin.scene import Source
 from .policy import (
     BEHIND,
+    CHIRP_CLEAR,
+    CHIRP_PIECE,
+    CHIRP_REACH,
     DELAY_ALIKE,
     DELAY_CLEAR,
     DELAY_GROWTH,
@@ -244,6 +247,48 @@ def _sliding(x: np.ndarray, known: np.ndarray) -> np.ndarray:
     size = sp_fft.next_fast_len(len(x) + len(known) - 1, real=True)
     both = sp_fft.irfft(sp_fft.rfft(x, size) * sp_fft.rfft(known[::-1].astype(float), size), size)
     return both[: len(x) + len(known) - 1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Carried:
+    """A delay, and the share of a recording of `count` samples that what is sent explains there with one carrier throughout."""
+
+    delay: int
+    share: float
+    count: int
+
+    def is_clearer(self, other: "Carried") -> bool:
+        nats = self.count * np.log1p((self.share - other.share) / (1 - self.share))
+        return self.share > CHIRP_CLEAR * other.share and nats > DELAY_SURE_NATS
+
+
+def of_one_carrier(signals: list[np.ndarray], sources: list[Source], taps: list[tuple], rate: float, delays: list[int]):
+    """[Carried] of each recording (n,) the delay around one at which what is sent once explains clearly more of it with one
+    carrier throughout; None where it does not look there like itself with another carrier, as a chirp does: else short pieces
+    know."""
+    heard = sum(_filtered(s.samples * s.known, link, rate) for s, link in zip(sources, taps, strict=True))
+    loudest = int(np.argmax(ndimage.uniform_filter1d(np.abs(heard) ** 2, CHIRP_PIECE)))
+    piece, lags = heard[max(0, loudest - CHIRP_PIECE // 2) :][:CHIRP_PIECE], range(-CHIRP_REACH, CHIRP_REACH + 1)
+    if not any(still < LIKE_ITSELF**2 and turned > LIKE_ITSELF for still, turned in (_shares(piece, piece, d) for d in lags)):
+        return None
+
+    def sharpened(y, delay: int) -> Carried:
+        around = [Carried(delay=delay + d, share=_shares(y, heard, delay + d)[1], count=len(y)) for d in lags]
+        best, here = max(around, key=lambda one: one.share), around[CHIRP_REACH]
+        return best if best.is_clearer(here) else here
+
+    return [sharpened(y, delay) for y, delay in zip(signals, delays, strict=True)]
+
+
+def _shares(y: np.ndarray, sent: np.ndarray, delay: int) -> tuple[float, float]:
+    """Share of the energy of `y` that `sent` explains from sample `delay` on, and with the carrier that suits it best."""
+    first, last = max(0, delay), min(len(y), delay + len(sent))
+    if last <= first:
+        return 0.0, 0.0
+    here, there = y[first:last].astype(np.complex64), sent[first - delay : last - delay].astype(np.complex64)
+    both = sp_fft.fft(here * np.conj(there), sp_fft.next_fast_len(2 * (last - first)))
+    power = (both.real**2 + both.imag**2) / max(float(np.vdot(there, there).real * np.vdot(y, y).real), 1e-300)
+    return float(power[0]), min(float(power.max()), 1 - 1e-6)
 
 
 def near(y: np.ndarray, sources: list[Source], centre: int, reach: int):
