@@ -8,11 +8,11 @@ import numpy as np
 from scipy import fft as sp_fft
 from scipy import special, stats
 
-from ..twin.effects import is_coarse
+from ..twin.effects import FAMILIES, is_coarse
 from ..twin.effects.base import at_half_the_rate
 from . import hopping, residual
 from .fit import within
-from .policy import FEWEST_TIMES, FLATNESS_LEVELS, FLATNESS_TIMES, LEAST_IN_CELL, LEAST_PAIRS, NEXT, WELL_FILLED
+from .policy import FEWEST_TIMES, FLATNESS_LEVELS, FLATNESS_TIMES, LEAST_IN_CELL, LEAST_PAIRS, NEXT, RINGS_ON, WELL_FILLED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,17 +115,19 @@ def _own_level(e_on, n_on, e, n):
 
 def comes_again(fit) -> residual.Leftover:
     """What of the residual, without half the sample rate, is the same again after some time: an error in the period of a code
-    or of a symbol."""
+    or of a symbol. Not so soon that it may be what a band that was found rings on, whose shape is not known so well."""
     scene = fit.data.scene
+    bands = [told for e in fit.model.found if (told := FAMILIES[e.family].band(e)) is not None]
+    first = max([NEXT, *(int(RINGS_ON / width) for _, width in bands)])
     r, used = scene.spread(residual.normal(fit)), scene.spread((fit.data.use > 0).astype(float))
     size = sp_fft.next_fast_len(2 * len(r))
     power = np.where(at_half_the_rate(sp_fft.fftfreq(size)), 0.0, np.abs(sp_fft.fft(r, size)) ** 2)
-    together = np.abs(sp_fft.ifft(power)[NEXT : len(r)]) ** 2
-    pairs = sp_fft.irfft(np.abs(sp_fft.rfft(used, size)) ** 2, size)[NEXT : len(r)]
+    together = np.abs(sp_fft.ifft(power)[first : len(r)]) ** 2
+    pairs = sp_fft.irfft(np.abs(sp_fft.rfft(used, size)) ** 2, size)[first : len(r)]
     nats = np.where(pairs > LEAST_PAIRS, together / np.maximum(pairs, 1.0), 0.0)
     k = int(np.argmax(nats)) if len(nats) else 0
     height = float(nats[k]) if len(nats) else 0.0
-    test = f"the same again after {(k + NEXT) / scene.sample_rate_hz:.4g} s"
+    test = f"the same again after {(k + first) / scene.sample_rate_hz:.4g} s"
     return residual.Leftover(test=test, p_value=float(min(1.0, len(nats) * np.exp(-height))), nats=height, where={})
 
 

@@ -121,6 +121,7 @@ COLOUR_ORDERS = 10  # cepstral coefficients of a receiver's noise colour
 FLATNESS_TIMES = 48  # cells of time
 FLATNESS_LEVELS = 16  # of what is received, as many samples in each
 NEXT = 32  # samples: what is alike within fewer is told by frequency
+RINGS_ON = 8.0  # over the width of a band: the time within which what is left of it may be like itself
 LEAST_PAIRS = 400  # samples so far apart, of which what they have in common is normal
 WELL_FILLED, FEWEST_TIMES = 8.0, 4  # samples in a mean cell of a map that is taken whole, and rows that it keeps
 LEAST_IN_CELL = 2.0  # samples: of fewer ln of the mean tells next to nothing

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy import fft as sp_fft
+from scipy import ndimage
 
 from ..twin.effects import FAMILIES, Role, plays, stage_of
 from ..twin.effects.base import RX_GAIN, RX_LO, at_half_the_rate, peaks
@@ -186,8 +187,11 @@ class View:
         span = self.scene.span
         spectrum = np.abs(sp_fft.fft(self.scene.spread(self.recorded), 2 * span))
         around = np.concatenate([np.arange(-VIEW_AROUND, -SKIRT), np.arange(SKIRT + 1, VIEW_AROUND + 1)])
+        width, skirts = 2 * VIEW_AROUND + 1, 2 * SKIRT + 1
+        wide, close = (ndimage.uniform_filter1d(spectrum**2, size, mode="wrap") * size for size in (width, skirts))
+        clear = spectrum / np.sqrt(np.maximum(wide - close, 1e-12 * wide.max()))
         found = []
-        for i in peaks(spectrum, count, 4):
+        for i in dict.fromkeys([*peaks(spectrum, count, 4), *peaks(clear, count, 4)]):  # beside a loud band too
             near = (i + around) % len(spectrum)
             beside = np.mean(spectrum[near] ** 2)
             if at_half_the_rate(i / (2 * span)):
