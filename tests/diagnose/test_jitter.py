@@ -60,3 +60,21 @@ def test_what_a_fast_phase_adds_in_the_signals_band_is_no_colour_of_a_receivers_
     (folder / "twin.yaml").write_text(yaml.safe_dump(twin))
     told = [e["family"] for e in diagnose(read_case(folder), budget_s=3000).document["effects"]]
     assert "phase_noise" in told and "front_end_filter" not in told
+
+
+@pytest.mark.parametrize(("corner", "rms_rad"), [(0.025, 0.1), (0.025, 0.03), (10.0, 0.05)], ids=["loop", "weak", "white"])
+def test_a_phase_of_which_nothing_can_be_followed_is_phase_noise_and_no_law_of_the_noise(world, tmp_path, corner, rms_rad):
+    rng, n = np.random.default_rng(8), len(world.n)
+    phase = np.fft.ifft(np.fft.fft(rng.normal(size=n)) / np.hypot(1, np.fft.fftfreq(n) / corner)).real  # cycles per sample
+    y = world.noisy(world.clean() * np.exp(1j * phase * rms_rad / np.std(phase)))
+    document = diagnose(read_case(world.write(tmp_path / "case", y)), budget_s=3000).document
+    (told,) = document["effects"]
+    assert document["verdict"] == "identified" and told["family"] == "phase_noise"
+    assert told["parameters"]["rms_rad"]["value"] == pytest.approx(rms_rad, rel=0.05)
+
+
+def test_noise_that_follows_the_signal_has_no_direction_and_is_no_phase_noise(world, tmp_path):
+    y = world.clean()
+    y = world.noisy(y + 0.05 * np.abs(y) * noise(np.random.default_rng(8), len(y)))
+    (told,) = diagnose(read_case(world.write(tmp_path / "case", y)), budget_s=3000).document["effects"]
+    assert told["family"] == "signal_dependent_noise"

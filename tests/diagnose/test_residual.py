@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest_world import RATE_HZ
-from gr_cast.diagnose import align, diagnose, floor, gate, noise, policy, read_case, residual, run
+from gr_cast.diagnose import align, diagnose, floor, gate, jitter, noise, policy, read_case, residual, run
 from gr_cast.diagnose.finding import Finding
 from gr_cast.diagnose.fit import off_the_rails
 from gr_cast.diagnose.search import refit, through_the_quantiser
@@ -74,7 +74,7 @@ def test_phase_noise_too_fast_to_follow_is_noise_across_the_signal_alone(world, 
     fast = 0.02 * rng.normal(size=len(world.n))
     fit = _followed(world, tmp_path / "case", 0.03 * _wander(rng, len(world.n), 400) + fast)
     follows = start(FAMILIES["signal_dependent_noise"], [0.0], free=[False])
-    settled = run._with_jitter(refit(fit.data, fit.model.adding(follows), near=fit))
+    settled = jitter.of_a_wander(refit(fit.data, fit.model.adding(follows), near=fit))
     assert [e.family for e in settled.model.found] == ["phase_noise"]
     assert settled.model.found[0].aux["_jitter"] == pytest.approx(np.mean(fast**2), rel=0.2)
 

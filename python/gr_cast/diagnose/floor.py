@@ -257,6 +257,10 @@ def _doubt_db(fit: Fit) -> float:
         doubt_db += FAMILIES[e.family].noise_gain_db(e)
         if e.prior is not None and FAMILIES[e.family].flexible:
             doubt_db += WANDERS_DB if any(e is wander for wander in wanders) else COURSE_DB
+        if jitter := e.aux.get("_jitter"):  # its square is along the signal, and a course as random
+            doubt_db += 10 * np.log10(
+                1 + jitter**2 * np.mean(np.abs(fit.chain.wanted) ** 2) / (fit.data.noise_power or fit.sigma2)
+            )
     return float(doubt_db)
 
 

@@ -260,6 +260,10 @@ MOST_SWAPS = 3  # of what was found for a rival that explains more
 CUT_NATS = 10.0  # by which rails on a grid, or at one end alone, must make a recording likelier
 FINE_GRID = 10.0  # energy of its error over the noise, over the whole recording
 JITTER_SURE = 2.5  # standard deviations by which noise across the signal must exceed noise along it
+JITTER_ALONE_NATS = 30.0  # by which noise across the signal must explain more than laws that know no direction
+JITTER_STRENGTHS = (1e-3, 1e2)  # times the floor, between which its strength is looked for
+JITTER_ORDERS = 480  # cosines over which a twin spreads what is too fast for any
+JITTER_STRETCHES, JITTER_EVEN = 8, 0.3  # stretches of a recording, and the least that one has of its fair share of such noise
 ACROSS = (
     0.5  # of a band's power, by which more is across the signal than along it: all of an oscillator's, none of an interference's
 )

@@ -9,7 +9,6 @@ import numpy as np
 
 from ..twin.effects import FAMILIES, Role, plays, stage_of
 from ..twin.effects.base import RX_FILTER
-from ..twin.effects.noise_family import profile
 from . import (
     align,
     ambiguity,
@@ -20,6 +19,7 @@ from . import (
     flatness,
     floor,
     gate,
+    jitter,
     noise,
     offsets,
     presence,
@@ -34,7 +34,6 @@ from .fit import Fit, of_even_noise, solve
 from .ownership import agree_on_sides, agree_on_wander
 from .passing import without_passing
 from .policy import (
-    ACROSS,
     BUDGET_S,
     COLOUR_ORDERS,
     CROWDED_P,
@@ -42,7 +41,6 @@ from .policy import (
     FINE_GRID,
     FIRST_PART,
     HUNGRY,
-    JITTER_SURE,
     MOST_FINDINGS,
     MOST_SWAPS,
     PICTURES,
@@ -137,6 +135,7 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
         left=[*foreign, *passed],
     )
     _weigh(finding)
+    jitter.alone(finding)
     _look_for_rest(finding)
     floor.compare(finding)
     return finding
@@ -299,7 +298,7 @@ def _settle(fit: Fit, finer: bool) -> Fit:
         freed = refit(fit.data, replace(fit.model, effects=effects))
         if freed.likelihood > fit.likelihood - 1.0:
             fit = freed
-    fit = noise.with_blur(_with_jitter(_finer(fit) if finer else fit))
+    fit = noise.with_blur(jitter.of_a_wander(_finer(fit) if finer else fit))
     covariance = fit.covariance
     effects = []
     for i, e in enumerate(fit.model.effects):
@@ -329,43 +328,6 @@ def _finer(fit: Fit) -> Fit:
     return max(tried, key=lambda f: f.evidence)
 
 
-def _with_jitter(fit: Fit) -> Fit:
-    """Phase noise with its part that is too fast to be followed: noise across the signal, and none along it; such noise is no
-    other law's, over time or, as it lies in the signal's own band, over frequency, nor what a receiver's filter leaves of it."""
-    at = fit.model.index_of(Role.WANDER, found=True)
-    if at is None:
-        return fit
-    across, along, power = _directions(fit)
-    jitter = (across.sum() - along.sum()) / power.sum()  # rad²
-    if jitter < JITTER_SURE * np.sqrt(np.sum((across + along) ** 2)) / power.sum():
-        return fit
-    effects = fit.model.effects
-    follows = fit.model.index_of(Role.FOLLOWING, found=True)
-    if follows is not None:
-        shape = (
-            FAMILIES[effects[follows].family].variance(fit.data.scene, effects[follows], fit.chain.wanted)[fit.data.use > 0] - 1
-        )
-        both = profile(np.concatenate([across, along]), np.concatenate([1 + shape, 1 + shape]))
-        if profile(np.concatenate([across, along]), np.concatenate([1 + 2 * shape, np.ones_like(shape)])) > both:
-            fit = refit(fit.data, fit.model.without(follows))
-            return _with_jitter(fit)
-    for i in (i for i, e in enumerate(effects) if not e.fixed and (FAMILIES[e.family].band(e) or stage_of(e) == RX_FILTER)):
-        bare = refit(fit.data, fit.model.without(i))
-        across, along, _ = _directions(bare)
-        if across.sum() - along.sum() > ACROSS * (bare.sigma2 - fit.sigma2) * bare.data.count:
-            return _with_jitter(bare)
-    noisy = effects[at]
-    return replace(fit, model=fit.model.replacing(at, replace(noisy, aux={**noisy.aux, "_jitter": float(jitter)})))
-
-
-def _directions(fit: Fit):
-    """Energies of the residual across and along the wanted signal, and its power; used samples."""
-    used, w = fit.data.use > 0, fit.chain.wanted
-    turned = (fit.residual * np.conj(w))[used]
-    power = np.maximum(np.abs(w[used]) ** 2, 1e-300)
-    return turned.imag**2 / power, turned.real**2 / power, power
-
-
 def _kind(rest: residual.Leftover) -> str:
     """A test without the numbers that it found."""
     return re.split(r"[-\d]", rest.test)[0]
@@ -373,6 +335,7 @@ def _kind(rest: residual.Leftover) -> str:
 
 def _tests(fit: Fit) -> list[residual.Leftover]:
     """Every test of what a fit leaves."""
+    fit = jitter.along(fit)
     inside = of_even_noise(fit)
     return [
         *residual.leftovers(fit, inside),

@@ -293,7 +293,7 @@ class Family:
 
     def settled_law(self, scene: Scene, effect: Effect, covariance: np.ndarray) -> Effect:
         """The effect with what its numbers, of this covariance, tell of the law behind them, once all else is known."""
-        return replace(effect, aux={**effect.aux, "_variance": np.diag(covariance).tolist()})
+        return replace(effect, aux={**effect.aux, "_variance": np.diag(covariance).tolist()}) if effect.free.any() else effect
 
     def other_laws(self, scene: Scene, effect: Effect, covariance: np.ndarray) -> Iterable[Effect]:
         """The effect under another law than the one that it was found with, where its numbers, of this covariance, tell so."""

@@ -123,7 +123,7 @@ class PhaseNoise(Family):
 
     def finest(self, scene, effect):
         """As fast as the search follows, faster still under laws that reach so far."""
-        if len(effect.p) == MOST and scene.count >= 24 * FINEST:
+        if len(effect.p) == MOST and scene.count >= 12 * FINEST:
             for law in ({"law": "flat"}, {"law": "held", "corner": FINEST / 8}):
                 yield self._wider(effect, FINEST, law)
 
