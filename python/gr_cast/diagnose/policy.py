@@ -335,6 +335,8 @@ VERDICT_LEAST_NATS = 8.0  # that an effect must bring over all recordings
 REFUSED_NATS = 40.0  # of an effect that unseen samples speak against, from which it is left unexplained
 
 # view
+FASTEST, FASTER = 5, 1.5  # times the fastest course of all taps, of a fast one; times the power faster still, that tells it
+QUIET = 0.1  # of the loudest surroundings of any line, below which the clearest are looked at beside the strongest
 SKIRT, VIEW_AROUND = 6, 64  # half cycles over the recording: what a line reaches itself, and its surroundings
 LEAST_SEGMENT = 40  # samples in which a waveform is looked for alone
 VIEW_SEGMENTS = 48  # of time in which a jump is looked for, beside shorter ones at the ends

@@ -6,8 +6,8 @@ from functools import cached_property
 
 import numpy as np
 from scipy import fft as sp_fft
-from scipy import ndimage
 
+from ..twin.basis import course_orders
 from ..twin.effects import FAMILIES, Role, plays, stage_of
 from ..twin.effects.base import RX_GAIN, RX_LO, at_half_the_rate, peaks
 from ..twin.interpolate import TAU, phasor
@@ -18,6 +18,8 @@ from .policy import (
     BLANK_APART,
     ECHO_CELLS,
     ECHO_SEGMENTS,
+    FASTER,
+    FASTEST,
     HARMONICS,
     HUM_POINTS,
     LEAST_RAMP,
@@ -30,6 +32,7 @@ from .policy import (
     MOST_PERIODS,
     PERIOD_CYCLES,
     POINTS,
+    QUIET,
     RAMP_CELLS,
     SKIRT,
     SLOW_HUMS,
@@ -187,14 +190,14 @@ class View:
         span = self.scene.span
         spectrum = np.abs(sp_fft.fft(self.scene.spread(self.recorded), 2 * span))
         around = np.concatenate([np.arange(-VIEW_AROUND, -SKIRT), np.arange(SKIRT + 1, VIEW_AROUND + 1)])
-        width, skirts = 2 * VIEW_AROUND + 1, 2 * SKIRT + 1
-        wide, close = (ndimage.uniform_filter1d(spectrum**2, size, mode="wrap") * size for size in (width, skirts))
-        clear = spectrum / np.sqrt(np.maximum(wide - close, 1e-12 * wide.max()))
-        found = []
-        for i in dict.fromkeys([*peaks(spectrum, count, 4), *peaks(clear, count, 4)]):  # beside a loud band too
+        blocks = np.array_split(spectrum, max(1, len(spectrum) // (2 * VIEW_AROUND)))
+        level = np.repeat([np.median(block) for block in blocks], [len(block) for block in blocks])  # which no line changes
+        clear = spectrum / np.maximum(level, 1e-12 * level.max()) * (level < np.sqrt(QUIET) * level.max())
+        found, strongest = [], peaks(spectrum, count, 4)
+        for i in dict.fromkeys([*strongest, *peaks(clear, count, 4)]):  # beside a loud band too
             near = (i + around) % len(spectrum)
             beside = np.mean(spectrum[near] ** 2)
-            if at_half_the_rate(i / (2 * span)):
+            if i not in strongest or at_half_the_rate(i / (2 * span)):  # where a line of the signal may be left
                 wanted = np.abs(sp_fft.fft(self.scene.spread(self.fit.chain.wanted), 2 * span))
                 beside = max(beside, np.mean(wanted[near] ** 2))
                 if spectrum[i] < UNSIGNED * wanted[(i + np.arange(-SKIRT, SKIRT + 1)) % len(wanted)].max():
@@ -349,6 +352,19 @@ class View:
         return [cycles] if 0.4 < abs(cycles) < self.scene.span / 64 else []
 
     # ------------------------------------------------------------ time
+    @cached_property
+    def fast_taps(self) -> list[int]:
+        """Taps whose gain and phase move faster than the courses that are tried of all: more of what is left turns against what
+        comes over them so fast than faster still."""
+        slowest = course_orders(self.scene)[-1] // 2  # cycles over the recording
+        turns = np.abs(sp_fft.fftfreq(self.scene.span)) * self.scene.span / slowest
+        fast, beyond, out = (turns > 1) & (turns < FASTEST), (turns > FASTEST) & (turns < 2 * FASTEST), []
+        for k, signal in enumerate(self.tap_signals):
+            power = np.abs(sp_fft.fft(self.scene.spread(self.residual * np.conj(signal)))) ** 2
+            if beyond.any() and power[fast].mean() > FASTER * power[beyond].mean():
+                out.append(k)
+        return out
+
     @property
     def course_sizes(self) -> tuple[int, ...]:
         return tuple(s for s in (6, 24, 80) if s < self.scene.count / 100)

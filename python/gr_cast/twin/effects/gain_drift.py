@@ -43,8 +43,8 @@ class GainDrift(GainFamily):
     def starts(self, view):
         for law in (DECIBELS, AMPLITUDE):
             yield start(self, [0.0, 0.0], free=[True, False], aux={"law": law})
-        for tau in (0.03, 0.1, 0.3):
-            yield start(self, [0.0, np.log(tau)], aux={"law": RELAXATION}, trials=3)
+        for tau in (0.03, 0.1, 0.3, 1.0):
+            yield start(self, [0.0, np.log(tau)], aux={"law": RELAXATION}, trials=4)
 
     def in_time(self, scene, effect, later, longer):
         change, log_tau = effect.p

@@ -10,11 +10,13 @@ from ..basis import course_orders
 from ..columns import Courses
 from .base import PROBE, start
 from .extra_path import ExtraPath
+from .iq_imbalance import IqImbalance
 from .tap import TapFamily
 from .tap_gain_error import TapGainError
 from .values import NEEDED, Value
 
 BY_CHANCE = 1e-6  # of the means of courses that are larger: what is no fading may pass for one
+MOST = 480  # cosines: the fastest fading that is followed
 SLOW_CYCLES = 2.0  # over the recording: of a slower course the mean may be any
 
 
@@ -43,9 +45,9 @@ class TapFading(TapFamily):
         chain.paths[k] = replace(path, track=track if path.track is None else path.track * track)
 
     def nest(self, scene, effect):
-        size = 2 * course_orders(scene)[-1]
+        size = 2 * max(course_orders(scene)[-1], len(effect.p) // 2)
         return (
-            effect.aux["tap"],
+            (effect.aux["tap"], size),
             replace(effect, p=np.zeros(size), free=np.ones(size, bool), prior=None),
             np.arange(len(effect.p)),
         )
@@ -59,7 +61,7 @@ class TapFading(TapFamily):
 
     def starts(self, view):
         for k in range(len(view.scene.taps)):  # of one path too: no other family changes gain and phase at random
-            for size in course_orders(view.scene):
+            for size in course_orders(view.scene, MOST if k in view.fast_taps else course_orders(view.scene)[-1]):
                 yield start(
                     self,
                     np.zeros(2 * size),
@@ -88,19 +90,25 @@ class TapFading(TapFamily):
         return start(self, np.zeros(2 * len(k)), prior=np.repeat(prior, 2), aux={"tap": self._tap_of(scene, parameters, model)})
 
     def holds(self, scene, effect, other):
-        """Its mean, of two paths told as the other one's, and its strong moments."""
-        k = effect.aux["tap"]
-        if other.family == TapGainError.name:
-            told = self.values(scene, effect, effect.p)
-            cycles = told["doppler_spread_hz"] * scene.duration_s
-            of_two = len(scene.taps) == 2 and scene.taps[0].source == scene.taps[1].source
-            if other.aux["tap"] != k and not of_two or cycles < SLOW_CYCLES:
-                return other.aux["tap"] == k or of_two
-            # The power of Clarke's mean over what is left of the course, which has 1 + 2·cycles complex numbers: Fisher's law.
-            times = (1 + 2 * cycles) * (BY_CHANCE ** (-1 / (1 + 2 * cycles)) - 1) / (np.pi * cycles)
-            size = abs(np.exp(complex(*other.p)) - 1) ** 2
-            return size < times * 10 ** (-told["k_factor_db"] / 10)
-        return other.family == ExtraPath.name and abs(scene.taps[k].delay - other.p[2]) < 1.0
+        """Its mean, of two paths told as the other one's, or as the image that a code on one line has over two; and its strong
+        moments."""
+        tap, of_two = scene.taps[effect.aux["tap"]], len(scene.taps) == 2 and scene.taps[0].source == scene.taps[1].source
+        if other.family == TapGainError.name and (of_two or other.aux["tap"] == effect.aux["tap"]):
+            return self._may_be_its_mean(scene, effect, abs(np.exp(complex(*other.p)) - 1) ** 2)
+        if other.family == IqImbalance.name and of_two and all(source.on_one_line for source in scene.sources):
+            heard = sum(abs(one.gain) ** 2 for one in scene.taps)
+            return self._may_be_its_mean(scene, effect, float(other.p @ other.p) * heard / abs(tap.gain) ** 2)
+        return other.family == ExtraPath.name and abs(tap.delay - other.p[2]) < 1.0
+
+    def _may_be_its_mean(self, scene, effect, size: float) -> bool:
+        """Whether the mean of a course may have a power over that of its path: any, where it is slow."""
+        told = self.values(scene, effect, effect.p)
+        cycles = told["doppler_spread_hz"] * scene.duration_s
+        if cycles < SLOW_CYCLES:
+            return True
+        # The power of Clarke's mean over what is left of the course, which has 1 + 2·cycles complex numbers: Fisher's law.
+        times = (1 + 2 * cycles) * (BY_CHANCE ** (-1 / (1 + 2 * cycles)) - 1) / (np.pi * cycles)
+        return size < times * 10 ** (-told["k_factor_db"] / 10)
 
     def played(self, scene, effect, rng):
         return effect.moved(rng.normal(size=len(effect.p)) * np.sqrt(effect.prior))
