@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from conftest_world import RATE_HZ as WORLD_HZ
 from conftest_world import noise, sent_once
-from gr_cast.diagnose import align, offsets, read_case
+from gr_cast.diagnose import align, diagnose, offsets, read_case
 from gr_cast.signals import recording
 from gr_cast.twin.effects import FAMILIES
 from gr_cast.twin.effects.base import start
@@ -107,3 +108,15 @@ def test_of_carriers_that_regular_stretches_make_alike_the_right_one_is_found(tm
     for started in offsets.models(data, model):
         (found,) = (e for e in started.effects if e.family == "carrier_frequency_offset")
         assert found.p[0] / data.scene.span == pytest.approx(carrier, abs=0.3e-3)
+
+
+@pytest.mark.parametrize(("cycles", "drift"), [(3.0, 20.0), (-60.0, -200.0)])
+def test_a_carrier_that_smears_over_many_lines_is_an_offset_that_drifts(world, tmp_path, cycles, drift):
+    u = world.n / len(world.n)
+    y = world.noisy(world.clean() * np.exp(2j * np.pi * (cycles * u + drift / 2 * u**2)))
+    (told,) = diagnose(read_case(world.write(tmp_path / "case", y)), budget_s=3000).document["effects"]
+    assert told["family"] == "carrier_frequency_offset"
+    duration_s = len(world.n) / WORLD_HZ
+    for name, true in (("offset_hz", cycles / duration_s), ("drift_hz_per_s", drift / duration_s**2)):
+        number = told["parameters"][name]
+        assert abs(number["value"] - true) < 4 * number["std"]

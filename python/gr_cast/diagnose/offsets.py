@@ -16,7 +16,23 @@ from ..twin.effects.base import start
 from ..twin.interpolate import TAU, phasor
 from ..twin.model import Model, _run, _start_chain, predict
 from .fit import misfit
-from .policy import CARRIER_STEP, CLOCK_STEP, EARLY, LATE, LOBES, LONGEST_STRETCH, OFFSET_PIECE, TEETH, TOLD_SIGMA, WORST_CLOCK
+from .policy import (
+    CARRIER_STEP,
+    CLOCK_STEP,
+    DRIFT_BLOCKS,
+    DRIFT_CLEAR,
+    DRIFT_SMEARS,
+    DRIFT_STEP,
+    EARLY,
+    LATE,
+    LOBES,
+    LONGEST_STRETCH,
+    MOST_DRIFT,
+    OFFSET_PIECE,
+    TEETH,
+    TOLD_SIGMA,
+    WORST_CLOCK,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,10 +62,35 @@ def models(data, model: Model) -> list[Model]:
 
 def turning(data, model: Model, told: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(cycles over the recording, magnitude) of the spectrum in which a recording turns against what a model has `told` (n,)."""
-    product = data.scene.spread(data.y * np.conj(told) * data.use)
-    product = np.conj(product) if model.inverted else product
+    product = _product(data, model, told)
     size = sp_fft.next_fast_len(4 * len(product))
     return sp_fft.fftfreq(size) * len(product), np.abs(sp_fft.fft(product, size))
+
+
+def drifting(data, model: Model, told: np.ndarray) -> tuple[float, float] | None:
+    """(cycles over the recording at its middle, cycles of drift) with which it turns ever faster against what a model has `told`
+    (n,); None where a steady turn holds much of what short stretches do, or a drift hardly more."""
+    product = _product(data, model, told)
+    n, size = len(product), sp_fft.next_fast_len(len(product))
+    blocks = product[: n // DRIFT_BLOCKS * DRIFT_BLOCKS].reshape(DRIFT_BLOCKS, -1)
+    steady = np.abs(sp_fft.fft(product, size)).max()
+    if blocks.shape[1] < DRIFT_BLOCKS or steady > DRIFT_SMEARS * np.abs(sp_fft.fft(blocks, axis=1)).max(1).sum():
+        return None
+    bend = np.pi * (np.arange(n) / n - 0.5) ** 2
+
+    def turned(drift):
+        return np.abs(sp_fft.fft(product * phasor(-drift * bend), size))
+
+    drift = max(np.arange(-MOST_DRIFT, MOST_DRIFT + 1, DRIFT_STEP), key=lambda one: turned(one).max())
+    drift = max(drift + np.arange(-DRIFT_STEP, DRIFT_STEP + 1), key=lambda one: turned(one).max())
+    k = int(np.argmax(spectrum := turned(drift)))
+    return (float(sp_fft.fftfreq(size)[k] * n), float(drift)) if spectrum[k] > DRIFT_CLEAR * steady else None
+
+
+def _product(data, model: Model, told: np.ndarray) -> np.ndarray:
+    """The recording, before an inversion, times the conjugate of what is told."""
+    product = data.scene.spread(data.y * np.conj(told) * data.use)
+    return np.conj(product) if model.inverted else product
 
 
 def within_told(data, model: Model) -> Model:

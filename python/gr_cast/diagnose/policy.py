@@ -335,6 +335,9 @@ VERDICT_LEAST_NATS = 8.0  # that an effect must bring over all recordings
 REFUSED_NATS = 40.0  # of an effect that unseen samples speak against, from which it is left unexplained
 
 # view
+DRIFT_BLOCKS, DRIFT_SMEARS = 64, 0.4  # stretches of a recording; share of what they hold that a carrier without drift does
+DRIFT_CLEAR = 1.5  # times as much as without a drift is held by a drift that is there
+MOST_DRIFT, DRIFT_STEP = 512, 4  # cycles of drift over the recording that are looked for, in such steps first
 FASTEST, FASTER = 5, 1.5  # times the fastest course of all taps, of a fast one; times the power faster still, that tells it
 QUIET = 0.1  # of the loudest surroundings of any line, below which the clearest are looked at beside the strongest
 SKIRT, VIEW_AROUND = 6, 64  # half cycles over the recording: what a line reaches itself, and its surroundings

@@ -854,12 +854,14 @@ def _gross_offsets(data: Data, model: Model) -> list[Model]:
     scene = data.scene
     if scene.at is not None:
         return offsets.models(data, model)
-    found = []
-    if (cycles := _turns(*offsets.turning(data, model, predict(scene, model).wanted))) is not None:
+    found, told = [], predict(scene, model).wanted
+    if with_role(Role.CARRIER).can_drift(scene) and (bent := offsets.drifting(data, model, told)) is not None:
+        found.append(model.adding(start(with_role(Role.CARRIER), bent, trials=scene.span)))
+    if (cycles := _turns(*offsets.turning(data, model, told))) is not None:
         found.append(model.adding(_gross(scene, cycles)))
         gained = cycles / scene.duration_s / scene.carrier_hz * scene.span if scene.carrier_hz else 0.0
         if abs(gained) > 0.05:
-            found.append(found[0].adding(start(with_role(Role.CLOCK), [gained])))
+            found.append(found[-1].adding(start(with_role(Role.CLOCK), [gained])))
     for source, told in enumerate(offsets.sent_alone(scene, model.base, model.effects)) if len(scene.sources) > 1 else ():
         if (cycles := _turns(*offsets.turning(data, model, told))) is not None:
             found.append(model.adding(replace(_gross(scene, cycles), aux={"side": "tx", "source": source})))
