@@ -71,6 +71,8 @@ def alone(finding: Finding) -> None:
     effect = start(with_role(Role.WANDER), np.zeros(JITTER_ORDERS), free=np.zeros(JITTER_ORDERS, bool), aux=aux)
     effect = replace(effect, prior=np.full(JITTER_ORDERS, strength * floor / JITTER_ORDERS))
     finding.refitted(replace(bare, model=bare.model.adding(effect)))
+    gone = {law.family for law in laws}
+    finding.ambiguous = [entry for entry in finding.ambiguous if not gone & set(entry["families"])]
     unseen = _directions(bare, bare.data.vault)
     finding.worths[effect.key] = Worth(evidence=nats - lost, held_out=_held_out(*unseen, strength * floor, floor))
 

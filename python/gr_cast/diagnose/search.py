@@ -855,7 +855,8 @@ def _gross_offsets(data: Data, model: Model) -> list[Model]:
     if scene.at is not None:
         return offsets.models(data, model)
     found, told = [], predict(scene, model).wanted
-    if with_role(Role.CARRIER).can_drift(scene) and (bent := offsets.drifting(data, model, told)) is not None:
+    still = start(with_role(Role.CARRIER), [0.0, 0.0])
+    if with_role(Role.CARRIER).settled(scene, still)[1] and (bent := offsets.drifting(data, model, told)) is not None:
         found.append(model.adding(start(with_role(Role.CARRIER), bent, trials=scene.span)))
     if (cycles := _turns(*offsets.turning(data, model, told))) is not None:
         found.append(model.adding(_gross(scene, cycles)))

@@ -42,23 +42,23 @@ class CarrierFrequencyOffset(Family):
     def starts(self, view):
         own = [e for e in view.fit.model.effects if e.fixed and e.family == self.name]
         if any(e.free[0] for e in own):  # how far it lies off is fitted already
-            if self.can_drift(view.scene):
+            if self._can_drift(view.scene):
                 yield start(self, [0.0, 0.0], free=[False, True])
             return
         yield start(self, [0.0, 0.0], free=[True, False])
-        if self.can_drift(view.scene):
+        if self._can_drift(view.scene):
             yield start(self, [0.0, 0.0])
         peak = view.modulation_peak()
         if peak is not None:
-            yield start(self, [peak, 0.0], free=[True, self.can_drift(view.scene)], trials=view.scene.span)
+            yield start(self, [peak, 0.0], free=[True, self._can_drift(view.scene)], trials=view.scene.span)
 
     @staticmethod
-    def can_drift(scene) -> bool:
+    def _can_drift(scene) -> bool:
         """Whether an oscillator's drift could show within the recording."""
         return not scene.carrier_hz or FASTEST_DRIFT * scene.carrier_hz * scene.duration_s**2 > LEAST_DRIFT
 
     def settled(self, scene, effect):
-        return np.array([effect.free[0], self.can_drift(scene)])
+        return np.array([effect.free[0], self._can_drift(scene)])
 
     def mirrored(self, effect):
         return effect.moved(-effect.p)
