@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 import yaml
-from conftest_world import RATE_HZ, noise
+from conftest_world import RATE_HZ, noise, sent_once
 from gr_cast.diagnose import diagnose, read_case
 from gr_cast.signals import codes, recording
 from scipy import signal
@@ -78,3 +78,13 @@ def test_noise_that_follows_the_signal_has_no_direction_and_is_no_phase_noise(wo
     y = world.noisy(y + 0.05 * np.abs(y) * noise(np.random.default_rng(8), len(y)))
     (told,) = diagnose(read_case(world.write(tmp_path / "case", y)), budget_s=3000).document["effects"]
     assert told["family"] == "signal_dependent_noise"
+
+
+@pytest.mark.parametrize("rails", [0.04, 0.09])
+def test_rails_which_eat_noise_along_the_signal_are_no_phase_noise(tmp_path, rails):
+    rng, n = np.random.default_rng(8), 20_000
+    x = noise(rng, n)
+    y = 0.1 * x + noise(rng, n, 0.01)
+    y = np.clip(y.real, -rails, rails) + 1j * np.clip(y.imag, -rails, rails)
+    told = [e["family"] for e in diagnose(sent_once(tmp_path, y, x), budget_s=3000).document["effects"]]
+    assert told == ["adc_clipping"]

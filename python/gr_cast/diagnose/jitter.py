@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from ..twin.effects import FAMILIES, Role, stage_of, with_role
+from ..twin.effects import FAMILIES, Role, is_coarse, stage_of, with_role
 from ..twin.effects.base import RX_FILTER, start
 from ..twin.effects.noise_family import profile
 from . import noise
 from .finding import Finding, Worth
-from .fit import Fit
+from .fit import Fit, off_the_rails
 from .policy import (
     ACROSS,
     JITTER_ALONE_NATS,
@@ -60,8 +60,10 @@ def alone(finding: Finding) -> None:
         return
     laws = noise.laws(fit.model)
     bare = refit(fit.data, replace(fit.model, effects=tuple(e for e in fit.model.effects if e not in laws))) if laws else fit
-    used = bare.data.use > 0
-    across, along, power = _directions(bare, used)
+    inside, unseen = off_the_rails(bare), off_the_rails(bare, bare.data.vault)  # which take from what is along the signal
+    if not inside.any() or any(is_coarse(e) for e in bare.model.effects):
+        return  # of a coarse quantiser's error nobody knows the direction
+    across, along, power = _directions(bare, inside)
     strength, nats = _likeliest(across, along, power)
     lost = max(fit.evidence - bare.evidence, 0.0)
     if nats - lost < JITTER_ALONE_NATS or not _is_throughout(across - along, power):
@@ -73,8 +75,8 @@ def alone(finding: Finding) -> None:
     finding.refitted(replace(bare, model=bare.model.adding(effect)))
     gone = {law.family for law in laws}
     finding.ambiguous = [entry for entry in finding.ambiguous if not gone & set(entry["families"])]
-    unseen = _directions(bare, bare.data.vault)
-    finding.worths[effect.key] = Worth(evidence=nats - lost, held_out=_held_out(*unseen, strength * floor, floor))
+    held_out = _held_out(*_directions(bare, unseen), strength * floor, floor) if unseen.any() else None
+    finding.worths[effect.key] = Worth(evidence=nats - lost, held_out=held_out)
 
 
 def along(fit: Fit) -> Fit:
