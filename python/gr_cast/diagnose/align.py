@@ -217,8 +217,8 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
         found, share, clear = delays.near(signal, sources, delay + late, reach=reach)
         return found - late, share, clear
 
-    def carried(signals, found):  # what repeats is looked for with a carrier
-        return None if period else delays.of_one_carrier(signals, sources, taps, rate, found)
+    def carried(signals, found):
+        return delays.of_one_carrier(signals, sources, taps, rate, found)
 
     if about:
         signal = signals[about[1]]

@@ -263,30 +263,35 @@ class Carried:
 
 
 def of_one_carrier(signals: list[np.ndarray], sources: list[Source], taps: list[tuple], rate: float, delays: list[int]):
-    """[Carried] of each recording (n,) the delay around one at which what is sent once explains clearly more of it with one
-    carrier throughout; None where it does not look there like itself with another carrier, as a chirp does: else short pieces
-    know."""
-    heard = sum(_filtered(s.samples * s.known, link, rate) for s, link in zip(sources, taps, strict=True))
+    """[Carried] of each recording (n,) the delay around one at which what is sent explains clearly more of it with one carrier
+    throughout; None where it does not look there like itself with another carrier, as a chirp does: else short pieces know."""
+    repeats = all(s.repeat for s in sources) and len({len(s.samples) for s in sources}) == 1
+    heard = sum(
+        sp_fft.ifft(sp_fft.fft(s.samples) * response(link, len(s.samples), rate)) if repeats
+        else _filtered(s.samples * s.known, link, rate)
+        for s, link in zip(sources, taps, strict=True)
+    )  # fmt: skip
     loudest = int(np.argmax(ndimage.uniform_filter1d(np.abs(heard) ** 2, CHIRP_PIECE)))
     piece, lags = heard[max(0, loudest - CHIRP_PIECE // 2) :][:CHIRP_PIECE], range(-CHIRP_REACH, CHIRP_REACH + 1)
-    if not any(still < LIKE_ITSELF**2 and turned > LIKE_ITSELF for still, turned in (_shares(piece, piece, d) for d in lags)):
+    alone = (_shares(piece, piece, d, False) for d in lags)
+    if not any(still < LIKE_ITSELF**2 and turned > LIKE_ITSELF for still, turned in alone):
         return None
 
     def sharpened(y, delay: int) -> Carried:
-        around = [Carried(delay=delay + d, share=_shares(y, heard, delay + d)[1], count=len(y)) for d in lags]
+        around = [Carried(delay=delay + d, share=_shares(y, heard, delay + d, repeats)[1], count=len(y)) for d in lags]
         best, here = max(around, key=lambda one: one.share), around[CHIRP_REACH]
         return best if best.is_clearer(here) else here
 
     return [sharpened(y, delay) for y, delay in zip(signals, delays, strict=True)]
 
 
-def _shares(y: np.ndarray, sent: np.ndarray, delay: int) -> tuple[float, float]:
+def _shares(y: np.ndarray, sent: np.ndarray, delay: int, repeats: bool) -> tuple[float, float]:
     """Share of the energy of `y` that `sent` explains from sample `delay` on, and with the carrier that suits it best."""
-    first, last = max(0, delay), min(len(y), delay + len(sent))
+    first, last = (0, len(y)) if repeats else (max(0, delay), min(len(y), delay + len(sent)))
     if last <= first:
         return 0.0, 0.0
-    here, there = y[first:last].astype(np.complex64), sent[first - delay : last - delay].astype(np.complex64)
-    both = sp_fft.fft(here * np.conj(there), sp_fft.next_fast_len(2 * (last - first)))
+    there = np.take(sent, np.arange(first - delay, last - delay), mode="wrap").astype(np.complex64)
+    both = sp_fft.fft(y[first:last].astype(np.complex64) * np.conj(there), sp_fft.next_fast_len(2 * (last - first)))
     power = (both.real**2 + both.imag**2) / max(float(np.vdot(there, there).real * np.vdot(y, y).real), 1e-300)
     return float(power[0]), min(float(power.max()), 1 - 1e-6)
 

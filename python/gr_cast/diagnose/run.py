@@ -99,7 +99,8 @@ def _examine_part(case, whole, part, near, known: Finding | None, deadline: floa
             stds[effect.family] = std
     twin = first = refit(data, plain)
     if model.effects != plain.effects:
-        built, model = model, through_the_quantiser(data, refit(data, model).model)
+        built = model  # of which the delay stays: without its carrier a fit moves a chirp
+        model = replace(through_the_quantiser(data, refit(data, model).model), base=built.base)
         first = refit(data, model)
         model, first = _without_false_rails(data, built, model, first)
     if known is None and not presence.judge(data, model).there:
