@@ -401,3 +401,14 @@ def test_a_transmitters_carrier_turns_late_paths_by_what_they_are_late_at_every_
     wrong = replace(model, base=np.array([37.0 - 51.0 + 510.0, 1e-3, 0.0]))  # one path stands where the other is
     found = beginnings(data, wrong)[0]
     assert abs(found.model.base[0] - 37) < 0.1 and found.sigma2 < 1.2 * world.noise_rms**2
+
+
+def test_a_clipped_chirp_with_a_carrier_stays_where_it_is(tmp_path):
+    rng = np.random.default_rng(9)
+    x = _chirps(rng)
+    y = noise(rng, len(x) + 900, 0.002)
+    y[402 : 402 + len(x)] += 0.1 * x * np.exp(2j * np.pi * 0.0247 * np.arange(len(x)))
+    y = np.clip(y.real, -0.099, 0.099) + 1j * np.clip(y.imag, -0.099, 0.099)
+    told = {e["family"]: e for e in diagnose(sent_once(tmp_path, y, x), budget_s=3000).document["effects"]}
+    assert set(told) == {"carrier_frequency_offset", "adc_clipping"}
+    assert told["carrier_frequency_offset"]["parameters"]["offset_hz"]["value"] == pytest.approx(0.0247 * RATE_HZ, abs=1)
