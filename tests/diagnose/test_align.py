@@ -15,6 +15,7 @@ from gr_cast.signals import codes, recording
 from gr_cast.twin import document
 from gr_cast.twin.effects import FAMILIES
 from gr_cast.twin.effects.base import start
+from gr_cast.twin.entries import source_of
 
 
 @pytest.fixture
@@ -401,6 +402,13 @@ def test_a_transmitters_carrier_turns_late_paths_by_what_they_are_late_at_every_
     wrong = replace(model, base=np.array([37.0 - 51.0 + 510.0, 1e-3, 0.0]))  # one path stands where the other is
     found = beginnings(data, wrong)[0]
     assert abs(found.model.base[0] - 37) < 0.1 and found.sigma2 < 1.2 * world.noise_rms**2
+
+
+def test_codes_of_several_periods_are_no_chirp():
+    rng, y = np.random.default_rng(2), np.ones(2_000, complex)
+    sources = [source_of(name, noise(rng, size), 1.0, True) for name, size in (("a", 510), ("b", 254))]
+    taps = [[document.Tap(delay_s=0.0)]] * 2
+    assert delays.of_one_carrier([y], sources, taps, RATE_HZ, [3]) is None
 
 
 def test_a_clipped_chirp_with_a_carrier_stays_where_it_is(tmp_path):

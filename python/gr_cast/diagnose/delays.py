@@ -15,6 +15,7 @@ from ..twin.scene import Source
 from .policy import (
     BEHIND,
     CHIRP_CLEAR,
+    CHIRP_MOST,
     CHIRP_PIECE,
     CHIRP_REACH,
     DELAY_ALIKE,
@@ -265,7 +266,9 @@ class Carried:
 def of_one_carrier(signals: list[np.ndarray], sources: list[Source], taps: list[tuple], rate: float, delays: list[int]):
     """[Carried] of each recording (n,) the delay around one at which what is sent explains clearly more of it with one carrier
     throughout; None where it does not look there like itself with another carrier, as a chirp does: else short pieces know."""
-    repeats = all(s.repeat for s in sources) and len({len(s.samples) for s in sources}) == 1
+    if len({len(s.samples) for s in sources}) > 1:
+        return None  # of several periods
+    repeats = all(s.repeat for s in sources)
     heard = sum(
         sp_fft.ifft(sp_fft.fft(s.samples) * response(link, len(s.samples), rate)) if repeats
         else _filtered(s.samples * s.known, link, rate)
@@ -278,7 +281,8 @@ def of_one_carrier(signals: list[np.ndarray], sources: list[Source], taps: list[
         return None
 
     def sharpened(y, delay: int) -> Carried:
-        around = [Carried(delay=delay + d, share=_shares(y, heard, delay + d, repeats)[1], count=len(y)) for d in lags]
+        count = min(len(y), CHIRP_MOST)
+        around = [Carried(delay=delay + d, share=_shares(y, heard, delay + d, repeats)[1], count=count) for d in lags]
         best, here = max(around, key=lambda one: one.share), around[CHIRP_REACH]
         return best if best.is_clearer(here) else here
 
@@ -286,13 +290,16 @@ def of_one_carrier(signals: list[np.ndarray], sources: list[Source], taps: list[
 
 
 def _shares(y: np.ndarray, sent: np.ndarray, delay: int, repeats: bool) -> tuple[float, float]:
-    """Share of the energy of `y` that `sent` explains from sample `delay` on, and with the carrier that suits it best."""
+    """Share of the energy of `y` that `sent` explains from sample `delay` on, of as many as tell, and with the carrier that suits
+    it best."""
     first, last = (0, len(y)) if repeats else (max(0, delay), min(len(y), delay + len(sent)))
+    last = min(last, first + CHIRP_MOST)
     if last <= first:
         return 0.0, 0.0
     there = np.take(sent, np.arange(first - delay, last - delay), mode="wrap").astype(np.complex64)
-    both = sp_fft.fft(y[first:last].astype(np.complex64) * np.conj(there), sp_fft.next_fast_len(2 * (last - first)))
-    power = (both.real**2 + both.imag**2) / max(float(np.vdot(there, there).real * np.vdot(y, y).real), 1e-300)
+    here = y[first:last].astype(np.complex64)
+    both = sp_fft.fft(here * np.conj(there), sp_fft.next_fast_len(2 * (last - first)))
+    power = (both.real**2 + both.imag**2) / max(float(np.vdot(there, there).real * np.vdot(here, here).real), 1e-300)
     return float(power[0]), min(float(power.max()), 1 - 1e-6)
 
 

@@ -86,6 +86,7 @@ DELAY_ALIKE = 0.8  # of the most nats, from which on carriers are equals
 DELAY_CLEAR = 12.0  # standard deviations of the other lags by which a delay stands out
 CHIRP_PIECE = 256  # samples of a waveform, its loudest, by which it is known whether another delay is another carrier
 CHIRP_REACH = 128  # samples around a delay at which the same with another carrier is looked for
+CHIRP_MOST = 1 << 16  # samples by which that is told
 CHIRP_CLEAR = 1.2  # times as much as at the delay that short pieces told is explained by a better one
 DELAY_SEGMENTS = (256, 48)  # samples that are added with their phases: carrier offsets of 1/400 and 1/80 of the rate do no harm
 PIECES, DELAY_LEAST_PIECE = 1024, 8  # of a waveform that is sent once, and samples in each at least
