@@ -268,7 +268,7 @@ def _sent_at(sources, taps, rate: float, delay: int, n: int):
     signals, known, index = [], np.ones(n, bool), np.arange(n) - delay
     for source, link in zip(sources, taps, strict=True):
         length = len(source.samples)
-        heard = sp_fft.ifft(sp_fft.fft(source.samples) * delays.response(link, length, rate))
+        heard = sp_fft.ifft(delays.heard_spectrum(source, link, rate))
         inside = slice(None) if source.repeat else (index >= 0) & (index < length)
         signal, at = np.zeros(n, complex), index[inside] % length
         signal[inside], known[inside] = heard[at], known[inside] & source.known[at]

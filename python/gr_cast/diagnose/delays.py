@@ -47,6 +47,11 @@ def response(taps, length: int, rate: float) -> np.ndarray:
     return sum(t.amplitude * phasor(-TAU * f * t.delay_s) for t in taps)
 
 
+def heard_spectrum(source: Source, taps, rate: float) -> np.ndarray:
+    """(period,) of what a link makes of a waveform that repeats."""
+    return sp_fft.fft(source.samples) * response(taps, len(source.samples), rate)
+
+
 def without_lines(samples: np.ndarray) -> np.ndarray:
     """What is sent with no line of its own above what random bins reach around it: a line is the same at every delay. As it is
     where all but nothing would be left of it."""
@@ -72,7 +77,7 @@ def comes_again(samples: np.ndarray) -> bool:
 def of_repeated(y: np.ndarray, sources: list[Source], taps: list[tuple], rate: float) -> int:
     """Delay within the period of the twin's prediction in `y`: with a carrier and a gain for stretches of several lengths, that
     of the longest that holds as much as shorter ones."""
-    templates = [sp_fft.fft(s.samples) * response(link, len(s.samples), rate) for s, link in zip(sources, taps, strict=True)]
+    templates = [heard_spectrum(s, link, rate) for s, link in zip(sources, taps, strict=True)]
     tried, piece, n = [], DELAY_SHORTEST, 0
     while n < len(y):  # the longer the stretches, the more samples
         n = min(len(y), max(piece, TABLE * piece // max(len(t) for t in templates)))
@@ -268,12 +273,11 @@ def of_one_carrier(signals: list[np.ndarray], sources: list[Source], taps: list[
     throughout; None where it does not look there like itself with another carrier, as a chirp does: else short pieces know."""
     if len({len(s.samples) for s in sources}) > 1:
         return None  # of several periods
-    repeats = all(s.repeat for s in sources)
-    heard = sum(
-        sp_fft.ifft(sp_fft.fft(s.samples) * response(link, len(s.samples), rate)) if repeats
-        else _filtered(s.samples * s.known, link, rate)
-        for s, link in zip(sources, taps, strict=True)
-    )  # fmt: skip
+    repeats, sent = all(s.repeat for s in sources), [*zip(sources, taps, strict=True)]
+    if repeats:
+        heard = sp_fft.ifft(sum(heard_spectrum(s, link, rate) for s, link in sent))
+    else:
+        heard = sum(_filtered(s.samples * s.known, link, rate) for s, link in sent)
     loudest = int(np.argmax(ndimage.uniform_filter1d(np.abs(heard) ** 2, CHIRP_PIECE)))
     piece, lags = heard[max(0, loudest - CHIRP_PIECE // 2) :][:CHIRP_PIECE], range(-CHIRP_REACH, CHIRP_REACH + 1)
     alone = (_shares(piece, piece, d, False) for d in lags)

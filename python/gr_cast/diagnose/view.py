@@ -190,15 +190,15 @@ class View:
         span = self.scene.span
         spectrum = np.abs(sp_fft.fft(self.scene.spread(self.recorded), 2 * span))
         around = np.concatenate([np.arange(-VIEW_AROUND, -SKIRT), np.arange(SKIRT + 1, VIEW_AROUND + 1)])
-        blocks = np.array_split(spectrum, max(1, len(spectrum) // (2 * VIEW_AROUND)))
-        level = np.repeat([np.median(block) for block in blocks], [len(block) for block in blocks])  # which no line changes
+        level = _medians(spectrum, max(1, len(spectrum) // (2 * VIEW_AROUND)))  # which no line changes
         clear = spectrum / np.maximum(level, 1e-12 * level.max()) * (level < np.sqrt(QUIET) * level.max())
-        found, strongest = [], peaks(spectrum, count, 4)
+        found, strongest, wanted = [], peaks(spectrum, count, 4), None
         for i in dict.fromkeys([*strongest, *peaks(clear, count, 4)]):  # beside a loud band too
             near = (i + around) % len(spectrum)
             beside = np.mean(spectrum[near] ** 2)
             if i not in strongest or at_half_the_rate(i / (2 * span)):  # where a line of the signal may be left
-                wanted = np.abs(sp_fft.fft(self.scene.spread(self.fit.chain.wanted), 2 * span))
+                if wanted is None:
+                    wanted = np.abs(sp_fft.fft(self.scene.spread(self.fit.chain.wanted), 2 * span))
                 beside = max(beside, np.mean(wanted[near] ** 2))
                 if spectrum[i] < UNSIGNED * wanted[(i + np.arange(-SKIRT, SKIRT + 1)) % len(wanted)].max():
                     continue
@@ -592,6 +592,14 @@ class View:
             cost = np.concatenate([[0.0], np.cumsum(first - second)]) + second.sum()
             best = min(best, (float(cost.min()), int(np.argmin(cost))))
         return best[1]
+
+
+def _medians(values: np.ndarray, count: int) -> np.ndarray:
+    """(n,) in the place of each value the median of its block, of `count` that are as long as each other but for one value."""
+    size, longer = divmod(len(values), count)
+    edge = longer * (size + 1)
+    blocks = values[:edge].reshape(longer, size + 1), values[edge:].reshape(count - longer, size)
+    return np.concatenate([np.repeat(np.median(some, axis=1), some.shape[1]) for some in blocks if len(some)])
 
 
 def gain_of(y, prediction, inside) -> complex:

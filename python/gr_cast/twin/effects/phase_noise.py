@@ -42,6 +42,11 @@ def _missing(scene) -> float:
     return share if share > NEARLY_ALL else 0.0
 
 
+def _sided(effect) -> dict:
+    """What an effect knows of the side that it is on."""
+    return {key: effect.aux[key] for key in ("side", "source") if key in effect.aux}
+
+
 def detrended(scene, p):
     """The course without its mean and slope, on a grid finer than its fastest cosine."""
     grid, length = grid_of(p), course_length(scene.span)
@@ -112,9 +117,8 @@ class PhaseNoise(Family):
         """The effect followed to `size` cosines under another law, with the power that it has."""
         prior, have = shape_of(law, size), len(effect.p)
         prior *= effect.prior.sum() / prior[:have].sum()
-        side = {key: effect.aux[key] for key in ("side", "source") if key in effect.aux}
         p = np.concatenate([effect.p, np.zeros(size - have)])
-        return replace(effect, p=p, prior=prior, free=np.ones(size, bool), aux=law | side)
+        return replace(effect, p=p, prior=prior, free=np.ones(size, bool), aux=law | _sided(effect))
 
     def finer(self, scene, effect):
         """To faster wander, which on the wrong side could not be followed."""
@@ -152,8 +156,7 @@ class PhaseNoise(Family):
         own = {key: effect.aux[key] for key in ("law", "corner") if key in effect.aux}
         fewest, prior, law = min(map(priced, laws), key=lambda one: one[0])
         if fewest < priced(own)[0] - 1.0:
-            side = {key: effect.aux[key] for key in ("side", "source") if key in effect.aux}
-            yield replace(effect, prior=prior, aux=law | side)
+            yield replace(effect, prior=prior, aux=law | _sided(effect))
 
     def values(self, scene, effect, p):
         unseen = float(np.sum(effect.aux.get("_variance", [0.0])))  # of the course around its estimate

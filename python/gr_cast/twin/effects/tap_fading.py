@@ -60,8 +60,9 @@ class TapFading(TapFamily):
         return Courses(signals=np.stack([signal, 1j * chain.facing * signal]), orders=len(effect.p) // 2, scene=scene)
 
     def starts(self, view):
+        slow, fast = course_orders(view.scene), course_orders(view.scene, MOST)
         for k in range(len(view.scene.taps)):  # of one path too: no other family changes gain and phase at random
-            for size in course_orders(view.scene, MOST if k in view.fast_taps else course_orders(view.scene)[-1]):
+            for size in fast if k in view.fast_taps else slow:
                 yield start(
                     self,
                     np.zeros(2 * size),
