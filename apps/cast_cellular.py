@@ -272,9 +272,9 @@ def _report_stack(args, output: Path, plan, played, cells, failure, status: dict
         "means": rows, "series": files, "not_recorded": missing,
         "real_time_factor": status["real_time_factor"], "sinr": [], "power": status["power"],
     }  # fmt: skip
-    write_json(output / "cellular.json", document)  # the model takes its time, and may be stopped
     heard, modelled = {}, {}
     try:
+        write_json(output / "cellular.json", document)  # the model takes its time, and may be stopped
         if found:
             from gr_cast.report import plot
 
@@ -282,6 +282,7 @@ def _report_stack(args, output: Path, plan, played, cells, failure, status: dict
         heard = _heard(clock, found, played)
         modelled = _modelled_sinr_db(args, played, cells, heard)
     except KeyboardInterrupt:
+        interrupts.settled()
         failure = failure or CastError("interrupted before the model's SINR was there")
     document["sinr"] = _beside_the_model(output, heard, modelled)
     document |= {"complete": failure is None, "failure": str(failure) if failure else None}

@@ -238,9 +238,9 @@ def test_an_interrupt_while_the_model_is_computed_keeps_what_the_stack_said(tmp_
     command = [*APART, sys.executable, str(PROGRAM), "--output", str(document.parent), "--duration", "2", *arguments]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment) as process:
         end = time.monotonic() + 120
-        while not document.is_file():  # until the stack is through: the model comes next
+        while not document.is_file():  # until the stack is through: the model comes next, and the signal before it
             assert time.monotonic() < end
-            time.sleep(0.05)
+            time.sleep(0.001)
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=90)
     assert (process.returncode, errors.splitlines()[-1]) == (2, "error: interrupted before the model's SINR was there")
