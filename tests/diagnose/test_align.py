@@ -215,6 +215,18 @@ def test_a_chirp_with_a_carrier_is_not_taken_for_a_chirp_a_little_later(burst, c
     assert align.locate(found, found.observations[0]) == (402, inverted)
 
 
+@pytest.mark.parametrize("carrier", [0.0059, -0.012])
+def test_a_slow_chirp_with_a_carrier_is_not_taken_for_one_a_sweep_later(burst, carrier):
+    """A Zadoff–Chu sequence of root 11 sweeps its band eleven times, and is like itself after each; two samples per chip."""
+    rng, k = np.random.default_rng(9), np.arange(4999)
+    x = np.fft.ifft(np.pad(np.fft.fft(np.exp(-1j * np.pi * 11 * k * (k + 1) / len(k))), (0, len(k)))) * 2
+    x *= np.exp(-0.5j * np.pi * np.arange(len(x)))  # around the carrier again
+    y = noise(rng, len(x) + 4_000, 0.3)
+    y[1_402 : 1_402 + len(x)] += x * np.exp(2j * np.pi * carrier * np.arange(len(x)))
+    found = burst(y, x)
+    assert align.locate(found, found.observations[0]) == (1_402, False)
+
+
 def test_what_is_like_itself_is_not_taken_for_the_beginning_of_a_burst(burst):
     rng = np.random.default_rng(31)
     symbol, x = noise(rng, 100), noise(rng, 6_000)

@@ -88,7 +88,9 @@ def test_an_amplifier_that_hardly_compresses_and_brings_little_is_not_claimed(pa
     monkeypatch.setattr(claims, "numbers", lambda f, i: ({"compression_db": {"value": compression, "std": 0.005}}, {}))
     weighed = SimpleNamespace(fit=fit, worth_of=lambda i: Worth(evidence=60.0, held_out=5.0))
     assert (claims.broken(weighed) is not None) == is_broken
-    told = Told(members=[(weighed, 0)], finding=weighed, index=0, owner={}, nats=60.0, held_out=5.0)  # where no time was left
+    told = Told(
+        members=[(weighed, 0)], finding=weighed, index=0, owner={}, shared=set(), nats=60.0, held_out=5.0
+    )  # no time was left
     assert told.claimed != is_broken
 
 

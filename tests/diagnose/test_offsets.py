@@ -110,7 +110,7 @@ def test_of_carriers_that_regular_stretches_make_alike_the_right_one_is_found(tm
         assert found.p[0] / data.scene.span == pytest.approx(carrier, abs=0.3e-3)
 
 
-@pytest.mark.parametrize(("cycles", "drift"), [(3.0, 20.0), (-60.0, -200.0)])
+@pytest.mark.parametrize(("cycles", "drift"), [(3.0, 20.0), (-60.0, -200.0), (0.0, -5.0)])
 def test_a_carrier_that_smears_over_many_lines_is_an_offset_that_drifts(world, tmp_path, cycles, drift):
     u = world.n / len(world.n)
     y = world.noisy(world.clean() * np.exp(2j * np.pi * (cycles * u + drift / 2 * u**2)))

@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 from gr_cast.twin.interpolate import turning
+from gr_cast.twin.scene import Scene, Source
 
 
 def times(kind: str) -> np.ndarray:
@@ -26,3 +27,12 @@ def test_a_new_array_is_not_taken_for_one_that_is_gone():
         u = times("lost" if number % 2 else "even")
         np.testing.assert_allclose(turning(9.5, u), np.exp(19j * np.pi * u), atol=1e-9)
         del u
+
+
+@pytest.mark.parametrize("length", [510, 511])
+def test_whole_samples_late_is_the_same_with_what_is_at_half_the_rate_too(length):
+    wave = np.random.default_rng(1).choice([1, -1, 1j, -1j], length)
+    sent = Source(name="w1", samples=wave, repeat=True, known=np.ones(length, bool), power=1.0, peak=1.0)
+    scene = Scene(name="r", sample_rate_hz=1e6, count=length, sources=[sent], taps=[], transmitters=[], receiver="rx1", anchor=0)
+    late = np.fft.ifft(np.fft.fft(wave) * scene.delayed(37.0, length))
+    assert late == pytest.approx(np.roll(wave, 37), abs=1e-9)

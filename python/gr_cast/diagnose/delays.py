@@ -14,10 +14,16 @@ from ..twin.interpolate import TAU, phasor
 from ..twin.scene import Source
 from .policy import (
     BEHIND,
+    CHIRP_BEST,
     CHIRP_CLEAR,
+    CHIRP_FEW,
+    CHIRP_FINE,
     CHIRP_MOST,
     CHIRP_PIECE,
+    CHIRP_PLACES,
     CHIRP_REACH,
+    CHIRP_STEP,
+    CHIRP_STRIDE,
     DELAY_ALIKE,
     DELAY_CLEAR,
     DELAY_GROWTH,
@@ -285,26 +291,44 @@ def of_one_carrier(signals: list[np.ndarray], sources: list[Source], taps: list[
         return None
 
     def sharpened(y, delay: int) -> Carried:
-        count = min(len(y), CHIRP_MOST)
-        around = [Carried(delay=delay + d, share=_shares(y, heard, delay + d, repeats)[1], count=count) for d in lags]
-        best, here = max(around, key=lambda one: one.share), around[CHIRP_REACH]
-        return best if best.is_clearer(here) else here
+        def best_of(some) -> Carried:
+            shares = ((_shares(y, heard, d, repeats)[1], d) for d in some)
+            return Carried(**dict(zip(("share", "delay"), max(shares), strict=True)), count=min(len(y), CHIRP_MOST))
+
+        half = min(len(heard), len(y)) // 2  # that must fall on the recording: of a few samples all is explained
+        far = range(0, len(heard)) if repeats else range(half - len(heard), len(y) - half)
+        here, apart = best_of([delay]), max(CHIRP_STRIDE, len(far) // CHIRP_PLACES)
+        near = best_of(best_of(delay + d for d in lags[::CHIRP_FINE]).delay + d for d in range(-CHIRP_FINE, CHIRP_FINE))
+        best = near if near.is_clearer(here) else here
+        # A slow chirp is like itself a sweep later too, and so is each of its neighbours.
+        shares = np.array([0.0, *(_shares(y, heard, d, repeats, CHIRP_FEW)[1] for d in far[::apart]), 0.0])
+        peaks = np.flatnonzero((shares[1:-1] >= shares[:-2]) & (shares[1:-1] >= shares[2:]))
+        places = [far[::apart][k] for k in sorted(peaks, key=lambda k: -shares[k + 1])[:CHIRP_BEST]]
+        steps = {d + step for d in places for step in range(-apart // 2, apart // 2 + 1, CHIRP_STEP)}
+        other = best_of(best_of(steps).delay + d for d in range(-CHIRP_STEP, CHIRP_STEP))
+        return other if other.is_clearer(best) else best
 
     return [sharpened(y, delay) for y, delay in zip(signals, delays, strict=True)]
 
 
-def _shares(y: np.ndarray, sent: np.ndarray, delay: int, repeats: bool) -> tuple[float, float]:
-    """Share of the energy of `y` that `sent` explains from sample `delay` on, of as many as tell, and with the carrier that suits
-    it best."""
+def _shares(y: np.ndarray, sent: np.ndarray, delay: int, repeats: bool, most: int = CHIRP_MOST) -> tuple[float, float]:
+    """Share of the energy of `y` that `sent` explains from sample `delay` on, of the `most` first, and with the carrier that
+    suits it best."""
     first, last = (0, len(y)) if repeats else (max(0, delay), min(len(y), delay + len(sent)))
-    last = min(last, first + CHIRP_MOST)
+    last = min(last, first + most)
     if last <= first:
         return 0.0, 0.0
     there = np.take(sent, np.arange(first - delay, last - delay), mode="wrap").astype(np.complex64)
     here = y[first:last].astype(np.complex64)
-    both = sp_fft.fft(here * np.conj(there), sp_fft.next_fast_len(2 * (last - first)))
+    product = here * np.conj(there)
+    both = sp_fft.fft(product, sp_fft.next_fast_len(2 * (last - first)))
     power = (both.real**2 + both.imag**2) / max(float(np.vdot(there, there).real * np.vdot(here, here).real), 1e-300)
-    return float(power[0]), min(float(power.max()), 1 - 1e-6)
+    k = int(np.argmax(power))
+    below, most, above = np.log(np.maximum(power[[k - 1, k, (k + 1) % len(power)]], 1e-30))
+    between = 0.5 * (above - below) / max(2 * most - above - below, 1e-9)  # two bins: a line may lie there
+    turned = phasor(-TAU * (k + np.clip(between, -0.5, 0.5)) / len(power) * np.arange(len(product)))
+    share = float(abs(np.dot(product, turned)) ** 2 / np.abs(both[k]) ** 2 * power[k]) if power[k] > 0 else 0.0
+    return float(power[0]), min(max(share, float(power[k])), 1 - 1e-6)
 
 
 def near(y: np.ndarray, sources: list[Source], centre: int, reach: int):

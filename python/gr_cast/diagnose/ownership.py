@@ -14,7 +14,7 @@ import numpy as np
 from ..twin.effects import FAMILIES, Effect, Role, plays, stage_of
 from ..twin.effects.base import TX_LO
 from .fit import Fit, invert
-from .policy import SEARCH_MARGIN, SIDES_ALIKE_NATS, SILENT_NATS
+from .policy import SEARCH_MARGIN, SIDES_ALIKE_NATS, SILENT_NATS, VERDICT_LEAST_NATS
 from .search import candidates, refit
 
 
@@ -61,6 +61,44 @@ def agree_on_wander(findings) -> None:
         other = refit(fit.data, bare.model.adding(course)) if course else fit
         if other.evidence > fit.evidence - SEARCH_MARGIN:
             finding.refitted(other)
+
+
+def agree_on_families(findings) -> None:
+    """Where one recording leaves two families open, let it be the one that the other recordings of one owner have."""
+    for finding in findings:
+        if (other := _agreed(findings, finding)) is not None:
+            finding.refitted(other)
+
+
+def _agreed(findings, finding) -> Fit | None:
+    """The fit of a recording with another family in the place of one that it leaves open, where others speak for that."""
+    for i, effect in enumerate(finding.fit.model.effects):
+        mine, worth = FAMILIES[effect.family].told, finding.worths.get(effect.key)
+        if finding.later or worth is None or not finding.is_cause(effect):
+            continue
+        least = _elsewhere(findings, finding, effect.family) + VERDICT_LEAST_NATS
+        for rival in (r.effect for r in worth.rivals if FAMILIES[r.effect.family].told in _open(finding, mine) - {mine}):
+            if _elsewhere(findings, finding, rival.family) > least:
+                other = refit(finding.data, finding.fit.model.without(i).adding(rival))
+                if other.likelihood > finding.fit.likelihood - SIDES_ALIKE_NATS:
+                    return other
+    return None
+
+
+def _open(finding, told: str) -> set[str]:
+    """The names of the families that a recording leaves open where it has one, its own among them."""
+    return {told}.union(*(entry["families"] for entry in finding.ambiguous if told in entry["families"]))
+
+
+def _elsewhere(findings, finding, name: str) -> float:
+    """Nats for a family, or for what may be it, in the other recordings of the owner of which they say most, if it has a part in
+    one of a finding."""
+    here, told, nats = finding.observation.name, FAMILIES[name].told, {}
+    for f in findings:
+        if f.observation.name != here:
+            mine = [i for i, e in enumerate(f.fit.model.effects) if f.is_cause(e) and told in _open(f, FAMILIES[e.family].told)]
+            nats[f.observation.name] = max((f.gain_of(i) for i in mine), default=0.0)
+    return max((sum(nats.get(r, 0.0) for r in group) for group in groups(findings, FAMILIES[name]) if here in group), default=0.0)
 
 
 def _meet(a, b) -> bool:
@@ -166,9 +204,8 @@ def weigh(family: str, heard: list[Voice], group: set[str]) -> float:
     return score
 
 
-def owners(findings, effect: Effect) -> list[tuple[str, str, set[str]]]:
-    """(level, name, recordings) of everything that could own an effect."""
-    family = FAMILIES[effect.family]
+def owners(findings, family) -> list[tuple[str, str, set[str]]]:
+    """(level, name, recordings) of everything that could own an effect of a family."""
     everything = {f.observation.name for f in findings}
     if family.level == "environment":
         return [("environment", "environment", everything)]
@@ -187,6 +224,16 @@ def owners(findings, effect: Effect) -> list[tuple[str, str, set[str]]]:
     return out
 
 
+def groups(findings, family) -> list[set[str]]:
+    """The names of the recordings that one owner of a family has a part in, of every owner that it may have."""
+    if family.level != "link":
+        return [group for *_, group in owners(findings, family)]
+    links = {(tx, f.observation.receiver) for f in findings for tx in f.scene.transmitters}
+    return [
+        {f.observation.name for f in findings if tx in f.scene.transmitters and f.observation.receiver == rx} for tx, rx in links
+    ]
+
+
 def owner(findings, members) -> tuple[dict, set[str]]:
     """(the contract's owner, names of the recordings that the owner has a part in)."""
     finding, index = members[0]
@@ -195,7 +242,7 @@ def owner(findings, members) -> tuple[dict, set[str]]:
     if family.level == "link":
         name = link_of(finding, effect)
         return {"level": "link", "name": name}, {f.observation.name for f, _ in members}
-    options = owners(findings, effect)
+    options = owners(findings, family)
     if name := sender(finding, effect):  # what the others send does not have it
         options = [o for o in options if o[:2] == ("tx", name)]
     if len(options) == 1:

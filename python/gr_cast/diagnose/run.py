@@ -31,7 +31,7 @@ from .doubts import doubts
 from .exchange import exchanged
 from .finding import Finding, nmse, numbers, worth
 from .fit import Fit, of_even_noise, solve
-from .ownership import agree_on_sides, agree_on_wander
+from .ownership import agree_on_families, agree_on_sides, agree_on_wander
 from .passing import without_passing
 from .policy import (
     BUDGET_S,
@@ -421,6 +421,7 @@ def diagnose(case, *, budget_s: float = BUDGET_S, progress=lambda where: None) -
     heard = [f for f in findings if not f.absent]
     agree_on_sides(heard)
     agree_on_wander(heard)
+    agree_on_families(heard)
     for finding in heard:
         finding.fit = floor.without_rounding(finding.fit)
 

@@ -25,6 +25,7 @@ from .policy import (
     CLEAR_SHARE,
     COLOUR_ORDERS,
     ELSEWHERE,
+    ENOUGH_DEVIATIONS,
     FAR_SHARE,
     FULLER,
     LAWS_ROUNDS,
@@ -344,7 +345,7 @@ def _candidates(fit: Fit) -> list[Score]:
     for family in FAMILIES.values():
         if family.noise_like or fit.data.late or family.multiplicity is Multiplicity.ONE and family.name in families:
             continue
-        for effect in family.starts(view):
+        for effect in _of_every_side(fit.data.scene, family, family.starts(view)):
             if family.multiplicity is Multiplicity.MANY or _what(effect) not in have:
                 scores.append(score(fit, effect))
     if not fit.data.late:
@@ -361,6 +362,14 @@ def _candidates(fit: Fit) -> list[Score]:
         if len(same) < 2 and not any(_one_course(s.effect, other) for other in same):
             kept.append(s)
     return kept
+
+
+def _of_every_side(scene, family, starts: Iterable[Effect]) -> Iterable[Effect]:
+    """Starts of a family, those of a carrier or a gain over time as each transmitter's too where several are heard at once: the
+    receiver's explains next to nothing of it."""
+    evenly = family.either_side and family.stage in (RX_GAIN, RX_LO) and not family.wanders
+    several = evenly and len(scene.sources) > 1
+    return itertools.chain.from_iterable((effect, *_as_sent(scene, effect)) if several else (effect,) for effect in starts)
 
 
 def _of_another_radio(effect: Effect) -> bool:
@@ -428,6 +437,7 @@ def search(data: Data, beam: list[Fit], proof_deadline: float = np.inf) -> list[
         for fit in beam:
             if data.late:
                 break
+            better = []
             for models in _to_try(fit):
                 better = _likelier(data, fit, models)
                 for trial in better:
@@ -436,6 +446,9 @@ def search(data: Data, beam: list[Fit], proof_deadline: float = np.inf) -> list[
                         done[key] = grown[key] = trial
                 if better or data.late:
                     break
+            if not better and all(fit.evidence >= f.evidence for f in done.values()) and _is_enough(fit):
+                grown.clear()
+                break
         leader = max(done.values(), key=lambda f: f.evidence)
         rounds = 0 if leader.evidence > before else rounds + 1
         if causes(leader.model) >= MOST_EFFECTS:
@@ -450,6 +463,13 @@ def search(data: Data, beam: list[Fit], proof_deadline: float = np.inf) -> list[
     best = _on_their_sides(data, proven(data, eliminate(data, _polished(data, ranked[0]), ranked), ranked), again=True)
     best.notes["cut"] = cut or data.late
     return [best, *ranked]
+
+
+def _is_enough(fit: Fit) -> bool:
+    """Whether one cause leaves no more than the noise that the twin tells: no list of several is likelier."""
+    told = fit.data.noise_power
+    most = 1 + ENOUGH_DEVIATIONS / np.sqrt(fit.data.count)
+    return causes(fit.model) == 1 and told is not None and fit.sigma2 < most * (told + fit.data.rounding)
 
 
 def _on_either_side(data: Data, fit: Fit, trial: Fit) -> Fit:

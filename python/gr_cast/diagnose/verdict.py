@@ -12,7 +12,7 @@ from . import claims, heldout
 from .confidence import Figures, confidence, is_whole
 from .finding import Finding, nmse, numbers
 from .maps import power_of, steps
-from .ownership import kind_of, owner
+from .ownership import groups, kind_of, owner
 from .policy import CLAIMED, REFUSED_NATS, SAME_DELAY_SAMPLES, SURELY_APART, VERDICT_LEAST_NATS
 from .residual import Leftover
 from .search import imitates
@@ -127,13 +127,15 @@ def _where_fitted(finding: Finding):
 
 @dataclass(frozen=True, kw_only=True)
 class Told:
-    """One effect of all recordings: the `members` (finding, index) that show it, the one that shows it best, its owner, and the
-    nats that it brings, on unseen samples too (None where no finding worked that out)."""
+    """One effect of all recordings: the `members` (finding, index) that show it, the one that shows it best, its owner, the
+    families of which one owner has all these recordings, and the nats that it brings, on unseen samples too (None where no
+    finding worked that out)."""
 
     members: list[tuple[Finding, int]]
     finding: Finding
     index: int
     owner: dict
+    shared: set[str]
     nats: float
     held_out: float | None
 
@@ -184,8 +186,9 @@ class Told:
 
     @property
     def rivals(self) -> list:
-        mine = FAMILIES[self.effect.family].told
-        return [r for r in self.finding.worth_of(self.index).rivals if FAMILIES[r.effect.family].told != mine]
+        mine, of = FAMILIES[self.effect.family].told, FAMILIES
+        found = self.finding.worth_of(self.index).rivals
+        return [r for r in found if of[r.effect.family].told != mine and r.effect.family in self.shared]
 
 
 def _told(findings, members) -> Told:
@@ -198,9 +201,15 @@ def _told(findings, members) -> Told:
         finding=finding,
         index=index,
         owner=whose,
+        shared=_shared(findings, {f.observation.name for f, _ in members}),
         nats=sum(f.gain_of(i) for f, i in members),
         held_out=sum(held_out) if held_out else None,
     )
+
+
+def _shared(findings, holders: set[str]) -> set[str]:
+    """Families of which one owner has a part in all of some recordings."""
+    return {name for name, family in FAMILIES.items() if any(holders <= group for group in groups(findings, family))}
 
 
 def _against_unseen(told: Told) -> Leftover:
@@ -316,7 +325,8 @@ def _pooled(items: dict[str, dict], first: dict) -> dict:
 
 
 def _ambiguities(findings, claimed: list[Told]) -> list[dict]:
-    """Pairs, of which one is claimed, that stay open: in a network those that no other recording of the same effect decides."""
+    """Pairs, of which one is claimed, that stay open: in a network those that no other recording of the same effect decides, and
+    of which the other too may be one owner's."""
     found, names = {}, {FAMILIES[t.effect.family].told for t in claimed}
     for finding in findings:
         for entry in (e for e in finding.ambiguous if names & {*e["families"]}):
@@ -324,7 +334,8 @@ def _ambiguities(findings, claimed: list[Told]) -> list[dict]:
     recordings, open_ones = {f.observation.name for f in findings}, []
     for families, entries in found.items():
         holders = {f.observation.name for f in findings if any(e.family in families for e in f.fit.model.found)}
-        if holders <= set(entries) and (len(holders) > 1 or len(recordings) == 1):
+        shared = {FAMILIES[name].told for name in _shared(findings, holders)}
+        if families <= shared | names and holders <= set(entries) and (len(holders) > 1 or len(recordings) == 1):
             open_ones.append(next(iter(entries.values())))
     return open_ones
 

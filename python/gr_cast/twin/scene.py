@@ -151,6 +151,8 @@ class Scene:
             if carrier:  # what is moved over the band's edge comes in at the other one
                 f = f - np.round(f + carrier)
             self._turns[key] = phasor(-TAU * delay * f)
+            if size % 2 == 0:  # half of it turns one way, half the other
+                self._turns[key][size // 2] = np.cos(np.pi * delay)
         return self._turns[key]
 
     def course(self, coefficients: np.ndarray, late: float = 0.0) -> np.ndarray:

@@ -60,29 +60,36 @@ def holds(view: View, vault: Sequence[Ear], at_best: bool = False) -> bool:
         for one, *fits in zip(vault, told.fits, *(each.fits for each in resized), strict=True)
     )
     after, before = min(told.left_nats(count) - ended, other.left_nats(count)), twin.left_nats(count)
-    is_flexible = any(one.family.is_flexible for one in lasting)
-    foretells = len(lasting) == len(model.effects) and not is_flexible
-    if foretells and before > policy.CLEAN_DEVIATIONS * np.sqrt(count) and after > policy.UNTOLD_MOST * before:
+    is_flexible = any(one.family.is_flexible for one in model.effects)
+    if not is_flexible and before > policy.SEEN_DEVIATIONS * np.sqrt(count) and after > policy.UNTOLD_MOST * before:
         return False  # the vault shows something, and it is not this
     share = policy.UNTOLD_BY_FIELDS if is_flexible else policy.UNTOLD_SHARE
     most = max(policy.UNTOLD_NOISE * count, share * before)
-    return after < most or at_best and _left_at_best(view, vault) < most
+    if not at_best or is_flexible:
+        return after < most or at_best and _left_at_best(view, vault)[0] < most
+    # With its numbers at their best a list leaves no more than noise of the vault, and of both together.
+    there, both = min((after + ended, after + ended + model.left_nats(view.count)), _left_at_best(view, vault))
+    return all(
+        left - ended < max(policy.CLEAN_DEVIATIONS * np.sqrt(of), share * before)
+        for left, of in ((there, count), (both, count + view.count))
+    )
 
 
-def _left_at_best(view: View, vault: Sequence[Ear]) -> float:
-    """Nats that numbers leave there which explain the vault too; infinite if these leave something of what was fitted, or lose
-    much of what an effect explains of it."""
+def _left_at_best(view: View, vault: Sequence[Ear]) -> tuple[float, float]:
+    """Nats that numbers leave there which explain the vault too, and of all; infinite if these leave something of what was
+    fitted, or lose much of what an effect explains of it."""
     ears, model = view.ears, view.model
     together, count, there = (*ears, *vault), *(sum(one.count for one in some) for some in (ears, vault))
     if model.deviations(count) > policy.CLEAN_DEVIATIONS:
-        return np.inf
+        return np.inf, np.inf
     effects = fitted(together, evaluated(together, model.base, model.effects)).effects
     here = evaluated(ears, model.base, effects)
     least = min((without_effects(ears, model, [k]).energy - model.energy for k in range(len(effects))), default=0.0)
     if here.energy - model.energy > policy.RESETTLED_SHARE * least or here.deviations(count) > policy.CLEAN_DEVIATIONS:
-        return np.inf
+        return np.inf, np.inf
     lasting = [one for one in effects if one.family.lasts]
-    return min(evaluated(vault, model.base, some).left_nats(there) for some in (effects, lasting))
+    left = min(evaluated(vault, model.base, some).left_nats(there) for some in (effects, lasting))
+    return left, left + here.left_nats(count)
 
 
 def foreseen(ears: Sequence[Ear], vault: Sequence[Ear], model: Model) -> float:

@@ -64,7 +64,8 @@ UNTOLD_NOISE = 0.5  # of the vault's noise: what is left more is not predicted, 
 UNTOLD_SHARE, UNTOLD_BY_FIELDS = 0.005, 0.02  # of what the twin leaves there; where random fields are told, which have no place:
 # of 45 lists that were right on the bench none left more, of 15 wrong ones 9; none of 60 without fields left half the noise
 RESETTLED_SHARE = 0.05  # of what the least effect explains of what was fitted, which numbers may lose that explain the vault too
-UNTOLD_MOST = 0.9  # of what the twin leaves there, where it is more than noise: a list that leaves so much tells none of it
+UNTOLD_MOST, SEEN_DEVIATIONS = 0.9, 3.0  # of what the twin leaves there, where it is more than so many standard deviations of
+# noise: a list that leaves so much tells none of it
 SUREST = 0.98  # of a cause that nothing speaks against: of the last 54 so told on the bench every one was right
 SURE_IF_REFUSED, SURE_IF_ELSEWHERE = 0.2, 0.4  # the vault speaks against what lasts (of 6 on the bench none was right), or
 # against what may have gone another way then

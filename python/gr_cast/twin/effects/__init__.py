@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The families of physics that a twin may leave out, in true signal order, one file each."""
 
+from .ac_coupling import AcCoupling
 from .adc_clipping import AdcClipping
 from .base import CHANNEL_AFTER, Effect, Family, Multiplicity, Role
 from .carrier_frequency_offset import CarrierFrequencyOffset
@@ -58,6 +59,7 @@ FAMILIES: dict[str, Family] = {
         PhaseNoise(),
         PhaseRamp(),
         FrontEndFilter(),
+        AcCoupling(),
         GainStep(),
         GainDrift(),
         PowerSupplyHum(),

@@ -10,8 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..columns import Lags
+from .ac_coupling import AcCoupling
 from .base import RX_FILTER, TX_FILTER, Effect, Family, Multiplicity, Role, of_sender, start
-from .values import NUMBER, NUMBERS, SIDE, Value
+from .values import NUMBERS, SIDE, Value
 
 SIZES = (
     (0, 1),
@@ -39,8 +40,8 @@ def filtered(wave: np.ndarray, low: int, taps: np.ndarray) -> np.ndarray:
 
 class FrontEndFilter(Family):
     name = "front_end_filter"
-    parameters = {"ripple_db": NUMBER}
-    remembered = {"side": SIDE, "low": Value(whole=True, low=-4096, high=4096), "taps": NUMBERS}
+    parameters = AcCoupling.parameters
+    remembered = {"side": SIDE, "low": Value(whole=True, low=-4096, high=4096), "taps": NUMBERS} | AcCoupling.remembered
     role = Role.FILTER
     owners = ("rx", "tx")
     multiplicity = Multiplicity.ONE
@@ -140,6 +141,8 @@ class FrontEndFilter(Family):
         return None
 
     def parse(self, scene, parameters, model):
+        if "corner_hz" in model:
+            return AcCoupling().parse(scene, parameters, model)
         taps = model.get("taps", [])
         low = int(model.get("low", 0))
         aux = {"low": low, "high": low + len(taps) // 2, "side": model.get("side", "rx"), "source": model.get("source", 0)}
