@@ -292,8 +292,8 @@ def of_one_carrier(signals: list[np.ndarray], sources: list[Source], taps: list[
 
     def sharpened(y, delay: int) -> Carried:
         def best_of(some) -> Carried:
-            shares = ((_shares(y, heard, d, repeats)[1], d) for d in some)
-            return Carried(**dict(zip(("share", "delay"), max(shares), strict=True)), count=min(len(y), CHIRP_MOST))
+            share, best = max((_shares(y, heard, d, repeats)[1], d) for d in some)
+            return Carried(delay=best, share=share, count=min(len(y), CHIRP_MOST))
 
         half = min(len(heard), len(y)) // 2  # that must fall on the recording: of a few samples all is explained
         far = range(0, len(heard)) if repeats else range(half - len(heard), len(y) - half)
@@ -324,8 +324,8 @@ def _shares(y: np.ndarray, sent: np.ndarray, delay: int, repeats: bool, most: in
     both = sp_fft.fft(product, sp_fft.next_fast_len(2 * (last - first)))
     power = (both.real**2 + both.imag**2) / max(float(np.vdot(there, there).real * np.vdot(here, here).real), 1e-300)
     k = int(np.argmax(power))
-    below, most, above = np.log(np.maximum(power[[k - 1, k, (k + 1) % len(power)]], 1e-30))
-    between = 0.5 * (above - below) / max(2 * most - above - below, 1e-9)  # two bins: a line may lie there
+    below, peak, above = np.log(np.maximum(power[[k - 1, k, (k + 1) % len(power)]], 1e-30))
+    between = 0.5 * (above - below) / max(2 * peak - above - below, 1e-9)  # two bins: a line may lie there
     turned = phasor(-TAU * (k + np.clip(between, -0.5, 0.5)) / len(power) * np.arange(len(product)))
     share = float(abs(np.dot(product, turned)) ** 2 / np.abs(both[k]) ** 2 * power[k]) if power[k] > 0 else 0.0
     return float(power[0]), min(max(share, float(power[k])), 1 - 1e-6)

@@ -186,9 +186,9 @@ class Told:
 
     @property
     def rivals(self) -> list:
-        mine, of = FAMILIES[self.effect.family].told, FAMILIES
-        found = self.finding.worth_of(self.index).rivals
-        return [r for r in found if of[r.effect.family].told != mine and r.effect.family in self.shared]
+        mine = FAMILIES[self.effect.family].told
+        found = [r for r in self.finding.worth_of(self.index).rivals if r.effect.family in self.shared]
+        return [r for r in found if FAMILIES[r.effect.family].told != mine]
 
 
 def _told(findings, members) -> Told:
