@@ -50,11 +50,15 @@ def test_every_transmitter_heard_has_its_own_filter_and_no_amplifier(world, tmp_
     assert document["fit"]["corrected_nmse_db"] == pytest.approx(document["fit"]["noise_floor_db"], abs=0.7)
 
 
-def of_two_ports(world, folder, hear, budget_s=300) -> dict:
-    """The diagnosis of two waveforms of different periods, each of a gain and phase of its own, heard as `hear` adds them."""
+def of_two_ports(world, folder, hear, gains=None, budget_s=300) -> dict:
+    """The diagnosis of two waveforms of different periods, heard as `hear` adds them: with `gains` that the twin knows, else each
+    of a gain and phase of its own."""
     rng, delay, twin = world.rng, 1300, world.twin()
     waves = [rng.normal(size=size) + 1j * rng.normal(size=size) for size in (701, 1203)]
     ports = [{"tx": f"tx{k}", "rx": "rx1", "taps": [{"delay_s": 0.0}], "unknown": ["gain", "phase"]} for k in (1, 2)]
+    for port, gain in zip(ports, gains or (), strict=False):
+        port["taps"][0] |= {"gain_db": float(20 * np.log10(abs(gain))), "phase_rad": float(np.angle(gain))}
+        del port["unknown"]
     twin |= {
         "waveforms": {f"w{k}": {"file": f"wave{k}", "repeat": True} for k in (1, 2)},
         "nodes": {"tx1": {"transmit": "w1"}, "tx2": {"transmit": "w2"}, "rx1": {}},
@@ -91,3 +95,16 @@ def test_a_carrier_that_is_far_off_is_that_of_the_one_transmitter_that_has_it(wo
     assert told["family"] == "carrier_frequency_offset" and told["owner"]["name"] == f"tx{off + 1}"
     offset = told["parameters"]["offset_hz"]
     assert offset["value"] == pytest.approx(cycles_per_sample * RATE_HZ, abs=4 * offset["std"])
+
+
+@pytest.mark.parametrize("cycles", [0.3, 2.3, -41.7])
+def test_the_carrier_of_one_of_two_whose_phases_the_twin_knows_turns_from_the_first_sample_on(world, tmp_path, cycles):
+    """So it is no Doppler of this one's paths, and leaves no phase of theirs wrong."""
+    turn = np.exp(2j * np.pi * cycles * world.n / len(world.n))
+    document = of_two_ports(
+        world, tmp_path / "case", lambda heard: 0.2 * heard[0] + 0.3j * heard[1] * turn, gains=(0.2, 0.3j), budget_s=1000
+    )
+    (told,) = document["effects"]
+    assert (document["verdict"], told["family"], told["owner"]["name"]) == ("identified", "carrier_frequency_offset", "tx2")
+    offset = told["parameters"]["offset_hz"]
+    assert offset["value"] == pytest.approx(cycles * RATE_HZ / len(world.n), abs=4 * offset["std"])

@@ -127,9 +127,17 @@ class Chain:
             self.scene.notes["carrier"] = held = key, phasor(TAU * v * (p[0] + 0.5 * p[1] * v)), self.u
         return held[1]
 
+    def _since_the_beginning(self, p: np.ndarray) -> complex:
+        """The factor under which a carrier that is told amid a recording has a phase of 0 at its first sample: of several
+        transmitters the twin knows what phases they have there."""
+        if len(self.scene.sources) == 1:
+            return 1.0
+        v = -(0.5 + self.scene.begins / self.scene.span) * self.pace
+        return np.exp(-1j * TAU * v * (p[0] + 0.5 * p[1] * v))
+
     def sent(self, source: int, delay: float = 0.0):
         """(n,) what a transmitter's oscillator and gain make of a path of this delay, but for the carrier's own phase."""
-        factor = self.turn(self.carriers[source]) if source in self.carriers else 1.0
+        factor = self.turn(p) * self._since_the_beginning(p) if (p := self.carriers.get(source)) is not None else 1.0
         for over_time in self.modulations.get(source, []):
             factor = factor * over_time(delay)
         return factor

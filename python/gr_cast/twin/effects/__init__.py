@@ -26,6 +26,7 @@ from .power_supply_hum import PowerSupplyHum
 from .pulsed_carrier import PulsedCarrier
 from .pulsed_interference import PulsedInterference
 from .quantization import Quantization
+from .recursive_filter import RecursiveFilter
 from .sample_clock_offset import SampleClockOffset
 from .sample_loss import SampleLoss
 from .second_order import SecondOrder
@@ -60,6 +61,7 @@ FAMILIES: dict[str, Family] = {
         PhaseRamp(),
         FrontEndFilter(),
         AcCoupling(),
+        RecursiveFilter(),
         GainStep(),
         GainDrift(),
         PowerSupplyHum(),

@@ -12,7 +12,7 @@ import numpy as np
 from ..columns import Lags
 from .ac_coupling import AcCoupling
 from .base import RX_FILTER, TX_FILTER, Effect, Family, Multiplicity, Role, of_sender, start
-from .values import NUMBERS, SIDE, Value
+from .recursive_filter import RecursiveFilter
 
 SIZES = (
     (0, 1),
@@ -41,7 +41,7 @@ def filtered(wave: np.ndarray, low: int, taps: np.ndarray) -> np.ndarray:
 class FrontEndFilter(Family):
     name = "front_end_filter"
     parameters = AcCoupling.parameters
-    remembered = {"side": SIDE, "low": Value(whole=True, low=-4096, high=4096), "taps": NUMBERS} | AcCoupling.remembered
+    remembered = AcCoupling.remembered | RecursiveFilter.remembered
     role = Role.FILTER
     owners = ("rx", "tx")
     multiplicity = Multiplicity.ONE
@@ -135,12 +135,16 @@ class FrontEndFilter(Family):
         return {"ripple_db": 20 * np.log10(inside.max() / max(inside.min(), 1e-6))}
 
     def contradiction(self, parameters, model):
+        if "feedback" in model:
+            return RecursiveFilter().contradiction(parameters, model)
         low, taps = model.get("low", 0), model.get("taps", [])
         if len(taps) % 2 or not low <= 0 <= low + len(taps) // 2:
             return "model.taps: needs Re and Im of each sample from low on but the one at 0"
         return None
 
     def parse(self, scene, parameters, model):
+        if "feedback" in model:
+            return RecursiveFilter().parse(scene, parameters, model)
         if "corner_hz" in model:
             return AcCoupling().parse(scene, parameters, model)
         taps = model.get("taps", [])

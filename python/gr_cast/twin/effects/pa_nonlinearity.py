@@ -16,6 +16,7 @@ from ..columns import Lags
 from ..interpolate import oversampled
 from .base import PROBE, TX_PA, Effect, Family, Multiplicity, Role, db, start
 from .front_end_filter import FrontEndFilter, filtered
+from .recursive_filter import RecursiveFilter, ratio_of
 from .values import NUMBER, NUMBERS, POSITIVE, TRUTH, WHOLES
 
 HIGHEST = 16  # order of |x|² in a gain that a twin may tell
@@ -111,6 +112,8 @@ class PaNonlinearity(Family):
         for e in model.effects:
             if e.family == FrontEndFilter.name and e.aux.get("source", i) == i:
                 x = filtered(x, e.aux["low"], FrontEndFilter().impulse_response(e, e.p))
+            if e.family == RecursiveFilter.name and e.aux.get("source", i) == i:
+                x = ratio_of(e, e.p).around(x)
         return x
 
     @staticmethod
@@ -168,7 +171,7 @@ class PaNonlinearity(Family):
             return
         plain = _forgetful(effect.aux)
         yield start(self, np.zeros(self._shape(plain)), aux=plain)
-        filters = [e.aux for e in others if e.family == "front_end_filter"]
+        filters = [e.aux for e in others if e.family in (FrontEndFilter.name, RecursiveFilter.name)]
         if not any(alone or aux["side"] == "tx" and aux["source"] == i for aux in filters):
             low, high = min(0, *lags), max(0, *lags)
             aux = {"low": low, "high": high, "side": "tx", "source": i}
