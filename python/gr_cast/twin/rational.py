@@ -27,9 +27,11 @@ LEAST_POWER = 1e-12  # of a bin, over that of the strongest
 SEGMENT = 512  # samples in which it is read off
 LEAST_SEGMENTS = 16
 CLEAR = 6.0  # standard deviations by which the residual must have more of the wanted signal than noise has
+MUCH = 0.1  # of the residual, that must be of the wanted signal: else other causes come first, and a row of taps is enough
 BEST = 2  # ratios that are tried
 FURTHER = 3  # orders, none of which is better than one before, behind which there is no better one
-LONGEST = 0.9995  # radius of a pole
+LONGEST, SHORTEST = 0.9995, 0.01  # radius of a pole
+UNHEARD = 1e-30  # of what rings
 SMALLEST = 1e-300  # for what may be nothing
 
 
@@ -54,6 +56,14 @@ class Ratio:
     def behind(self, y: np.ndarray) -> np.ndarray:
         """A signal behind it that was silence before."""
         return sp_signal.lfilter(self.taps, self.feedback, np.concatenate([y, np.zeros(-self.low)]))[-self.low :]
+
+    def ringing(self, left: np.ndarray, count: int) -> np.ndarray:
+        """(count,) what rings on from `left` (k,), what comes out first: as long as there is anything of it (denormal numbers
+        take a hundred times as long)."""
+        longest = min(count, len(left) + int(np.log(UNHEARD) / np.log(max(self.slowest, SHORTEST))) + 1)
+        heard = np.zeros(count, complex)
+        heard[:longest] = sp_signal.lfilter(left, self.feedback, np.eye(1, longest)[0])
+        return heard
 
     def around(self, wave: np.ndarray) -> np.ndarray:
         """A wave behind it that goes round."""
@@ -138,7 +148,9 @@ def _response(wanted, left) -> tuple[np.ndarray, np.ndarray] | None:
     noise = (np.sum(np.abs(heard) ** 2) - np.sum(np.abs(common) ** 2 / power)) / (SEGMENT * (segments - 1))
     weight = power / max(noise, LEAST_POWER * power.mean() / segments)
     told = 0.5 * np.sum(weight * np.abs(common / power) ** 2)  # each bin is in two segments
-    return None if told - SEGMENT / 2 < CLEAR * np.sqrt(SEGMENT / 2) else (1 + common / power, np.sqrt(weight))
+    is_clear = told - SEGMENT / 2 > CLEAR * np.sqrt(SEGMENT / 2)
+    is_much = np.sum(np.abs(common) ** 2 / power) > MUCH * np.sum(np.abs(heard) ** 2)
+    return (1 + common / power, np.sqrt(weight)) if is_clear and is_much else None
 
 
 def _fitted(response, root, order: int, low: int) -> tuple[float, Ratio]:
@@ -179,7 +191,7 @@ def _with_taps(ratio: Ratio, wanted, heard, use) -> tuple[float, Ratio, np.ndarr
     """(energy left, the ratio with its taps at their least squares, what each of them and of what rings on from before the first
     sample makes of the samples in use)."""
     plain = replace(ratio, low=0, taps=np.ones(1))
-    once, ringing = plain.behind(wanted), plain.behind(np.eye(1, len(wanted))[0])
+    once, ringing = plain.behind(wanted), ratio.ringing(np.ones(1), len(wanted))
     rows = [_late(once, ratio.low + k) for k in range(len(ratio.taps))]
     rows = np.array(rows + [_late(ringing, k) for k in range(len(ratio.feedback) - 1)])[:, use]
     found = _least_squares(rows, heard[use])

@@ -71,7 +71,7 @@ class RecursiveFilter(Family):
             units = [(rest(before.copy(), effect, extra=(i, PROBE * wave)).y - chain.y) / PROBE for wave in waves]
         else:
             units = [plain.behind(before.y), plain.behind(ratio.behind(before.y) + _ringing(ratio, scene, effect))]
-        left = rms_of(scene, effect) * plain.behind(np.eye(1, scene.count)[0])
+        left = ratio.ringing(np.array([rms_of(scene, effect)]), scene.count)
         units = np.array([units[0], -units[1], left])
         order = effect.aux["order"]
         entries = [
@@ -178,5 +178,5 @@ def _lags(effect) -> np.ndarray:
 
 def _ringing(ratio: Ratio, scene, effect) -> np.ndarray:
     """(n,) what rings on from before the first sample."""
-    left = effect.p[-2 * effect.aux["order"] :].view(complex) * rms_of(scene, effect)
-    return sp_signal.lfilter(left, ratio.feedback, np.eye(1, scene.count)[0]) if left.any() else np.zeros(scene.count)
+    left = effect.p[-2 * effect.aux["order"] :].view(complex)
+    return ratio.ringing(left * rms_of(scene, effect), scene.count) if left.any() else np.zeros(scene.count)
