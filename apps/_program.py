@@ -3,6 +3,7 @@
 
 import argparse
 import contextlib
+import difflib
 import math
 import multiprocessing
 import os
@@ -65,13 +66,25 @@ def parse(parser: argparse.ArgumentParser, argv=None, namespace=None) -> argpars
     args, unknown = settled(parser).parse_known_args(argv, namespace)
     command = vars(args).pop(_COMMAND)
     if unknown:  # argparse itself would name the help of the program, where the command's options are not
-        command.error(f"unrecognized arguments: {' '.join(unknown)}")
+        command.error(f"unrecognized arguments: {' '.join(unknown)}{_meant(command, unknown)}")
     return args
 
 
+def _meant(command: argparse.ArgumentParser, unknown: list[str]) -> str:
+    """The options that somebody may have meant, as the end of a message; nothing where none is near."""
+    every = [option for action in command._actions for option in action.option_strings if option.startswith("--")]
+    words = [word.split("=")[0] for word in unknown if word.startswith("--")]
+    begun = [option for word in words for option in every if option.startswith(word)]
+    near = [option for word in words for option in difflib.get_close_matches(word, every, 1)]
+    meant = list(dict.fromkeys(begun + near))
+    return f"; is {' or '.join(meant)} meant?" if meant else ""
+
+
 def settled(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
-    """The parser of a program and those of its commands as all programs have them: every default told, -2e6 a number."""
+    """The parser of a program and those of its commands as all programs have them: every default told, -2e6 a number, and no
+    option for another one of which it is the beginning (`--carrier` is no `--carrier-offset`)."""
     for one in _parsers(parser):
+        one.allow_abbrev = False
         one.error = partial(_refuse, one)
         one.set_defaults(**{_COMMAND: one})
         one._negative_number_matcher = _NEGATIVE  # argparse's own takes -2e6 for an option

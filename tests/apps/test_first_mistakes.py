@@ -33,6 +33,24 @@ def test_a_link_that_the_shell_cut_is_told_of_quotes(tmp_path):
         cast_sounder.main(["run", "--link", "1", "--output", str(tmp_path)])
 
 
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["rx", "--carrier", "1G"], "unrecognized arguments: --carrier 1G; is --carrier-offset meant?"),
+        (["run", "--frame", "9"], "unrecognized arguments: --frame 9; is --frames meant?"),
+        (["run", "--scenaro=four_tap"], "unrecognized arguments: --scenaro=four_tap; is --scenario meant?"),
+        (["run", "--zzzz"], r"unrecognized arguments: --zzzz \("),
+    ],
+    ids=lambda words: words[1] if isinstance(words, list) else "",
+)
+def test_the_beginning_of_an_option_is_not_taken_for_it_but_told(words, told, capsys):
+    """A carrier would be taken for a carrier's offset, and 1 GHz for what an oscillator is off by."""
+    with pytest.raises(SystemExit) as ended:
+        cast_sounder.main(words)
+    assert ended.value.code == 2
+    assert re.search(told.replace("?", r"\?"), capsys.readouterr().err)
+
+
 def test_a_raw_file_without_its_format_is_told_the_options(tmp_path):
     np.tile(codes.from_spec({"code": "glfsr", "degree": 8, "samples_per_chip": 1}), 5).astype(np.complex64).tofile(
         tmp_path / "x.bin"
