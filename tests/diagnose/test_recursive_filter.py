@@ -68,6 +68,7 @@ def test_its_entry_plays_the_filter_of_the_design_and_tells_it_back(design, side
         ({"feedback": [0.5]}, "Re and Im"),
         ({"feedback": []}, "Re and Im"),
         ({"main": 3}, "main"),
+        ({"main": 2}, "main"),
         ({"low": 1, "main": 1}, "main"),
         ({"taps": [1.0]}, "taps"),
     ],

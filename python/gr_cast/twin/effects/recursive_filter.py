@@ -127,14 +127,9 @@ class RecursiveFilter(Family):
 
     def contradiction(self, parameters, model):
         low, main, taps, feedback = (model.get(name) for name in ("low", "main", "taps", "feedback"))
-        if (
-            low is None
-            or main is None
-            or taps is None
-            or len(taps) % 2
-            or not low <= min(main, 0) <= main <= low + len(taps) // 2
-        ):
-            return "model.taps: needs low, main, and Re and Im of each sample from low on but the one at main"
+        missing = low is None or main is None or taps is None
+        if missing or len(taps) % 2 or not low <= min(main, 0) <= main < low + len(taps) // 2:
+            return "model.taps: needs low, main, and Re and Im of each sample from low on, that at main included"
         if len(feedback) % 2 or not len(feedback) or np.abs(np.roots(monic(feedback))).max() >= 1:
             return "model.feedback: needs Re and Im of each coefficient behind the first, of a filter that is stable"
         return None
