@@ -211,19 +211,18 @@ def _objective(stand: _Stand, prior: np.ndarray) -> float:
 def _in_its_valley(stand: _Stand, prior: np.ndarray) -> _Stand:
     """Where a fit stands once gains and rows of taps suit its delay and all else: a step along the tangent of all of them leaves
     the narrow curved valley of delays and taps that do the same (variable projection, Golub and Pereyra 1973)."""
-    model = stand.model
-    rows = [model.span(i) for i, e in enumerate(model.effects) if e.free.any() and FAMILIES[e.family].row_of_taps]
-    moves = np.zeros(len(prior), bool)
-    for span in (slice(1, len(model.base)), *rows):
-        moves[span] = True
+    data, model = stand.data, stand.model
+    rows = [i for i, e in enumerate(model.effects) if e.free.any() and FAMILIES[e.family].row_of_taps]
+    moves = np.concatenate([np.arange(len(prior))[span] for span in (slice(1, len(model.base)), *map(model.span, rows))])
     for _ in range(VALLEY_STEPS if rows and np.isfinite(stand.cost) else 0):
-        if (bends := stand.bends(prior)) is None:
+        white = [data.white(columns) for columns in derivatives(data.scene, stand.model, stand.before, rows)]
+        products, slope = gram(white)[1:, 1:], against(white, Dense(signals=stand.left[None]))[1:, 0]
+        vector, precision = stand.model.vector(), 2 / (stand.cost / data.count)
+        hessian, slope = precision * products, precision * slope - (prior * vector)[moves]
+        if not (np.isfinite(hessian).all() and np.isfinite(slope).all()):
             break
-        hessian, slope = bends
-        hessian = hessian + np.diag(prior + VALLEY_DAMPING * np.diag(hessian))
-        step = np.zeros(len(prior))
-        step[moves] = _solved(hessian[np.ix_(moves, moves)], slope[moves])
-        stand = _Stand(stand.data, stand.model.at(stand.model.vector() + step))
+        vector[moves] += _solved(hessian + np.diag(prior[moves] + VALLEY_DAMPING * np.diag(hessian)), slope)
+        stand = _Stand(data, stand.model.at(vector))
     return stand
 
 

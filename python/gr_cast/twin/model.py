@@ -2,7 +2,7 @@
 """A model of one recording: delay, gain and phase that are always fitted, and effects; its prediction and
 derivatives."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -186,12 +186,12 @@ def jacobian(scene, model: Model) -> tuple[Chain, list]:
     return chain, derivatives(scene, model, before)
 
 
-def derivatives(scene, model: Model, before: list[Chain]) -> list:
-    """Those of `jacobian`; `before` as `traced` has it."""
+def derivatives(scene, model: Model, before: list[Chain], of: Collection[int] | None = None) -> list:
+    """Those of `jacobian`, or of the base and the effects numbered in `of` alone; `before` as `traced` has it."""
     chain, steps = before[-1], _steps(model.effects)
     blocks = [Dense(signals=np.array([_difference(scene, model, steps, before, k) for k in range(len(model.base))]))]
     for i, effect in enumerate(model.effects):
-        if effect.free.any():
+        if effect.free.any() and (of is None or i in of):
             blocks.append(effect_columns(scene, model, i, chain, before[steps.index(i)]))
     return blocks
 
