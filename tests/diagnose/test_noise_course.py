@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from conftest_world import RATE_HZ, noise, sent_once
-from gr_cast.diagnose import align, read_case
+from gr_cast.diagnose import align, diagnose, read_case
 from gr_cast.diagnose.search import candidates, refit
 from gr_cast.twin.effects import FAMILIES
 from gr_cast.twin.effects.noise_family import NoiseView
@@ -68,3 +68,14 @@ def test_impulses_are_no_stretches_of_louder_noise_whatever_the_signal_promises(
     _, data, model = align.build(case, case.observations[0])
     told = [s.effect.family for s in candidates(refit(data, model))]
     assert told[0] == "impulsive_noise" and "noise_course" in told
+
+
+def test_a_burst_of_noise_at_the_end_of_a_long_recording_is_left(world, tmp_path):
+    """Where the first parts of it fit: what lies in one stretch speaks for itself."""
+    world.n = np.arange(240_000)
+    heard = world.clean() + noise(world.rng, len(world.n), world.noise_rms)
+    heard[205_000:220_000] += noise(world.rng, 15_000, 0.7 * world.noise_rms)
+    document = diagnose(read_case(world.write(tmp_path / "case", heard)), budget_s=100).document
+    assert (document["verdict"], document["effects"]) == ("unexplained", [])
+    begin_s, end_s = document["residual"]["where"][0]["time_s"]
+    assert [begin_s * RATE_HZ, end_s * RATE_HZ] == pytest.approx([205_000, 220_000], abs=1000)

@@ -39,7 +39,7 @@ def _unsteady(finding: Finding):
 
 
 def _all_alike(finding: Finding):
-    """Paths each of which changes as all others do: what they have in common changes."""
+    """Paths that change alike: what they have in common changes."""
     scene, courses = finding.scene, {}
     for i, effect in _found(finding):
         family = FAMILIES[effect.family]
@@ -47,7 +47,7 @@ def _all_alike(finding: Finding):
             power = np.abs(family.spectrum_of(effect)[0]) ** 2
             rank = power.sum() ** 2 / max(float((power**2).sum()), 1e-300)  # numbers that say anything of the course
             courses[i] = family.course(scene, effect, effect.p), float(rank)
-    if len(courses) < max(2, len(scene.taps)):
+    if len(courses) < 2:
         return
     p_value = 0.0
     for (a, rank), (b, other) in itertools.combinations(courses.values(), 2):
@@ -57,7 +57,7 @@ def _all_alike(finding: Finding):
         p_value = max(p_value, by_chance if share > ALIKE else 1.0)
     if p_value < UNEXPLAINED_P:
         where = {"time_s": [0.0, scene.duration_s]}
-        yield _of(finding, "all paths change alike, as no fading does", courses, p_value, where, "second_link")
+        yield _of(finding, "paths change alike, as no fading does", courses, p_value, where, "second_link")
 
 
 def _gates_at_slips(finding: Finding):

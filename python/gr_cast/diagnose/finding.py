@@ -77,11 +77,8 @@ class Finding:
         if key not in self.worths:
             model = replace(self.fit.model, effects=tuple(e for e in self.fit.model.effects if "nats" not in e.aux))
             at = next(i for i, e in enumerate(model.effects) if e.key == key)
-            told = (
-                None
-                if self.later or self.data.late
-                else worth(self.fit, refit_or_known(self.data, model.without(at), self.known))
-            )
+            known = self.later and not FAMILIES[effect.family].beyond  # by the first part, which a thing of one stretch is not
+            told = None if known or self.data.late else worth(self.fit, refit_or_known(self.data, model.without(at), self.known))
             if told is None or self.data.late:  # a fit that the time cut short is not the best one without the effect
                 most = self.data.count * np.log(max(self.twin.sigma2 / self.fit.sigma2, 1.0)) + LEAST_TOLD
                 plain = predict(self.scene, self.fit.model.without(index)).y  # no better than the best one without it

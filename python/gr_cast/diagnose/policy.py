@@ -273,7 +273,7 @@ ACROSS = (
 FORM_SHARE = 0.01  # of what noise that follows the signal explains, for what it follows otherwise than it is thought to
 UNEXPLAINED_P = 1e-5
 AT_A_SLIP = 64  # samples about lost ones in which interference may be what a fit makes of them
-ALIKE = 0.5  # of the power of two paths' courses, that is the same in both: paths fade each on its own
+ALIKE = 0.25  # of the power of two paths' courses, that is the same in both: paths fade each on its own
 UNEXPLAINED_NATS = 40.0
 UNEXPLAINED_SHARE = 0.01
 

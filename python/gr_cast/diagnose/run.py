@@ -53,7 +53,7 @@ from .policy import (
     UNEXPLAINED_P,
     UNEXPLAINED_SHARE,
 )
-from .search import beginnings, quantiser_again, refit, search, through_the_quantiser, told_on_its_side
+from .search import beginnings, is_apart, quantiser_again, refit, search, through_the_quantiser, told_on_its_side
 from .verdict import Words, conclude
 
 
@@ -348,8 +348,11 @@ def _tests(fit: Fit) -> list[residual.Leftover]:
 
 def _look_for_rest(finding: Finding) -> None:
     fit = finding.fit
-    bands = [FAMILIES[e.family].spectrum(fit.data.scene, e) for e in fit.model.found if FAMILIES[e.family].band(e)]
-    level = fit.sigma2 * np.mean(np.prod(bands, axis=0))  # what a band of noise holds is no signal that was explained
+    scene, found = fit.data.scene, fit.model.found
+    bands = [FAMILIES[e.family].spectrum(scene, e) for e in found if FAMILIES[e.family].band(e)]
+    louder = [FAMILIES[e.family].variance(scene, e, fit.chain.wanted) for e in found if is_apart(e)]
+    # What a band of noise holds, or a stretch of louder noise, is no signal that was explained.
+    level = fit.sigma2 * np.mean(np.prod(bands, axis=0)) * np.mean(np.prod(louder, axis=0))
     explained = max(0.0, finding.twin.sigma2 / level - 1) * fit.data.count
     beyond = [_beyond(finding, i) for i, e in enumerate(fit.model.effects) if FAMILIES[e.family].beyond]
     finding.tested = _tests(fit)

@@ -781,7 +781,7 @@ def _adding(fit: Fit, effect: Effect) -> list[Model]:
     """The model of a fit with one more effect, with one of each owner's own in its place, and joined with one that is at its
     place; a band of noise is not also the colour of a receiver's filter, which may be a transmitter's then."""
     if FAMILIES[effect.family].noise_like:  # a cause takes the place of a law of the noise that is none
-        fit = replace(fit, model=replace(fit.model, effects=tuple(e for e in fit.model.effects if not _apart(e))))
+        fit = replace(fit, model=replace(fit.model, effects=tuple(e for e in fit.model.effects if not is_apart(e))))
     fit = replace(fit, model=replace(fit.model, effects=tuple(e for e in fit.model.effects if e.fixed or not _either(e, effect))))
     models = [fit.model.adding(effect)]
     if len((joined := _put(fit.model, effect)).effects) == len(fit.model.effects):
@@ -794,7 +794,7 @@ def _adding(fit: Fit, effect: Effect) -> list[Model]:
     return models
 
 
-def _apart(effect: Effect) -> bool:
+def is_apart(effect: Effect) -> bool:
     """Whether an effect is a law of the noise that is no cause."""
     return FAMILIES[effect.family].noise_like and FAMILIES[effect.family].beyond
 

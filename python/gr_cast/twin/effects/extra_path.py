@@ -12,6 +12,7 @@ from .tap_gain_error import TapGainError
 from .values import NEEDED, NUMBER
 
 ONE_PLACE = 0.7  # samples within which two echoes come from one place
+BY_THEIR_TURNS = 4.0  # cycles over the recording for a sample of delay: two that differ more by turns are two by them alone
 AT_A_TAP, GONE = 0.5, 0.2  # samples and cycles from a tap within which an echo may be its own change; what may be left of it
 FASTEST = 1e-5  # Doppler over the carrier: 3 km/s
 
@@ -52,9 +53,10 @@ class ExtraPath(Family):
                 yield start(self, [0, 0, delay, 0.0 if still else doppler], aux={"source": i}, trials=trials * 4)
 
     def unsteady(self, effect, other):
-        """At one delay, turning by half a cycle more: an echo that fades, or a filter that changes."""
+        """At one delay, turning by half a cycle more, or apart by their turns rather than their delays: an echo that fades, that
+        comes or goes, or a filter that changes."""
         far, turns = np.abs(effect.p[2:] - other.p[2:])
-        return effect.aux["source"] == other.aux["source"] and far < ONE_PLACE and turns > 0.5
+        return effect.aux["source"] == other.aux["source"] and far < ONE_PLACE and turns > min(0.5, BY_THEIR_TURNS * far)
 
     def less(self, scene, effect, others):
         """At the delay of one of the twin's taps: that tap's own strength, or the tap that is not there."""
