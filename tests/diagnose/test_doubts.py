@@ -45,6 +45,19 @@ def test_paths_that_all_change_alike_do_not_fade(world, tmp_path, alike):
     assert (document["verdict"] == "unexplained") is alike
 
 
+@pytest.mark.parametrize(("steps", "faint", "told"), [(1, 0, False), (2, 0, False), (3, 0, True), (2, 1, True), (1, 2, False)])
+def test_a_gain_in_four_pieces_is_of_no_family(world, tmp_path, steps, faint, told):
+    """Where most of them are sure: of the others chance may have made some."""
+    case = read_case(world.write(tmp_path / "case", world.noisy(world.clean())))
+    scene, *_ = align.build(case, case.observations[0])
+    hum = start(FAMILIES["power_supply_hum"], [0.01, 0.0, 7.0])
+    effects = [hum, *(start(FAMILIES["gain_step"], [0.1, (1 + k) / 8]) for k in range(steps + faint))]
+    fit = SimpleNamespace(model=SimpleNamespace(effects=effects))
+    gains = [60.0] * (1 + steps) + [9.0] * faint
+    finding = SimpleNamespace(fit=fit, scene=scene, is_cause=lambda effect: True, gain_of=lambda index: gains[index])
+    assert bool(doubts(finding)) is told
+
+
 @pytest.mark.parametrize("common", [0.0, 0.3, 0.6])
 def test_two_paths_of_three_that_share_a_part_of_their_courses_do_not_fade(world, tmp_path, common):
     world.taps = [*world.taps, (21, 0.3)]

@@ -6,14 +6,15 @@ import itertools
 import numpy as np
 
 from ..twin.effects import FAMILIES, Role, plays
+from ..twin.effects.base import RX_GAIN
 from .finding import Finding
-from .policy import ALIKE, AT_A_SLIP, UNEXPLAINED_NATS, UNEXPLAINED_P
+from .policy import ALIKE, AT_A_SLIP, PIECES_OF_GAIN, UNEXPLAINED_NATS, UNEXPLAINED_P
 from .residual import Leftover
 
 
 def doubts(finding: Finding) -> list[Leftover]:
     """What is there in pieces, as what is left; of loud pieces alone, as of all that is left."""
-    found = [*_unsteady(finding), *_all_alike(finding), *_gates_at_slips(finding)]
+    found = [*_unsteady(finding), *_all_alike(finding), *_gain_in_pieces(finding), *_gates_at_slips(finding)]
     return [rest for rest in found if rest.p_value < UNEXPLAINED_P and rest.nats > UNEXPLAINED_NATS]
 
 
@@ -58,6 +59,19 @@ def _all_alike(finding: Finding):
     if p_value < UNEXPLAINED_P:
         where = {"time_s": [0.0, scene.duration_s]}
         yield _of(finding, "paths change alike, as no fading does", courses, p_value, where, "second_link")
+
+
+def _gain_in_pieces(finding: Finding):
+    """A gain that steps, hums, drifts and fades at once: it changes in a way of its own."""
+    families = {i: FAMILIES[e.family] for i, e in _found(finding)}
+    pieces = [i for i, family in families.items() if family.stage == RX_GAIN or "gain" in family.wanders]
+    if len(pieces) >= PIECES_OF_GAIN:
+        sure = sorted(finding.gain_of(i) for i in pieces)[(len(pieces) - 1) // 2]  # most of them are
+        p_value = float(np.exp(-max(sure, 0.0)))
+        where = {"time_s": [0.0, finding.scene.duration_s]}
+        yield _of(
+            finding, f"a gain in {len(pieces)} pieces: it changes in a way of its own", pieces, p_value, where, "longer_recording"
+        )
 
 
 def _gates_at_slips(finding: Finding):

@@ -274,6 +274,7 @@ FORM_SHARE = 0.01  # of what noise that follows the signal explains, for what it
 UNEXPLAINED_P = 1e-5
 AT_A_SLIP = 64  # samples about lost ones in which interference may be what a fit makes of them
 ALIKE = 0.25  # of the power of two paths' courses, that is the same in both: paths fade each on its own
+PIECES_OF_GAIN = 4  # steps, hums, drifts and fadings of one recording, from which on they are pieces of one thing
 UNEXPLAINED_NATS = 40.0
 UNEXPLAINED_SHARE = 0.01
 
@@ -355,6 +356,7 @@ MOST_JUMPS = 6  # in one recording: with more the path of its delay is a slope, 
 VIEW_JUMP_NATS = 10.0  # by which two parts must be likelier than one
 RAMP_CELLS, LEAST_RAMP_CELLS = 48, 8  # of time, between which a phase may begin or end to turn; of fewer none is told
 LEAST_RAMP = 1e-3  # of the energy of a course that a ramp must have besides what is fitted anyway
+NEARLY_ALL_OF_PHASE = 0.9  # of what a recording says of a phase, that a law of it must explain to be one
 POINTS, SLOW_POINTS = 8192, 1024  # of a gain's course that show a hum's harmonics
 HARMONICS = (1, 2, 3, 5, 8)
 HUM_POINTS = 64  # to a cycle of a fast hum: eight to one of its highest harmonic

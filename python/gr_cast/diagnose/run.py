@@ -319,14 +319,23 @@ def _wanted_rms(fit: Fit) -> float:
 def _finer(fit: Fit) -> Fit:
     """The fit with what follows a course as fast as the search does in its finest forms, and under the laws that its numbers
     tell, where they are likelier."""
-    tried, scene = [fit], fit.data.scene
+    models, scene = [], fit.data.scene
     for i, effect in enumerate(fit.model.effects):
         family = FAMILIES[effect.family]
         forms = [*family.finest(scene, effect)]
         if effect.prior is not None and not effect.fixed:
-            forms += family.other_laws(scene, effect, fit.covariance[fit.model.span(i), fit.model.span(i)])
-        tried += [refit(fit.data, fit.model.replacing(i, form)) for form in forms]
-    return max(tried, key=lambda f: f.evidence)
+            own = fit.covariance[fit.model.span(i), fit.model.span(i)]
+            forms += family.other_laws(scene, effect, own)
+            for law, cycles in (pair for other in FAMILIES.values() for pair in other.instead_of(scene, effect, own)):
+                models.append(_with_carrier(fit.model.replacing(i, law), cycles))
+        models += [fit.model.replacing(i, form) for form in forms]
+    return max([fit, *(refit(fit.data, model) for model in models)], key=lambda f: f.evidence)
+
+
+def _with_carrier(model, cycles: np.ndarray):
+    """The model with a carrier by so many cycles of offset and drift farther off, as far as these are free."""
+    at = model.index_of(Role.CARRIER, found=True)
+    return model if at is None else model.replacing(at, (e := model.effects[at]).moved(e.p + cycles * e.free))
 
 
 def _kind(rest: residual.Leftover) -> str:

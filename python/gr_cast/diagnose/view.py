@@ -14,6 +14,7 @@ from ..twin.interpolate import TAU, phasor
 from ..twin.model import predict
 from ..twin.scene import PAD
 from . import blanks
+from .phase_cells import PhaseCells
 from .policy import (
     BLANK_APART,
     ECHO_CELLS,
@@ -22,7 +23,6 @@ from .policy import (
     FASTEST,
     HARMONICS,
     HUM_POINTS,
-    LEAST_RAMP,
     LEAST_RAMP_CELLS,
     LEAST_SEGMENT,
     LEAST_SENT,
@@ -30,6 +30,7 @@ from .policy import (
     LONGEST_JUMP,
     MOST_JUMPS,
     MOST_PERIODS,
+    NEARLY_ALL_OF_PHASE,
     PERIOD_CYCLES,
     POINTS,
     QUIET,
@@ -100,28 +101,45 @@ class View:
         slope = 2 / self.sigma2 * self.residual * np.conj(self.wanted)
         return slope, 2 / self.sigma2 * np.abs(self.wanted) ** 2 * self.weight
 
-    def ramps_of_phase(self) -> list[tuple[float, float, int]]:
-        """[(first, last moment as shares of the recording, pairs that were tried)] of the stretch in which a phase that turns
-        evenly there and nowhere else explains most, besides a phase and, where a carrier offset is fitted, a frequency."""
+    @cached_property
+    def phase_cells(self) -> PhaseCells:
+        """What the recording says of a phase, in cells of time, besides a phase and, where a carrier offset and its drift are
+        fitted, those."""
         slope, curve = (self.scene.spread(moment) for moment in (self._moments[0].imag, self._moments[1]))
         edges = np.unique(np.linspace(0, len(slope), RAMP_CELLS + 1).astype(int))
-        cells = len(edges) - 1
-        if cells < LEAST_RAMP_CELLS:
+        fitted = np.any([e.free for e in self.fit.model.effects if plays(e, Role.CARRIER)] or [[False]], axis=0)
+        return PhaseCells(
+            knots=edges / len(slope),
+            slope=np.add.reduceat(slope, edges[:-1]),
+            curve=np.add.reduceat(curve, edges[:-1]),
+            known=1 + np.count_nonzero(fitted),
+        )
+
+    def ramps_of_phase(self) -> list[tuple[float, float, int]]:
+        """[(first, last moment as shares of the recording, pairs that were tried)] of the stretch in which a phase that turns
+        evenly there and nowhere else explains most."""
+        cells = self.phase_cells
+        knots, count = cells.knots, len(cells.curve)
+        if count < LEAST_RAMP_CELLS:
             return []
-        a, e = np.add.reduceat(slope, edges[:-1]), np.add.reduceat(curve, edges[:-1])
-        knots, middle = edges / len(slope), (edges[1:] + edges[:-1]) / 2 / len(slope)
-        first, last = np.triu_indices(len(knots), 1)
-        first, last = first[last - first < cells], last[last - first < cells]  # all of it is a carrier offset
-        ramps = np.clip((middle - knots[first, None]) / (knots[last] - knots[first])[:, None], 0.0, 1.0)
-        turns = any(plays(e, Role.CARRIER) and e.free[0] for e in self.fit.model.effects)
-        for known in (np.ones(len(middle)), middle - np.average(middle, weights=e + 1e-300))[: 1 + turns]:
-            ramps = ramps - np.outer(ramps @ (known * e) / max(known @ (known * e), 1e-300), known)
-            a = a - e * known * (known @ a) / max(known @ (known * e), 1e-300)
-        energy = (ramps**2) @ e
-        nats = np.where(energy > LEAST_RAMP * e.sum(), 0.5 * (ramps @ a) ** 2 / np.maximum(energy, 1e-300), 0.0)
+        first, last = np.triu_indices(count + 1, 1)
+        first, last = first[last - first < count], last[last - first < count]  # all of it is a carrier offset
+        ramps = np.clip((cells.middle - knots[first, None]) / (knots[last] - knots[first])[:, None], 0.0, 1.0)
+        nats = cells.explained(ramps)[0]
         best = int(np.argmax(nats))
         enough = nats[best] > np.log(len(nats)) + VIEW_JUMP_NATS
         return [(float(knots[first[best]]), float(knots[last[best]]), len(nats))] if enough else []
+
+    def phase_law(self, laws: list) -> tuple[int, float] | None:
+        """(number, size in rad) of the one of some `laws` of a phase, (cells,) each, that explains nearly all of what the
+        recording says of it; None where none does."""
+        cells = self.phase_cells
+        if len(cells.curve) < LEAST_RAMP_CELLS:
+            return None
+        nats, sizes, all_nats = cells.explained(np.array(laws))
+        best = int(np.argmax(nats))
+        enough = nats[best] > max(VIEW_JUMP_NATS, NEARLY_ALL_OF_PHASE * (all_nats - len(cells.curve)))
+        return (best, float(sizes[best])) if enough else None
 
     def modulation_peak(self) -> float | None:
         """Cycles over the recording by which the wanted part turns against the prediction, where that is

@@ -201,6 +201,7 @@ TURNING = {
     name: FOUND[name] for name in ("extra_path", "second_transmitter", "carrier_frequency_offset", "tone_interference")
 } | {
     "phase_ramp": ([0.7, 0.2, 0.6], {}),
+    "carrier_settling": ([0.7, -1.0], {}),
     "second_order": ([0.2, 0.1, -0.1, 0.05], {}),
     "pulsed_carrier": (
         [0.1, 0.05, -0.02, 0.1, 0.04, 0.0],

@@ -5,6 +5,7 @@ from .ac_coupling import AcCoupling
 from .adc_clipping import AdcClipping
 from .base import CHANNEL_AFTER, Effect, Family, Multiplicity, Role
 from .carrier_frequency_offset import CarrierFrequencyOffset
+from .carrier_settling import CarrierSettling
 from .clock_wander import ClockWander
 from .dc_offset import DcOffset
 from .diffuse_tail import DiffuseTail
@@ -59,6 +60,7 @@ FAMILIES: dict[str, Family] = {
         CarrierFrequencyOffset(),
         PhaseNoise(),
         PhaseRamp(),
+        CarrierSettling(),
         FrontEndFilter(),
         AcCoupling(),
         RecursiveFilter(),

@@ -299,6 +299,11 @@ class Family:
         """The effect under another law than the one that it was found with, where its numbers, of this covariance, tell so."""
         return ()
 
+    def instead_of(self, scene: Scene, effect: Effect, covariance: np.ndarray) -> Iterable[tuple[Effect, np.ndarray]]:
+        """Those of this family that a random course of another, of such a covariance, may be, each with what the carrier's offset
+        and drift then are besides, in cycles."""
+        return ()
+
     def plausible(self, effect: Effect) -> bool:
         """Whether the numbers can be those of real equipment."""
         return True

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""An oscillator that settles: its frequency relaxes to where it stays, as a crystal does that warms up. Internal: A in rad and
+ln τ, of a phase A·exp(−u/τ) without its mean and slope over the recording, u its share; what is left of it is a carrier offset.
+
+No family of the contract, so never a cause in a diagnosis: found, it is told as what is left. A random phase has no such law.
+"""
+
+import numpy as np
+
+from ..basis import course_length
+from .base import RX_LO, Family, Multiplicity, start
+from .phase_noise import PhaseNoise
+
+TIME_CONSTANTS = np.geomspace(0.02, 1.0, 25)  # shares of a recording; what takes longer is a drift
+POINTS = 2048  # of a course
+CARRIER = (lambda u: 2 * np.pi * (u - 0.5), lambda u: np.pi * (u - 0.5) ** 2)  # of a cycle of offset, of drift
+RARE = 1e3  # to one: another is as likely before anything is heard
+
+
+def relaxation(u, log_tau: float):
+    """exp(−u/τ) less its mean and slope over 0 ≤ u ≤ 1."""
+    tau = np.exp(np.clip(log_tau, -10.0, 10.0))
+    end = np.exp(-1 / tau)
+    mean = tau * (1 - end)
+    slope = 12 * (tau**2 * (1 - end) - tau * end - mean / 2)
+    return np.exp(-np.maximum(u, -tau) / tau) - mean - slope * (u - 0.5)
+
+
+def _cosines(course, scene, orders: int) -> np.ndarray:
+    """(orders,) coefficients of a course of the share of the recording, on the basis of random phases."""
+    v = (np.arange(POINTS) + 0.5) / POINTS  # n/L
+    values = course(v * course_length(scene.span) / scene.span)
+    return np.sqrt(2) / POINTS * np.array([values @ np.cos(np.pi * k * v) for k in range(1, orders + 1)])
+
+
+class CarrierSettling(Family):
+    name = "carrier_settling"
+    multiplicity = Multiplicity.ONE
+    lasting = False
+    stage = RX_LO
+    sizes = (0,)
+    beyond = True
+
+    def apply(self, chain, effect):
+        chain.y = chain.y * np.exp(1j * effect.p[0] * relaxation(chain.u, effect.p[1]))
+        chain.wanted = chain.y
+
+    def mirrored(self, effect):
+        return effect.moved(effect.p * [-1.0, 1.0])
+
+    def starts(self, view):
+        shapes = [relaxation(view.phase_cells.middle, log_tau) for log_tau in np.log(TIME_CONSTANTS)]
+        if (found := view.phase_law(shapes)) is not None:
+            k, size = found
+            yield start(self, [size, np.log(TIME_CONSTANTS[k])], trials=RARE * len(shapes))
+
+    def instead_of(self, scene, effect, covariance):
+        """The law that a random phase follows most, besides a frequency and a drift, which are others'."""
+        if effect.family != PhaseNoise.name:
+            return
+        own = np.linalg.inv(covariance)  # information of the recording, whatever the carrier is, and of the prior
+        heard, slope, told = own - np.diag(1 / effect.prior), own @ effect.p, []
+        for log_tau in np.log(TIME_CONSTANTS):
+            row = _cosines(lambda u, at=log_tau: relaxation(u, at), scene, len(effect.p))
+            size = (row @ slope) / max(row @ heard @ row, 1e-300)
+            told.append((size * (row @ slope), size, log_tau, effect.p - size * row))
+        _, size, log_tau, rest = max(told, key=lambda one: one[0])
+        carrier = np.array([_cosines(course, scene, len(effect.p)) for course in CARRIER])
+        yield start(self, [size, log_tau], trials=RARE * len(told)), np.linalg.lstsq(carrier.T, rest, rcond=None)[0]
+
+    def excludes(self, effect, other):
+        return other.family == PhaseNoise.name
+
+    def values(self, scene, effect, p):
+        tau_s = np.exp(p[1]) * scene.duration_s
+        return {"offset_hz": -p[0] / (2 * np.pi * tau_s), "time_constant_s": tau_s}
+
+    def plausible(self, effect):
+        return TIME_CONSTANTS[0] / 2 < np.exp(effect.p[1]) < 2 * TIME_CONSTANTS[-1]
+
+    def describe(self, number):
+        return (
+            f"The oscillator settles: off by {number('offset_hz')} at first, with a time constant of {number('time_constant_s')}."
+        )
