@@ -47,3 +47,25 @@ def test_an_oscillator_that_wanders_throughout_has_phase_noise(world, tmp_path):
         read_case(world.write(tmp_path / "case", world.noisy(world.clean() * np.exp(1j * phase)))), budget_s=3000
     ).document
     assert "phase_noise" in {e["family"] for e in document["effects"]} and document["verdict"] == "identified"
+
+
+def test_circular_coefficients_lie_along_a_line_as_often_as_chance_says():
+    rng, law = np.random.default_rng(4), 1 / np.arange(1, 25) ** 2
+    p_values = []
+    for _ in range(2000):
+        c = np.sqrt(law / 2) * (rng.normal(size=24) + 1j * rng.normal(size=24))
+        p_values.append(passing.of_one_line(c, np.full(24, 1e-9)))
+    assert np.mean(np.array(p_values) < 0.01) < 0.02  # bands that are made even hold a little less than chance
+    assert min(p_values) > 1e-6
+
+
+@pytest.mark.parametrize("turn_rad", [0.0, 0.9, np.pi / 2])
+def test_a_path_that_is_shaded_for_a_while_changes_along_one_line(turn_rad):
+    u = (np.arange(4096) + 0.5) / 4096
+    dip = -0.3 * (np.tanh((u - 0.2) / 0.05) - np.tanh((u - 0.5) / 0.05))
+    rng = np.random.default_rng(5)
+    c = np.array([np.sqrt(2) * np.mean(dip * np.cos(np.pi * k * u)) for k in range(1, 25)]) * np.exp(1j * turn_rad)
+    c = c + 0.003 * (rng.normal(size=24) + 1j * rng.normal(size=24))
+    assert passing.of_one_line(c, np.full(24, 2e-5)) < 1e-5
+    assert passing.of_one_line(c * np.exp(2j * np.pi * rng.random(24)), np.full(24, 2e-5)) > 1e-3
+    assert passing.of_one_line(1e-3 * c, np.full(24, 2e-5)) == 1.0  # of what is not clear nothing is told

@@ -8,14 +8,15 @@ import numpy as np
 from ..twin.effects import FAMILIES, Role, plays
 from ..twin.effects.base import RX_GAIN
 from .finding import Finding
+from .passing import of_one_line
 from .policy import ALIKE, AT_A_SLIP, PIECES_OF_GAIN, UNEXPLAINED_NATS, UNEXPLAINED_P
 from .residual import Leftover
 
 
 def doubts(finding: Finding) -> list[Leftover]:
     """What is there in pieces, as what is left; of loud pieces alone, as of all that is left."""
-    found = [*_unsteady(finding), *_all_alike(finding), *_gain_in_pieces(finding), *_gates_at_slips(finding)]
-    return [rest for rest in found if rest.p_value < UNEXPLAINED_P and rest.nats > UNEXPLAINED_NATS]
+    tests = (_unsteady, _all_alike, _along_a_line, _gain_in_pieces, _gates_at_slips)
+    return [rest for test in tests for rest in test(finding) if rest.p_value < UNEXPLAINED_P and rest.nats > UNEXPLAINED_NATS]
 
 
 def _found(finding: Finding) -> list[tuple[int, object]]:
@@ -59,6 +60,16 @@ def _all_alike(finding: Finding):
     if p_value < UNEXPLAINED_P:
         where = {"time_s": [0.0, scene.duration_s]}
         yield _of(finding, "paths change alike, as no fading does", courses, p_value, where, "second_link")
+
+
+def _along_a_line(finding: Finding):
+    """A path whose strength changes and whose phase does not, or the other way round: many that scatter make both."""
+    for i, effect in _found(finding):
+        family = FAMILIES[effect.family]
+        if {"gain", "phase"} <= {*family.wanders}:
+            p_value = of_one_line(*family.spectrum_of(effect))
+            where = {"time_s": [0.0, finding.scene.duration_s]}
+            yield _of(finding, "a path that changes along one line, as no fading does", (i,), p_value, where, "longer_recording")
 
 
 def _gain_in_pieces(finding: Finding):

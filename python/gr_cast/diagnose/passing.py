@@ -79,10 +79,27 @@ def _contrast(coefficients: np.ndarray, heard: Heard, differences: int) -> tuple
     return log_p, float(nats), float(bounds[first]), float(bounds[last])
 
 
+def of_one_line(coefficients: np.ndarray, variance: np.ndarray) -> float:
+    """p-value of complex coefficients (orders,) that lie along one line: circular ones, each band of them of one power, are as
+    even as a sample of a normal distribution is spherical (Mauchly 1940, in two dimensions)."""
+    clear = clear_part(coefficients, variance)
+    if len(clear) < 2:
+        return 1.0
+    edges = _bands(len(clear))
+    power, count = np.add.reduceat(np.abs(clear) ** 2, edges), np.diff(np.append(edges, len(clear)))
+    even = clear / np.sqrt(np.repeat(power / count, count))
+    along = np.abs(np.sum(even**2)) / len(even)
+    return float(max(1 - along**2, 0.0) ** ((len(even) - 1) / 2))
+
+
+def _bands(count: int) -> np.ndarray:
+    """The first coefficient of each of some bands of `count` of them, wider the faster they are."""
+    return np.unique(np.geomspace(1, count + 1, 2 + 2 * int(np.log2(count))).astype(int))[:-1] - 1
+
+
 def clear_part(coefficients: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """(up to orders,) the coefficients of a course as far as they are more than the `variance` (orders,) of their estimate."""
-    count = len(coefficients)
-    edges = np.unique(np.geomspace(1, count + 1, 2 + 2 * int(np.log2(count))).astype(int))[:-1] - 1
+    edges = _bands(len(coefficients))
     clear = np.add.reduceat(np.abs(coefficients) ** 2, edges) > PASSING_CLEAR * np.add.reduceat(variance, edges)
     return coefficients if clear.all() else coefficients[: edges[int(np.argmin(clear))]]
 

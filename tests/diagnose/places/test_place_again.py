@@ -5,6 +5,7 @@ import shutil
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from gr_cast.diagnose import places
 from gr_cast.diagnose.places import policy
 from gr_cast.twin.places import document
@@ -87,6 +88,15 @@ def test_what_is_likelier_wrong_than_right_is_neither_claimed_nor_corrected_but_
     assert told["effects"] == [] and told["verdict"] == "unexplained" and not found.model.effects
     assert any("c>b" in one and one.startswith("Not claimed") for one in told["warnings"])
     assert fit["corrected_rmse_db"] == fit["twin_rmse_db"]
+
+
+@pytest.mark.parametrize(("taken_nats", "verdict"), [(policy.TAKEN_NATS, "unexplained"), (1e9, "no_mismatch")])
+def test_what_something_explained_that_is_not_claimed_is_there(tmp_path, monkeypatch, taken_nats, verdict):
+    monkeypatch.setattr(policy, "LEAST_SURE", 1.0)
+    monkeypatch.setattr(policy, "CLEAN_DEVIATIONS", 1e9)  # of all that is left nothing is seen
+    monkeypatch.setattr(policy, "TAKEN_NATS", taken_nats)
+    told = places.diagnose(document.read(yard(tmp_path / "yard"))).document
+    assert told["effects"] == [] and told["verdict"] == verdict
 
 
 def test_two_that_explain_alike_are_told_however_little_each_is_sure(tmp_path, monkeypatch):

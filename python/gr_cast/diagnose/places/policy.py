@@ -74,6 +74,7 @@ SURE_IF_SPENT = 0.85  # the time ended before nothing more was found: of 46 so t
 SURE_IF_MANY = 0.8  # as many causes as are looked for: pieces of what was not found, more often than not
 SURE_IF_LEFT, SURE_IF_FLEXIBLE = 0.6, 0.4  # something is left that nobody named; then, of what explains much that it is not
 LEAST_SURE = 0.25  # of a cause that is told: of 30 on the bench that were less sure none was right
+TAKEN_NATS, TAKEN_SHARE = 24.0, 0.01  # that what is not claimed explained, and of what is claimed: more is there, whatever it is
 PATHLESS_SHARE = 0.01  # of the powers that are read where the twin has no path: more is something that nobody names
 NARROW_BAND = 2e-3  # of the SPEC's band: soundings that span less of it are in kHz or MHz, more likely than not
 WIDE_MESH_M, WIDE_MESH = 1000.0, 200.0  # m, and times what the nodes span: a mesh as wide is in mm, more likely than not

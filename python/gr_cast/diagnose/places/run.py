@@ -59,8 +59,9 @@ def diagnose(
     else:
         found = search.run(ears, base, place.unknown, _SEARCH_SHARE * budget_s, progress, vault)
     told = _told(place, found, ears, vault, pathless)
-    is_field = told.is_field  # of what was found: none is left once it is not claimed
+    is_field, taken_nats = told.is_field, 0.0  # of what was found: none is left once it is not claimed
     if unsure := _unsure(told):
+        taken_nats = max(entry["evidence"]["gain_nats"] for entry in unsure)
         warnings += [f"Not claimed, for it is likelier wrong than right: {entry['sentence']}" for entry in unsure]
         numbers = [number for cause, entry in zip(told.causes, told.effects, strict=True) if entry in unsure for number in cause]
         found = replace(found, model=fitted(ears, without_effects(ears, found.model, numbers), rounds=4))
@@ -72,9 +73,11 @@ def diagnose(
     model = found.model
     everything = (*ears, *vault)
     before, after = evaluated(everything, base, ()), evaluated(everything, base, model.effects)
+    rest_nats = evaluated(ears, base, ()).energy - model.energy  # what is claimed explains
+    is_left = taken_nats > max(policy.TAKEN_NATS, policy.TAKEN_SHARE * rest_nats)
     document = {
         "cast_diagnosis": 1,
-        "verdict": _verdict(told),
+        "verdict": "unexplained" if is_left else _verdict(told),
         "effects": told.effects,
         "ambiguous": told.open,
         "fit": residual_over_received(vault or ears, before, after, len(ears) if vault else 0, bool(vault)),
