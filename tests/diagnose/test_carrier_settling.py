@@ -28,7 +28,7 @@ def test_a_relaxation_has_no_mean_and_no_slope(log_tau):
     assert bent[1:] / bent[:-1] == pytest.approx(np.exp(-0.01 / np.exp(log_tau)), rel=1e-3)
 
 
-@pytest.mark.parametrize(("turn_rad", "share"), [(0.6, 0.15), (-3.0, 0.1)])
+@pytest.mark.parametrize(("turn_rad", "share"), [(0.6, 0.15), (-1.2, 0.1)])
 def test_an_oscillator_that_warms_up_is_left_with_its_time_constant(world, tmp_path, turn_rad, share):
     document = diagnose(read_case(world.write(tmp_path / "case", warmed_up(world, turn_rad, share))), budget_s=100).document
     assert document["verdict"] == "unexplained"
@@ -55,7 +55,7 @@ def _likelier(world, tmp_path, seed, heard) -> float:
 def test_a_walk_of_a_few_cosines_is_no_relaxation(world, tmp_path):
     """Under 1/f⁴, the smoothest that an oscillator walks, at any loudness."""
     won = 0
-    for seed in range(24):
+    for seed in range(8):
         rng = np.random.default_rng(seed)
         steps = np.cumsum(np.cumsum(rng.normal(size=len(world.n)))) if seed % 2 else np.cumsum(rng.normal(size=len(world.n)))
         u = np.linspace(-1, 1, len(steps))
