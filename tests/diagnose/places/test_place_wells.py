@@ -2,6 +2,7 @@
 """What turns phases is begun in its own well, not in a neighbour: a ground, an object that stands elsewhere."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -354,3 +355,14 @@ def test_a_node_is_begun_at_its_place_where_phases_are_known_and_delays_are_not(
     view = View(ears, evaluated(ears, twin(), ()), unknown)
     fits = [fitted(ears, with_effect(ears, view.model, one)) for one in BY_NAME["node_position"].starts(view, name)]
     assert min(fits, key=lambda one: one.energy).effects[-1].values == pytest.approx(offset_m, abs=2e-3)
+
+
+@pytest.mark.parametrize("carrier_hz", [1e9, 7e9, 28e9])
+def test_all_about_where_the_mesh_has_it_an_object_that_moved_is_begun(carrier_hz):
+    """However far off it was found: a well may be no wider than a 16th of a wave, where what is seen of it changes."""
+    wavelength_m = 299_792_458 / carrier_hz
+    moved = Effect(family=FAMILIES["object_moved"], owner="box", values=np.array([0.6]), choice=(1.0, 0.0, 0.0))
+    begun = [one.values[0] for one in moved.family.restarts(SimpleNamespace(wavelength_m=wavelength_m), moved)]
+    within_m = min(0.24, 9 * wavelength_m)
+    at_m = np.random.default_rng(1).uniform(-within_m, within_m, 100)
+    assert np.abs(at_m[:, None] - begun).min(axis=1).max() <= 1.01 * wavelength_m / 32

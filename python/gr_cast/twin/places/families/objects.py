@@ -16,6 +16,7 @@ _ALONG_M = (-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4)  # moves of an object 
 _ALONG = 0.95  # of a shift that lies along a normal
 _BEST = 3  # maxima of a scan that are fitted
 _WELLS = 8  # of the phase, either way, that are tried beside one that was found
+_LITTLE_M, _MOST_STEPS = 0.25, 150  # by which most that moved did; 16ths of a wave, either way, that are tried of these
 _PERMITTIVITIES, _CONDUCTIVITIES = np.geomspace(1.15, 30, 14), (0.003, 0.05, 0.5)  # relative; S/m
 _FRINGES, _DENSEST = 10, 6.0  # either way, of a slab that holds many waves; refractive index
 _STRONGEST_FIRST = "metal", "glass", "concrete", "brick", "plasterboard", "wood"
@@ -103,9 +104,12 @@ class ObjectMoved(_OfObject):
         ]
 
     def restarts(self, world, effect):
-        # The next wells of its phase, a quarter of a wave apart.
+        # The next wells of its phase, a quarter of a wave apart, and all about where the mesh has it: some are narrow, for what
+        # is seen of it changes.
         quarter_m = world.wavelength_m / 4
-        return [effect.moved(effect.values + quarter_m * step) for step in range(-_WELLS, _WELLS + 1) if step]
+        wells_m = [effect.values[0] + quarter_m * step for step in range(-_WELLS, _WELLS + 1) if step]
+        steps = min(int(_LITTLE_M / quarter_m * 4), _MOST_STEPS)
+        return [effect.moved(np.array([m])) for m in (*wells_m, *(quarter_m / 4 * np.arange(-steps, steps + 1)))]
 
     def apply(self, world, effect):
         return replace(world, mesh=world.mesh.moved(effect.owner, effect.values[0] * np.array(effect.choice)))
