@@ -331,7 +331,14 @@ def test_a_carrier_is_begun_in_its_own_well_though_nothing_moves_and_much_else_i
 
 
 @pytest.mark.parametrize(
-    ("name", "offset_m"), [("a", (0.02, -0.01, 0.07)), ("c", (-0.03, 0.02, -0.1)), ("walker", (0.01, 0.05, 0.13))]
+    ("name", "offset_m"),
+    [
+        ("a", (0.02, -0.01, 0.07)),
+        ("c", (-0.03, 0.02, -0.1)),
+        ("walker", (0.01, 0.05, 0.13)),
+        ("c", (0.2, -0.13, -0.38)),
+        ("b", (-0.15, 0.2, 0.42)),
+    ],
 )
 def test_a_node_that_is_higher_by_many_waves_is_begun_there(name, offset_m):
     world = theirs()
@@ -361,8 +368,21 @@ def test_a_node_is_begun_at_its_place_where_phases_are_known_and_delays_are_not(
 def test_all_about_where_the_mesh_has_it_an_object_that_moved_is_begun(carrier_hz):
     """However far off it was found: a well may be no wider than a 16th of a wave, where what is seen of it changes."""
     wavelength_m = 299_792_458 / carrier_hz
-    moved = Effect(family=FAMILIES["object_moved"], owner="box", values=np.array([0.6]), choice=(1.0, 0.0, 0.0))
+    moved = Effect(
+        family=next(one for one in FAMILIES if one.name == "object_moved"),
+        owner="box",
+        values=np.array([0.6]),
+        choice=(1.0, 0.0, 0.0),
+    )
     begun = [one.values[0] for one in moved.family.restarts(SimpleNamespace(wavelength_m=wavelength_m), moved)]
     within_m = min(0.24, 9 * wavelength_m)
     at_m = np.random.default_rng(1).uniform(-within_m, within_m, 100)
     assert np.abs(at_m[:, None] - begun).min(axis=1).max() <= 1.01 * wavelength_m / 32
+
+
+def test_a_node_is_looked_for_in_the_wells_of_floor_and_ceiling_that_are_waves_apart():
+    node = Effect(family=BY_NAME["node_position"], owner="a", values=np.array([0.1, -0.2, 0.0]))
+    begun = np.array([one.values for one in node.family.wells(SimpleNamespace(wavelength_m=0.04), node)])
+    for axis in np.eye(3):
+        far_m = np.linspace(0.02, 0.15, 40)[:, None, None] * axis
+        assert np.linalg.norm(node.values + far_m - begun, axis=2).min(axis=1).max() <= 0.0051

@@ -14,14 +14,15 @@ _FAR_M = 0.7  # farthest offset that is looked for on the grid
 _FARTHEST_M = 10.0  # that a fit may go
 _GRID = 90  # points of the grid across, at most
 _COARSE_M = (-0.45, -0.15, 0.15, 0.45)  # offsets about the best of which, by no phase, is looked again,
-_COARSE_UP_M = (-0.2, 0.0, 0.2)  # and upwards
-_STAGES, _ELSEWHERE = 3, 2  # of looking about the best, so many of them
+_COARSE_UP_M = (-0.4, -0.2, 0.0, 0.2, 0.4)  # and upwards
+_STAGES, _AT_FIRST, _ELSEWHERE = 3, 8, 2  # of looking about the best, so many of them at first and later
 _SHARPENED = 8  # of what is found there, whose bottoms are looked for
 _ONE_WELL = 0.05  # wavelengths between places of one well
 _BEST = 4  # maxima of a grid that are fitted
 _FAR_UP_M = 0.4  # farthest up that is looked at: floors and ceilings show it,
 _LEVEL, _LEVELS = 1 / 3, (4, 25)  # in levels so many wavelengths apart, so many either way
 _WELLS = 10  # minima of a grid of places that are fitted: a deep well is narrow, and lies between two points of the grid
+_FAR_WELLS = 16  # quarters of a wave, along an axis, within which other wells are looked for
 _YAWS_RAD = np.linspace(-np.pi, np.pi, 24, endpoint=False)
 _PITCHES_RAD = (-0.6, -0.25, 0.0, 0.25, 0.6)
 _FACTOR_STEP, _OFFSET_STEP_S = 0.02, 0.1
@@ -62,7 +63,7 @@ class NodePosition(_OfNode):
             return [zero, *self._about(view, zero, _LEVELS[0])]
         coarse = [zero.moved(np.array(at_m)) for at_m in itertools.product(_COARSE_M, _COARSE_M, _COARSE_UP_M)]
         levels = int(np.clip(np.ceil(_FAR_UP_M / (view.world.wavelength_m * _LEVEL)), *_LEVELS))
-        found, middles = [], [zero, *view.promising(coarse)[:_ELSEWHERE]]
+        found, middles = [], [zero, *view.promising(coarse)[:_AT_FIRST]]
         for _ in range(_STAGES):  # paths have other directions there
             found = view.ranked(found + [one for begun in middles for one in self._about(view, begun, levels)])[:_SHARPENED]
             found = _apart(view.sharpened(found), _ONE_WELL * view.world.wavelength_m)
@@ -90,8 +91,10 @@ class NodePosition(_OfNode):
         return [effect.moved(effect.values + world.wavelength_m / 2 * np.array(step)) for step in steps]
 
     def wells(self, world, effect):
-        whole = [sign * axis for axis in np.eye(3) for sign in (-1, 1)]  # across a lone link they are as far apart
-        return [*self.restarts(world, effect), *(effect.moved(effect.values + world.wavelength_m * step) for step in whole)]
+        # Across a lone link, and upwards between a floor and a ceiling, they are waves apart.
+        far_m = world.wavelength_m / 4 * np.concatenate([np.arange(-_FAR_WELLS, -2), np.arange(3, _FAR_WELLS + 1)])
+        along = [effect.moved(effect.values + m * axis) for axis in np.eye(3) for m in far_m]
+        return [*self.restarts(world, effect), *along]
 
     def apply(self, world, effect):
         offset_m = np.array(world.radios[effect.owner].offset_m) + effect.values
