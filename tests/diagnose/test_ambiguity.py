@@ -32,6 +32,14 @@ def test_of_a_real_code_over_two_paths_an_inversion_is_a_phase_of_the_late_one(w
     assert entry["record_next"] in ("offset_carrier", "complex_waveform")
 
 
+@pytest.mark.parametrize("gain", [0.14 * np.exp(-1.58j), 0.63 * np.exp(1.4555j), 0.9 * np.exp(1.0j)])
+def test_however_far_the_late_path_turns_it_may_be_the_inversion(world, tmp_path, gain):
+    """By nearly half a turn too, of a path nearly as strong as the first: the complex gain goes there straight."""
+    world.taps = [(0, 1.0), (9, gain)]
+    document = _document(world, tmp_path / "case", world.noisy(np.conj(world.clean())))
+    assert [set(entry["families"]) for entry in document["ambiguous"]] == [{"spectral_inversion", "tap_gain_error"}]
+
+
 def test_an_inversion_that_several_late_paths_tell_is_identified(world, tmp_path):
     world.taps = [*world.taps, (21, 0.4 * np.exp(2.0j)), (40, 0.3 * np.exp(-1.0j))]
     document = _document(world, tmp_path / "case", world.noisy(np.conj(world.clean())))

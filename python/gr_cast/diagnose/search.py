@@ -152,7 +152,9 @@ def score(fit: Fit, effect: Effect) -> Score:
                 more, occam, step, prior = _with_prior(schur, slope, whole, effect.prior[free], family.entangled)
                 gain += more
             if not family.linear:  # a linear one is fitted from its start, together with what it resembles
-                p[free] += step
+                move = np.zeros_like(p)
+                move[free] = step
+                p = family.stepped(p, move)
     if effect.prior is None:
         cost = 0.5 * np.log(n) * (effect.free.sum() + family.hidden(effect))
     else:

@@ -250,6 +250,10 @@ class Family:
         """The one effect that two of this family are at one place; None: they are apart."""
         return None
 
+    def stepped(self, p: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """Internal numbers after a step along the derivatives at `p`, which may be a long one."""
+        return p + step
+
     def unsteady(self, effect: Effect, other: Effect) -> bool:
         """Whether two of this family are one whose numbers change."""
         return False

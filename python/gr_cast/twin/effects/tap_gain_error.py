@@ -9,6 +9,7 @@ from .base import start
 from .tap import TapFamily
 from .values import NEEDED, NUMBER
 
+GONE = 1e-3  # of a path's amplitude: less is nothing
 WEAK = -2.3  # nepers: a strongest path a tenth as strong, which is no longer found at its delay
 
 
@@ -20,6 +21,11 @@ class TapGainError(TapFamily):
     def apply(self, chain, effect):
         k = effect.aux["tap"]
         chain.paths[k] = replace(chain.paths[k], gain=chain.paths[k].gain * np.exp(complex(*effect.p)))
+
+    def stepped(self, p, step):
+        """The complex gain goes straight, its logarithm does not."""
+        gain = np.exp(complex(*p)) * (1 + complex(*step))
+        return np.array([np.log(max(abs(gain), GONE)), np.angle(gain)])
 
     def starts(self, view):
         for k in view.tap_order():
