@@ -97,7 +97,7 @@ def main(argv=None) -> int:
     parser.add_argument("cases", nargs="+", type=Path, metavar="CASE", help="folder with a twin.yaml, or with a place.yaml")
     parser.add_argument("--output", required=True, type=Path, metavar="DIR", help="one folder per case goes here")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="cases at the same time (default 1)")
-    budget = "processor time per case (default 240, of a place 320)"
+    budget = "processor time per case (default 120, of a place 320)"
     parser.add_argument("--budget", type=float, metavar="SECONDS", help=budget)
     args = _program.parse(parser, argv)
     names = [case.resolve().name for case in args.cases]

@@ -20,7 +20,17 @@ from ..twin.effects import FAMILIES, Role, is_coarse, plays, stage_of
 from ..twin.effects.base import RX_FILTER, RX_GAIN
 from ..twin.effects.noise_family import LOUD, filled
 from ..twin.model import Model, derivatives, predict, traced
-from .policy import COLOUR_ORDERS, DAMPINGS, KEPT_PROMISE, LARGE, LEAST_HEARD, SMALL, VALLEY_DAMPING, VALLEY_STEPS
+from .policy import (
+    COLOUR_ORDERS,
+    DAMPINGS,
+    KEPT_PROMISE,
+    LARGE,
+    LEAST_HEARD,
+    SMALL,
+    VALLEY_DAMPING,
+    VALLEY_LEAST_NATS,
+    VALLEY_STEPS,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,7 +232,11 @@ def _in_its_valley(stand: _Stand, prior: np.ndarray) -> _Stand:
         if not (np.isfinite(hessian).all() and np.isfinite(slope).all()):
             break
         vector[moves] += _solved(hessian + np.diag(prior[moves] + VALLEY_DAMPING * np.diag(hessian)), slope)
-        stand = _Stand(data, stand.model.at(vector))
+        further = _Stand(data, stand.model.at(vector))
+        gained = _objective(stand, prior) - _objective(further, prior)
+        stand = further if gained > 0 else stand
+        if gained < VALLEY_LEAST_NATS:
+            break
     return stand
 
 

@@ -115,6 +115,7 @@ DAMPINGS = (0.0, 1e-6, 1e-4, 1e-2, 1.0, 100.0)  # shares of the curvature, tried
 # Steps of gains and rows of taps alone, behind one of all numbers that left their valley, and the share of their curvature that
 # holds them: what neighbouring taps of an oversampled waveform do is all but the same.
 VALLEY_STEPS, VALLEY_DAMPING = 3, 1e-4
+VALLEY_LEAST_NATS = 0.1  # that such a step must bring to be followed by another: far from the optimum some lead away from it
 KEPT_PROMISE = 0.75  # of what a step promised, from which on no shorter one is tried
 SMALL = 20_000  # samples up to which a fit of many numbers is carried to its end
 LEAST_HEARD = 100  # samples off the rails, of which a law of the noise is told
@@ -252,7 +253,7 @@ FOREIGN, TWIN_FITS = 0.5, 0.35  # residual over the mean wanted power, from whic
 HEARD = 0.1  # of the mean wanted power, from which on a course is held by the recording
 
 # run
-BUDGET_S = 240.0
+BUDGET_S = 120.0
 PICTURES = 1.1  # of the budget: what a report still draws after the search ends then
 # Shares of the time that is left: for the recordings, for the first part of a long one, for the search of a part, and for
 # what it found to prove itself.
