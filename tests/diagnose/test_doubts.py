@@ -58,6 +58,16 @@ def test_a_gain_in_four_pieces_is_of_no_family(world, tmp_path, steps, faint, to
     assert bool(doubts(finding)) is told
 
 
+def test_four_paths_that_fade_each_on_its_own_are_no_pieces_of_a_gain(world, tmp_path):
+    world.taps = [(0, 1.0), (9, 0.5), (21, 0.3), (33, 0.2)]
+    case = read_case(world.write(tmp_path / "case", world.noisy(world.clean())))
+    scene, *_ = align.build(case, case.observations[0])
+    effects = [start(FAMILIES["tap_fading"], world.rng.normal(size=2 * 24), aux={"tap": k}) for k in range(4)]
+    effects += [start(FAMILIES["iq_imbalance"], [0.1, 0.0]), start(FAMILIES["gain_step"], [0.1, 0.4])]
+    fit = SimpleNamespace(model=SimpleNamespace(effects=effects))
+    assert doubts(SimpleNamespace(fit=fit, scene=scene, is_cause=lambda effect: True, gain_of=lambda index: 500.0)) == []
+
+
 @pytest.mark.parametrize("common", [0.0, 0.3, 0.6])
 def test_two_paths_of_three_that_share_a_part_of_their_courses_do_not_fade(world, tmp_path, common):
     world.taps = [*world.taps, (21, 0.3)]

@@ -6,7 +6,6 @@ import itertools
 import numpy as np
 
 from ..twin.effects import FAMILIES, Role, plays
-from ..twin.effects.base import RX_GAIN
 from .finding import Finding
 from .passing import of_one_line
 from .policy import ALIKE, AT_A_SLIP, PIECES_OF_GAIN, UNEXPLAINED_NATS, UNEXPLAINED_P
@@ -41,7 +40,7 @@ def _unsteady(finding: Finding):
 
 
 def _all_alike(finding: Finding):
-    """Paths that change alike: what they have in common changes."""
+    """Paths that change, each as all others that do: what they have in common changes."""
     scene, courses = finding.scene, {}
     for i, effect in _found(finding):
         family = FAMILIES[effect.family]
@@ -73,9 +72,11 @@ def _along_a_line(finding: Finding):
 
 
 def _gain_in_pieces(finding: Finding):
-    """A gain that steps, hums, drifts and fades at once: it changes in a way of its own."""
-    families = {i: FAMILIES[e.family] for i, e in _found(finding)}
-    pieces = [i for i, family in families.items() if family.stage == RX_GAIN or "gain" in family.wanders]
+    """A gain that steps, hums, drifts and fades at once: it changes in a way of its own. Paths that fade, each on its own, are
+    one of its pieces."""
+    found = _found(finding)
+    fading = [i for i, e in found if "gain" in FAMILIES[e.family].wanders]
+    pieces = [i for i, e in found if FAMILIES[e.family].of_gain] + sorted(fading, key=finding.gain_of)[-1:]
     if len(pieces) >= PIECES_OF_GAIN:
         sure = sorted(finding.gain_of(i) for i in pieces)[(len(pieces) - 1) // 2]  # most of them are
         p_value = float(np.exp(-max(sure, 0.0)))

@@ -191,7 +191,7 @@ def solve(data: Data, model: Model, *, iterations: int = 8, tolerance: float = 0
             promised = slope @ (to - vector) - 0.5 * (to - vector) @ (hessian + np.diag(prior)) @ (to - vector)
             trial = _Stand(data, here.model.at(to))
             if not damping and _gained(here, trial, prior) <= KEPT_PROMISE * promised:
-                trial = min(trial, _in_its_valley(trial, prior), key=lambda stand: _objective(stand, prior))
+                trial = _in_its_valley(trial, prior)
             left = _objective(trial, prior)
             if left >= least and best is not here:
                 break

@@ -14,7 +14,7 @@ from ..twin.basis import course_length, grid_of
 from ..twin.effects import FAMILIES, Effect
 from ..twin.effects.noise_family import two_levels
 from .fit import Fit
-from .policy import CELLS, DIFFERENCES, GRID, HEARD, LEAST_ORDERS, OFTEN, PASSING_CLEAR, SURE_P, SURROGATES
+from .policy import CELLS, DIFFERENCES, GRID, HEARD, LEAST_ORDERS, LINE_SHARE, OFTEN, PASSING_CLEAR, SURE_P, SURROGATES
 from .residual import Leftover
 
 
@@ -81,13 +81,16 @@ def _contrast(coefficients: np.ndarray, heard: Heard, differences: int) -> tuple
 
 def of_one_line(coefficients: np.ndarray, variance: np.ndarray) -> float:
     """p-value of complex coefficients (orders,) that lie along one line: circular ones, each band of them of one power, are as
-    even as a sample of a normal distribution is spherical (Mauchly 1940, in two dimensions)."""
+    even as a sample of a normal distribution is spherical (Mauchly 1940, in two dimensions). Of orders that hold next to nothing
+    of a course nothing is asked: what is faster than it turns is the cosines' answer to its two ends, of two phases alone."""
     clear = clear_part(coefficients, variance)
+    power = np.cumsum(np.abs(clear) ** 2)
+    clear = clear[: np.searchsorted(power, LINE_SHARE * power[-1]) + 1] if power[-1:].any() else clear[:0]
     if len(clear) < 2:
         return 1.0
     edges = _bands(len(clear))
     power, count = np.add.reduceat(np.abs(clear) ** 2, edges), np.diff(np.append(edges, len(clear)))
-    even = clear / np.sqrt(np.repeat(power / count, count))
+    even = clear / np.sqrt(np.repeat(np.maximum(power, 1e-300) / count, count))
     along = np.abs(np.sum(even**2)) / len(even)
     return float(max(1 - along**2, 0.0) ** ((len(even) - 1) / 2))
 

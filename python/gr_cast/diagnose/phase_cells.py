@@ -22,9 +22,10 @@ class PhaseCells:
     def middle(self) -> np.ndarray:
         return (self.knots[1:] + self.knots[:-1]) / 2
 
-    def explained(self, courses: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        """(nats, sizes) of courses (k, cells) of a phase, each alone, and the nats of any course; besides what is known."""
+    def explained(self, courses: np.ndarray) -> tuple[np.ndarray, float]:
+        """Nats of courses (k, cells) of a phase, each alone, and the nats of any course; besides what is known."""
         slope, energy = self.slope, self.curve
+        whole = (courses**2) @ energy
         total = 0.5 * float(np.sum(slope**2 / np.maximum(energy, 1e-300)))
         for known in self._known():
             power = max(known @ (known * energy), 1e-300)
@@ -32,8 +33,8 @@ class PhaseCells:
             slope = slope - energy * known * (known @ slope) / power
             courses = courses - np.outer(courses @ (known * energy) / power, known)
         own, along = (courses**2) @ energy, courses @ slope
-        heard = own > LEAST_RAMP * energy.sum() * np.max(courses**2, axis=1)
-        return np.where(heard, 0.5 * along**2 / np.maximum(own, 1e-300), 0.0), along / np.maximum(own, 1e-300), total
+        heard = own > LEAST_RAMP * whole
+        return np.where(heard, 0.5 * along**2 / np.maximum(own, 1e-300), 0.0), total
 
     def _known(self) -> list[np.ndarray]:
         """Phase, frequency and drift, as far as they are known, each without those before it."""

@@ -195,6 +195,7 @@ CELLS = 96  # of time at most, in runs of which a stretch is looked for
 LEAST_ORDERS = 12  # cosines: of fewer no stretch can be told
 OFTEN = 2  # cells to a cosine
 GRID = 8  # points of `grid_of` in a cell
+LINE_SHARE = 0.99  # of a course's power, which the orders hold that are asked whether they lie along one line
 PASSING_CLEAR = 2.0  # power of a course over the variance of its estimate, from which its cosines are more than noise
 DIFFERENCES = (1, 2)  # over time: of a step, or of a ramp, all that moves is then in one place
 SURE_P = 1e-5  # of the most uneven course of that spectrum, below which it is no random one

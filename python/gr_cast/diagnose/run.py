@@ -334,7 +334,7 @@ def _finer(fit: Fit) -> Fit:
 
 def _with_carrier(model, cycles: np.ndarray):
     """The model with a carrier by so many cycles of offset and drift farther off, as far as these are free."""
-    at = model.index_of(Role.CARRIER, found=True)
+    at = next((i for i, e in enumerate(model.effects) if plays(e, Role.CARRIER) and e.free.any()), None)
     return model if at is None else model.replacing(at, (e := model.effects[at]).moved(e.p + cycles * e.free))
 
 
@@ -361,7 +361,8 @@ def _look_for_rest(finding: Finding) -> None:
     bands = [FAMILIES[e.family].spectrum(scene, e) for e in found if FAMILIES[e.family].band(e)]
     louder = [FAMILIES[e.family].variance(scene, e, fit.chain.wanted) for e in found if is_apart(e)]
     # What a band of noise holds, or a stretch of louder noise, is no signal that was explained.
-    level = fit.sigma2 * np.mean(np.prod(bands, axis=0)) * np.mean(np.prod(louder, axis=0))
+    louder = np.prod(louder, axis=0) * np.ones(fit.data.y.shape)
+    level = fit.sigma2 * np.mean(np.prod(bands, axis=0)) * np.mean(louder[fit.data.use > 0])
     explained = max(0.0, finding.twin.sigma2 / level - 1) * fit.data.count
     beyond = [_beyond(finding, i) for i, e in enumerate(fit.model.effects) if FAMILIES[e.family].beyond]
     finding.tested = _tests(fit)

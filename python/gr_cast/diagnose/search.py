@@ -154,7 +154,7 @@ def score(fit: Fit, effect: Effect) -> Score:
             if not family.linear:  # a linear one is fitted from its start, together with what it resembles
                 move = np.zeros_like(p)
                 move[free] = step
-                p = family.stepped(p, move)
+                p[free] = family.stepped(p, move)[free]
     if effect.prior is None:
         cost = 0.5 * np.log(n) * (effect.free.sum() + family.hidden(effect))
     else:

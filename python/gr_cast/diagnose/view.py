@@ -130,16 +130,16 @@ class View:
         enough = nats[best] > np.log(len(nats)) + VIEW_JUMP_NATS
         return [(float(knots[first[best]]), float(knots[last[best]]), len(nats))] if enough else []
 
-    def phase_law(self, laws: list) -> tuple[int, float] | None:
-        """(number, size in rad) of the one of some `laws` of a phase, (cells,) each, that explains nearly all of what the
-        recording says of it; None where none does."""
+    def phase_law(self, laws: list) -> int | None:
+        """The number of the one of some `laws` of a phase, (cells,) each, that explains nearly all of what the recording says of
+        it; None where none does."""
         cells = self.phase_cells
         if len(cells.curve) < LEAST_RAMP_CELLS:
             return None
-        nats, sizes, all_nats = cells.explained(np.array(laws))
+        nats, all_nats = cells.explained(np.array(laws))
         best = int(np.argmax(nats))
         enough = nats[best] > max(VIEW_JUMP_NATS, NEARLY_ALL_OF_PHASE * (all_nats - len(cells.curve)))
-        return (best, float(sizes[best])) if enough else None
+        return best if enough else None
 
     def modulation_peak(self) -> float | None:
         """Cycles over the recording by which the wanted part turns against the prediction, where that is

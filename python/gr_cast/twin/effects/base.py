@@ -161,6 +161,7 @@ class Family:
     linear = False  # the prediction is linear in its numbers: no step is too long
     either_side = False  # the same of a transmitter or the receiver but for small traces: all recordings together tell
     leaps = False  # no small step leads to it: all else must move with it before its worth is seen
+    of_gain = False  # changes the gain over time, by a law
     wanders: tuple[str, ...] = ()  # of gain and phase: what its `course` moves at random, so that no other course of it shows
     row_of_taps = False  # taps behind the strongest: two such families imitate each other, whatever their lengths
     least_error: dict[str, float] = {}  # what one realisation of a random course leaves open: share of a number, or dB

@@ -14,6 +14,7 @@ from .phase_noise import PhaseNoise
 TIME_CONSTANTS = np.geomspace(0.02, 1.0, 25)  # shares of a recording; what takes longer is a drift
 POINTS = 2048  # of a course
 CARRIER = (lambda u: 2 * np.pi * (u - 0.5), lambda u: np.pi * (u - 0.5) ** 2)  # of a cycle of offset, of drift
+HEARD = 0.1  # of what is known of such a course, which the recording must tell and not the prior
 RARE = 1e3  # to one: another is as likely before anything is heard
 
 
@@ -50,23 +51,26 @@ class CarrierSettling(Family):
 
     def starts(self, view):
         shapes = [relaxation(view.phase_cells.middle, log_tau) for log_tau in np.log(TIME_CONSTANTS)]
-        if (found := view.phase_law(shapes)) is not None:
-            k, size = found
-            yield start(self, [size, np.log(TIME_CONSTANTS[k])], trials=RARE * len(shapes))
+        if (k := view.phase_law(shapes)) is not None:
+            yield start(self, [0.0, np.log(TIME_CONSTANTS[k])], trials=RARE * len(shapes))
 
     def instead_of(self, scene, effect, covariance):
         """The law that a random phase follows most, besides a frequency and a drift, which are others'."""
         if effect.family != PhaseNoise.name:
             return
-        own = np.linalg.inv(covariance)  # information of the recording, whatever the carrier is, and of the prior
+        # Information of the recording, whatever the carrier is, and of the prior.
+        own = np.linalg.pinv(covariance, hermitian=True)
         heard, slope, told = own - np.diag(1 / effect.prior), own @ effect.p, []
         for log_tau in np.log(TIME_CONSTANTS):
             row = _cosines(lambda u, at=log_tau: relaxation(u, at), scene, len(effect.p))
-            size = (row @ slope) / max(row @ heard @ row, 1e-300)
-            told.append((size * (row @ slope), size, log_tau, effect.p - size * row))
+            if row @ heard @ row > HEARD * (row @ own @ row):
+                size = (row @ slope) / (row @ heard @ row)
+                told.append((size * (row @ slope), size, log_tau, effect.p - size * row))
+        if not told:
+            return
         _, size, log_tau, rest = max(told, key=lambda one: one[0])
         carrier = np.array([_cosines(course, scene, len(effect.p)) for course in CARRIER])
-        yield start(self, [size, log_tau], trials=RARE * len(told)), np.linalg.lstsq(carrier.T, rest, rcond=None)[0]
+        yield start(self, [size, log_tau], trials=RARE * len(TIME_CONSTANTS)), np.linalg.lstsq(carrier.T, rest, rcond=None)[0]
 
     def excludes(self, effect, other):
         return other.family == PhaseNoise.name

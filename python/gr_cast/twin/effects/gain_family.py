@@ -9,6 +9,7 @@ from .base import RX_GAIN, TX_LO, Family
 
 class GainFamily(Family):
     either_side = True
+    of_gain = True
 
     def at(self, effect):
         return TX_LO if effect.aux.get("side") == "tx" else RX_GAIN
