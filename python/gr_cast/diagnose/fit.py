@@ -168,8 +168,12 @@ class _Stand:
 
     def bends(self, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """(curvature of −ln L, slope of ln L and of the prior) by the vector of the model; None where either is no number."""
-        sigma2 = self.cost / self.data.count
-        hessian, slope = 2 / sigma2 * self.gram, 2 / sigma2 * self.slopes() - prior * self.model.vector()
+        return self.bends_by(self.gram, self.slopes(), prior, self.model.vector())
+
+    def bends_by(self, products, slopes, prior, vector) -> tuple[np.ndarray, np.ndarray] | None:
+        """The same by some numbers of the vector, of the inner products of their derivatives with each other and what is left."""
+        precision = 2 / (self.cost / self.data.count)
+        hessian, slope = precision * products, precision * slopes - prior * vector
         return (hessian, slope) if np.isfinite(hessian).all() and np.isfinite(slope).all() else None
 
 
@@ -226,11 +230,10 @@ def _in_its_valley(stand: _Stand, prior: np.ndarray) -> _Stand:
     moves = np.concatenate([np.arange(len(prior))[span] for span in (slice(1, len(model.base)), *map(model.span, rows))])
     for _ in range(VALLEY_STEPS if rows and np.isfinite(stand.cost) else 0):
         white = [data.white(columns) for columns in derivatives(data.scene, stand.model, stand.before, rows)]
-        products, slope = gram(white)[1:, 1:], against(white, Dense(signals=stand.left[None]))[1:, 0]
-        vector, precision = stand.model.vector(), 2 / (stand.cost / data.count)
-        hessian, slope = precision * products, precision * slope - (prior * vector)[moves]
-        if not (np.isfinite(hessian).all() and np.isfinite(slope).all()):
+        slopes, vector = against(white, Dense(signals=stand.left[None]))[1:, 0], stand.model.vector()
+        if (bends := stand.bends_by(gram(white)[1:, 1:], slopes, prior[moves], vector[moves])) is None:
             break
+        hessian, slope = bends
         vector[moves] += _solved(hessian + np.diag(prior[moves] + VALLEY_DAMPING * np.diag(hessian)), slope)
         further = _Stand(data, stand.model.at(vector))
         gained = _objective(stand, prior) - _objective(further, prior)

@@ -6,9 +6,11 @@ No family of the contract, so never a cause in a diagnosis: found, it is told as
 """
 
 import numpy as np
+from scipy import fft as sp_fft
 
 from ..basis import course_length
-from .base import RX_LO, Family, Multiplicity, start
+from .base import start
+from .phase_law import PhaseLaw
 from .phase_noise import PhaseNoise
 
 TIME_CONSTANTS = np.geomspace(0.02, 1.0, 25)  # shares of a recording; what takes longer is a drift
@@ -31,23 +33,14 @@ def _cosines(course, scene, orders: int) -> np.ndarray:
     """(orders,) coefficients of a course of the share of the recording, on the basis of random phases."""
     v = (np.arange(POINTS) + 0.5) / POINTS  # n/L
     values = course(v * course_length(scene.span) / scene.span)
-    return np.sqrt(2) / POINTS * np.array([values @ np.cos(np.pi * k * v) for k in range(1, orders + 1)])
+    return sp_fft.dct(values)[1 : orders + 1] / (np.sqrt(2) * POINTS)
 
 
-class CarrierSettling(Family):
+class CarrierSettling(PhaseLaw):
     name = "carrier_settling"
-    multiplicity = Multiplicity.ONE
-    lasting = False
-    stage = RX_LO
-    sizes = (0,)
-    beyond = True
 
-    def apply(self, chain, effect):
-        chain.y = chain.y * np.exp(1j * effect.p[0] * relaxation(chain.u, effect.p[1]))
-        chain.wanted = chain.y
-
-    def mirrored(self, effect):
-        return effect.moved(effect.p * [-1.0, 1.0])
+    def _phase(self, p, u):
+        return p[0] * relaxation(u, p[1])
 
     def starts(self, view):
         shapes = [relaxation(view.phase_cells.middle, log_tau) for log_tau in np.log(TIME_CONSTANTS)]
@@ -71,9 +64,6 @@ class CarrierSettling(Family):
         _, size, log_tau, rest = max(told, key=lambda one: one[0])
         carrier = np.array([_cosines(course, scene, len(effect.p)) for course in CARRIER])
         yield start(self, [size, log_tau], trials=RARE * len(TIME_CONSTANTS)), np.linalg.lstsq(carrier.T, rest, rcond=None)[0]
-
-    def excludes(self, effect, other):
-        return other.family == PhaseNoise.name
 
     def values(self, scene, effect, p):
         tau_s = np.exp(p[1]) * scene.duration_s

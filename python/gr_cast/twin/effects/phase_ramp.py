@@ -7,36 +7,24 @@ No family of the contract, so never a cause in a diagnosis: found, it is told as
 
 import numpy as np
 
-from .base import RX_LO, Family, Multiplicity, start
-from .phase_noise import PhaseNoise
+from .base import start
+from .phase_law import PhaseLaw
 
 SHORTEST = 1e-6  # share of a recording
 AT_AN_END = 0.05  # share of it, nearer than which to an end a turn goes on there: how far is not heard
 
 
-class PhaseRamp(Family):
+class PhaseRamp(PhaseLaw):
     name = "phase_ramp"
-    multiplicity = Multiplicity.ONE
-    lasting = False
-    stage = RX_LO
-    sizes = (0,)
-    beyond = True
 
-    def apply(self, chain, effect):
-        turn, first, last = effect.p
-        chain.y = chain.y * np.exp(1j * turn * np.clip((chain.u - first) / max(last - first, SHORTEST), 0.0, 1.0))
-        chain.wanted = chain.y
-
-    def mirrored(self, effect):
-        return effect.moved(effect.p * [-1.0, 1.0, 1.0])
+    def _phase(self, p, u):
+        turn, first, last = p
+        return turn * np.clip((u - first) / max(last - first, SHORTEST), 0.0, 1.0)
 
     def starts(self, view):
         for first, last, trials in view.ramps_of_phase():
             moments = [0.0 if first < AT_AN_END else first, 1.0 if last > 1 - AT_AN_END else last]
             yield start(self, [0.0, *moments], free=[True, moments[0] > 0, moments[1] < 1], trials=trials)
-
-    def excludes(self, effect, other):
-        return other.family == PhaseNoise.name
 
     def values(self, scene, effect, p):
         return {"turn_rad": p[0]}
