@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A fit reaches the optimum, and what is left of it is made white, whatever part of it is held out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest_world import noise, sent_once
-from gr_cast.diagnose import align
+from gr_cast.diagnose import align, offsets
 from gr_cast.diagnose.fit import Data, solve
 from gr_cast.twin.effects import FAMILIES
 from gr_cast.twin.effects.base import start
@@ -38,3 +40,24 @@ def test_one_solution_reaches_the_bottom_of_the_valley_of_a_delay_and_a_row_of_t
     columns = np.array([np.roll(sent, lag) for lag in range(low - 1, high + 2)]).T * data.use[:, None]
     left = y * data.use - columns @ np.linalg.lstsq(columns, y * data.use, rcond=None)[0]
     assert fit.sigma2 < 1.001 * np.vdot(left, left).real / data.count
+
+
+@pytest.mark.parametrize("family", ["diffuse_tail", "front_end_filter"])
+def test_one_solution_finds_taps_under_a_carrier_that_turns_far_from_one_tap_to_the_last(tmp_path, family):
+    """The twin knows the receiver's offset of 0.03 cycles per sample: three turns in 100 taps. The bar is what least squares over
+    as many taps leaves."""
+    rng, count, size = np.random.default_rng(4), 20_000, 100
+    sent, n = noise(rng, count, 1.0), np.arange(count)
+    late = np.array([np.concatenate([np.zeros(k), sent[: count - k]]) for k in range(size + 1)])
+    y = np.concatenate([[1.0], noise(rng, size, 0.02)]) @ late * np.exp(2j * np.pi * 0.03 * n) + noise(rng, count, 0.01)
+    case = sent_once(tmp_path, y, sent)
+    _, data, model = align.build(case, case.observations[0], near=(0.0, False))
+    carrier = start(FAMILIES["carrier_frequency_offset"], [0.03 * data.scene.span, 0.0], free=[False, False])
+    model = offsets.with_gains(data, model.adding(replace(carrier, fixed=True)))
+    aux = {"source": 0, "first": 1.0, "low": 0, "high": size, "side": "tx"}
+    prior = np.full(2 * size, 1e3)  # next to none
+    fit = solve(data, model.adding(start(FAMILIES[family], np.zeros(2 * size), aux=aux, prior=prior)))
+    columns = late.T * data.use[:, None]
+    wanted = y * np.exp(-2j * np.pi * 0.03 * n) * data.use
+    left = wanted - columns @ np.linalg.lstsq(columns, wanted, rcond=None)[0]
+    assert fit.sigma2 < 1.02 * np.vdot(left, left).real / data.count

@@ -47,6 +47,19 @@ def test_a_loss_is_as_many_periods_of_the_waveform_as_the_oscillator_went_on(wor
     assert effect["parameters"]["samples"]["value"] == lost
 
 
+@pytest.mark.parametrize("periods", [1, 2, 6])
+def test_samples_that_are_lost_count_modulo_the_period_of_what_a_file_holds_several_of(world, tmp_path, periods):
+    world.n = world.n + 3 * (world.n >= 9000)
+    twin = world.twin() | {"waveforms": {"w1": {"file": "sent"}}}
+    world.twin = lambda: twin
+    folder = world.write(tmp_path / "case", world.noisy(world.clean()))
+    recording.write(folder / "sent", np.tile(world.x, periods), sample_rate_hz=RATE_HZ)
+    case = read_case(folder)
+    assert len(case.waveforms["w1"].samples) == len(world.x)
+    (effect,) = diagnose(case).document["effects"]
+    assert effect["family"] == "sample_loss" and effect["parameters"]["samples"]["value"] == 3
+
+
 @pytest.mark.parametrize(("first", "count"), [(150, 163), (9000, 40), (15_000, 900)])
 @pytest.mark.parametrize("datatype", ["cf32_le", "ci16_le"])
 def test_zeros_that_a_receiver_wrote_are_inserted_samples_and_nothing_else(world, tmp_path, first, count, datatype):

@@ -28,7 +28,8 @@ def written_out(a, b):
 @pytest.mark.parametrize("window", ["none", "gaps", "rough"])
 def test_many_lags_of_one_signal_have_the_products_of_their_samples(rng, low, window):
     seen = {"none": None, "gaps": np.where(np.arange(COUNT) % 700 < 600, 1.3, 0.0), "rough": rng.uniform(size=COUNT)}[window]
-    lags = Lags(signals=gaussian(rng, 1, COUNT), entries=tuple((0, low + k) for k in range(50)), window=seen, paired=-1)
+    entries = tuple((0, low + k) for k in range(50))
+    lags = Lags(signals=gaussian(rng, 1, COUNT), entries=entries, window=seen, paired=-1, turn=0.1)
     few = Lags(signals=gaussian(rng, 2, COUNT), entries=((0, 3), (1, -2)))
     dense = Dense(signals=gaussian(rng, 3, COUNT))
     for other in (lags, few, dense):
@@ -57,9 +58,15 @@ def test_slow_courses_of_rough_signals_have_the_products_of_their_samples(rng, o
 def test_lags_of_several_signals_have_the_products_of_their_samples(rng, window, kinds):
     seen = {"gaps": np.where(np.arange(COUNT) % 700 < 600, 1.3, 0.0), "rough": rng.uniform(size=COUNT)}[window]
     entries = tuple((i, lag) for lag in (2, -3, -2, -1, 0, 1) for i in range(kinds) if (i, lag) != (0, 0))
-    lags = Lags(signals=gaussian(rng, kinds, COUNT), entries=entries, window=seen)
+    lags = Lags(signals=gaussian(rng, kinds, COUNT), entries=entries, window=seen, turn=-0.2)
     expected = written_out(lags, lags)
     np.testing.assert_allclose(inner(lags, lags), expected, atol=1e-11 * np.abs(expected).max())
+
+
+def test_a_late_signal_is_turned_with_every_sample_that_it_is_late(rng):
+    lags = Lags(signals=gaussian(rng, 1, COUNT), entries=((0, 0), (0, 5), (0, -2)), turn=0.3)
+    late = [np.exp(0.3j * lag) * np.roll(lags.signals[0], lag) for lag in (0, 5, -2)]
+    np.testing.assert_allclose(lags.full()[::2, 5:-5], np.array(late)[:, 5:-5], rtol=1e-12)
 
 
 @pytest.mark.parametrize(("count", "each", "runs"), [(7, 3, [3, 3, 1]), (2, 50, [1, 1]), (4, 0, [4]), (0, 5, [])])

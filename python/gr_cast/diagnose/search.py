@@ -549,9 +549,17 @@ def beginnings(data: Data, model: Model) -> list[Fit]:
     worth = {id(f): f.evidence - SEARCH_MARGIN * f.model.inverted for f in fits}
     fits.sort(key=lambda f: -worth[id(f)])
     kept = [f for f in fits if worth[id(f)] > worth[id(fits[0])] - 10.0][:BEAM]
-    if any(fits[0] is one for one in elsewhere) and not any(f is first for f in kept):
+    if not any(f is first for f in kept) and (any(fits[0] is one for one in elsewhere) or _leaps_further(first, fits[0])):
         kept = [*kept[: BEAM - 1], first]  # what seems to be missing may be something else
     return kept
+
+
+def _leaps_further(first: Fit, best: Fit) -> bool:
+    """Whether what happens in leaps brings the twin as it is further than the offset with which `best` begins: a recording that
+    jumps turns against the twin too."""
+    if best.model.index_of(Role.CARRIER, found=True) is None:
+        return False
+    return any(refit(first.data, model).evidence > best.evidence for model in _all_at_once(first))
 
 
 def _at_another_path(data: Data, fit: Fit) -> list[Model]:

@@ -45,6 +45,7 @@ class Chain:
     noise: Callable[["Chain"], np.ndarray] | None = None  # (n,) noise in front of the receiver, where it is played
     wanted: np.ndarray = field(default_factory=lambda: np.zeros(0))  # what of y comes from the wanted transmitters
     facing: int = 1  # −1 where y is the conjugate of what came
+    turned: float = 0.0  # cycles over the recording amid it by which the receiver's oscillators have turned what came
 
     def copy(self) -> "Chain":
         other = copy.copy(self)
@@ -126,6 +127,15 @@ class Chain:
             v = (self.u - 0.5) * self.pace
             self.scene.notes["carrier"] = held = key, phasor(TAU * v * (p[0] + 0.5 * p[1] * v)), self.u
         return held[1]
+
+    def turn_per_sample(self, source: int | None = None) -> float:
+        """Radians that the receiver's oscillators turn from one sample of the recording to the next, and with them the oscillator
+        of a transmitter and its strongest path: what is late in front of these is not turned back as it would be behind them."""
+        cycles = self.turned
+        if source is not None:
+            cycles += self.carriers[source][0] if source in self.carriers else 0.0
+            cycles += max((p for p in self.paths if p.source == source), key=lambda p: abs(p.gain)).doppler
+        return self.facing * TAU * cycles / self.scene.span
 
     def _since_the_beginning(self, p: np.ndarray) -> complex:
         """The factor under which a carrier that is told amid a recording has a phase of 0 at its first sample: of several

@@ -14,6 +14,7 @@ from scipy import fft as sp_fft
 from scipy.linalg import blas
 
 from .basis import products, weights
+from .interpolate import phasor
 from .scene import Scene
 
 FEW = 8  # derivatives against which a whole table is cheaper than its chunks
@@ -52,16 +53,23 @@ class Dense:
 
 @dataclass(frozen=True, kw_only=True)
 class Lags:
-    """c and j·paired·c for every c = signals[i] `lag` samples later, in `entries` (i, lag); zeros where nothing is known."""
+    """c and j·paired·c for every c = exp(j·turn·lag)·signals[i] `lag` samples later, in `entries` (i, lag); zeros where nothing
+    is known."""
 
     signals: np.ndarray  # (u, n)
     entries: tuple
     window: np.ndarray | None = None  # (n,) factor after the shift
     kept: bool = False  # whether `table` is worth its memory: much is compared with it
     paired: int = 1  # −1 where the recording is the conjugate
+    turn: float = 0.0  # radians per sample that oscillators turn which do not come later with the signal
 
     def __len__(self):
         return 2 * len(self.entries)
+
+    @property
+    def turned(self) -> np.ndarray | float:
+        """(entries,) what those oscillators make of each lag; 1 where they stand still."""
+        return phasor(self.turn * np.array([lag for _, lag in self.entries])) if self.turn else 1.0
 
     @property
     def height(self):
@@ -71,10 +79,11 @@ class Lags:
         """(entries, b − a) the shifted signals themselves."""
         n = self.signals.shape[1]
         out = np.zeros((len(self.entries), b - a), complex)
-        for row, (i, lag) in zip(out, self.entries, strict=True):
+        turned = np.broadcast_to(self.turned, len(out))
+        for row, (i, lag), factor in zip(out, self.entries, turned, strict=True):
             low, high = max(a - lag, 0), min(b - lag, n)
             if high > low:
-                row[low + lag - a : high + lag - a] = self.signals[i, low:high]
+                np.multiply(self.signals[i, low:high], factor, out=row[low + lag - a : high + lag - a])
         if self.window is not None:
             out *= self.window[a:b]
         return out
@@ -188,7 +197,8 @@ def _with_lags(a: Lags, rows: np.ndarray) -> np.ndarray:
     spectrum = np.conj(sp_fft.fft(a.signals[0], span))
     at = (low + np.arange(size)) % span
     seen = rows if a.window is None else rows * a.window
-    return np.array([sp_fft.ifft(sp_fft.fft(row, span) * spectrum)[at] for row in seen]).reshape(-1, size).T
+    found = np.array([sp_fft.ifft(sp_fft.fft(row, span) * spectrum)[at] for row in seen]).reshape(-1, size)
+    return (found * np.conj(a.turned)).T
 
 
 def _own_lags(a: Lags) -> np.ndarray | None:
@@ -214,7 +224,7 @@ def _own_lags(a: Lags) -> np.ndarray | None:
     for k in range(1, size):
         out[:, k, :, 1:] = out[:, k - 1, :, :-1] + steps[:, k - 1, :, :-1]
     mine = [i * size + lag - low for i, lag in a.entries]
-    return out.reshape(kinds * size, -1)[np.ix_(mine, mine)]
+    return out.reshape(kinds * size, -1)[np.ix_(mine, mine)] * np.conj(np.reshape(a.turned, (-1, 1))) * a.turned
 
 
 def _real(products_, paired_a: int, paired_b: int) -> np.ndarray:

@@ -12,6 +12,7 @@ import numpy as np
 from ..core.documents import Reader, short, yaml_file
 from ..core.errors import CastError
 from ..signals import codes, recording
+from ..signals.periods import one_period
 from .contract import LONGEST_DELAY, MOST_DB, Known, check_effects
 
 VERSION = 1
@@ -203,7 +204,8 @@ def _waveforms(get: Reader, folder: Path, rate: float) -> dict[str, Waveform]:
             if taken is not None:
                 if not any(np.nansum(np.abs(piece)) > 0 for piece in recording.pieces(taken.samples)):
                     get.faults.add(place, "holds no known sample other than zero")
-                found[name] = Waveform(name=name, samples=taken.samples, repeat=repeat, built_in=False)
+                samples = one_period(taken.samples) if repeat and isinstance(taken.samples, np.ndarray) else taken.samples
+                found[name] = Waveform(name=name, samples=samples, repeat=repeat, built_in=False)
     return found
 
 

@@ -38,6 +38,7 @@ class CarrierFrequencyOffset(Family):
         else:
             chain.y = chain.y * chain.turn(effect.p)
             chain.wanted = chain.y
+            chain.turned += float(effect.p[0])
 
     def starts(self, view):
         own = [e for e in view.fit.model.effects if e.fixed and e.family == self.name]

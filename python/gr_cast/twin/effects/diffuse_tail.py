@@ -164,7 +164,8 @@ class DiffuseTail(Family):
         one = before.copy()
         one.paths.append(Path(source=effect.aux["source"], delay=effect.aux["first"], gain=PROBE))
         unit = (rest(one, effect).y - chain.y) / PROBE
-        return Lags(signals=unit[None], entries=tuple((0, k) for k in range(len(effect.p) // 2)), paired=chain.facing)
+        entries = tuple((0, k) for k in range(len(effect.p) // 2))
+        return Lags(signals=unit[None], entries=entries, paired=chain.facing, turn=chain.turn_per_sample())
 
     def starts(self, view):
         unknown = not all(s.known.all() for s in view.scene.sources)

@@ -88,10 +88,10 @@ class FrontEndFilter(Family):
     def columns(self, scene, effect, chain, before, rest):
         lags = np.delete(np.arange(effect.aux["low"], effect.aux["high"] + 1), -effect.aux["low"])
         if effect.aux.get("side") == "tx":
-            steady = of_sender(effect, chain, before, rest)
+            steady, turn = of_sender(effect, chain, before, rest), chain.turn_per_sample(effect.aux["source"])
         else:
-            steady = before.y if chain.facing == before.facing else np.conj(before.y)
-        return Lags(signals=steady[None], entries=tuple((0, int(lag)) for lag in lags), paired=chain.facing)
+            steady, turn = before.y if chain.facing == before.facing else np.conj(before.y), 0.0
+        return Lags(signals=steady[None], entries=tuple((0, int(lag)) for lag in lags), paired=chain.facing, turn=turn)
 
     def starts(self, view):
         for low, high in SIZES:

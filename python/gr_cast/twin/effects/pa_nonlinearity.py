@@ -104,7 +104,7 @@ class PaNonlinearity(Family):
         bends = orders if effect.aux.get("bent_alone") or not effect.aux.get("lags") else (0, *orders)
         units = [(rest(before.copy(), effect, extra=(i, PROBE * terms[o])).y - chain.y) / PROBE for o in bends]
         entries = tuple((bends.index(order), lag) for order, lag in self._units(effect.aux))
-        return Lags(signals=np.array(units), entries=entries, paired=chain.facing)
+        return Lags(signals=np.array(units), entries=entries, paired=chain.facing, turn=chain.turn_per_sample(i))
 
     @staticmethod
     def _filtered(model, i: int, x: np.ndarray) -> np.ndarray:

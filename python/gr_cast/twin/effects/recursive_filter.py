@@ -65,8 +65,10 @@ class RecursiveFilter(Family):
     def columns(self, scene, effect, chain, before, rest):
         ratio = ratio_of(effect, effect.p)
         plain = replace(ratio, low=0, taps=np.ones(1))
+        turn = 0.0
         if effect.aux.get("side") == "tx":
             i, sent = effect.aux["source"], before.waves[effect.aux["source"]]
+            turn = chain.turn_per_sample(i)
             waves = plain.around(sent), plain.around(ratio.around(sent))
             units = [(rest(before.copy(), effect, extra=(i, PROBE * wave)).y - chain.y) / PROBE for wave in waves]
         else:
@@ -83,6 +85,7 @@ class RecursiveFilter(Family):
             signals=units if chain.facing == before.facing else np.conj(units),
             entries=tuple(entry for entry, free in zip(entries, effect.free[::2], strict=True) if free),
             paired=chain.facing,
+            turn=turn,
         )
 
     def starts(self, view):
