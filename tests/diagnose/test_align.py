@@ -432,3 +432,23 @@ def test_a_clipped_chirp_with_a_carrier_stays_where_it_is(tmp_path):
     told = {e["family"]: e for e in diagnose(sent_once(tmp_path, y, x), budget_s=3000).document["effects"]}
     assert set(told) == {"carrier_frequency_offset", "adc_clipping"}
     assert told["carrier_frequency_offset"]["parameters"]["offset_hz"]["value"] == pytest.approx(0.0247 * RATE_HZ, abs=1)
+
+
+@pytest.mark.parametrize("carrier", [0.06, -0.095])
+@pytest.mark.parametrize("inverted", [False, True])
+def test_bursts_of_one_training_sequence_are_where_they_are_under_a_fast_carrier(tmp_path, carrier, inverted):
+    """Frequency modulation of one level: with a carrier that nobody knows, short stretches of any two bursts are alike. What
+    follows what does not change with the carrier."""
+    rng = np.random.default_rng(7)
+    training, bursts = rng.integers(0, 2, 26), []
+    for _ in range(3):
+        bits = np.concatenate([rng.integers(0, 2, 58), training, rng.integers(0, 2, 58)])
+        smooth = np.convolve(np.repeat(2.0 * bits - 1, 5), np.hanning(13) / np.hanning(13).sum(), "same")
+        bursts += [np.exp(0.5j * np.pi * np.cumsum(smooth) / 5), np.zeros(2000)]
+    sent, at, count = np.concatenate(bursts), 13_403, 33_240
+    y = np.zeros(count, complex)
+    y[at : at + len(sent)] = sent
+    y = y * np.exp(2j * np.pi * carrier * np.arange(count)) + noise(rng, count, 0.03)
+    case = sent_once(tmp_path, np.conj(y) if inverted else y, sent)
+    found, mirrored = align.locate(case, case.observations[0])
+    assert abs(found - at) <= 2 and mirrored == inverted

@@ -41,6 +41,7 @@ from .policy import (
     LINE_DECILE,
     MOST_DELAYS,
     PIECES,
+    PRODUCT_LAGS,
     SHORT_FACTOR,
     TABLE,
     WORK,
@@ -329,6 +330,48 @@ def _shares(y: np.ndarray, sent: np.ndarray, delay: int, repeats: bool, most: in
     turned = phasor(-TAU * (k + np.clip(between, -0.5, 0.5)) / len(power) * np.arange(len(product)))
     share = float(abs(np.dot(product, turned)) ** 2 / np.abs(both[k]) ** 2 * power[k]) if power[k] > 0 else 0.0
     return float(power[0]), min(max(share, float(power[k])), 1 - 1e-6)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Turning:
+    """A delay, the carrier in cycles per sample that goes with it, and the nats by which chance would not hold as much there."""
+
+    delay: int
+    carrier: float
+    nats: float
+
+
+def of_products(y: np.ndarray, source: Source, taps: tuple, rate: float) -> Turning:
+    """Where `y` (n,) holds what one transmitter sends once, whatever the carrier: each sample times an earlier one's conjugate is
+    turned by one angle alone (differential detection: Proakis, Digital Communications, ch. 5). Both as roots of their size, for
+    a few loud samples are no waveform, and that of what is sent without its mean, which all signals of a band have in common."""
+    sent = np.flatnonzero(source.samples)
+    template = _filtered(source.samples[sent[0] : sent[-1] + 1] * source.known[sent[0] : sent[-1] + 1], taps, rate)
+    best = Turning(delay=0, carrier=0.0, nats=-np.inf)
+    for lag in PRODUCT_LAGS:
+        told, heard = (_as_root(x[lag:] * np.conj(x[:-lag])) for x in (template, y))
+        told = told - told.mean()
+        size = sp_fft.next_fast_len(len(told) + len(heard))
+        common = sp_fft.ifft(sp_fft.fft(heard, size) * np.conj(sp_fft.fft(told, size)))
+        delays = np.arange(-(len(told) // 2), len(heard) - len(told) // 2)  # half of it must fall on the recording
+        ends = np.clip(np.stack([delays, delays + len(told)]), 0, len(heard))
+        energy = np.concatenate([[0.0], np.cumsum(np.abs(heard) ** 2)])[ends]
+        share = np.abs(common[delays]) ** 2 / np.maximum((energy[1] - energy[0]) * np.vdot(told, told).real, 1e-300)
+        k = int(np.argmax(share))
+        independent = np.log(2) / np.median(share)  # numbers that so many products are worth: of those the shares are exponential
+        nats = float(-independent * np.log1p(-min(share[k], 1 - 1e-9)) - np.log(len(PRODUCT_LAGS) * len(share)))
+        if nats > best.nats:
+            first = max(0, int(delays[k]))
+            there = template[first - int(delays[k]) :][: len(y) - first]
+            turned = y[first:][: len(there)] * np.conj(there)
+            carrier = float(np.angle(np.vdot(turned[:-1], turned[1:])) / TAU)
+            best = Turning(delay=int(delays[k]) - int(sent[0]), carrier=carrier, nats=nats)
+    return best
+
+
+def _as_root(x: np.ndarray) -> np.ndarray:
+    """With the phases of `x` and the roots of its magnitudes."""
+    return x / np.sqrt(np.maximum(np.abs(x), 1e-300))
 
 
 def near(y: np.ndarray, sources: list[Source], centre: int, reach: int):

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..twin.effects import FAMILIES
+from ..twin.model import derivatives, traced
 from .fit import Data, Fit
 from .policy import FOLD_OF, FOLD_RUN, FOLDS, OFF, STRETCH
 
@@ -22,7 +23,7 @@ def folds(data: Data) -> list[Data]:
 
 def log_likelihood(fit: Fit) -> float:
     """ln L of the vault's samples, with the noise's level, shape and colour as the other samples gave them."""
-    energy, log_shape = _seen(fit, fit.data.vault)
+    energy, log_shape = _foretold(fit)
     return float(-energy.sum() - log_shape.sum())
 
 
@@ -58,16 +59,34 @@ def _around_moments(fit: Fit) -> np.ndarray:
 
 
 def _student(fit: Fit) -> float:
-    (energy, log_shape), count = _seen(fit, fit.data.vault), fit.data.count
+    (energy, log_shape), count = _foretold(fit), fit.data.count
     return float(-(count + len(energy)) * np.log1p(max(energy.sum(), 1 - count) / count) - log_shape.sum())
 
 
-def _seen(fit: Fit, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(energy over its expectation, the rest of −ln L) of every sample of the vault, or others `inside` (n,) bool."""
+def _foretold(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
+    """`_seen` of the vault's samples, whose random courses are known less well than those that were fitted."""
+    return _seen(fit, fit.data.vault, _left_open(fit)[fit.data.vault])
+
+
+def _left_open(fit: Fit) -> np.ndarray:
+    """(n,) variance that what is not known of random courses leaves in the prediction."""
+    scene, model, total = fit.data.scene, fit.model, np.zeros(len(fit.data.use))
+    courses = [i for i, e in enumerate(model.effects) if e.prior is not None and FAMILIES[e.family].wanders and e.free.any()]
+    if not courses:
+        return total
+    for i, columns in zip(courses, derivatives(scene, model, traced(scene, model)[1], courses)[1:], strict=True):
+        span = model.span(i)
+        total += columns.spread(fit.covariance[span, span])
+    return total
+
+
+def _seen(fit: Fit, inside: np.ndarray, left_open: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """(energy over its expectation, the rest of −ln L) of samples `inside` (n,) bool, with a variance of the prediction there."""
     data, r = fit.data, fit.residual
     variance = np.full(int(inside.sum()), fit.sigma2)
     if data.variance is not None:
         variance = variance * data.variance[inside]
+    variance = variance + left_open
     log_shape = np.log(np.pi * variance)
     if data.spectrum is not None:
         r = data.even(r, (data.use > 0) | data.vault)

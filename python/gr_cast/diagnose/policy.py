@@ -19,6 +19,7 @@ BESIDE_A_MOMENT = 1.5  # samples either side of a loss or step that the twin kno
 ALIGN_MARGIN = 64  # samples kept around what is known of a short recording
 LONGEST_FAST = 1 << 16  # samples, of recording and waveform, up to which a waveform that is sent once is looked for fast turning
 FAST = (-0.03, 0.03, -0.06, 0.06, -0.09, 0.09)  # carriers in cycles per sample, each of which finds those beside it
+PRODUCT_LAGS = (1, 2, 4, 8, 16, 32)  # samples by which one that a sample is multiplied with is earlier: a symbol, about
 NEAR_MOST = 0.5  # of the energy, that a delay near the beginning must hold: then it has no better one elsewhere
 LIKE_ITSELF = 0.5  # of a waveform's energy, that it has in common with itself at another delay
 LONGEST_EVERYWHERE = 1 << 20  # samples, of recording and waveform, up to which a better one is looked for

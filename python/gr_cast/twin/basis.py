@@ -8,6 +8,8 @@ from scipy import fft as sp_fft
 from scipy.interpolate import CubicSpline
 from scipy.linalg import hankel, toeplitz
 
+ORDERS = (6, 24, 96, 480)  # cosines that a search tries
+SAMPLES_EACH = 24  # of a recording for each of them, at least
 GRAIN = 64  # L is a multiple of it, so that a signal can be summed over short blocks before its slow cosines are taken
 FINE = 16  # blocks for each cosine: a block then holds a 32nd of a turn, and its moments up to the second the rest
 
@@ -78,6 +80,16 @@ def products(energy: np.ndarray, first: int, second: int) -> np.ndarray:
     return toeplitz(e[:first], e[:second]) + hankel(e[2 : first + 2], e[first + 1 : first + second + 1])
 
 
+def spread(covariance: np.ndarray) -> tuple[float, np.ndarray]:
+    """Constant and coefficients (2K,) of the course that the variance of a course is, of a covariance (K, K) of its coefficients:
+    2·cos a·cos b = cos(a − b) + cos(a + b)."""
+    k = np.arange(1, len(covariance) + 1)
+    sums = [np.bincount(np.abs(at).ravel(), covariance.ravel(), 2 * len(k) + 1) for at in (k[:, None] - k, k[:, None] + k)]
+    return float(sums[0][0]), (sums[0] + sums[1])[1:] / np.sqrt(2)
+
+
 def course_orders(scene, most: int = 96) -> tuple[int, ...]:
-    """Numbers of cosines worth trying on a recording."""
-    return tuple(size for size in (6, 24, 96, 480) if size <= most and size < scene.count / 24) or (3,)
+    """Numbers of cosines worth trying on a recording; in one too short for the most of them, as many as it holds."""
+    sizes = [size for size in ORDERS if size <= most and size < scene.count / SAMPLES_EACH] or [3]
+    longest = min(most, scene.count // SAMPLES_EACH)
+    return (*sizes, longest) if sizes[-1] == ORDERS[-2] and longest >= 2 * sizes[-1] else tuple(sizes)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import fft as sp_fft
 from scipy.linalg import blas
 
-from .basis import products, weights
+from .basis import products, spread, weights
 from .interpolate import phasor
 from .scene import Scene
 
@@ -108,6 +108,15 @@ class Courses:
 
     def __len__(self):
         return len(self.signals) * self.orders
+
+    def spread(self, covariance: np.ndarray) -> np.ndarray:
+        """(n,) variance of the sum of all derivatives, each times a number, of numbers of a covariance (len, len); what different
+        signals have in common is left out."""
+        total, units = np.zeros(self.signals.shape[1]), len(self.signals)
+        for i, signal in enumerate(self.signals):
+            constant, course = spread(covariance[i::units, i::units])
+            total += np.abs(signal) ** 2 * np.maximum(constant + self.scene.course(course), 0.0)
+        return total
 
     def full(self) -> np.ndarray:
         basis = np.array([self.scene.course(row) for row in np.eye(self.orders)])

@@ -21,6 +21,8 @@ from .values import POSITIVE, SIDE, Value, one_of
 
 MOST = 480  # cosines: the fastest wander that a search follows
 FINEST = 3 * MOST  # cosines: the fastest that is followed
+FEWEST_SAMPLES = 12  # of a recording for each of them
+FEW = 96  # cosines that a shorter recording has room for: what it cannot follow is too little to be told from noise
 NEARLY_ALL = 0.05  # of a recording, that its ends may lack: the course of the rest is that of the whole
 STEEP = {"free": 2, "flicker": 3}  # laws of density 1/f^s: white frequency noise, flicker of the frequency (Leeson 1966)
 LEAST_LAW = 24  # cosines that a law is told by
@@ -127,9 +129,10 @@ class PhaseNoise(Family):
 
     def finest(self, scene, effect):
         """As fast as the search follows, faster still under laws that reach so far."""
-        if len(effect.p) == MOST and scene.count >= 12 * FINEST:
-            for law in ({"law": "flat"}, {"law": "held", "corner": FINEST / 8}):
-                yield self._wider(effect, FINEST, law)
+        most = min(FINEST, scene.count // FEWEST_SAMPLES)
+        if len(effect.p) > FEW and len(effect.p) == course_orders(scene, MOST)[-1] and most > 1.5 * len(effect.p):
+            for law in ({"law": "flat"}, {"law": "held", "corner": most / 8}):
+                yield self._wider(effect, most, law)
 
     def other_laws(self, scene, effect, covariance):
         """The same course under the law that its cosines make likeliest, where that is another: a search takes the first that
