@@ -248,10 +248,11 @@ def locate(case, observation, about: tuple[int, bool] | None = None) -> tuple[in
         clearest = int(np.argmax([one.share for one in told]))
         if any(told[clearest].is_clearer(one) for one in told):
             return found[clearest] - low, clearest % 2 == 1
-    turning = [delays.of_products(s, sources[0], taps[0], rate) for s in signals] if not period and tried <= LONGEST_EVERYWHERE else []
-    if len(sources) == 1 and any(t.nats > DELAY_SURE_NATS for t in turning):
-        both = [*both, *(s * phasor(-TAU * t.carrier * np.arange(n)) for s, t in zip(signals, turning, strict=True))]
-        found = [*found, *(t.delay for t in turning)]
+    if len(sources) == 1 and not period and tried <= LONGEST_EVERYWHERE:
+        turning = [delays.of_products(s, sources[0], taps[0], rate) for s in signals]
+        if any(t.nats > DELAY_SURE_NATS for t in turning):
+            both = [*both, *(s * phasor(-TAU * t.carrier * np.arange(n)) for s, t in zip(signals, turning, strict=True))]
+            found = [*found, *(t.delay for t in turning)]
     best = likelier(both, found)
 
     def otherwise():

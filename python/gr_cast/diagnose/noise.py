@@ -163,8 +163,18 @@ def starts(fit, promised: float = 0.0):
     return [(net - most, effect) for net, effect in rest] if have else apart + rest
 
 
+def _along(fit, view: NoiseView) -> NoiseView:
+    """A view of what of the residual is along the wanted signal, as loud as in both directions: what is across it may be a
+    wander too fast to be followed."""
+    turned = fit.residual * np.conj(fit.chain.wanted)
+    share = turned.real**2 / np.maximum(np.abs(turned) ** 2, 1e-300)
+    return replace(view, energy=2 * view.energy * fit.data.scene.spread(share))
+
+
 def _found(fit, view, family) -> list[tuple[float, object]]:
     """[(net gain in nats over an even floor, effect)] of a law of the noise, or []."""
+    if fit.model.index_of(Role.WANDER, found=True) is not None:
+        view = _along(fit, view)
     gain, effect = family.find(view)
     if effect is None or _is_passband(fit, effect):
         return []

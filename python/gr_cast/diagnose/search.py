@@ -267,15 +267,15 @@ def _heard(fit: Fit) -> np.ndarray:
 
 
 def _under_likely_priors(fit: Fit, iterations: int) -> Fit:
-    """The fit under the priors that make it likeliest, by steps of EM: what a step too few leaves behind, the next effect would
+    """The fit under the priors that make it likeliest, step by step: what a step too few leaves behind, the next effect would
     seem to bring."""
     for _ in range(PRIOR_STEPS):
         likely = _with_likely_priors(fit)
         if likely is fit.model:
             break
-        before, fit = fit.evidence, solve(fit.data, likely, iterations=iterations)
-        if fit.evidence < before + LEAST_OF_A_STEP:
-            break
+        before, fit = fit, solve(fit.data, likely, iterations=iterations)
+        if fit.evidence < before.evidence + LEAST_OF_A_STEP:
+            return max(before, fit, key=lambda f: f.evidence)
     return fit
 
 

@@ -74,6 +74,7 @@ class Multiplicity(Enum):
 
 PROBE = 1e-5  # size of the wave, path or tap that is added to measure a derivative
 SEARCHED = 0.05  # of a number, that a search leaves open
+LEAST_TOLD = 0.1  # numbers, that a recording must tell of a course to say how large it is
 NYQUIST = 0.01  # of the sample rate on either side of its half: what interpolation between samples cannot know
 
 
@@ -98,6 +99,7 @@ AUX = {
     "_std": "standard deviations of the numbers, found by a search",
     "_stds": "standard deviations of the contract's parameters, found otherwise than by a fit",
     "_variance": "variances of the numbers of a course around its estimate",
+    "_doubt": "the same variance of the course itself, in the mean of the moments that tell it",
     "_jitter": "rad² of a phase that is too fast to be followed",
     "_blur": "power by which a fit's errors move the wanted signal where it is faint, and its standard deviation",
     "_passing": "whether a random course moves in one stretch alone, and is no cause",
@@ -290,10 +292,11 @@ class Family:
 
     def likelier(self, effect: Effect, covariance: np.ndarray) -> Effect:
         """The effect under the prior that its numbers make likeliest, from their covariance under the present one: its scale,
-        by one step of EM."""
+        from as many of them as the recording tells (MacKay 1992); by EM, those of which nothing is heard would hold it."""
         if effect.prior is None:
             return effect
-        factor = float(np.clip(np.mean((effect.p**2 + np.diag(covariance)) / effect.prior), 0.1, 10.0))
+        told = max(float(np.sum(1 - np.diag(covariance) / effect.prior)), LEAST_TOLD)
+        factor = float(np.clip(np.sum(effect.p**2 / effect.prior) / told, 0.1, 10.0))
         return effect if 0.8 < factor < 1.25 else replace(effect, prior=effect.prior * factor)
 
     def settled_law(self, scene: Scene, effect: Effect, covariance: np.ndarray) -> Effect:

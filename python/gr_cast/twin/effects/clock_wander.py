@@ -13,7 +13,7 @@ from ..basis import course_orders
 from ..columns import Courses
 from ..interpolate import TAU, frequencies, moved
 from .base import SAMPLER, Family, Multiplicity, start
-from .phase_noise import detrended
+from .phase_noise import mean_square
 
 LAWS = 2, 4  # powers of the order by which coefficients become rarer
 MOST = 24  # cosines
@@ -57,7 +57,7 @@ class ClockWander(Family):
                 yield start(self, np.zeros(size), prior=np.arange(1.0, size + 1) ** -law, trials=4, aux={"law": law})
 
     def values(self, scene, effect, p):
-        return {"rms_s": float(np.sqrt(np.mean(detrended(scene, p) ** 2))) / scene.sample_rate_hz}
+        return {"rms_s": float(np.sqrt(mean_square(scene, p))) / scene.sample_rate_hz}
 
     def plausible(self, effect):
         return float(np.linalg.norm(effect.p)) < WIDEST

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from ..basis import course_length, course_orders, grid_of
+from ..basis import course_length, course_on, course_orders, grid_of, spread
 from ..columns import Courses
 from ..interpolate import phasor
 from .base import RX_LO, TX_LO, Family, Multiplicity, Role, of_sender, side_of, start
@@ -27,6 +27,7 @@ NEARLY_ALL = 0.05  # of a recording, that its ends may lack: the course of the r
 STEEP = {"free": 2, "flicker": 3}  # laws of density 1/f^s: white frequency noise, flicker of the frequency (Leeson 1966)
 LEAST_LAW = 24  # cosines that a law is told by
 KNOWN_BY_LAW = 0.99  # share of its variance that a cosine of which nothing is heard keeps
+LEAST_HEARD = 1e-6  # share of a law's variance: a moment is known no better, and has as much weight where nothing is known
 ONE_WALK = 0.3  # by which the rms of a walk without its mean and slope differs from that of all walks, a share
 
 
@@ -49,12 +50,14 @@ def _sided(effect) -> dict:
     return {key: effect.aux[key] for key in ("side", "source") if key in effect.aux}
 
 
-def detrended(scene, p):
-    """The course without its mean and slope, on a grid finer than its fastest cosine."""
+def mean_square(scene, p, heard=None) -> float:
+    """Of the course without its mean and slope, on a grid finer than its fastest cosine; `heard` (grid,): weights."""
     grid, length = grid_of(p), course_length(scene.span)
     u = np.arange(len(grid)) / (len(grid) - 1) * length / scene.span
-    u, phase = u[u <= 1], grid[u <= 1]
-    return phase - np.polyval(np.polyfit(u, phase, 1), u)
+    weights = np.ones(len(grid)) if heard is None else heard
+    u, phase, weights = u[u <= 1], grid[u <= 1], weights[u <= 1]
+    left = phase - np.polyval(np.polyfit(u, phase, 1, w=np.sqrt(weights)), u)
+    return float(np.average(left**2, weights=weights))
 
 
 class PhaseNoise(Family):
@@ -161,13 +164,25 @@ class PhaseNoise(Family):
         if fewest < priced(own)[0] - 1.0:
             yield replace(effect, prior=prior, aux=law | _sided(effect))
 
+    def settled_law(self, scene, effect, covariance):
+        """With what is known of the course where a signal tells it: between pulses it is as large as its law has it."""
+        effect = super().settled_law(scene, effect, covariance)
+        if "_variance" not in effect.aux:
+            return effect
+        constant, course = spread(covariance)
+        at = np.linspace(0.0, 1.0, len(grid_of(effect.p)))
+        law = effect.prior.sum()
+        doubt = np.clip(constant + course_on(grid_of(course), at), LEAST_HEARD * law, law)
+        heard = law / doubt - 1 + LEAST_HEARD
+        return replace(effect, aux={**effect.aux, "_heard": heard, "_doubt": float(np.average(doubt, weights=heard))})
+
     def values(self, scene, effect, p):
-        unseen = float(np.sum(effect.aux.get("_variance", [0.0])))  # of the course around its estimate
+        unseen = float(effect.aux.get("_doubt", np.sum(effect.aux.get("_variance", [0.0]))))  # of the course around its estimate
         if "_jitter" in effect.aux:
             unseen += effect.aux["_jitter"]
         elif effect.aux.get("law") == "held" and effect.prior is not None:
             unseen += self.unfollowed(effect)
-        rms_rad = float(np.sqrt(np.mean(detrended(scene, p) ** 2) + unseen))
+        rms_rad = float(np.sqrt(mean_square(scene, p, effect.aux.get("_heard")) + unseen))
         if effect.aux.get("law", "free") != "free" or effect.prior is None:
             return {"rms_rad": rms_rad}
         linewidth_hz = np.pi / 2 / scene.duration_s * float(effect.prior[0])
