@@ -9,7 +9,7 @@ import pytest
 import yaml
 from conftest_world import RATE_HZ as WORLD_HZ
 from conftest_world import noise, sent_once
-from gr_cast.diagnose import align, diagnose, offsets, read_case
+from gr_cast.diagnose import align, diagnose, offsets, read_case, search
 from gr_cast.signals import recording
 from gr_cast.twin.effects import FAMILIES
 from gr_cast.twin.effects.base import start
@@ -120,3 +120,35 @@ def test_a_carrier_that_smears_over_many_lines_is_an_offset_that_drifts(world, t
     for name, true in (("offset_hz", cycles / duration_s), ("drift_hz_per_s", drift / duration_s**2)):
         number = told["parameters"][name]
         assert abs(number["value"] - true) < 4 * number["std"]
+
+
+@pytest.mark.parametrize("what", ["a loss", "a clock", "an offset"])
+def test_a_delay_that_moves_is_gone_on_with_beside_an_offset_that_holds_a_little_more(tmp_path, what):
+    """Five paths of a shaped code, half of a recording at another delay or under a clock of 160 ppm: what they are brings the twin
+    further than any offset; where the offset is what it is, nothing else does."""
+    rng, count, period = np.random.default_rng(21), 60_000, 1921
+    spectrum = np.fft.fft(np.repeat(np.exp(2j * np.pi * rng.integers(0, 4, period // 6 + 1) / 4), 6)[:period])
+    spectrum *= np.abs(np.fft.fftfreq(period)) < 0.2
+    sent, n = np.fft.ifft(spectrum), np.arange(count)
+    at = n + 3.0 * (n >= count // 2) if what == "a loss" else n * (1 + 160e-6 * (what == "a clock"))
+    k = np.fft.fftfreq(period, 1 / period)
+    taps = [(0.0, 1.0), (3.3, 0.6j), (11.8, -0.5), (17.1, 0.4 - 0.2j), (29.6, 0.3j)]
+    heard = sum(a * np.exp(-2j * np.pi * k * d / period) for d, a in taps) * spectrum / period
+    live = np.abs(heard) > 0
+    y = np.concatenate([np.exp(2j * np.pi * np.outer(part, k[live]) / period) @ heard[live] for part in np.array_split(at, 60)])
+    twin = {
+        "cast_twin": 1, "sample_rate_hz": 1e6, "waveforms": {"w1": {"file": "sent"}}, "nodes": {"tx1": {"transmit": "w1"}, "rx1": {}},
+        "links": [{"tx": "tx1", "rx": "rx1", "taps": [
+            {"delay_s": d * 1e-6, "gain_db": float(20 * np.log10(abs(a))), "phase_rad": float(np.angle(a))} for d, a in taps]}],
+        "recordings": [{"file": "recording", "receiver": "rx1", "transmitters": ["tx1"]}], "unknown": ["delay", "phase", "gain"],
+    }  # fmt: skip
+    y = y * np.exp(2j * np.pi * 0.6 * n / count * (what == "an offset"))
+    y = y + 0.02 * np.std(y) / np.sqrt(2) * (rng.normal(size=count) + 1j * rng.normal(size=count))
+    for name, samples in (("recording", y), ("sent", sent)):
+        recording.write(tmp_path / name, samples, sample_rate_hz=1e6)
+    (tmp_path / "twin.yaml").write_text(yaml.safe_dump(twin))
+    case = read_case(tmp_path)
+    _, data, model = align.build(case, case.observations[0])
+    first, offset = search.refit(data, model), start(FAMILIES["carrier_frequency_offset"], [0.6, 1.6])
+    best = search.refit(data, model.adding(offset))
+    assert search._leaps_further(first, best) == (what != "an offset") and not search._leaps_further(first, first)

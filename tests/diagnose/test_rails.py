@@ -4,8 +4,11 @@
 import numpy as np
 import pytest
 from conftest_world import noise as noise_of
-from gr_cast.diagnose import diagnose, noise, policy, read_case, residual
+from gr_cast.diagnose import align, diagnose, noise, policy, read_case, residual
 from gr_cast.diagnose.fit import off_the_rails
+from gr_cast.diagnose.search import candidates, refit
+from gr_cast.twin.effects import FAMILIES
+from gr_cast.twin.effects.base import start
 
 
 def clipped(world, level):
@@ -36,3 +39,22 @@ def test_a_raised_floor_is_told_by_unseen_samples_off_the_rails_too(world, tmp_p
     assert {e["family"] for e in document["effects"]} == {"adc_clipping", "noise_floor"}
     (change,) = [e["parameters"]["change_db"] for e in document["effects"] if e["family"] == "noise_floor"]
     assert abs(change["value"] - 10 * np.log10(1.25)) < 2.5 * change["std"]
+
+
+def test_a_loud_band_is_heard_through_rails_that_leave_no_sample_untouched(world, tmp_path):
+    """A code of one level beyond the rails, under noise and a band a third as loud: of every sample noise may have been cut off."""
+    rng, count = np.random.default_rng(11), len(world.n)
+    world.taps, world.noise_rms = [(0, 1.0)], 0.1
+    inside = np.abs(np.fft.fftfreq(count) - 0.21) < 0.01
+    band = np.fft.ifft(np.fft.fft(rng.normal(size=(count, 2)) @ [1, 1j]) * inside)
+    clean = world.clean() * np.exp(0.3j)
+    y = world.noisy(clean + 0.35 * np.std(clean) / np.std(band) * band)
+    level = 0.75 * np.abs(clean.real).mean()
+    case = read_case(world.write(tmp_path / "case", np.clip(y.real, -level, level) + 1j * np.clip(y.imag, -level, level)))
+    _, data, model = align.build(case, case.observations[0])
+    rails = start(FAMILIES["adc_clipping"], [level, 0.1], free=[False] * 2)
+    fit = refit(data, model.adding(rails))
+    assert not off_the_rails(fit).any()
+    best = candidates(fit)[0].effect
+    assert best.family == "narrowband_interference" and best.p[1] == pytest.approx(0.21, abs=2e-3)
+    assert best.p[2] == pytest.approx(0.02, rel=0.2)

@@ -14,7 +14,7 @@ from .residual import Leftover
 
 def doubts(finding: Finding) -> list[Leftover]:
     """What is there in pieces, as what is left; of loud pieces alone, as of all that is left."""
-    tests = (_unsteady, _all_alike, _along_a_line, _gain_in_pieces, _gates_at_slips)
+    tests = (_unsteady, _all_alike, _along_a_line, _gain_in_pieces, _beats_at_rails, _gates_at_slips)
     return [rest for test in tests for rest in test(finding) if rest.p_value < UNEXPLAINED_P and rest.nats > UNEXPLAINED_NATS]
 
 
@@ -84,6 +84,17 @@ def _gain_in_pieces(finding: Finding):
         yield _of(
             finding, f"a gain in {len(pieces)} pieces: it changes in a way of its own", pieces, p_value, where, "longer_recording"
         )
+
+
+def _beats_at_rails(finding: Finding):
+    """A gain that wanders where a band of interference reaches the rails: they take from the signal as the band beats."""
+    found = _found(finding)
+    if any(plays(e, Role.RAILS) for _, e in found) and any(FAMILIES[e.family].band(e) for _, e in found):
+        for i in (i for i, e in found if "gain" in FAMILIES[e.family].wanders):
+            p_value = float(np.exp(-max(finding.gain_of(i), 0.0)))
+            where = {"time_s": [0.0, finding.scene.duration_s]}
+            test = "a gain that wanders where interference reaches the rails: they take from the signal as it beats"
+            yield _of(finding, test, (i,), p_value, where, "mute_transmitter")
 
 
 def _gates_at_slips(finding: Finding):

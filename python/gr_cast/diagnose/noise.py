@@ -11,16 +11,18 @@ from ..twin.effects.base import around_circle
 from ..twin.effects.noise_family import NoiseView
 from ..twin.model import predict
 from .fit import in_band, off_the_rails, rounding_of_grids, shape_of_receiver, solve, with_noise
-from .policy import BESIDE_NOISE, BLUR_DOUBT, CLEAR_NATS, DRAWS, LEAST_APART, PASSBAND, RINGS, ROUNDED
+from .policy import BAND_OVER_SIGNAL, BESIDE_NOISE, BLUR_DOUBT, CLEAR_NATS, DRAWS, LEAST_APART, PASSBAND, RINGS, ROUNDED
 
 TESTED = tuple(f.name for f in FAMILIES.values() if f.noise_like and f.role is not Role.FLOOR)  # laws of the noise, not its level
 LAWS = {FAMILIES[name].told for name in TESTED}
 
 
-def view_of(fit, but=None) -> NoiseView:
-    """The residual where it is the noise's, off the rails, evened by every law of the noise that is a cause `but` one. A loud
-    band, which knows nothing of time, has next to no say. Energies are as of circular noise, the spectrum is as it is."""
-    shape, spread, inside = shape_of_receiver(fit, fit.model), fit.data.scene.spread, off_the_rails(fit)
+def view_of(fit, but=None, inside=None) -> NoiseView:
+    """The residual where it is the noise's, off the rails or at the samples `inside` (n,) bool, evened by every law of the noise
+    that is a cause `but` one. A loud band, which knows nothing of time, has next to no say. Energies are as of circular noise, the
+    spectrum is as it is."""
+    shape, spread = shape_of_receiver(fit, fit.model), fit.data.scene.spread
+    inside = off_the_rails(fit) if inside is None else inside
     residual, variance, told = fit.residual, 1.0 if shape is None else shape, _by_others(fit, but)
     if told is not None:
         variance = variance * (1.0 if told.variance is None else told.variance)
@@ -140,16 +142,17 @@ def _blur(fit) -> float:
 def starts(fit, promised: float = 0.0):
     """[(net gain in nats, effect)] of every law of the noise that may be added, or take the place of one that is no cause; beside
     one that is, those that explain a good part of what it does. Where the signal has `promised` too much for what is left to be
-    the noise's, none, unless it is louder for a while: a law that is no cause holds that apart, and if it tells more than the
-    signal all others may tell still more."""
+    the noise's, none, unless it is louder for a while, or in a band: a law that is no cause holds that apart, and if it tells more
+    than the signal all others may tell still more."""
     families = [FAMILIES[e.family] for e in fit.model.effects]
     have, told = [f for f in families if f.told in LAWS], {f.told for f in families}
     if any(is_coarse(e) for e in fit.model.effects) or rounding_of_grids(fit) > ROUNDED * fit.sigma2:
         return []  # behind a coarse quantiser the noise has no law of its own, nor where a dither hides how coarse it is
     view = view_of(fit)
-    if not view.use.any():
-        return []
     others = [f for f in map(FAMILIES.get, TESTED) if not f.beyond and f.told not in told]
+    if not view.use.any():  # rails that noise reaches everywhere leave a loud band what it is
+        view, others = view_of(fit, inside=fit.data.use > 0), [f for f in others if f.fills_bands]
+        return [s for f in others for s in _found(fit, view, f) if s[0] > BAND_OVER_SIGNAL * max(promised, CLEAR_NATS)]
     if any(not f.beyond for f in have):
         if promised > CLEAR_NATS:
             return []
@@ -157,8 +160,8 @@ def starts(fit, promised: float = 0.0):
         return [s for f in others for s in _found(fit, view, f) if s[0] > BESIDE_NOISE * loudest]
     apart = [s for f in FAMILIES.values() if f.noise_like and f.beyond for s in _found(fit, view, f)]
     most = max((net for net, _ in apart), default=0.0)
-    if promised > CLEAR_NATS and most < promised:
-        return []
+    if promised > CLEAR_NATS and most < promised:  # but a band that is not the signal's own is no misfit of it
+        return [s for f in others if f.fills_bands for s in _found(fit, view, f) if s[0] > BAND_OVER_SIGNAL * promised]
     rest = [s for f in others for s in _found(fit, view, f)]
     return [(net - most, effect) for net, effect in rest] if have else apart + rest
 

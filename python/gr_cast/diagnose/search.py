@@ -555,11 +555,12 @@ def beginnings(data: Data, model: Model) -> list[Fit]:
 
 
 def _leaps_further(first: Fit, best: Fit) -> bool:
-    """Whether what happens in leaps brings the twin as it is further than the offset with which `best` begins: a recording that
-    jumps turns against the twin too."""
-    if best.model.index_of(Role.CARRIER, found=True) is None:
+    """Whether what happens in leaps, or a clock, brings the twin as it is further than the offset with which `best` begins: a
+    recording whose delay moves turns against the twin too."""
+    if best.model.index_of(Role.CARRIER, found=True) is None or first.model.index_of(Role.CLOCK, found=True) is not None:
         return False
-    return any(refit(first.data, model).evidence > best.evidence for model in _all_at_once(first))
+    clocks = (first.model.adding(clock) for clock in with_role(Role.CLOCK).starts(_view(first)))
+    return any(refit(first.data, model).evidence > best.evidence for model in itertools.chain(_all_at_once(first), clocks))
 
 
 def _at_another_path(data: Data, fit: Fit) -> list[Model]:

@@ -198,6 +198,11 @@ class Family:
         """(middle, width) of the band that noise fills, shares of the sample rate; None where it is no matter of frequency."""
         return None
 
+    @property
+    def fills_bands(self) -> bool:
+        """Whether it is of those that have a `band`."""
+        return type(self).band is not Family.band
+
     def apply(self, chain: Chain, effect: Effect) -> None:
         """Put the effect on the chain (replace its attributes)."""
         raise NotImplementedError
