@@ -154,3 +154,9 @@ def test_the_corrected_twin_leaves_nothing_to_find_in_a_second_recording(case, w
     assert call(second, "--output", tmp_path / "out").returncode == 0
     assert json.loads((tmp_path / "out" / "second" / "diagnosis.json").read_text())["verdict"] == "no_mismatch"
     assert np.load(tmp_path / "out" / "second" / "residual.npz").files
+
+
+def test_a_link_that_its_time_did_not_hold_says_so_on_the_screen(case, tmp_path):
+    done = call(case, "--output", tmp_path / "out", "--budget", 0.2)
+    assert "    Out of time after 0.2 s: a larger --budget may find more.\n" in done.stdout
+    assert json.loads((tmp_path / "out" / "echo" / "diagnosis.json").read_text())["residual"]["out_of_time"] is True

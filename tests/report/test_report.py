@@ -146,3 +146,15 @@ def test_every_map_of_every_recording_is_kept(found):
     kept = maps(found)
     assert {"recording/before/delay_time", "recording/after/gain", "recording/after/position"} <= set(kept)
     assert all(np.isfinite(v[~np.isnan(v)]).all() for v in kept.values())
+
+
+@pytest.mark.parametrize("left", [[], [{"test": "time", "recording": "recording", "time_s": [0.0, 0.001]}]])
+def test_a_time_that_was_over_is_said_before_what_to_record(found, left):
+    residual = {"where": left, "record_next": "longer_recording" if left else None, "p_value": 1e-9, "out_of_time": True}
+    document = {**found.document, "verdict": "unexplained", "residual": {**found.document["residual"], **residual}}
+    text = "".join(Page(render(replace(found, document=document))).text)
+    headline = text[text.index("Unexplained") : text.index("First diagnose with a larger --budget")]
+    assert "The time was over before all was weighed: a larger --budget may find more." in headline
+    assert "no known physics" not in text
+    assert not left or text.index("a larger --budget") < text.index("Record next: the same for longer")
+    assert "--budget" not in "".join(Page(render(found)).text)

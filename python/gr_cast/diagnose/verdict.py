@@ -80,6 +80,7 @@ def conclude(case, findings: list[Finding], vault: Callable[[list[dict]], list[t
             "tested": sorted({rest.test for f in findings for rest in f.tested}),
             "where": [{**rest.where, "test": rest.test, "recording": f.observation.name} for f, rest in left + doubtful],
             "record_next": _record_next(verdict, left or doubtful, complete),
+            "out_of_time": not complete or any(f.data.late for f in findings),
         },
     }
 

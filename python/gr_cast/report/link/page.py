@@ -56,7 +56,12 @@ def render(diagnosis) -> str:
 
 
 def in_one_sentence(d: dict) -> str:
-    """The verdict as a radio engineer would say it."""
+    """The verdict as a radio engineer would say it, and whether the time was over before it."""
+    over = " The time was over before all was weighed: a larger --budget may find more."
+    return _verdict(d) + (over if d["residual"]["out_of_time"] else "")
+
+
+def _verdict(d: dict) -> str:
     names = listed([in_words(e["family"]) for e in d["effects"]])
     fit = d["fit"]
     unseen = "on samples that took no part in the fit"
@@ -73,8 +78,7 @@ def in_one_sentence(d: dict) -> str:
         return f"Ambiguous: it is {pairs}, and this case cannot tell which."
     if not d["residual"]["where"]:
         unsure = f"{names}; the list is likelier wrong than the whole truth"
-        cut_short = f"the time was over{' with ' + names if names else ''} before anything was proven"
-        return f"Unexplained: {unsure if d['residual']['record_next'] else cut_short}."
+        return f"Unexplained: {unsure if d['residual']['record_next'] else (names or 'nothing') + ' so far'}."
     absent = [w for w in d["residual"]["where"] if w.get("signal_absent")]
     if absent:
         return f"Unexplained: {listed(sorted({w['recording'] for w in absent}))}: {absent[0]['sentence']}"
@@ -82,7 +86,8 @@ def in_one_sentence(d: dict) -> str:
         return f"Unexplained: {listed([in_words(w['test']) for w in d['residual']['where']])}."
     found = f" Found so far: {names}; {change}." if names else ""
     left_db = max(d["residual"]["unexplained_db"], fit["corrected_nmse_db"] - fit["noise_floor_db"])
-    return f"Unexplained: {left_db:.2f} dB over the noise are left that no known physics explains.{found}"
+    unknown = "" if d["residual"]["out_of_time"] else " that no known physics explains"
+    return f"Unexplained: {left_db:.2f} dB over the noise are left{unknown}.{found}"
 
 
 def _span(before_db: float, after_db: float) -> str:
@@ -98,6 +103,8 @@ def _next(d: dict) -> str:
         f"(<code>{a['record_next']}</code>). {escape(' '.join(in_words(word) for word in a['why'].split()))}</p>"
         for a in d["ambiguous"]
     )
+    if d["residual"]["out_of_time"]:
+        rows = f"<p><b>First diagnose with a larger <code>--budget</code></b>: the time was over.</p>{rows}"
     if further := d["residual"]["record_next"]:
         why = "what is left may show what it is" if d["residual"]["where"] else "a list that is not sure may become it"
         rows += f"<p><b>Record next: {escape(EXPERIMENTS[further])}</b> (<code>{further}</code>): {why}.</p>"
