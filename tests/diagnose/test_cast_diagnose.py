@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import place_case
 import pytest
 import yaml
 from gr_cast.core.errors import CastError
@@ -160,3 +161,15 @@ def test_a_link_that_its_time_did_not_hold_says_so_on_the_screen(case, tmp_path)
     done = call(case, "--output", tmp_path / "out", "--budget", 0.2)
     assert "    Out of time after 0.2 s: a larger --budget may find more.\n" in done.stdout
     assert json.loads((tmp_path / "out" / "echo" / "diagnosis.json").read_text())["residual"]["out_of_time"] is True
+
+
+def test_a_slip_of_units_is_on_the_screen_before_the_search(tmp_path):
+    told = place_case.response()
+    told["frequency_hz"] = told["frequency_hz"] / 1e6
+    folder = place_case.write(tmp_path / "room", monday=told)
+    done = call(folder, "--output", tmp_path / "out", "--budget", 5)
+    first, *rest = done.stdout.splitlines()
+    assert first.startswith("room: ") and first.endswith("is it in kHz or MHz?") and rest[-1]
+    assert "MHz" not in "".join(rest)  # and once only
+    document = json.loads((tmp_path / "out" / "room" / "diagnosis.json").read_text())
+    assert any(first.endswith(line) for line in document["warnings"])
