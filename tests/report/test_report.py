@@ -18,7 +18,7 @@ from gr_cast.diagnose import diagnose, read_case
 from gr_cast.diagnose.maps import before_and_after, maps_of, power_of, steps
 from gr_cast.diagnose.write import maps
 from gr_cast.report.link.page import render
-from gr_cast.report.pages import Album
+from gr_cast.report.pages import Album, runner_up
 
 ECHO, DC = 0.3 * 0.1 * np.exp(1j), 0.02
 
@@ -158,3 +158,14 @@ def test_a_time_that_was_over_is_said_before_what_to_record(found, left):
     assert "no known physics" not in text
     assert not left or text.index("a larger --budget") < text.index("Record next: the same for longer")
     assert "--budget" not in "".join(Page(render(found)).text)
+
+
+@pytest.mark.parametrize(("held_out", "is_late", "said"), [
+    (None, True, "not worked out"),
+    (12.0, True, "none comes near"),
+    (None, False, "none comes near"),
+])  # fmt: skip
+def test_rivals_that_nobody_weighed_are_not_told_to_be_far(held_out, is_late, said):
+    evidence = {"runner_up": None, "runner_up_margin_nats": None, "heldout_gain_nats": held_out}
+    document = {"ambiguous": [], "residual": {"out_of_time": is_late}}
+    assert runner_up({"family": "dc_offset", "evidence": evidence}, document, "fits") == said

@@ -120,7 +120,7 @@ def _causes(diagnosis) -> str:
             "Where": escape(_place(e["where"], alone)),
             "Explains": _explained(e),
             "Evidence": _unseen(e["evidence"]["heldout_gain_nats"]),
-            "Runner-up": escape(runner_up(e, d["ambiguous"], "fits")),
+            "Runner-up": escape(runner_up(e, d, "fits")),
         }
 
     return cards(d, lines)

@@ -70,7 +70,7 @@ def causes(d: dict) -> str:
             {"Whose": escape(_owner(one["owner"]))}
             | numbers
             | seen
-            | {"Runner-up": escape(runner_up(one, d["ambiguous"], "explains"))}
+            | {"Runner-up": escape(runner_up(one, d, "explains"))}
         )
 
     return cards(d, lines)
