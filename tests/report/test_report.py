@@ -169,3 +169,21 @@ def test_rivals_that_nobody_weighed_are_not_told_to_be_far(held_out, is_late, sa
     evidence = {"runner_up": None, "runner_up_margin_nats": None, "heldout_gain_nats": held_out}
     document = {"ambiguous": [], "residual": {"out_of_time": is_late}}
     assert runner_up({"family": "dc_offset", "evidence": evidence}, document, "fits") == said
+
+
+def test_recordings_stand_in_order_of_time_with_the_delay_of_the_whole_and_none_where_nothing_is_heard(found):
+    """Sent 37.2 samples late, in microseconds; 510 are a period."""
+    (whole,) = found.findings
+    once = replace(whole.scene, sources=[replace(source, repeat=False) for source in whole.scene.sources], anchor=-7000)
+
+    def part(first: int, late: float, scene=whole.scene, absent=False):
+        model = replace(whole.fit.model, base=np.array([late - scene.anchor, 1.0, 0.0]))
+        observation, fit = whole.observation.part(first, first + 4000), replace(whole.fit, model=model)
+        return replace(whole, observation=observation, scene=scene, fit=fit, absent=absent)
+
+    parts = [part(8000, 37.2 - 8000, once), part(4000, (37.2 - 4000) % 510), part(12_000, 5.0, absent=True), part(0, 37.2)]
+    page = render(replace(found, findings=parts, deadline=time.thread_time()))
+    rows = re.findall(r"<tr><td>recording, (\d+) to (.*?)</tr>", page)
+    gain_and_delay = [re.findall(r"<td class='number'>(.*?)</td>", row)[2:4] for _, row in rows]
+    assert [begin for begin, _ in rows] == ["0", "4", "8", "12"]
+    assert gain_and_delay == [["0.00", "37.2000"]] * 3 + [["–", "–"]]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The report of a link's diagnosis: one self-contained HTML page with its pictures, written for a radio engineer."""
 
+import math
 from functools import partial
 from html import escape
 
@@ -207,18 +208,27 @@ def _title(finding, diagnosis) -> str:
     return f"{name}, {1e3 * first:.4g} to {1e3 * (first + finding.scene.duration_s):.4g} ms"
 
 
+def _late_s(finding) -> float:
+    """By how much the twin's paths are later in a recording than they say; of a repeated waveform within its period."""
+    scene = finding.scene
+    late = scene.anchor + finding.fit.model.base[0] + finding.observation.first
+    if scene.sources[0].repeat:
+        period = math.lcm(*(len(source.samples) for source in scene.sources))
+        late -= period * np.floor((late + 0.5) / period)
+    return late / scene.sample_rate_hz
+
+
 def _recordings(diagnosis) -> str:
-    """What was recorded and how well it is explained; gain and delay, which a twin does not claim, as measured."""
-    rows = []
-    for f in diagnosis.findings:
-        base, o = f.fit.model.base, f.observation
+    """What was recorded, in order of time, and how well it is explained; gain and delay, which no twin claims, as measured."""
+    rows, names = [], [o.name for o in diagnosis.case.observations]
+    for f in sorted(diagnosis.findings, key=lambda f: (names.index(f.observation.name), f.observation.first)):
+        o = f.observation
         power = float(np.mean(np.abs(f.data.y[f.data.use > 0]) ** 2))
         before, after = (f"{db_from_power(power_of(fit) / power):.2f}" for fit in (f.twin, f.fit))
         told = "–" if not f.data.noise_power else f"{db_from_power(f.data.noise_power / power):.2f}"
-        delay_us = 1e6 * (f.scene.anchor + base[0]) / f.scene.sample_rate_hz
-        gain_db = db_from_amplitude(abs(complex(*base[1:3])))
-        cells = [f"{1e3 * f.scene.duration_s:.4g}", f"{db_from_power(power):.1f}", f"{gain_db:.2f}", fixed(delay_us, 4)]
-        cells += [before, after, told]
+        gain_db = db_from_amplitude(abs(complex(*f.fit.model.base[1:3])))
+        heard = ["–", "–"] if f.absent else [f"{gain_db:.2f}", fixed(1e6 * _late_s(f), 4)]
+        cells = [f"{1e3 * f.scene.duration_s:.4g}", f"{db_from_power(power):.1f}", *heard, before, after, told]
         link = f"{', '.join(o.on_air)} → {o.receiver}"
         rows.append(
             f"<tr><td>{escape(_title(f, diagnosis))}</td><td>{escape(link)}</td>"
@@ -232,7 +242,10 @@ def _recordings(diagnosis) -> str:
         f"On the vault, which nothing was chosen or fitted on: twin {fit['twin_nmse_db']:.2f} dB, corrected "
         f"{fit['corrected_nmse_db']:.2f} dB, noise {fit['noise_floor_db']:.2f} dB."
     )
-    note = "Residuals are relative to the recorded power. Gain and delay are as measured: the twin does not claim them."
+    note = (
+        "Residuals are relative to the recorded power. Gain and delay, which the twin does not claim, are what was measured on "
+        "top of its paths; a delay counts from the recording's first sample, of a repeated waveform within its period."
+    )
     return f"<h2>Recordings</h2><p>{vault}</p><table><tr>{head}</tr>{''.join(rows)}</table><p class='note'>{note}</p>"
 
 
