@@ -17,7 +17,7 @@ from conftest_world import World
 from gr_cast.diagnose import diagnose, read_case
 from gr_cast.diagnose.maps import before_and_after, maps_of, power_of, steps
 from gr_cast.diagnose.write import maps
-from gr_cast.report.link.page import render
+from gr_cast.report.link.page import in_one_sentence, render
 from gr_cast.report.pages import Album, runner_up
 
 ECHO, DC = 0.3 * 0.1 * np.exp(1j), 0.02
@@ -187,3 +187,18 @@ def test_recordings_stand_in_order_of_time_with_the_delay_of_the_whole_and_none_
     gain_and_delay = [re.findall(r"<td class='number'>(.*?)</td>", row)[2:4] for _, row in rows]
     assert [begin for begin, _ in rows] == ["0", "4", "8", "12"]
     assert gain_and_delay == [["0.00", "37.2000"]] * 3 + [["–", "–"]]
+
+
+@pytest.mark.parametrize(("corrected_db", "unexplained_db", "said"), [
+    (-24.0, 0.029, "what is left is not noise, by 0.029 dB in its loudest test, and no known physics explains it"),
+    (-26.0, 2.094, "falls from -20.0 to -26.0 dB (noise was taken to be -24.6 dB)"),
+    (-24.0, 0.0, "what is left is not noise, and no known physics explains it"),
+])  # fmt: skip
+def test_the_headline_has_the_numbers_of_the_document_and_none_beside(found, corrected_db, unexplained_db, said):
+    fit = {"twin_nmse_db": -20.0, "corrected_nmse_db": corrected_db, "noise_floor_db": -24.6, "split": "vault"}
+    left = {"unexplained_db": unexplained_db, "where": [{"test": "time", "recording": "recording"}], "out_of_time": False}
+    document = {**found.document, "verdict": "unexplained", "fit": fit, "residual": found.document["residual"] | left}
+    headline = in_one_sentence(document)
+    assert said in headline
+    numbers = {"-20.0", "-24.6", f"{corrected_db}", f"{unexplained_db:.2g}"}
+    assert set(re.findall(r"-?\d+\.\d+", headline)) <= numbers

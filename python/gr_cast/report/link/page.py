@@ -64,31 +64,36 @@ def in_one_sentence(d: dict) -> str:
 
 def _verdict(d: dict) -> str:
     names = listed([in_words(e["family"]) for e in d["effects"]])
-    fit = d["fit"]
-    unseen = "on samples that took no part in the fit"
+    fit, left, unseen = d["fit"], d["residual"], "on samples that took no part in the fit"
     falls = "falls" if fit["corrected_nmse_db"] < fit["twin_nmse_db"] - 0.005 else "goes"
     fall = f"the residual {falls} from {_span(fit['twin_nmse_db'], fit['corrected_nmse_db'])} dB"
-    change = f"with {'them' if len(d['effects']) > 1 else 'it'} {fall} (noise {fit['noise_floor_db']:.1f} dB) {unseen}"
+    change = f"with {'them' if len(d['effects']) > 1 else 'it'} {fall} ({_noise(fit)}) {unseen}"
     if d["verdict"] == "no_mismatch":
-        level = f"residual {fit['corrected_nmse_db']:.1f} dB, noise {fit['noise_floor_db']:.1f} dB {unseen}"
+        level = f"residual {fit['corrected_nmse_db']:.1f} dB, {_noise(fit)} {unseen}"
         return f"No mismatch: the twin explains the recordings down to their noise ({level})."
     if d["verdict"] == "identified":
         return f"Identified: the twin leaves out {names}; {change}."
     if d["verdict"] == "ambiguous":
         pairs = "; ".join(" or ".join(in_words(f) for f in a["families"]) for a in d["ambiguous"])
         return f"Ambiguous: it is {pairs}, and this case cannot tell which."
-    if not d["residual"]["where"]:
+    if not left["where"]:
         unsure = f"{names}; the list is likelier wrong than the whole truth"
-        return f"Unexplained: {unsure if d['residual']['record_next'] else (names or 'nothing') + ' so far'}."
-    absent = [w for w in d["residual"]["where"] if w.get("signal_absent")]
+        return f"Unexplained: {unsure if left['record_next'] else (names or 'nothing') + ' so far'}."
+    absent = [w for w in left["where"] if w.get("signal_absent")]
     if absent:
         return f"Unexplained: {listed(sorted({w['recording'] for w in absent}))}: {absent[0]['sentence']}"
-    if all("confidence" in w for w in d["residual"]["where"]):
-        return f"Unexplained: {listed([in_words(w['test']) for w in d['residual']['where']])}."
-    found = f" Found so far: {names}; {change}." if names else ""
-    left_db = max(d["residual"]["unexplained_db"], fit["corrected_nmse_db"] - fit["noise_floor_db"])
-    unknown = "" if d["residual"]["out_of_time"] else " that no known physics explains"
-    return f"Unexplained: {left_db:.2f} dB over the noise are left{unknown}.{found}"
+    if all("confidence" in w for w in left["where"]):
+        return f"Unexplained: {listed([in_words(w['test']) for w in left['where']])}."
+    by = f", by {left['unexplained_db']:.2g} dB in its loudest test" if left["unexplained_db"] else ""
+    unknown = "" if left["out_of_time"] else ", and no known physics explains it"
+    stays = f"The residual is {fit['corrected_nmse_db']:.1f} dB ({_noise(fit)}) {unseen}"
+    return f"Unexplained: what is left is not noise{by}{unknown}. {f'Found so far: {names}; {change}' if names else stays}."
+
+
+def _noise(fit: dict) -> str:
+    """The noise beside the residual, which lies below it where the twin tells too much of it."""
+    is_below = fit["corrected_nmse_db"] < fit["noise_floor_db"] - 0.5
+    return f"noise {'was taken to be ' if is_below else ''}{fit['noise_floor_db']:.1f} dB"
 
 
 def _span(before_db: float, after_db: float) -> str:
