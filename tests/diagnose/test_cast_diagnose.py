@@ -3,6 +3,7 @@
 
 import filecmp
 import json
+import re
 import shutil
 import signal
 import subprocess
@@ -173,3 +174,12 @@ def test_a_slip_of_units_is_on_the_screen_before_the_search(tmp_path):
     assert "MHz" not in "".join(rest)  # and once only
     document = json.loads((tmp_path / "out" / "room" / "diagnosis.json").read_text())
     assert any(first.endswith(line) for line in document["warnings"])
+
+
+@pytest.mark.parametrize("rate", [".nan", "-1e6", "'100M'", None])
+def test_a_sample_rate_that_is_refused_is_held_against_no_recording(rate, case, tmp_path):
+    text = (case / "twin.yaml").read_text()
+    (case / "twin.yaml").write_text(re.sub("sample_rate_hz: .*\n", f"sample_rate_hz: {rate}\n" if rate else "", text))
+    done = call(case, "--output", tmp_path / "out")
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 2 and "sample_rate_hz" in line and "the twin says" not in line
