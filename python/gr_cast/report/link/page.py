@@ -40,6 +40,7 @@ def render(diagnosis) -> str:
     parts = [
         f"<h1>Diagnosis of {name}</h1>",
         f"<p class='verdict {d['verdict']}'>{escape(in_one_sentence(d))}</p>",
+        *(f"<p>{escape(line)}</p>" for line in d["warnings"]),
         _next(d),
         _causes(diagnosis),
         _rest(diagnosis),
