@@ -52,6 +52,9 @@ def _one(common: tuple[Path, float | None], folder: Path) -> tuple[str, list[str
     try:
         check_replaceable(target)
         case = kind.read_case(folder)
+        slips = kind.mistakes_of(case)
+        for slip in slips:  # before the time that a search takes
+            print(f"{case.name}: {slip}", flush=True)
         diagnosis = kind.diagnose(case, budget_s=budget_s, progress=_progress(case.name))
         page = (place_page if kind is places else link_page).render(diagnosis)
     except CastError as error:
@@ -65,7 +68,7 @@ def _one(common: tuple[Path, float | None], folder: Path) -> tuple[str, list[str
     except OSError as error:
         return "", [f"{error.filename or output}: {error.strerror or error}"]
     d = diagnosis.document
-    notes = [f"    {line}" for line in d.get("warnings", [])]
+    notes = [f"    {line}" for line in d["warnings"] if line not in slips]
     if d["residual"].get("out_of_time"):
         notes.append(f"    Out of time after {budget_s:g} s: a larger --budget may find more.")
     named = ", ".join(f"{e['family']} ({e['owner']['name']})" for e in d["effects"])

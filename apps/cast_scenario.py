@@ -15,7 +15,7 @@ from gr_cast import scenario as sc
 from gr_cast.comparing import validation
 from gr_cast.core.errors import CastError
 from gr_cast.core.figures import fixed
-from gr_cast.core.files import write_json, write_text
+from gr_cast.core.files import check_target, write_json, write_text
 from gr_cast.core.units import db_from_amplitude
 from gr_cast.scenario import colosseum, zarr_file
 from gr_cast.scenario.create import area, materials, model, p2m, pipeline
@@ -188,6 +188,8 @@ def plan_soundings(args) -> None:
     from gr_cast.report import plot
     from gr_cast.report.place import planning as place_planning
 
+    for path in filter(None, (args.json, args.plot)):
+        check_target(path)
     spec = _spec(args.spec)
     solids = materials.assign(model.read(spec)[0], spec.materials, spec.carrier_hz)
     wanted = planning.Wanted(
@@ -213,6 +215,7 @@ def heat(args) -> None:
     from gr_cast.report import plot
     from gr_cast.report.place import area as place_area
 
+    check_target(args.plot)
     spec = _spec(args.spec)
     wanted = area.Wanted(
         sender=args.sender, time_s=args.at, region_m=args.region, height_m=args.height, step_m=args.step, max_depth=args.depth

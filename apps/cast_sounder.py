@@ -252,14 +252,14 @@ def _run(args) -> None:
     from gr_cast import scenario as scenarios
     from gr_cast.blocks.flowgraphs import EmulatedSounding, waveform_source
 
+    if not 0 < args.rate < np.inf:
+        raise CastError(f"--rate: got {args.rate:g} Hz, needs more than 0 Hz")
     args.code = args.code or _long_enough(args.rate, args.max_spread)
     spec, waveform = _spec_and_waveform(args, {})
     if not waveform.repeat:
         raise CastError("run: sounds repeated waveforms; drop --once")
     if args.frames < 1:
         raise CastError(f"--frames: got {args.frames}, needs 1 or more")
-    if not (0 < args.rate < np.inf and np.isfinite(args.noise) and np.isfinite(args.offset)):
-        raise CastError(f"--rate, --noise, --offset: got {args.rate} Hz, {args.noise} dB, {args.offset} Hz: not all finite")
     scenario = scenarios.load(args.scenario)
     links = _links(args, scenario)
     _options(args, {}, 0.0)

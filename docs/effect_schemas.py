@@ -87,6 +87,7 @@ def diagnosis() -> dict:
         "tested": NAMES,
         "where": {"type": "array", "items": mapping(left, "test", "recording", closed=False)},
         "record_next": record_next,
+        "out_of_time": {"type": "boolean"},
     }
     effects = entry(
         where=every(where | {"recording": {"anyOf": [TEXT, NAMES]}}),

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import cast_compare
 import cast_diagnose
+import cast_emulator
 import cast_scenario
 import cast_sounder
 import numpy as np
@@ -165,3 +166,35 @@ def test_a_wrong_argument_is_one_line_that_is_not_drowned(words, told):
     of = " ".join(words.split()[:2])
     done = subprocess.run([sys.executable, ROOT / "apps" / program, *arguments], capture_output=True, text=True, timeout=120)
     assert done.returncode == 2 and re.fullmatch(rf"error: .*{told}.* \({of} --help\)\n", done.stderr)
+
+
+@pytest.mark.parametrize(("words", "told"), [
+    (["--rate=-100M"], "--rate: got -1e+08 Hz, needs 0.001 to 1e+15 Hz"),
+    (["--rate", "0"], "--rate: got 0 Hz, needs 0.001 to 1e+15 Hz"),
+    (["--rate", "1e30"], "--rate: got 1e+30 Hz, needs 0.001 to 1e+15 Hz"),
+    (["--rate", "1M", "--duration", "0"], "--duration: got 0.0 s of 1e+06 Hz, needs more than 0 s and less than 1e12 samples"),
+    (["--rate", "1M", "--output", "taken"], "--output: .*taken: is a file, needs a folder"),
+])  # fmt: skip
+def test_what_is_wrong_with_a_batch_is_told_of_what_is_wrong(words, told, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("taken").touch()
+    common = ["batch", "four_tap", "--transmit", "1=glfsr:8", "--duration", "0.0002", "--output", "out"]
+    with pytest.raises(CastError) as error:
+        cast_emulator.main([*common, *words])
+    assert len(error.value.faults) == 1 and re.search(told.replace("+", r"\+"), error.value.faults[0])
+
+
+@pytest.mark.parametrize("rate", ["-5", "0"])
+def test_a_rate_that_none_can_sound_with_is_told(rate, tmp_path):
+    with pytest.raises(CastError, match=f"^--rate: got {rate} Hz, needs more than 0 Hz$"):
+        cast_sounder.main(["run", "--scenario", "four_tap", "--rate", rate, "--output", str(tmp_path / "out")])
+
+
+@pytest.mark.parametrize(
+    "words", [["plan", "street", "--json"], ["plan", "street", "--plot"], ["heat", "street", "--from", "x", "--plot"]]
+)
+def test_where_nothing_can_be_written_nothing_is_computed(words, tmp_path, monkeypatch):
+    (tmp_path / "taken").touch()
+    monkeypatch.setattr(cast_scenario.model, "read", lambda spec: pytest.fail("read"))
+    with pytest.raises(CastError, match="taken: is a file, needs a folder"):
+        cast_scenario.main([*words, str(tmp_path / "taken" / "x.json")])

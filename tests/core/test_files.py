@@ -106,7 +106,19 @@ def test_a_place_that_cannot_be_written_to_is_refused_before_the_work(tmp_path):
     files.check_writable(tmp_path / "not" / "yet" / "there")
     (tmp_path / "file").touch()
     for place in (tmp_path / "file", tmp_path / "file" / "below"):
-        with pytest.raises(CastError, match="not a folder"):
+        with pytest.raises(CastError, match="file: is a file, needs a folder"):
             files.check_writable(place)
     with pytest.raises(CastError, match="cannot be written"):
         files.check_writable(next(p for p in map(files.Path, ("/proc/1", "/sys")) if not os.access(p, os.W_OK)) / "x")
+
+
+def test_a_file_that_cannot_be_written_is_refused_before_the_work_and_by_its_own_name(tmp_path):
+    (tmp_path / "file").touch()
+    files.check_target(tmp_path / "file")
+    files.check_target(tmp_path / "new")
+    for path, said in (("file/x", "file: is a file, needs a folder"), ("not/x", "no folder .*not"), (".", "is a folder")):
+        with pytest.raises(CastError, match=said):
+            files.check_target(tmp_path / path)
+    with pytest.raises(NotADirectoryError) as error:
+        files.write_text(tmp_path / "file" / "x", "")
+    assert error.value.filename == str(tmp_path / "file" / "x")  # not the name that it has aside

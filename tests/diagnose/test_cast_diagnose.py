@@ -3,6 +3,7 @@
 
 import filecmp
 import json
+import re
 import shutil
 import signal
 import subprocess
@@ -10,6 +11,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import place_case
 import pytest
 import yaml
 from gr_cast.core.errors import CastError
@@ -154,3 +156,30 @@ def test_the_corrected_twin_leaves_nothing_to_find_in_a_second_recording(case, w
     assert call(second, "--output", tmp_path / "out").returncode == 0
     assert json.loads((tmp_path / "out" / "second" / "diagnosis.json").read_text())["verdict"] == "no_mismatch"
     assert np.load(tmp_path / "out" / "second" / "residual.npz").files
+
+
+def test_a_link_that_its_time_did_not_hold_says_so_on_the_screen(case, tmp_path):
+    done = call(case, "--output", tmp_path / "out", "--budget", 0.2)
+    assert "    Out of time after 0.2 s: a larger --budget may find more.\n" in done.stdout
+    assert json.loads((tmp_path / "out" / "echo" / "diagnosis.json").read_text())["residual"]["out_of_time"] is True
+
+
+def test_a_slip_of_units_is_on_the_screen_before_the_search(tmp_path):
+    told = place_case.response()
+    told["frequency_hz"] = told["frequency_hz"] / 1e6
+    folder = place_case.write(tmp_path / "room", monday=told)
+    done = call(folder, "--output", tmp_path / "out", "--budget", 5)
+    first, *rest = done.stdout.splitlines()
+    assert first.startswith("room: ") and first.endswith("is it in kHz or MHz?") and rest[-1]
+    assert "MHz" not in "".join(rest)  # and once only
+    document = json.loads((tmp_path / "out" / "room" / "diagnosis.json").read_text())
+    assert any(first.endswith(line) for line in document["warnings"])
+
+
+@pytest.mark.parametrize("rate", [".nan", "-1e6", "'100M'", None])
+def test_a_sample_rate_that_is_refused_is_held_against_no_recording(rate, case, tmp_path):
+    text = (case / "twin.yaml").read_text()
+    (case / "twin.yaml").write_text(re.sub("sample_rate_hz: .*\n", f"sample_rate_hz: {rate}\n" if rate else "", text))
+    done = call(case, "--output", tmp_path / "out")
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 2 and "sample_rate_hz" in line and "the twin says" not in line

@@ -64,7 +64,7 @@ def test_what_only_imitates_is_taken_out_and_what_is_there_stays(part):
 def test_a_budget_that_is_over_leaves_an_unexplained_case_with_what_was_found(world, tmp_path):
     folder = world.write(tmp_path / "case", world.noisy(world.clean() + 0.02))
     document = diagnose(read_case(folder), budget_s=0.2).document
-    assert document["verdict"] == "unexplained"
+    assert document["verdict"] == "unexplained" and document["residual"]["out_of_time"]
     assert document["seconds"] < 20
 
 
@@ -107,6 +107,7 @@ def test_what_leaves_more_than_is_left_without_it_is_not_claimed_unless_unseen_s
     is_told = left < 1 or held_out is not None
     assert bool(document["effects"]) == is_told
     assert (document["verdict"] == "unexplained") == (not is_told or not complete)
+    assert document["residual"]["out_of_time"] == (not complete)
     assert is_told or any("DC" in place.get("sentence", "") for place in document["residual"]["where"])
 
 

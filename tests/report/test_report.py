@@ -17,8 +17,8 @@ from conftest_world import World
 from gr_cast.diagnose import diagnose, read_case
 from gr_cast.diagnose.maps import before_and_after, maps_of, power_of, steps
 from gr_cast.diagnose.write import maps
-from gr_cast.report.link.page import render
-from gr_cast.report.pages import Album
+from gr_cast.report.link.page import in_one_sentence, render
+from gr_cast.report.pages import Album, runner_up
 
 ECHO, DC = 0.3 * 0.1 * np.exp(1j), 0.02
 
@@ -146,3 +146,59 @@ def test_every_map_of_every_recording_is_kept(found):
     kept = maps(found)
     assert {"recording/before/delay_time", "recording/after/gain", "recording/after/position"} <= set(kept)
     assert all(np.isfinite(v[~np.isnan(v)]).all() for v in kept.values())
+
+
+@pytest.mark.parametrize("left", [[], [{"test": "time", "recording": "recording", "time_s": [0.0, 0.001]}]])
+def test_a_time_that_was_over_is_said_before_what_to_record(found, left):
+    residual = {"where": left, "record_next": "longer_recording" if left else None, "p_value": 1e-9, "out_of_time": True}
+    document = {**found.document, "verdict": "unexplained", "residual": {**found.document["residual"], **residual}}
+    text = "".join(Page(render(replace(found, document=document))).text)
+    headline = text[text.index("Unexplained") : text.index("First diagnose with a larger --budget")]
+    assert "The time was over before all was weighed: a larger --budget may find more." in headline
+    assert "no known physics" not in text
+    assert not left or text.index("a larger --budget") < text.index("Record next: the same for longer")
+    assert "--budget" not in "".join(Page(render(found)).text)
+
+
+@pytest.mark.parametrize(("held_out", "is_late", "said"), [
+    (None, True, "not worked out"),
+    (12.0, True, "none comes near"),
+    (None, False, "none comes near"),
+])  # fmt: skip
+def test_rivals_that_nobody_weighed_are_not_told_to_be_far(held_out, is_late, said):
+    evidence = {"runner_up": None, "runner_up_margin_nats": None, "heldout_gain_nats": held_out}
+    document = {"ambiguous": [], "residual": {"out_of_time": is_late}}
+    assert runner_up({"family": "dc_offset", "evidence": evidence}, document, "fits") == said
+
+
+def test_recordings_stand_in_order_of_time_with_the_delay_of_the_whole_and_none_where_nothing_is_heard(found):
+    """Sent 37.2 samples late, in microseconds; 510 are a period."""
+    (whole,) = found.findings
+    once = replace(whole.scene, sources=[replace(source, repeat=False) for source in whole.scene.sources], anchor=-7000)
+
+    def part(first: int, late: float, scene=whole.scene, absent=False):
+        model = replace(whole.fit.model, base=np.array([late - scene.anchor, 1.0, 0.0]))
+        observation, fit = whole.observation.part(first, first + 4000), replace(whole.fit, model=model)
+        return replace(whole, observation=observation, scene=scene, fit=fit, absent=absent)
+
+    parts = [part(8000, 37.2 - 8000, once), part(4000, (37.2 - 4000) % 510), part(12_000, 5.0, absent=True), part(0, 37.2)]
+    page = render(replace(found, findings=parts, deadline=time.thread_time()))
+    rows = re.findall(r"<tr><td>recording, (\d+) to (.*?)</tr>", page)
+    gain_and_delay = [re.findall(r"<td class='number'>(.*?)</td>", row)[2:4] for _, row in rows]
+    assert [begin for begin, _ in rows] == ["0", "4", "8", "12"]
+    assert gain_and_delay == [["0.00", "37.2000"]] * 3 + [["–", "–"]]
+
+
+@pytest.mark.parametrize(("corrected_db", "unexplained_db", "said"), [
+    (-24.0, 0.029, "what is left is not noise, by 0.029 dB in its loudest test, and no known physics explains it"),
+    (-26.0, 2.094, "falls from -20.0 to -26.0 dB (noise was taken to be -24.6 dB)"),
+    (-24.0, 0.0, "what is left is not noise, and no known physics explains it"),
+])  # fmt: skip
+def test_the_headline_has_the_numbers_of_the_document_and_none_beside(found, corrected_db, unexplained_db, said):
+    fit = {"twin_nmse_db": -20.0, "corrected_nmse_db": corrected_db, "noise_floor_db": -24.6, "split": "vault"}
+    left = {"unexplained_db": unexplained_db, "where": [{"test": "time", "recording": "recording"}], "out_of_time": False}
+    document = {**found.document, "verdict": "unexplained", "fit": fit, "residual": found.document["residual"] | left}
+    headline = in_one_sentence(document)
+    assert said in headline
+    numbers = {"-20.0", "-24.6", f"{corrected_db}", f"{unexplained_db:.2g}"}
+    assert set(re.findall(r"-?\d+\.\d+", headline)) <= numbers

@@ -18,13 +18,14 @@ import numpy as np
 from ..core import tasks
 from ..core.documents import json_file
 from ..core.errors import CastError, Faults
-from ..core.files import locked, write_json
+from ..core.files import check_writable, locked, write_json
 from ..core.units import db_from_power
 from ..emulation.gpu.faults import DeviceFault
 from ..emulation.reference import FixedPoint, filter_length
 from ..scenario import Scenario
 from ..signals import recording
 from ..signals.waveform import Repeated, is_code, spec_from_text, waveform_from_spec
+from ..twin.document import FASTEST_HZ, SLOWEST_HZ
 from .devices import chosen
 from .network import heard, scenario_kernel, usable_band
 
@@ -213,17 +214,19 @@ def _transmitted(transmit: dict[str, str], rate_hz: float | None, duration_s: fl
             "sample rates",
             ", ".join(f"{node} {rate} Hz" for node, rate in rates.items()) + ": needs one for all",
         )
+    if rate_hz is not None and not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
+        faults.add("--rate", f"got {rate_hz:g} Hz, needs {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz")
     rate = next(iter(rates.values()), None)
     count = max(map(len, samples.values()), default=0)
     if codes and rate is None:
         faults.add("--rate", f"missing: {', '.join(codes)} sends a code, which has no rate of its own, such as --rate 20M")
     if codes and duration_s is None and not samples:
         faults.add("--duration", f"missing: {', '.join(codes)} sends a code, which has no end, such as --duration 0.01")
-    if duration_s is not None and rate is not None:
+    if duration_s is not None and rate is not None and SLOWEST_HZ <= rate <= FASTEST_HZ:
         if 0 < duration_s * rate < 1e12:
             count = max(1, round(duration_s * rate))
         else:
-            faults.add("--duration", f"got {duration_s} s, needs more than 0 s and less than 1e12 samples")
+            faults.add("--duration", f"got {duration_s} s of {rate:g} Hz, needs more than 0 s and less than 1e12 samples")
     samples |= {node: Repeated(period=period, count=count) for node, period in codes.items()}
     return _Transmitted(samples=samples, waveforms=waveforms, rate_hz=rate, faults=faults)
 
@@ -235,6 +238,10 @@ def _job(
     for node in [*transmitted.waveforms, *(receivers or ())]:
         if node not in scenario.nodes:
             faults.add(f"node {node}", f"the scenario has {', '.join(scenario.nodes)}")
+    try:
+        check_writable(folder)
+    except CastError as error:
+        faults.add("--output", error.faults[0])
     if chunk_samples < 1:
         faults.add("chunk", f"got {chunk_samples} samples, needs 1 or more")
     faults.raise_if_any()

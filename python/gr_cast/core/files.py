@@ -90,7 +90,8 @@ def _remove(path: Path) -> None:
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path)
     else:
-        path.unlink(missing_ok=True)
+        with suppress(NotADirectoryError):  # below a file there is nothing
+            path.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -154,9 +155,19 @@ def check_writable(folder: Path) -> None:
     """Raises CastError where `folder` can be neither written to nor made: before the work, not after it."""
     there = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
     if not there.is_dir():
-        raise CastError(f"{there}: not a folder")
+        raise CastError(f"{there}: is a file, needs a folder")
     if not os.access(there, os.W_OK | os.X_OK):
         raise CastError(f"{there}: cannot be written to")
+
+
+def check_target(path: str | Path) -> None:
+    """Raises CastError where no file can be written under this name, in a folder that is there: before the work, not after it."""
+    path = Path(path)
+    check_writable(path.parent)
+    if not path.parent.exists():
+        raise CastError(f"{path}: no folder {path.parent}")
+    if path.is_dir():
+        raise CastError(f"{path}: is a folder, needs a file")
 
 
 def digest_of(path: str | Path) -> str:

@@ -3,8 +3,9 @@
 physics in it."""
 
 from ..twin.document import Case, read_case
+from .mistakes import of_carriers as mistakes_of
 from .policy import BUDGET_S
 from .run import Diagnosis, diagnose
 from .write import write
 
-__all__ = ["BUDGET_S", "Case", "Diagnosis", "diagnose", "read_case", "write"]
+__all__ = ["BUDGET_S", "Case", "Diagnosis", "diagnose", "mistakes_of", "read_case", "write"]

@@ -186,6 +186,9 @@ TOLD_SIGMA = 4.0
 TEETH = 3  # on either side of the likeliest carrier, of the comb that regular stretches make
 LOBES = 0.5  # of a stretch's spectrum, around its peak, in which the carrier is looked for finely
 
+# mistakes
+CARRIER_OFF = 1e-3  # of it; less, and every number that hangs on the carrier is as good as before
+
 # ownership
 SIDES_ALIKE_NATS = 3.0  # in ln L, by recording
 SILENT_NATS = 20.0  # what a recording can say at most against an effect that it should show and does not

@@ -12,6 +12,7 @@ from . import claims, heldout
 from .confidence import Figures, confidence, is_whole
 from .finding import Finding, nmse, numbers
 from .maps import power_of, steps
+from .mistakes import of_carriers
 from .ownership import groups, kind_of, owner
 from .policy import CLAIMED, REFUSED_NATS, SAME_DELAY_SAMPLES, SURELY_APART, VERDICT_LEAST_NATS
 from .residual import Leftover
@@ -80,7 +81,9 @@ def conclude(case, findings: list[Finding], vault: Callable[[list[dict]], list[t
             "tested": sorted({rest.test for f in findings for rest in f.tested}),
             "where": [{**rest.where, "test": rest.test, "recording": f.observation.name} for f, rest in left + doubtful],
             "record_next": _record_next(verdict, left or doubtful, complete),
+            "out_of_time": not complete or any(f.data.late for f in findings),
         },
+        "warnings": of_carriers(case),
     }
 
 

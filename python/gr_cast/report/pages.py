@@ -72,13 +72,14 @@ def listed(words: list[str]) -> str:
     return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1] if words else ""
 
 
-def runner_up(effect: dict, ambiguous: list[dict], does: str) -> str:
+def runner_up(effect: dict, d: dict, does: str) -> str:
     """What comes next to an effect of a document, which as a family `does` ("fits", "explains") what it does."""
-    equal = [f for pair in ambiguous if effect["family"] in pair["families"] for f in pair["families"] if f != effect["family"]]
+    name, evidence = effect["family"], effect["evidence"]
+    equal = [f for pair in d["ambiguous"] if name in pair["families"] for f in pair["families"] if f != name]
     if equal:
         return f"{listed([in_words(f) for f in equal])}: it {does} as well"
-    evidence = effect["evidence"]
     if not evidence["runner_up"]:
-        return "none comes near"
+        was_weighed = evidence["heldout_gain_nats"] is not None or not d["residual"]["out_of_time"]
+        return "none comes near" if was_weighed else "not worked out"
     margin = evidence["runner_up_margin_nats"]
     return f"{in_words(evidence['runner_up'])}, {abs(margin):,.0f} nats {'behind' if margin >= 0 else 'ahead'}"

@@ -132,14 +132,15 @@ def _read(path: Path, recorded: bool) -> Case:
     document = get.document
     get.keys(document, "", _TOP, ("sample_rate_hz", "waveforms", "nodes", "links", "recordings"))
     get.version("cast_twin", VERSION)
-    rate = get.number(document.get("sample_rate_hz", 1.0), "sample_rate_hz", "Hz", SLOWEST_HZ, FASTEST_HZ)
-    rate = 1.0 if math.isnan(rate) else rate
+    is_told = "sample_rate_hz" in document
+    told = get.number(document["sample_rate_hz"], "sample_rate_hz", "Hz", SLOWEST_HZ, FASTEST_HZ) if is_told else math.nan
+    rate = 1.0 if math.isnan(told) else told
     carrier = _carrier(get, document.get("center_frequency_hz"), "center_frequency_hz")
     _unknown(get, document.get("unknown", list(UNKNOWNS)), "unknown")
-    waveforms = _waveforms(get, folder, rate)
+    waveforms = _waveforms(get, folder, told)
     nodes = _nodes(get)
     links = _links(get, nodes, rate)
-    observations = _observations(get, folder, nodes, links, rate, carrier, recorded)
+    observations = _observations(get, folder, nodes, links, told, carrier, recorded)
     noise = _noise(get, nodes)
     entries = document.get("effects")
     known = Known(nodes=tuple(nodes), links=tuple(links), waveforms=tuple(_mapping(get, "waveforms")), rate_hz=rate)
@@ -180,7 +181,8 @@ def _read_sigmf(get: Reader, place: str, stem: Path, rate: float, allow_nan: boo
         for fault in error.faults:
             get.faults.add(place, fault)
         return None
-    if taken.sample_rate_hz is not None and not math.isclose(taken.sample_rate_hz, rate, rel_tol=1e-9):
+    is_comparable = taken.sample_rate_hz is not None and not math.isnan(rate)  # NaN: the twin's own is refused
+    if is_comparable and not math.isclose(taken.sample_rate_hz, rate, rel_tol=1e-9):
         get.faults.add(place, f"{stem.name}: core:sample_rate is {taken.sample_rate_hz} Hz, the twin says {rate} Hz")
     return taken
 

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Planes that nobody drew, by the phases of their echoes, in bands too narrow for delays; sums against echoes written out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from gr_cast.diagnose.places import planes
 from gr_cast.diagnose.places.coherent import Phased
 from gr_cast.diagnose.places.ears import ResponseEar
 from gr_cast.diagnose.places.fit import evaluated, with_effect
@@ -110,3 +113,14 @@ def test_a_plane_that_one_still_link_alone_sees_is_found():
     before, count = evaluated(ears, ours(), ()).energy, ears[0].count
     assert before - count > 500
     assert best_of("missing_object", ears).energy - count < 0.1 * (before - count)
+
+
+def test_an_echo_from_beyond_the_limits_of_a_place_is_no_candidate():
+    """As where frequencies are in MHz for Hz, which makes every delay a million times as long: here 2 ms, and 600 km."""
+    (ear,) = heard(theirs(), 30.0, band_hz=80.0)
+    f_hz, y = ear.heard.frequency_hz, ear.heard.y.copy()
+    y[0] += 3 * np.abs(y).max() * np.exp(-2j * np.pi * f_hz * 2e-3)
+    echo = replace(ear, heard=replace(ear.heard, y=y))
+    view = View([echo], evaluated([echo], ours(), ()), KNOWN)
+    assert planes.lone(view)[1] == []
+    assert BY_NAME["missing_object"].starts(view, "place")

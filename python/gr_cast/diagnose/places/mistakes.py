@@ -12,9 +12,14 @@ from . import policy
 from .fit import evaluated
 
 
+def of_units(place: Place) -> list[str]:
+    """A sentence for each slip that the files alone show."""
+    return [*_bands(place), *_mesh(place)]
+
+
 def of_units_and_signs(place: Place, ears: Sequence, base: World) -> list[str]:
     """A sentence for each slip."""
-    return [*_bands(place), *_mesh(place), *_signs(ears, base)]
+    return [*of_units(place), *_signs(ears, base)]
 
 
 def _bands(place: Place) -> list[str]:

@@ -5,6 +5,7 @@ import numpy as np
 
 from ...core.units import SPEED_OF_LIGHT_M_PER_S, db_from_amplitude
 from ...scenario.create import fields
+from ...scenario.create.geometry import MAX_COORDINATE_M
 from ...twin.places.families.additions import Sheet, across
 from . import imaging
 from .coherent import Phased
@@ -27,6 +28,7 @@ _SEEN_NATS = 4.0  # of a row that a plane is fitted to
 _TURNED_RAD = np.radians(4)  # by which a plane may be from where an image has it
 _LONE_SHARE = 0.25  # of what is left above noise, that one row's echo must hold to be looked for alone
 _MARGIN_M = 1.5  # beyond the outermost point that is lit, where nothing says that it ends
+_FARTHEST_M = MAX_COORDINATE_M / 2  # of a corner: a fit may still move it
 
 
 def sheets(view) -> list[Sheet]:
@@ -146,7 +148,8 @@ def normals(faces) -> list[np.ndarray]:
 
 
 def _refined(view, normal: np.ndarray, level_m: float, most_rad: float, least: int = 2):
-    """(nats, sheet) of the best rectangle near a plane; None where nothing coherent is there, in so many rows at least."""
+    """(nats, sheet) of the best rectangle near a plane; None where nothing coherent is there, in so many rows at least, or it is
+    farther than objects may be."""
     rows = view.phased
     length_m, met, good = imaging.mirrored((rows.tx_m, rows.rx_m), normal, level_m)
     strong = good & (rows.alone_nats(length_m) > _SEEN_NATS)
@@ -168,7 +171,7 @@ def _refined(view, normal: np.ndarray, level_m: float, most_rad: float, least: i
     sheet = Sheet(
         origin_m=tuple(origin), normal=tuple(tilted), u=tuple(along), v=tuple(v), low_m=tuple(low), high_m=tuple(high)
     )  # fmt: skip
-    return nats, sheet
+    return (nats, sheet) if np.abs(sheet.corners_m()).max() < _FARTHEST_M else None
 
 
 def _coherent(view, rows: Phased, origin, normal, u, span_m: float, most_rad: float) -> tuple[float, float]:

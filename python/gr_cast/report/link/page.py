@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The report of a link's diagnosis: one self-contained HTML page with its pictures, written for a radio engineer."""
 
+import math
 from functools import partial
 from html import escape
 
@@ -39,6 +40,7 @@ def render(diagnosis) -> str:
     parts = [
         f"<h1>Diagnosis of {name}</h1>",
         f"<p class='verdict {d['verdict']}'>{escape(in_one_sentence(d))}</p>",
+        *(f"<p>{escape(line)}</p>" for line in d["warnings"]),
         _next(d),
         _causes(diagnosis),
         _rest(diagnosis),
@@ -56,33 +58,43 @@ def render(diagnosis) -> str:
 
 
 def in_one_sentence(d: dict) -> str:
-    """The verdict as a radio engineer would say it."""
+    """The verdict as a radio engineer would say it, and whether the time was over before it."""
+    over = " The time was over before all was weighed: a larger --budget may find more."
+    return _verdict(d) + (over if d["residual"]["out_of_time"] else "")
+
+
+def _verdict(d: dict) -> str:
     names = listed([in_words(e["family"]) for e in d["effects"]])
-    fit = d["fit"]
-    unseen = "on samples that took no part in the fit"
+    fit, left, unseen = d["fit"], d["residual"], "on samples that took no part in the fit"
     falls = "falls" if fit["corrected_nmse_db"] < fit["twin_nmse_db"] - 0.005 else "goes"
     fall = f"the residual {falls} from {_span(fit['twin_nmse_db'], fit['corrected_nmse_db'])} dB"
-    change = f"with {'them' if len(d['effects']) > 1 else 'it'} {fall} (noise {fit['noise_floor_db']:.1f} dB) {unseen}"
+    change = f"with {'them' if len(d['effects']) > 1 else 'it'} {fall} ({_noise(fit)}) {unseen}"
     if d["verdict"] == "no_mismatch":
-        level = f"residual {fit['corrected_nmse_db']:.1f} dB, noise {fit['noise_floor_db']:.1f} dB {unseen}"
+        level = f"residual {fit['corrected_nmse_db']:.1f} dB, {_noise(fit)} {unseen}"
         return f"No mismatch: the twin explains the recordings down to their noise ({level})."
     if d["verdict"] == "identified":
         return f"Identified: the twin leaves out {names}; {change}."
     if d["verdict"] == "ambiguous":
         pairs = "; ".join(" or ".join(in_words(f) for f in a["families"]) for a in d["ambiguous"])
         return f"Ambiguous: it is {pairs}, and this case cannot tell which."
-    if not d["residual"]["where"]:
+    if not left["where"]:
         unsure = f"{names}; the list is likelier wrong than the whole truth"
-        cut_short = f"the time was over{' with ' + names if names else ''} before anything was proven"
-        return f"Unexplained: {unsure if d['residual']['record_next'] else cut_short}."
-    absent = [w for w in d["residual"]["where"] if w.get("signal_absent")]
+        return f"Unexplained: {unsure if left['record_next'] else (names or 'nothing') + ' so far'}."
+    absent = [w for w in left["where"] if w.get("signal_absent")]
     if absent:
         return f"Unexplained: {listed(sorted({w['recording'] for w in absent}))}: {absent[0]['sentence']}"
-    if all("confidence" in w for w in d["residual"]["where"]):
-        return f"Unexplained: {listed([in_words(w['test']) for w in d['residual']['where']])}."
-    found = f" Found so far: {names}; {change}." if names else ""
-    left_db = max(d["residual"]["unexplained_db"], fit["corrected_nmse_db"] - fit["noise_floor_db"])
-    return f"Unexplained: {left_db:.2f} dB over the noise are left that no known physics explains.{found}"
+    if all("confidence" in w for w in left["where"]):
+        return f"Unexplained: {listed([in_words(w['test']) for w in left['where']])}."
+    by = f", by {left['unexplained_db']:.2g} dB in its loudest test" if left["unexplained_db"] else ""
+    unknown = "" if left["out_of_time"] else ", and no known physics explains it"
+    stays = f"The residual is {fit['corrected_nmse_db']:.1f} dB ({_noise(fit)}) {unseen}"
+    return f"Unexplained: what is left is not noise{by}{unknown}. {f'Found so far: {names}; {change}' if names else stays}."
+
+
+def _noise(fit: dict) -> str:
+    """The noise beside the residual, which lies below it where the twin tells too much of it."""
+    is_below = fit["corrected_nmse_db"] < fit["noise_floor_db"] - 0.5
+    return f"noise {'was taken to be ' if is_below else ''}{fit['noise_floor_db']:.1f} dB"
 
 
 def _span(before_db: float, after_db: float) -> str:
@@ -98,6 +110,8 @@ def _next(d: dict) -> str:
         f"(<code>{a['record_next']}</code>). {escape(' '.join(in_words(word) for word in a['why'].split()))}</p>"
         for a in d["ambiguous"]
     )
+    if d["residual"]["out_of_time"]:
+        rows = f"<p><b>First diagnose with a larger <code>--budget</code></b>: the time was over.</p>{rows}"
     if further := d["residual"]["record_next"]:
         why = "what is left may show what it is" if d["residual"]["where"] else "a list that is not sure may become it"
         rows += f"<p><b>Record next: {escape(EXPERIMENTS[further])}</b> (<code>{further}</code>): {why}.</p>"
@@ -113,7 +127,7 @@ def _causes(diagnosis) -> str:
             "Where": escape(_place(e["where"], alone)),
             "Explains": _explained(e),
             "Evidence": _unseen(e["evidence"]["heldout_gain_nats"]),
-            "Runner-up": escape(runner_up(e, d["ambiguous"], "fits")),
+            "Runner-up": escape(runner_up(e, d, "fits")),
         }
 
     return cards(d, lines)
@@ -200,18 +214,27 @@ def _title(finding, diagnosis) -> str:
     return f"{name}, {1e3 * first:.4g} to {1e3 * (first + finding.scene.duration_s):.4g} ms"
 
 
+def _late_s(finding) -> float:
+    """By how much the twin's paths are later in a recording than they say; of a repeated waveform within its period."""
+    scene = finding.scene
+    late = scene.anchor + finding.fit.model.base[0] + finding.observation.first
+    if scene.sources[0].repeat:
+        period = math.lcm(*(len(source.samples) for source in scene.sources))
+        late -= period * np.floor((late + 0.5) / period)
+    return late / scene.sample_rate_hz
+
+
 def _recordings(diagnosis) -> str:
-    """What was recorded and how well it is explained; gain and delay, which a twin does not claim, as measured."""
-    rows = []
-    for f in diagnosis.findings:
-        base, o = f.fit.model.base, f.observation
+    """What was recorded, in order of time, and how well it is explained; gain and delay, which no twin claims, as measured."""
+    rows, names = [], [o.name for o in diagnosis.case.observations]
+    for f in sorted(diagnosis.findings, key=lambda f: (names.index(f.observation.name), f.observation.first)):
+        o = f.observation
         power = float(np.mean(np.abs(f.data.y[f.data.use > 0]) ** 2))
         before, after = (f"{db_from_power(power_of(fit) / power):.2f}" for fit in (f.twin, f.fit))
         told = "–" if not f.data.noise_power else f"{db_from_power(f.data.noise_power / power):.2f}"
-        delay_us = 1e6 * (f.scene.anchor + base[0]) / f.scene.sample_rate_hz
-        gain_db = db_from_amplitude(abs(complex(*base[1:3])))
-        cells = [f"{1e3 * f.scene.duration_s:.4g}", f"{db_from_power(power):.1f}", f"{gain_db:.2f}", fixed(delay_us, 4)]
-        cells += [before, after, told]
+        gain_db = db_from_amplitude(abs(complex(*f.fit.model.base[1:3])))
+        heard = ["–", "–"] if f.absent else [f"{gain_db:.2f}", fixed(1e6 * _late_s(f), 4)]
+        cells = [f"{1e3 * f.scene.duration_s:.4g}", f"{db_from_power(power):.1f}", *heard, before, after, told]
         link = f"{', '.join(o.on_air)} → {o.receiver}"
         rows.append(
             f"<tr><td>{escape(_title(f, diagnosis))}</td><td>{escape(link)}</td>"
@@ -225,7 +248,10 @@ def _recordings(diagnosis) -> str:
         f"On the vault, which nothing was chosen or fitted on: twin {fit['twin_nmse_db']:.2f} dB, corrected "
         f"{fit['corrected_nmse_db']:.2f} dB, noise {fit['noise_floor_db']:.2f} dB."
     )
-    note = "Residuals are relative to the recorded power. Gain and delay are as measured: the twin does not claim them."
+    note = (
+        "Residuals are relative to the recorded power. Gain and delay, which the twin does not claim, are what was measured on "
+        "top of its paths; a delay counts from the recording's first sample, of a repeated waveform within its period."
+    )
     return f"<h2>Recordings</h2><p>{vault}</p><table><tr>{head}</tr>{''.join(rows)}</table><p class='note'>{note}</p>"
 
 

@@ -66,12 +66,7 @@ def causes(d: dict) -> str:
     def lines(one: dict) -> dict[str, str]:
         numbers = {escape(in_words(_without_unit(key))): told for key, told in _numbers(one["parameters"])}
         seen = {"Seen by": escape(_links(one["where"].get("links") or [])), "Evidence": _evidence(one)}
-        return (
-            {"Whose": escape(_owner(one["owner"]))}
-            | numbers
-            | seen
-            | {"Runner-up": escape(runner_up(one, d["ambiguous"], "explains"))}
-        )
+        return {"Whose": escape(_owner(one["owner"]))} | numbers | seen | {"Runner-up": escape(runner_up(one, d, "explains"))}
 
     return cards(d, lines)
 

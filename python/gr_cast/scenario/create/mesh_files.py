@@ -64,7 +64,7 @@ def _read_obj(path: Path) -> list[Solid]:
         if not words:
             continue
         if words[0] == "v":
-            vertices.append([float(word) for word in words[1:4]])
+            vertices.append(_vertex(words[1:4], number))
         elif words[0] in ("o", "g") and len(words) > 1:
             name = " ".join(words[1:])
         elif words[0] == "usemtl":
@@ -75,9 +75,15 @@ def _read_obj(path: Path) -> list[Solid]:
             if len(corners) < 3 or not all(0 <= corner < len(vertices) for corner in corners):
                 raise CastError(f"line {number}: a face names a vertex that is not there, or fewer than 3")
             parts.setdefault((name, surface), []).extend(_fan(corners))
-    if any(len(vertex) != 3 for vertex in vertices):
-        raise CastError("a vertex needs x, y and z")
     return [_solid(name, vertices, faces, surface) for (name, surface), faces in parts.items()]
+
+
+def _vertex(words: list[str], number: int) -> list[float]:
+    try:
+        x, y, z = map(float, words)
+    except ValueError:
+        raise CastError(f"line {number}: got {' '.join(words)!r}, a vertex needs x, y and z") from None
+    return [x, y, z]
 
 
 _PLY_TYPES = {

@@ -261,7 +261,10 @@ class PaNonlinearity(Family):
 
     def describe(self, number):
         memory = " and it remembers earlier samples" if number.constants.get("memory") else ""
+        levels = number("compression_db").split(" to ")  # one, or the least and the most of several recordings
+        expands = all(level.startswith("-") for level in levels)
+        told = " to ".join(level.removeprefix("-") if expands else level for level in levels)
         return (
             "The power amplifier is not linear: its gain at the largest amplitude is "
-            f"{number('compression_db')} below small signal{memory}."
+            f"{told} {'above' if expands else 'below'} small signal{memory}."
         )

@@ -241,7 +241,8 @@ class ExcessLoss(Family):
         return {"loss_db": value(effect.values[0], std_of(covariance, 0))}
 
     def sentence(self, effect, told):
-        return f"{effect.owner} loses {effect.values[0]:+.2f} dB more than in the twin."
+        loss_db = effect.values[0]
+        return f"{effect.owner} loses {abs(loss_db):.2f} dB {'more' if loss_db > 0 else 'less'} than in the twin."
 
 
 class DistanceLaw(Family):
