@@ -124,8 +124,8 @@ def test_a_carrier_that_smears_over_many_lines_is_an_offset_that_drifts(world, t
 
 @pytest.mark.parametrize("what", ["a loss", "a clock", "an offset"])
 def test_a_delay_that_moves_is_gone_on_with_beside_an_offset_that_holds_a_little_more(tmp_path, what):
-    """Five paths of a shaped code, half of a recording at another delay or under a clock of 160 ppm: what they are brings the twin
-    further than any offset; where the offset is what it is, nothing else does."""
+    """Five paths of a shaped code, half of a recording at another delay or under a clock of 160 ppm: what they are brings the
+    twin further than any offset; where the offset is what it is, nothing else does."""
     rng, count, period = np.random.default_rng(21), 60_000, 1921
     spectrum = np.fft.fft(np.repeat(np.exp(2j * np.pi * rng.integers(0, 4, period // 6 + 1) / 4), 6)[:period])
     spectrum *= np.abs(np.fft.fftfreq(period)) < 0.2
@@ -137,8 +137,8 @@ def test_a_delay_that_moves_is_gone_on_with_beside_an_offset_that_holds_a_little
     live = np.abs(heard) > 0
     y = np.concatenate([np.exp(2j * np.pi * np.outer(part, k[live]) / period) @ heard[live] for part in np.array_split(at, 60)])
     twin = {
-        "cast_twin": 1, "sample_rate_hz": 1e6, "waveforms": {"w1": {"file": "sent"}}, "nodes": {"tx1": {"transmit": "w1"}, "rx1": {}},
-        "links": [{"tx": "tx1", "rx": "rx1", "taps": [
+        "cast_twin": 1, "sample_rate_hz": 1e6, "waveforms": {"w1": {"file": "sent"}},
+        "nodes": {"tx1": {"transmit": "w1"}, "rx1": {}}, "links": [{"tx": "tx1", "rx": "rx1", "taps": [
             {"delay_s": d * 1e-6, "gain_db": float(20 * np.log10(abs(a))), "phase_rad": float(np.angle(a))} for d, a in taps]}],
         "recordings": [{"file": "recording", "receiver": "rx1", "transmitters": ["tx1"]}], "unknown": ["delay", "phase", "gain"],
     }  # fmt: skip

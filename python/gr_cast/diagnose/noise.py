@@ -19,8 +19,8 @@ LAWS = {FAMILIES[name].told for name in TESTED}
 
 def view_of(fit, but=None, inside=None) -> NoiseView:
     """The residual where it is the noise's, off the rails or at the samples `inside` (n,) bool, evened by every law of the noise
-    that is a cause `but` one. A loud band, which knows nothing of time, has next to no say. Energies are as of circular noise, the
-    spectrum is as it is."""
+    that is a cause `but` one. A loud band, which knows nothing of time, has next to no say. Energies are as of circular noise,
+    the spectrum is as it is."""
     shape, spread = shape_of_receiver(fit, fit.model), fit.data.scene.spread
     inside = off_the_rails(fit) if inside is None else inside
     residual, variance, told = fit.residual, 1.0 if shape is None else shape, _by_others(fit, but)
@@ -142,8 +142,8 @@ def _blur(fit) -> float:
 def starts(fit, promised: float = 0.0):
     """[(net gain in nats, effect)] of every law of the noise that may be added, or take the place of one that is no cause; beside
     one that is, those that explain a good part of what it does. Where the signal has `promised` too much for what is left to be
-    the noise's, none, unless it is louder for a while, or in a band: a law that is no cause holds that apart, and if it tells more
-    than the signal all others may tell still more."""
+    the noise's, none, unless it is louder for a while, or in a band: a law that is no cause holds that apart, and if it tells
+    more than the signal all others may tell still more."""
     families = [FAMILIES[e.family] for e in fit.model.effects]
     have, told = [f for f in families if f.told in LAWS], {f.told for f in families}
     if any(is_coarse(e) for e in fit.model.effects) or rounding_of_grids(fit) > ROUNDED * fit.sigma2:
