@@ -42,7 +42,7 @@ def test_a_raised_floor_is_told_by_unseen_samples_off_the_rails_too(world, tmp_p
 
 
 def test_a_loud_band_is_heard_through_rails_that_leave_no_sample_untouched(world, tmp_path):
-    """A code of one level beyond the rails, under noise and a band a third as loud: of every sample some may have been cut off."""
+    """A code of one level beyond the rails, noise and a band a third as loud: of every sample some may have been cut off."""
     rng, count = np.random.default_rng(11), len(world.n)
     world.taps, world.noise_rms = [(0, 1.0)], 0.1
     inside = np.abs(np.fft.fftfreq(count) - 0.21) < 0.01
