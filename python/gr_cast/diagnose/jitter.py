@@ -80,18 +80,11 @@ def alone(finding: Finding) -> None:
 
 
 def along(fit: Fit) -> Fit:
-    """A fit as a test of its noise sees it, where a wander was too fast to be followed: what is across the signal tells nothing,
-    whatever its colour, and even noise as strong as what is along it has its place."""
+    """A fit as a test of its noise sees it, where a wander was too fast to be followed: what is across the signal tells nothing."""
     at = fit.model.index_of(Role.WANDER, found=True)
     if at is None or "_jitter" not in fit.model.effects[at].aux:
         return fit
-    wanted = fit.chain.wanted
-    way = wanted / np.maximum(np.abs(wanted), 1e-300)
-    kept = (fit.residual * np.conj(way)).real
-    level = np.sqrt(np.mean(kept[fit.data.use > 0] ** 2))
-    shape = 1.0 if fit.data.variance is None else np.sqrt(fit.data.variance)
-    other = level * shape * np.random.default_rng(5).standard_normal(len(kept))
-    return replace(fit, residual=(kept + 1j * other) * way, sigma2=float(2 * level**2), notes={})
+    return noise.along(fit)
 
 
 def _likeliest(across: np.ndarray, along: np.ndarray, power: np.ndarray) -> tuple[float, float]:

@@ -144,6 +144,7 @@ def starts(fit, promised: float = 0.0):
     one that is, those that explain a good part of what it does. Where the signal has `promised` too much for what is left to be
     the noise's, none, unless it is louder for a while, or in a band: a law that is no cause holds that apart, and if it tells
     more than the signal all others may tell still more."""
+    fit = of_noise(fit)
     families = [FAMILIES[e.family] for e in fit.model.effects]
     have, told = [f for f in families if f.told in LAWS], {f.told for f in families}
     if any(is_coarse(e) for e in fit.model.effects) or rounding_of_grids(fit) > ROUNDED * fit.sigma2:
@@ -166,18 +167,24 @@ def starts(fit, promised: float = 0.0):
     return [(net - most, effect) for net, effect in rest] if have else apart + rest
 
 
-def _along(fit, view: NoiseView) -> NoiseView:
-    """A view of what of the residual is along the wanted signal, as loud as in both directions: what is across it may be a
-    wander too fast to be followed."""
-    turned = fit.residual * np.conj(fit.chain.wanted)
-    share = turned.real**2 / np.maximum(np.abs(turned) ** 2, 1e-300)
-    return replace(view, energy=2 * view.energy * fit.data.scene.spread(share))
+def along(fit):
+    """A fit with what of its residual is along the wanted signal, and across it noise as the model has it, which has its place: a
+    wander too fast to be followed is there, of any colour."""
+    way = fit.chain.wanted / np.maximum(np.abs(fit.chain.wanted), 1e-300)
+    kept = (fit.residual * np.conj(way)).real
+    level = np.sqrt(np.mean(kept[fit.data.use > 0] ** 2))
+    shape = 1.0 if fit.data.variance is None else np.sqrt(fit.data.variance)
+    other = level * shape * np.random.default_rng(5).standard_normal(len(kept))
+    return replace(fit, residual=(kept + 1j * other) * way, sigma2=float(2 * level**2), notes={})
+
+
+def of_noise(fit):
+    """A fit with what of its residual can only be noise."""
+    return fit if fit.model.index_of(Role.WANDER, found=True) is None else along(fit)
 
 
 def _found(fit, view, family) -> list[tuple[float, object]]:
     """[(net gain in nats over an even floor, effect)] of a law of the noise, or []."""
-    if fit.model.index_of(Role.WANDER, found=True) is not None:
-        view = _along(fit, view)
     gain, effect = family.find(view)
     if effect is None or _is_passband(fit, effect):
         return []

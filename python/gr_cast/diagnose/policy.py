@@ -306,6 +306,7 @@ LOUDEST = 1.6  # density of noise that a filter coloured, over its median in the
 CLEAR_SHARE, FAR_SHARE = 0.1, 0.7  # of the best score: by which starts of one family, and families, must not stay behind it
 LAWS_ROUNDS = 6  # in which laws of the noise that are there together are fitted by turns
 BESIDE_NOISE = 0.02  # of what one law of the noise explains, that another beside it must: no law is so exact
+INDEPENDENT = 0.2  # sum of a number's squared correlations with all others, up to which it is taken for independent
 BAND_OVER_SIGNAL = 4.0  # times what the signal promises, that a band of noise must explain to be fitted before it
 CLEAR_NATS = 300.0  # a signal that promises more is fitted before the law of the noise is asked for
 SEARCH_SURE_NATS = 100.0  # evidence from which a simple family needs no other proof

@@ -28,6 +28,7 @@ from .policy import (
     ENOUGH_DEVIATIONS,
     FAR_SHARE,
     FULLER,
+    INDEPENDENT,
     LAWS_ROUNDS,
     LEAP_STEPS,
     LEAST_COUNTED,
@@ -178,8 +179,9 @@ def _colour(fit: Fit) -> float:
     signal as it is only takes away beside it."""
     if fit.data.spectrum is not None or filters_noise(fit.model):
         return 0.0
-    power, n = np.abs(sp_fft.fft(fit.residual * (fit.data.use > 0))) ** 2, fit.data.count
-    colour = smooth_spectrum(fit.data, fit.residual)
+    residual = noise.of_noise(fit).residual
+    power, n = np.abs(sp_fft.fft(residual * (fit.data.use > 0))) ** 2, fit.data.count
+    colour = smooth_spectrum(fit.data, residual)
     if colour.max() > LOUDEST * np.median(colour[in_band(fit, len(colour))]):
         return 0.0
     gain = n * np.log(power.mean() / np.mean(power / colour))
@@ -190,12 +192,12 @@ def _with_prior(schur, slope, whole, shape, entangled: bool):
     """The scale of the prior that makes the data likeliest: (gain, Occam cost, step, prior). `schur` is what other parameters
     leave of the curvature `whole`."""
     root = np.sqrt(shape)
-    if len(shape) <= MANY or entangled:
+    if len(shape) <= MANY or entangled or _share_much(schur):
         values, vectors = np.linalg.eigh(schur * np.outer(root, root))
         alone = np.sum(vectors * (whole * np.outer(root, root) @ vectors), axis=0)
         b = vectors.T @ (slope * root) * (values > SEEN * alone)  # what the fit can do itself has a slope of rounding
         values = np.maximum(values, 0)
-    else:  # that many cosines are all but independent
+    else:  # that many cosines of a signal that is always there are all but independent
         values, vectors, b = np.diag(schur) * shape, None, slope * root
     best = (-np.inf,)
     for scale in np.geomspace(1e-9, 10, 41):
@@ -207,6 +209,12 @@ def _with_prior(schur, slope, whole, shape, entangled: bool):
     step = b * scale / (1 + scale * values)
     step = root * (step if vectors is None else vectors @ step)
     return gain, occam, step, shape * scale
+
+
+def _share_much(curvature: np.ndarray) -> bool:
+    """Whether numbers say much of each other: of a signal that comes and goes two cosines are much alike."""
+    scale = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+    return float(np.sum((curvature / np.outer(scale, scale)) ** 2)) > (1 + INDEPENDENT) * len(curvature)
 
 
 def refit(data: Data, model: Model, near: Fit | None = None, rounds: int = 2, iterations: int = 8) -> Fit:

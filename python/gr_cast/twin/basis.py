@@ -8,8 +8,7 @@ from scipy import fft as sp_fft
 from scipy.interpolate import CubicSpline
 from scipy.linalg import hankel, toeplitz
 
-ORDERS = (6, 24, 96, 480)  # cosines that a search tries
-SAMPLES_EACH = 24  # of a recording for each of them, at least
+SAMPLES_EACH = 24  # of a recording for each cosine that a search tries, at least
 GRAIN = 64  # L is a multiple of it, so that a signal can be summed over short blocks before its slow cosines are taken
 FINE = 16  # blocks for each cosine: a block then holds a 32nd of a turn, and its moments up to the second the rest
 
@@ -89,7 +88,5 @@ def spread(covariance: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def course_orders(scene, most: int = 96) -> tuple[int, ...]:
-    """Numbers of cosines worth trying on a recording; in one too short for the most of them, as many as it holds."""
-    sizes = [size for size in ORDERS if size <= most and size < scene.count / SAMPLES_EACH] or [3]
-    longest = min(most, scene.count // SAMPLES_EACH)
-    return (*sizes, longest) if sizes[-1] == ORDERS[-2] and longest >= 2 * sizes[-1] else tuple(sizes)
+    """Numbers of cosines worth trying on a recording."""
+    return tuple(size for size in (6, 24, 96, 480) if size <= most and size < scene.count / SAMPLES_EACH) or (3,)

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from ..basis import course_length, course_on, course_orders, grid_of, spread
+from ..basis import SAMPLES_EACH, course_length, course_on, course_orders, grid_of, spread
 from ..columns import Courses
 from ..interpolate import phasor
 from .base import RX_LO, TX_LO, Family, Multiplicity, Role, of_sender, side_of, start
@@ -29,6 +29,12 @@ LEAST_LAW = 24  # cosines that a law is told by
 KNOWN_BY_LAW = 0.99  # share of its variance that a cosine of which nothing is heard keeps
 LEAST_HEARD = 1e-6  # share of a law's variance: a moment is known no better, and has as much weight where nothing is known
 ONE_WALK = 0.3  # by which the rms of a walk without its mean and slope differs from that of all walks, a share
+
+
+def orders(scene) -> tuple[int, ...]:
+    """Numbers of cosines worth trying; in a recording too short for the most of them, as many as it holds."""
+    sizes, longest = course_orders(scene, MOST), min(MOST, scene.count // SAMPLES_EACH)
+    return (*sizes, longest) if sizes[-1] == FEW and longest >= 2 * FEW else sizes
 
 
 def shape_of(law: dict, size: int) -> np.ndarray:
@@ -101,7 +107,7 @@ class PhaseNoise(Family):
             chain.wanted = chain.y
 
     def nest(self, scene, effect):
-        size = course_orders(scene, MOST)[-1]
+        size = orders(scene)[-1]
         return (
             "course",
             replace(effect, p=np.zeros(size), free=np.ones(size, bool), prior=None),
@@ -113,7 +119,7 @@ class PhaseNoise(Family):
         return Courses(signals=1j * chain.facing * turned[None], orders=len(effect.p), scene=scene)
 
     def starts(self, view):
-        for size in course_orders(view.scene, MOST):
+        for size in orders(view.scene):
             laws = [{"law": "flat"}, {"law": "held", "corner": size / 8}]
             for law in [{"law": "free"}, *laws] if size < 200 else laws:
                 yield start(self, np.zeros(size), prior=shape_of(law, size), trials=12, aux=law)
@@ -127,13 +133,13 @@ class PhaseNoise(Family):
 
     def finer(self, scene, effect):
         """To faster wander, which on the wrong side could not be followed."""
-        sizes = [size for size in course_orders(scene, MOST) if size > len(effect.p)]
+        sizes = [size for size in orders(scene) if size > len(effect.p)]
         return [self._wider(effect, size, {"law": "held", "corner": size / 8}) for size in sizes]
 
     def finest(self, scene, effect):
         """As fast as the search follows, faster still under laws that reach so far."""
         most = min(FINEST, scene.count // FEWEST_SAMPLES)
-        if len(effect.p) > FEW and len(effect.p) == course_orders(scene, MOST)[-1] and most > 1.5 * len(effect.p):
+        if len(effect.p) > FEW and len(effect.p) == orders(scene)[-1] and most > 1.5 * len(effect.p):
             for law in ({"law": "flat"}, {"law": "held", "corner": most / 8}):
                 yield self._wider(effect, most, law)
 
