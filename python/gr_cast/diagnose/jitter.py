@@ -80,7 +80,7 @@ def alone(finding: Finding) -> None:
 
 
 def along(fit: Fit) -> Fit:
-    """A fit as a test of its noise sees it, where a wander was too fast to be followed: what is across the signal tells nothing."""
+    """A fit as a test sees it, where a wander was too fast to be followed: what is across the signal says nothing."""
     at = fit.model.index_of(Role.WANDER, found=True)
     if at is None or "_jitter" not in fit.model.effects[at].aux:
         return fit
