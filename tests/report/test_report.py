@@ -18,6 +18,7 @@ from gr_cast.diagnose import diagnose, read_case
 from gr_cast.diagnose.maps import before_and_after, maps_of, power_of, steps
 from gr_cast.diagnose.write import maps
 from gr_cast.report.link.page import in_one_sentence, render
+from gr_cast.report.link.pictures import maps_figure, waterfall_figure
 from gr_cast.report.pages import Album, runner_up
 
 ECHO, DC = 0.3 * 0.1 * np.exp(1j), 0.02
@@ -140,6 +141,23 @@ def test_the_steps_go_down_from_the_twin_to_the_corrected_twin(found):
     # The strongest is the echo, of known power; the DC is what is left, over the noise.
     assert levels[0] - levels[1] == pytest.approx(max(abs(ECHO) ** 2, DC**2), rel=0.15)
     assert levels[1] - levels[2] == pytest.approx(min(abs(ECHO) ** 2, DC**2), rel=0.15)
+
+
+def test_a_bar_that_no_list_holds_is_said_not_to_be_claimed(found):
+    axis = waterfall_figure(found.findings[0], {"extra_path"}).axes[0]
+    bars = [label.get_text() for label in axis.get_yticklabels()]
+    assert "extra path" in bars and "DC offset (fitted, not claimed)" in bars
+
+
+def test_left_and_right_share_the_scales_of_both_curves(found):
+    finding = found.findings[0]
+    fit = replace(finding.fit, data=replace(finding.fit.data, y=finding.fit.data.y * np.exp(0.5j * np.abs(finding.fit.chain.y))))
+    figure = maps_figure(replace(finding, twin=finding.fit, fit=fit), [], [])
+    gains = [axis for axis in figure.axes if "predicted" in axis.get_xlabel()]
+    places = {axis.get_position().bounds for axis in gains}
+    phases = [axis for axis in figure.axes if axis.get_position().bounds in places and axis not in gains]
+    for left, right in (gains, phases):
+        assert left.get_ylim() == right.get_ylim() and left is not right
 
 
 def test_every_map_of_every_recording_is_kept(found):

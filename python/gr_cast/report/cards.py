@@ -20,4 +20,5 @@ def cards(document: dict, lines_of: Callable[[dict], dict[str, str]]) -> str:
             f"<b class='name'>{in_words(effect['family'])}</b></p><p>{escape(effect['sentence'])}</p><dl>{rows}</dl></div>"
         )
     title = "What the twin leaves out" if document["verdict"] == "identified" else "What was found so far"
-    return f"<h2>{title}</h2>{''.join(found)}"
+    nats = "<p class='note'>What is worth n nats makes what was recorded e<sup>n</sup> times as likely.</p>"
+    return f"<h2>{title}</h2>{''.join(found)}{nats}"

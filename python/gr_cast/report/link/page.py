@@ -201,7 +201,8 @@ def _waterfall(diagnosis, album: Album) -> str:
     if not diagnosis.document["effects"]:
         return ""
     most = max(diagnosis.findings, key=lambda f: f.twin.sigma2 / f.fit.sigma2)
-    picture = album.image(lambda: waterfall_figure(most), "residual by cause")
+    claimed = {e["family"] for e in diagnosis.document["effects"]}
+    picture = album.image(lambda: waterfall_figure(most, claimed), "residual by cause")
     return f"<h2>Residual by cause: {escape(_title(most, diagnosis))}</h2>{picture}" if picture else ""
 
 
@@ -269,8 +270,8 @@ def _maps(diagnosis, album: Album) -> str:
     more = len(diagnosis.findings) - MOST_SHOWN
     rest = f"<p class='note'>{more} more in residual.npz.</p>" if more > 0 else ""
     framed = "Numbered frames: where a cause was found. " if d["effects"] else ""
-    framed += "Red frames: what is left. " if d["residual"]["where"] else ""
-    return "".join(pages) + f"<p class='note'>{framed}Left and right share their scales.</p>" + rest
+    framed += "Red frames: what is left; what is everywhere has no frame. " if d["residual"]["where"] else ""
+    return "".join(pages) + f"<p class='note'>{framed}White: no sample is used. Left and right share their scales.</p>" + rest
 
 
 def _use(d: dict) -> str:

@@ -28,17 +28,21 @@ def maps_figure(finding, effects: list[dict], left: list[dict]) -> Figure:
     margins = dict(left=0.08, right=0.885, top=1 - 0.35 / figure.get_figheight(), bottom=0.5 / figure.get_figheight())
     shares = [1.25, 1.25, 1.0, 0.8][: 3 + periodic]
     rows = figure.subplots(len(shares), 2, sharey="row", height_ratios=shares, gridspec_kw=dict(margins, hspace=0.34, wspace=0.2))
-    scales = [_scale(*(getattr(m, name) for m in both)) for name in ("time_frequency", "delay_time")]
+    scales, transfers = [_scale(*(getattr(m, name) for m in both)) for name in ("time_frequency", "delay_time")], []
     for column, (m, title) in enumerate(zip(both, TITLES, strict=True)):
         marks = effects if column == 0 else left
         pictures = [
             _time_frequency(rows[0, column], finding, m, scales[0], marks, column),
             _delay_time(rows[1, column], finding, m, scales[1], marks, column),
         ]
-        _transfer(rows[2, column], m, column)
+        transfers.append(_transfer(rows[2, column], m, column))
         if periodic:
             _position(rows[3, column], finding, m, column)
         rows[0, column].set_title(title, fontsize=12, fontweight="bold")
+    for axes, least in zip(zip(*filter(None, transfers), strict=True), (0.1, 1.0), strict=False):  # dB, degrees
+        reach = max(least, *(1.1 * abs(v) for axis in axes for v in axis.get_ylim()))
+        for axis in axes:
+            axis.set_ylim(-reach, reach)
     for row, label in enumerate(("residual over noise / dB", "correlated, over noise / dB")):
         place = rows[row, 1].get_position()
         figure.colorbar(pictures[row], cax=figure.add_axes([0.917, place.y0, 0.014, place.height]), label=label)
@@ -107,13 +111,13 @@ def _widened(low: float, high: float, least: float, limits) -> tuple[float, floa
     return max(middle - width / 2, limits[0]), min(middle + width / 2, limits[1])
 
 
-def _transfer(axis, m: Maps, column) -> None:
-    """AM-AM and AM-PM: recorded over predicted, by predicted amplitude."""
+def _transfer(axis, m: Maps, column) -> tuple | None:
+    """AM-AM and AM-PM: recorded over predicted, by predicted amplitude; the axes of both, if there are any."""
     level = db_from_amplitude(m.amplitude)
     if len(level) < 3 or np.ptp(level) < 1.0:
         axis.text(0.5, 0.5, "one amplitude only:\nno AM-AM, no AM-PM", ha="center", va="center", transform=axis.transAxes)
         axis.set_axis_off()
-        return
+        return None
     sure = m.gain_std < 5 * np.median(m.gain_std)
     level, m = level[sure], replace(m, gain=m.gain[sure], gain_std=m.gain_std[sure])
     gain, phase = db_from_amplitude(np.maximum(np.abs(m.gain), 1e-6)), np.degrees(np.angle(m.gain))
@@ -122,13 +126,11 @@ def _transfer(axis, m: Maps, column) -> None:
     other = axis.twinx()
     other.errorbar(level, phase, 2 * np.degrees(std), fmt="s--", color=INK, ms=2.5, lw=0.8)
     axis.plot([], [], "s--", color=INK, ms=2.5, lw=0.8, label="AM-PM / degree (right)")
-    for one, least in ((axis, 0.1), (other, 1.0)):
-        reach = max(least, 1.1 * max(abs(v) for v in one.get_ylim()))
-        one.set_ylim(-reach, reach)
     axis.axhline(0, color=NOISE, lw=0.8, ls=":")
     axis.set(xlabel="predicted amplitude / dB re its rms", ylabel="recorded / predicted, dB" if column == 0 else "")
     axis.legend(fontsize=8, loc="upper left")
     axis.grid(alpha=0.2)
+    return axis, other
 
 
 def _position(axis, finding, m: Maps, column) -> None:
@@ -141,9 +143,9 @@ def _position(axis, finding, m: Maps, column) -> None:
     axis.grid(alpha=0.2)
 
 
-def waterfall_figure(finding) -> Figure | None:
+def waterfall_figure(finding, claimed: set[str]) -> Figure | None:
     """The residual's power re recorded power, from the twin's down cause by cause to the corrected twin's and the noise; None
-    where the causes are not told apart in time."""
+    where the causes are not told apart in time. What is fitted and not in the list of the `claimed` is said to be so."""
     fit = finding.fit
     use = fit.data.use > 0
     recorded = float(np.mean(np.abs(fit.data.y[use]) ** 2))
@@ -153,7 +155,8 @@ def waterfall_figure(finding) -> Figure | None:
     if by_cause is None:
         return None
     for index, power in by_cause:
-        name = in_words(FAMILIES[fit.model.effects[index].family].told)
+        told_as = FAMILIES[fit.model.effects[index].family].told
+        name = in_words(told_as) if told_as in claimed else f"{in_words(told_as)} (fitted, not claimed)"
         bars.append((name, level[-1], power, CAUSE))
         level.append(power)
     bars.append(("corrected twin", None, power_of(fit), GOOD))
