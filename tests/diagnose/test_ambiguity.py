@@ -47,6 +47,22 @@ def test_an_inversion_that_several_late_paths_tell_is_identified(world, tmp_path
     assert [e["family"] for e in document["effects"]] == ["spectral_inversion"]
 
 
+@pytest.mark.parametrize(("decay", "families"), [(0.8, {"front_end_filter", "diffuse_tail"}), (8.0, set())])
+@pytest.mark.parametrize("noise_rms", [1e-2, 1e-3])
+def test_a_tail_that_is_over_within_what_the_band_resolves_may_be_a_filter(world, tmp_path, decay, families, noise_rms):
+    """Both are a row of taps; nothing but its length tells of scattering."""
+    world.noise_rms, world.taps = noise_rms, [(0, 1.0)]
+    index = np.arange(1021)
+    world.code = {"code": "zadoff_chu", "length": 1021, "root": 7, "samples_per_chip": 1}
+    world.x = np.exp(-1j * np.pi * 7 * index * (index + 1) / 1021)
+    law = np.sqrt(0.3 * np.exp(-np.arange(64) / decay) / decay / 2)
+    row = law * (world.rng.normal(size=64) + 1j * world.rng.normal(size=64))
+    y = world.clean() + 0.3 * sum(gain * world.path(1 + k) for k, gain in enumerate(row))
+    document = _document(world, tmp_path / "case", world.noisy(y))
+    assert {family for entry in document["ambiguous"] for family in entry["families"]} == families
+    assert families or [e["family"] for e in document["effects"]] == ["diffuse_tail"]
+
+
 def test_one_family_at_two_places_is_no_pair_of_families(world, tmp_path):
     index = np.arange(509)
     world.code = {"code": "zadoff_chu", "length": 509, "root": 7, "samples_per_chip": 1}

@@ -57,6 +57,10 @@ def rivals(fit: Fit, index: int, known: list[Fit]) -> tuple[Fit, list[Rival]]:
         )
         if plausible(other.model) and not _holds(rival, effect):
             found.append(rival)
+    for imitated in FAMILIES[effect.family].imitated(fit.data.scene, effect) if not fit.data.late else ():
+        other = refit_or_known(fit.data, bare.model.adding(imitated), known)
+        evidence, likelihood = bare.evidence + lost - other.evidence, fit.likelihood - other.likelihood
+        found.append(Rival(effect=imitated, evidence=evidence, likelihood=likelihood, fit=other))
     return bare, sorted(found, key=lambda r: r.evidence)
 
 

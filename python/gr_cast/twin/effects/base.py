@@ -238,6 +238,11 @@ class Family:
         """The same part of a radio in other forms: other lengths and orders, the other side of the channel."""
         return ()
 
+    def imitated(self, scene: Scene, effect: Effect) -> Iterable[Effect]:
+        """What does the same as an effect that is found, of other families, where nothing but a habit of such families tells them
+        apart: under the prior that this one has."""
+        return ()
+
     def less(self, scene: Scene, effect: Effect, others: tuple[Effect, ...]) -> tuple[Effect, ...]:
         """Effects that claim less and may explain the same beside `others`: each stands in where it does."""
         return ()

@@ -10,12 +10,14 @@ P·exp(−k/τ)/Σ. Power and decay are told by the likelihood of what was recor
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import fft as sp_fft
 from scipy import linalg, optimize
 
 from ..columns import Lags
 from ..scene import Path
 from .base import LINK, PROBE, Family, Multiplicity, start
 from .extra_path import ExtraPath
+from .front_end_filter import FrontEndFilter
 from .values import NEEDED_POSITIVE, NUMBER, NUMBERS
 
 SIZES = (8, 16, 32, 64, 128, 256)
@@ -33,6 +35,9 @@ LEAST_VARIANCE = 0.25  # of ln power and ln decay, times the taps of one decay: 
 BY_CHANCE = 10.0  # taps of each decay, of which one is the strongest: exponential powers are ln n times their mean at most
 STILL = 0.5  # cycles that an echo turns at most, to be one of the taps, which do not
 ROUNDING = 1e-13  # of the largest information, that sums of it may be less than nothing by
+UNRESOLVED = (
+    1.2  # decays over what the band resolves, up to which nothing but its length, which a filter may have, tells of a tail
+)
 LEAST_DECAY = 0.5  # samples: a shorter one is a tap
 DB = 10 / np.log(10)
 
@@ -198,6 +203,17 @@ class DiffuseTail(Family):
             prior=profile(size, float(power), float(decay), onset=onset),
             aux={**effect.aux, "_onset": onset},
         )
+
+    def imitated(self, scene, effect):
+        """A filter, of a tail that is over within what the band resolves: such a filter rings as long."""
+        i, power = effect.aux["source"], effect.p[::2] ** 2 + effect.p[1::2] ** 2
+        main = max((t for t in scene.taps if t.source == i), key=lambda t: abs(t.gain))
+        heard = np.abs(sp_fft.fft(scene.sources[i].samples)) ** 2
+        resolved = np.mean(heard**2) / np.mean(heard) ** 2  # samples
+        is_short = np.arange(len(power)) @ power <= UNRESOLVED * resolved * power.sum()
+        if is_short and effect.prior is not None and effect.aux["first"] == main.delay + 1:
+            aux, prior = {"low": 0, "high": len(power), "side": "tx", "source": i}, effect.prior / abs(main.gain) ** 2
+            yield start(FrontEndFilter(), np.zeros(len(effect.p)), aux=aux, prior=prior, trials=effect.trials)
 
     def settled_law(self, scene, effect, covariance):
         """With power and decay as the recording tells them, whether or not the tail ends; their errors are those of a law
